@@ -1,0 +1,47 @@
+# Two commands set up everything: `make run` and `make test`.
+
+PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
+BIN := .venv/bin
+
+.PHONY: run test check format bench lock diagrams clean
+
+run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
+	$(BIN)/python run.py run mock/transient
+
+test: .venv/dev.stamp           ## the tests
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+check: .venv/dev.stamp          ## format, lint, types, import layers
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: .venv/dev.stamp         ## put code into its format
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: .venv/dev.stamp          ## run time against error, the loop's cost, the stop's latency: into benchmarks/
+	$(BIN)/python -m benchmarks
+
+diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behaviors' own tables
+	$(BIN)/python -m config.diagrams
+
+.venv/run.stamp: requirements/run.txt
+	@test -n "$(PYTHON)" || { echo "touchbench needs Python 3.11 or 3.12: install one, or say make PYTHON=/path/to/python3.12"; exit 2; }
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
+	touch $@
+
+.venv/dev.stamp: .venv/run.stamp requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
+	touch $@
+
+lock:                           ## new pins from requirements/*.in (needs uv)
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -o requirements/run.txt requirements/run.in
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -c requirements/run.txt -o requirements/dev.txt requirements/dev.in
+
+clean:                          ## all that was made here, runs excepted
+	rm -rf .venv .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""What the bench does: one state machine per experiment."""

@@ -1,0 +1,70 @@
+"""What a behavior can be told.
+
+Statuses of devices (`drivers.messages.Status`) are events too; detectors and the loop add those below.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.messages import Status
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """A detector's word about the sample at bench time `t_s`.
+
+    `value` is the statistic that decided and `threshold` what it was held against, in the detector's unit.
+    """
+
+    t_s: float
+    detector: str
+    value: float
+    threshold: float
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineReady(Detected):
+    """The detector has seen enough to know what no contact looks like: `value` is the mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineRefused(Detected):
+    """The baseline is unusable (no samples, no variance, not finite)."""
+
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact(Detected):
+    """Contact began."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContactLost(Detected):
+    """Contact ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardStopped:
+    """The guard stopped every mover at `t_s`."""
+
+    t_s: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Nothing but time: a state's deadline may have passed."""
+
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """The operator let a paused trial go on."""
+
+    t_s: float
+
+
+Event = Detected | Status | GuardStopped | Tick | Resumed

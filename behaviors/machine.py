@@ -1,0 +1,183 @@
+"""The base of every behavior: a `transitions` machine that hears events and answers with commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, ClassVar
+
+from transitions import Machine
+
+from behaviors.events import Event, Tick
+from drivers.messages import Command
+
+UNDECIDED = "aborted"
+"""The outcome of a trial that nobody concluded."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatePlan:
+    """What a state needs from the bench, and for how long.
+
+    Attributes:
+        detectors: Names of the detectors that it listens to. What no state listens to is not computed.
+        measures: Streams (`device.stream`) that the trial wants recorded in it, heard by a detector or not.
+        deadline_s: Longest stay; then the trigger `deadline` fires.
+    """
+
+    deadline_s: float
+    detectors: frozenset[str] = frozenset()
+    measures: frozenset[str] = frozenset()
+
+
+class Behavior:
+    """One trial of one experiment: events in, commands out; it touches no driver.
+
+    A subclass names its `States` (an Enum with `initial` and `final` members listed below), its transition
+    table (trigger, source, destination, with conditions where needed) and one `enter_<STATE>` method for
+    each state that commands something. A trigger is the event's class name in lower case with
+    underscores (`Contact` → `contact`); an event that the present state has no transition for is ignored. Callbacks
+    call `self.command(...)`, never a trigger.
+    """
+
+    States: ClassVar[type[Enum]]
+    initial: ClassVar[Enum]
+    final: ClassVar[frozenset[Enum]]
+    table: ClassVar[Sequence[Mapping[str, Any]]]
+
+    def __init__(self, plans: Mapping[Enum, StatePlan]) -> None:
+        missing = set(self.States) - set(plans) - self.final
+        assert not missing, f"states without a deadline: {missing}"
+        self.plans = dict(plans)
+        self.state: Enum = self.initial
+        self.outcome = UNDECIDED
+        self.reason = ""
+        self._entered_s = 0.0
+        self._commands: list[Command] = []
+        self._event: Event = Tick(0.0)
+        self._machine = Machine(
+            model=self,
+            states=self.States,
+            transitions=[self._wired(row) for row in self.table],
+            initial=self.initial,
+            auto_transitions=False,
+            ignore_invalid_triggers=True,
+            after_state_change=self._entered,
+        )
+
+    @staticmethod
+    def _wired(row: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in row.items() if key != "label"}
+
+    @property
+    def event(self) -> Event:
+        """The event being handled: for conditions and callbacks."""
+        return self._event
+
+    @property
+    def done(self) -> bool:
+        """Whether the trial has ended."""
+        return self.state in self.final
+
+    @property
+    def plan(self) -> StatePlan:
+        """What the present state needs."""
+        return self.plans.get(self.state, StatePlan(math.inf))
+
+    @property
+    def wake_s(self) -> float:
+        """Bench time of the present state's deadline: nothing happens by itself before."""
+        return self._entered_s + self.plan.deadline_s
+
+    def begin(self, t_s: float) -> Sequence[Command]:
+        """Enter the initial state at bench time `t_s`."""
+        self._event = Tick(t_s)
+        self._entered()
+        return self._taken()
+
+    def handle(self, event: Event) -> Sequence[Command]:
+        """Hear one event; returns the commands that follow from it, in order."""
+        self._event = event
+        if isinstance(event, Tick):
+            if event.t_s >= self.wake_s:
+                self._fire("deadline")
+        else:
+            self._fire(trigger_of(event))
+        return self._taken()
+
+    def command(self, command: Command) -> None:
+        """Queue a command; for callbacks."""
+        self._commands.append(command)
+
+    def conclude(self, outcome: str, reason: str = "") -> None:
+        """Say how the trial came out; the first word stands, unless something fails later."""
+        if self.outcome == UNDECIDED:
+            self.outcome, self.reason = outcome, reason
+
+    def say_why(self) -> None:
+        """Before a transition on a failure: a device or detector could not go on."""
+        self.outcome = "fault"
+        self.reason = f"{trigger_of(self.event).replace('_', ' ')}: {getattr(self.event, 'reason', '')}"
+
+    def say_guard(self) -> None:
+        """Before a transition on the guard's stop."""
+        self.outcome, self.reason = "guard", getattr(self.event, "reason", "")
+
+    def say_late(self) -> None:
+        """Before a transition on a deadline that should not have passed."""
+        self.outcome = "aborted"
+        self.reason = f"{self.state.name} took longer than {self.plan.deadline_s:.6g} s"
+
+    def _fire(self, trigger: str) -> None:
+        if trigger in self._machine.events:
+            self._machine.events[trigger].trigger(self)
+
+    def _entered(self) -> None:
+        self._entered_s = self._event.t_s
+        enter = getattr(self, f"enter_{self.state.name}", None)
+        if enter is not None:
+            enter()
+
+    def _taken(self) -> Sequence[Command]:
+        taken, self._commands = self._commands, []
+        return taken
+
+
+def failures(states: Sequence[Enum], failed: Enum) -> Sequence[Mapping[str, Any]]:
+    """Rows that every behavior has: from any of `states` to `failed` when a device or the guard gives up."""
+    rows: list[Mapping[str, Any]] = [
+        {"trigger": trigger, "source": list(states), "dest": failed, "before": "say_why"}
+        for trigger in ("refused", "stalled", "failed")
+    ]
+    rows.append({"trigger": "guard_stopped", "source": list(states), "dest": failed, "before": "say_guard"})
+    return rows
+
+
+def trigger_of(event: Event) -> str:
+    """Name of the trigger that an event pulls: its class in snake case."""
+    name = type(event).__name__
+    return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")
+
+
+def mermaid(behavior: type[Behavior]) -> str:
+    """The behavior's state diagram, generated from its own table.
+
+    Rows with more than two sources are drawn as notes beside their destination, so that the main path stays readable.
+    """
+    lines = ["stateDiagram-v2", f"    [*] --> {behavior.initial.name}"]
+    notes: dict[tuple[str, str], list[str]] = {}
+    alive = [state for state in behavior.States if state not in behavior.final]
+    for row in behavior.table:
+        label = row["trigger"] + (f" [{row['label']}]" if "label" in row else "")
+        sources = list(row["source"]) if isinstance(row["source"], list | tuple) else [row["source"]]
+        if len(sources) > 2:
+            said = "any state" if sources == alive else ", ".join(source.name for source in sources)
+            notes.setdefault((row["dest"].name, said), []).append(label)
+        else:
+            lines += [f"    {source.name} --> {row['dest'].name}: {label}" for source in sources]
+    lines += [f"    {state.name} --> [*]" for state in behavior.States if state in behavior.final]
+    for (destination, said), labels in notes.items():
+        lines.append(f"    note right of {destination}: from {said} on {', '.join(labels)}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,171 @@
+"""A1: none, light or full contact, at rest; the finger's waveform (Backus and Dollar, III.C, Fig. 4)."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+from typing import Literal
+
+from pydantic import Field
+
+from behaviors.machine import Behavior, StatePlan, failures
+from drivers.messages import Excite, Home, MoveTo, Stop
+from drivers.settings import Settings
+
+Condition = Literal["none", "light", "full"]
+
+
+class StaticSettings(Settings):
+    """How one static contact is recorded."""
+
+    mover: str = "stage"
+    """Device that carries the probe."""
+
+    exciter: str = "board"
+    """Device that switches the finger's excitation."""
+
+    measures: tuple[str, ...] = ("board.accelerometer", "board.load_cell", "board.period")
+    """Streams that the trial needs for its figures."""
+
+    settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
+    """Wait after power-on (III.B: 90 s)."""
+
+    none_m: float = Field(default=0.0, ge=-1.0, le=1.0)
+    """Position without contact, on the mover's axis; where the trial starts and ends."""
+
+    light_m: float = Field(ge=-1.0, le=1.0)
+    """Position where the probe meets the finger for a part of each oscillation (III.C)."""
+
+    full_m: float = Field(ge=-1.0, le=1.0)
+    """Position where it never leaves it (III.C)."""
+
+    speed_m_s: float = Field(default=0.002, gt=0.0, le=1.0)
+    """Speed of going there. Assumption: slow enough to disturb nothing."""
+
+    rest_s: float = Field(default=5.0, ge=0.0, le=600.0)
+    """Wait for equilibrium after placing (III.C: "waiting for the system to reach equilibrium")."""
+
+    record_s: float = Field(default=4.0, gt=0.0, le=600.0)
+    """Length of the representative sample."""
+
+    motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
+    """Longest stay in any state that waits for the mover."""
+
+    home_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
+    """Longest homing."""
+
+
+class StaticFactors(Settings):
+    """What a trial varies."""
+
+    condition: Condition
+    """Which of the three contacts."""
+
+    location: str = Field(default="f", pattern="^[a-h]$")
+    """Where the probe touches (Fig. 6); set by hand on a real bench."""
+
+
+class Static(Behavior):
+    """Place the probe, wait for equilibrium, record.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: Unused: no state listens to any.
+    """
+
+    class States(Enum):
+        """Where the trial is."""
+
+        HOMING = auto()
+        STARTING = auto()
+        SETTLING = auto()
+        PLACING = auto()
+        RESTING = auto()
+        RECORDING = auto()
+        RETRACTING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.HOMING
+    final = frozenset({States.DONE, States.FAILED})
+    _alive = tuple(States)[:-2]
+    table = (
+        {"trigger": "reached", "source": States.HOMING, "dest": States.STARTING, "conditions": "from_mover"},
+        {
+            "trigger": "reached",
+            "source": States.STARTING,
+            "dest": States.SETTLING,
+            "conditions": "from_mover",
+        },
+        {"trigger": "deadline", "source": States.SETTLING, "dest": States.PLACING},
+        {"trigger": "reached", "source": States.PLACING, "dest": States.RESTING, "conditions": "from_mover"},
+        {"trigger": "deadline", "source": States.RESTING, "dest": States.RECORDING},
+        {"trigger": "deadline", "source": States.RECORDING, "dest": States.RETRACTING},
+        {"trigger": "reached", "source": States.RETRACTING, "dest": States.DONE, "conditions": "from_mover"},
+        {"trigger": "resumed", "source": States.HOMING, "dest": States.HOMING},
+        {"trigger": "resumed", "source": States.STARTING, "dest": States.STARTING},
+        {
+            "trigger": "resumed",
+            "source": [States.PLACING, States.RESTING, States.RECORDING],
+            "dest": States.PLACING,
+        },
+        {"trigger": "resumed", "source": States.RETRACTING, "dest": States.RETRACTING},
+        *failures(_alive, States.FAILED),
+        {
+            "trigger": "deadline",
+            "source": [States.HOMING, States.STARTING, States.PLACING, States.RETRACTING],
+            "dest": States.FAILED,
+            "before": "say_late",
+        },
+    )
+
+    def __init__(self, settings: StaticSettings, factors: StaticFactors, detectors: frozenset[str]) -> None:
+        states = self.States
+        motion = settings.motion_timeout_s
+        self.settings = settings
+        self.factors = factors
+        self.position_m = {"none": settings.none_m, "light": settings.light_m, "full": settings.full_m}[
+            factors.condition
+        ]
+        super().__init__(
+            {
+                states.HOMING: StatePlan(settings.home_timeout_s),
+                states.STARTING: StatePlan(motion),
+                states.SETTLING: StatePlan(settings.settle_s),
+                states.PLACING: StatePlan(motion),
+                states.RESTING: StatePlan(settings.rest_s),
+                states.RECORDING: StatePlan(settings.record_s, frozenset(), frozenset(settings.measures)),
+                states.RETRACTING: StatePlan(motion),
+            }
+        )
+
+    def from_mover(self) -> bool:
+        """Whether the status is the mover's."""
+        return getattr(self.event, "device", None) == self.settings.mover
+
+    def enter_HOMING(self) -> None:
+        """Know where the mover is, excite the finger."""
+        self.command(Excite(self.settings.exciter, True))
+        self.command(Home(self.settings.mover))
+
+    def enter_STARTING(self) -> None:
+        """Go to where nothing touches."""
+        self.command(MoveTo(self.settings.mover, self.settings.none_m, self.settings.speed_m_s))
+
+    def enter_PLACING(self) -> None:
+        """Apply the contact."""
+        self.command(MoveTo(self.settings.mover, self.position_m, self.settings.speed_m_s))
+
+    def enter_RETRACTING(self) -> None:
+        """Take it away."""
+        self.conclude("no_contact" if self.factors.condition == "none" else "contact")
+        self.command(MoveTo(self.settings.mover, self.settings.none_m, self.settings.speed_m_s))
+
+    def enter_DONE(self) -> None:
+        """The finger rests."""
+        self.command(Excite(self.settings.exciter, False))
+
+    def enter_FAILED(self) -> None:
+        """Nothing moves after an error."""
+        self.command(Stop(self.settings.mover))
+        self.command(Excite(self.settings.exciter, False))

@@ -1,0 +1,248 @@
+"""A2: approach at constant speed until contact is detected, stop, retract (Backus and Dollar, III.C)."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+
+from pydantic import Field
+
+from behaviors.events import Contact, Detected
+from behaviors.machine import Behavior, StatePlan, failures
+from drivers.messages import Excite, Home, MoveAt, MoveTo, Stop
+from drivers.settings import Settings
+
+
+class TransientSettings(Settings):
+    """How one approach is run."""
+
+    mover: str = "stage"
+    """Device that carries the probe."""
+
+    exciter: str = "board"
+    """Device that switches the finger's excitation."""
+
+    detector: str = "contact"
+    """Detector whose contact stops the approach; the profile's others listen and are recorded."""
+
+    measures: tuple[str, ...] = ("board.load_cell", "board.period", "stage.position")
+    """Streams that the trial needs for its figures."""
+
+    settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
+    """Wait after power-on (III.B: 90 s)."""
+
+    baseline_timeout_s: float = Field(default=30.0, gt=0.0, le=3600.0)
+    """Longest wait for every detector's baseline."""
+
+    start_m: float = Field(default=0.0, ge=-1.0, le=1.0)
+    """Where the approach starts, on the mover's axis."""
+
+    approach_limit_m: float = Field(default=0.010, gt=0.0, le=1.0)
+    """Where an approach without contact ends."""
+
+    position_speed_m_s: float = Field(default=0.010, gt=0.0, le=1.0)
+    """Speed of going to the start and of retracting."""
+
+    hold_s: float = Field(default=0.3, ge=0.0, le=60.0)
+    """How long the contact is recorded after standstill, before the retraction."""
+
+    motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
+    """Longest stay in any state that waits for the mover."""
+
+    home_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
+    """Longest homing."""
+
+
+class TransientFactors(Settings):
+    """What a trial varies."""
+
+    speed_m_s: float = Field(gt=0.0, le=1.0)
+    """Speed of the approach."""
+
+    location: str = Field(default="f", pattern="^[a-h]$")
+    """Where the probe touches (Fig. 6); set by hand on a real bench."""
+
+
+class Transient(Behavior):
+    """Approach until contact.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: Names of all detectors that listen, the acting one among them.
+    """
+
+    class States(Enum):
+        """Where the trial is."""
+
+        HOMING = auto()
+        STARTING = auto()
+        SETTLING = auto()
+        BASELINE = auto()
+        APPROACH = auto()
+        STOPPING = auto()
+        HOLDING = auto()
+        RETRACTING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.HOMING
+    final = frozenset({States.DONE, States.FAILED})
+    _alive = tuple(States)[:-2]
+    table = (
+        {"trigger": "reached", "source": States.HOMING, "dest": States.STARTING, "conditions": "from_mover"},
+        {
+            "trigger": "reached",
+            "source": States.STARTING,
+            "dest": States.SETTLING,
+            "conditions": ["from_mover", "unsettled"],
+            "label": "first time",
+        },
+        {
+            "trigger": "reached",
+            "source": States.STARTING,
+            "dest": States.BASELINE,
+            "conditions": "from_mover",
+            "label": "after a pause",
+        },
+        {"trigger": "deadline", "source": States.SETTLING, "dest": States.BASELINE},
+        {
+            "trigger": "baseline_ready",
+            "source": States.BASELINE,
+            "dest": States.APPROACH,
+            "conditions": "all_ready",
+            "label": "all detectors",
+        },
+        {"trigger": "contact", "source": States.APPROACH, "dest": States.STOPPING, "conditions": "acting"},
+        {
+            "trigger": "reached",
+            "source": States.APPROACH,
+            "dest": States.RETRACTING,
+            "before": "say_no_contact",
+        },
+        {
+            "trigger": "deadline",
+            "source": States.APPROACH,
+            "dest": States.STOPPING,
+            "before": "say_no_contact",
+        },
+        {
+            "trigger": "standstill",
+            "source": States.STOPPING,
+            "dest": States.HOLDING,
+            "conditions": "from_mover",
+        },
+        {"trigger": "deadline", "source": States.HOLDING, "dest": States.RETRACTING},
+        {"trigger": "reached", "source": States.RETRACTING, "dest": States.DONE, "conditions": "from_mover"},
+        {
+            "trigger": "resumed",
+            "source": [States.STARTING, States.BASELINE, States.APPROACH, States.STOPPING],
+            "dest": States.STARTING,
+        },
+        {"trigger": "resumed", "source": States.HOMING, "dest": States.HOMING},
+        {"trigger": "resumed", "source": [States.HOLDING, States.RETRACTING], "dest": States.RETRACTING},
+        {
+            "trigger": "baseline_refused",
+            "source": States.BASELINE,
+            "dest": States.FAILED,
+            "before": "say_why",
+        },
+        *failures(_alive, States.FAILED),
+        {
+            "trigger": "deadline",
+            "source": [States.HOMING, States.STARTING, States.BASELINE, States.STOPPING, States.RETRACTING],
+            "dest": States.FAILED,
+            "before": "say_late",
+        },
+    )
+
+    def __init__(
+        self, settings: TransientSettings, factors: TransientFactors, detectors: frozenset[str]
+    ) -> None:
+        states = self.States
+        measured = frozenset(settings.measures)
+        motion = settings.motion_timeout_s
+        self.settings = settings
+        self.factors = factors
+        self._detectors = detectors
+        self._ready: set[str] = set()
+        self._settled = False
+        travel_s = abs(settings.approach_limit_m - settings.start_m) / factors.speed_m_s
+        super().__init__(
+            {
+                states.HOMING: StatePlan(settings.home_timeout_s),
+                states.STARTING: StatePlan(motion),
+                states.SETTLING: StatePlan(settings.settle_s),
+                states.BASELINE: StatePlan(settings.baseline_timeout_s, detectors, measured),
+                # The device ends the approach at its limit; the deadline is for one that does not say so.
+                states.APPROACH: StatePlan(travel_s + motion, detectors, measured),
+                states.STOPPING: StatePlan(motion, frozenset(), measured),
+                states.HOLDING: StatePlan(settings.hold_s, frozenset(), measured),
+                states.RETRACTING: StatePlan(motion),
+            }
+        )
+
+    # conditions
+
+    def from_mover(self) -> bool:
+        """Whether the status is the mover's."""
+        return getattr(self.event, "device", None) == self.settings.mover
+
+    def unsettled(self) -> bool:
+        """Whether the finger has not been given its time yet."""
+        return not self._settled
+
+    def all_ready(self) -> bool:
+        """Whether this was the last baseline that was waited for."""
+        assert isinstance(self.event, Detected)
+        self._ready.add(self.event.detector)
+        return self._ready >= self._detectors
+
+    def acting(self) -> bool:
+        """Whether the contact is the acting detector's."""
+        return isinstance(self.event, Contact) and self.event.detector == self.settings.detector
+
+    # what is said of the outcome
+
+    def say_no_contact(self) -> None:
+        """The approach ended at its limit."""
+        self.conclude("no_contact", f"no contact up to {self.settings.approach_limit_m:.6g} m")
+
+    # what is commanded on entry
+
+    def enter_HOMING(self) -> None:
+        """Know where the mover is, excite the finger."""
+        self.command(Excite(self.settings.exciter, True))
+        self.command(Home(self.settings.mover))
+
+    def enter_STARTING(self) -> None:
+        """Go to where approaches start."""
+        self.command(MoveTo(self.settings.mover, self.settings.start_m, self.settings.position_speed_m_s))
+
+    def enter_BASELINE(self) -> None:
+        """Every detector learns anew."""
+        self._settled = True
+        self._ready.clear()
+
+    def enter_APPROACH(self) -> None:
+        """Towards the finger, bounded by the device."""
+        forward = 1.0 if self.settings.approach_limit_m >= self.settings.start_m else -1.0
+        velocity_m_s = forward * self.factors.speed_m_s
+        self.command(MoveAt(self.settings.mover, velocity_m_s, self.settings.approach_limit_m))
+
+    def enter_STOPPING(self) -> None:
+        """Stop at once."""
+        self.conclude("contact")
+        self.command(Stop(self.settings.mover))
+
+    def enter_RETRACTING(self) -> None:
+        """Away from the finger."""
+        self.command(MoveTo(self.settings.mover, self.settings.start_m, self.settings.position_speed_m_s))
+
+    def enter_DONE(self) -> None:
+        """The finger rests."""
+        self.command(Excite(self.settings.exciter, False))
+
+    def enter_FAILED(self) -> None:
+        """Nothing moves after an error."""
+        self.command(Stop(self.settings.mover))
+        self.command(Excite(self.settings.exciter, False))

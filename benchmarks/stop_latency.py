@@ -1,0 +1,185 @@
+"""From the sample that decides to the stop command on the wire: real drivers, real ptys, emulated devices."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Sequence
+from enum import Enum, auto
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from behaviors.events import Contact, Detected, Event
+from behaviors.machine import Behavior, StatePlan, failures
+from benchmarks.results import save, table
+from benchmarks.silent import Silent
+from config import assemble
+from config.profile import load_profile
+from controller.guard import Guard
+from controller.loop import Loop
+from controller.recording.recorder import Recorder
+from controller.recording.run_folder import RunFolder
+from controller.rig import TrialScene
+from drivers.clock import utc_now
+from drivers.messages import Home, MoveAt, SampleBlock, Sent, Stop
+
+STOPS = 600
+SPEED_M_S = 0.005
+STREAM = "board.load_cell"
+
+
+class EveryNth:
+    """Finds contact in every n-th sample: what a detector decides is not what is measured here."""
+
+    inputs = (STREAM,)
+
+    def __init__(self, name: str, samples: int) -> None:
+        self.name = name
+        self._samples = samples
+        self.arrivals_s: list[float] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Count anew."""
+        self._left = self._samples
+
+    def push(self, block: SampleBlock) -> Sequence[Detected]:
+        """One contact in every n samples, at whatever place of a block it falls."""
+        found = []
+        for t_s in block.times.tolist():
+            self._left -= 1
+            if self._left == 0:
+                # 10 and 97 have no common factor: every place in a block of 10 gets its turn.
+                self._left = self._samples
+                assert block.arrival_s is not None
+                self.arrivals_s.append(block.arrival_s)
+                found.append(Contact(t_s, self.name, 1.0, 0.0))
+        return found
+
+
+class BackAndForth(Behavior):
+    """Moves, stops at a contact, moves the other way, some hundred times over."""
+
+    class States(Enum):
+        """Where it is."""
+
+        HOMING = auto()
+        MOVING = auto()
+        STOPPING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.HOMING
+    final = frozenset({States.DONE, States.FAILED})
+    _alive = tuple(States)[:-2]
+    table = (
+        {"trigger": "reached", "source": States.HOMING, "dest": States.MOVING},
+        {"trigger": "contact", "source": States.MOVING, "dest": States.STOPPING},
+        {"trigger": "standstill", "source": States.STOPPING, "dest": States.DONE, "conditions": "enough"},
+        {"trigger": "standstill", "source": States.STOPPING, "dest": States.MOVING},
+        *failures(_alive, States.FAILED),
+        {"trigger": "deadline", "source": _alive, "dest": States.FAILED, "before": "say_late"},
+    )
+
+    def __init__(self, stops: int) -> None:
+        states = self.States
+        listening = StatePlan(10.0, frozenset({"every"}))
+        self._left = stops
+        self._forward = True
+        super().__init__(
+            {states.HOMING: StatePlan(60.0), states.MOVING: listening, states.STOPPING: StatePlan(10.0)}
+        )
+
+    def enough(self) -> bool:
+        """Whether the last stop has been made."""
+        return self._left == 0
+
+    def enter_HOMING(self) -> None:
+        """Know where the stage is."""
+        self.command(Home("stage"))
+
+    def enter_MOVING(self) -> None:
+        """Away, then back."""
+        velocity_m_s = SPEED_M_S if self._forward else -SPEED_M_S
+        self.command(MoveAt("stage", velocity_m_s, 0.010 if self._forward else 0.0))
+        self._forward = not self._forward
+
+    def enter_STOPPING(self) -> None:
+        """Stop at once."""
+        self._left -= 1
+        self.command(Stop("stage"))
+
+    def enter_FAILED(self) -> None:
+        """Stop as well."""
+        self.command(Stop("stage"))
+
+
+def measure(stops: int) -> tuple[dict[str, list[float]], int]:
+    """Run the stops; returns seconds from sample to command, by stage of the way, and late turns."""
+    profile = load_profile("emulated/transient", {}, table=assemble.Table())
+    rig = assemble.build_rig(profile)
+    detector = EveryNth("every", 97)
+    behavior = BackAndForth(stops)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            infos = {name: device.open() for name, device in rig.devices.items()}
+            streams = {stream: info for device in infos.values() for stream, info in device.streams.items()}
+            run = RunFolder.create(Path(folder), "stop-latency", utc_now())
+            recorder = Recorder(run, utc_now(), streams=streams, factors=(), measures=())
+            recorder.begin_trial(1, {}, 0.0)
+            rig.clock.restart()
+            rig.begin_trial(TrialScene(1, 1, {}, _plant(profile)))
+            loop = Loop(rig, infos, Guard(profile.limits), recorder, Silent(), profile.loop)  # type: ignore[arg-type]
+            account = loop.run(behavior, {"every": detector})
+            recorder.close()
+        finally:
+            for device in rig.devices.values():
+                device.close()
+            rig.close()
+    if behavior.state is not BackAndForth.States.DONE:
+        raise SystemExit(f"stop latency: {behavior.reason}")
+    return _latencies(loop.events, detector.arrivals_s), account.overruns
+
+
+def _plant(profile: Any) -> dict[str, Any]:
+    settings: dict[str, Any] = profile.plant.settings.model_dump(mode="json")
+    return settings
+
+
+def _latencies(events: Sequence[Event], arrivals_s: Sequence[float]) -> dict[str, list[float]]:
+    decided: Event | None = None
+    arrivals = iter(arrivals_s)
+    found: dict[str, list[float]] = {"sample to host": [], "host to wire": [], "sample to wire": []}
+    for event in events:
+        if isinstance(event, Contact):
+            arrival_s = next(arrivals)
+            if decided is None:
+                decided, arrived_s = event, arrival_s
+        elif isinstance(event, Sent) and isinstance(event.command, Stop) and decided is not None:
+            found["sample to host"].append(arrived_s - decided.t_s)
+            found["host to wire"].append(event.t_s - arrived_s)
+            found["sample to wire"].append(event.t_s - decided.t_s)
+            decided = None
+    return found
+
+
+def main(quick: bool = False) -> None:
+    """Measure, print, save."""
+    stops = 60 if quick else STOPS
+    latencies, overruns = measure(stops)
+    rows = []
+    result: dict[str, Any] = {"stops": stops, "overruns": overruns, "block_samples": 10, "loop_hz": 200}
+    for way, seconds in latencies.items():
+        ms = np.array(seconds) * 1e3
+        p50, p99 = np.percentile(ms, [50, 99])
+        rows.append([way, f"{p50:.2f}", f"{p99:.2f}", f"{ms.max():.2f}", len(ms)])
+        result[way] = {"p50_ms": p50, "p99_ms": p99, "max_ms": float(ms.max()), "n": len(ms)}
+    print(table(["way", "p50 ms", "p99 ms", "max ms", "n"], rows))
+    if not quick:
+        save("stop_latency", result)
+
+
+if __name__ == "__main__":
+    main("--quick" in sys.argv)

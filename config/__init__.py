@@ -1,0 +1,1 @@
+"""What the bench is and what to do: profiles, trials, and the table from names to classes."""

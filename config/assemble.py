@@ -1,0 +1,377 @@
+"""The one table from names to classes; imports only what a profile uses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from config.profile import Profile
+    from config.trials import Trial
+    from controller.campaign import CampaignPlan, TrialPlan
+    from controller.detectors.protocol import Detector
+    from controller.rig import Rig
+    from drivers.clock import WallClock
+    from drivers.mock.emulator_process import EmulatorProcess
+    from drivers.protocols import Device
+    from drivers.settings import Settings
+
+
+class DriverEntry(NamedTuple):
+    """A driver: where its classes are, on the wire and in the mock bench."""
+
+    summary: str
+    wire: str
+    mock: str
+
+
+class KindEntry(NamedTuple):
+    """A class and its settings, as `module:Class` and `module:Settings`."""
+
+    summary: str
+    made: str
+    settings: str
+
+
+class ExperimentEntry(NamedTuple):
+    """A behavior with its settings and factors, and the module that measures it."""
+
+    summary: str
+    behavior: str
+    settings: str
+    factors: str
+    measures: str
+
+
+DRIVERS: Mapping[str, DriverEntry] = {
+    "zaber_stage": DriverEntry(
+        "linear stage, Zaber ASCII over serial",
+        "drivers.zaber_stage.driver:ZaberStage",
+        "drivers.mock.zaber_stage:MockZaberStage",
+    ),
+    "sensor_board": DriverEntry(
+        "accelerometer, load cell, period counter, excitation, tendon: COBS over serial",
+        "drivers.sensor_board.driver:SensorBoard",
+        "drivers.mock.sensor_board:MockSensorBoard",
+    ),
+}
+
+DETECTORS: Mapping[str, KindEntry] = {
+    "resonance.paper": KindEntry(
+        "contact from the resonant frequency: 10-sample average, 1 s baseline, 3 sigma (Backus and Dollar)",
+        "controller.detectors.resonance:ResonanceDetector",
+        "controller.detectors.resonance:ResonanceSettings",
+    ),
+    "resonance": KindEntry(
+        "the same on a baseline of 10 s, long enough to know its own sigma",
+        "controller.detectors.resonance:ResonanceDetector",
+        "controller.detectors.resonance:ResonanceLongBaselineSettings",
+    ),
+}
+
+EXPERIMENTS: Mapping[str, ExperimentEntry] = {
+    "static": ExperimentEntry(
+        "none, light and full contact at rest: waveform, frequency, amplitude (A1)",
+        "behaviors.static:Static",
+        "behaviors.static:StaticSettings",
+        "behaviors.static:StaticFactors",
+        "controller.measures.static",
+    ),
+    "transient": ExperimentEntry(
+        "approach until contact, stop, retract: delay, extent and force (A2, Table I)",
+        "behaviors.transient:Transient",
+        "behaviors.transient:TransientSettings",
+        "behaviors.transient:TransientFactors",
+        "controller.measures.transient",
+    ),
+}
+
+PLANTS: Mapping[str, KindEntry] = {
+    "finger": KindEntry(
+        "the resonant finger, its probe and its stage",
+        "drivers.mock.finger_bench:FingerBench",
+        "drivers.mock.finger_bench:FingerBenchSettings",
+    ),
+}
+
+
+def found(name: str) -> Any:
+    """What `module:attribute` names."""
+    module, _, attribute = name.partition(":")
+    return getattr(import_module(module), attribute)
+
+
+@dataclass(frozen=True)
+class Table:
+    """The settings' side of the table, as `config.profile` asks for it."""
+
+    drivers: Sequence[str] = tuple(DRIVERS)
+    detectors: Sequence[str] = tuple(DETECTORS)
+    experiments: Sequence[str] = tuple(EXPERIMENTS)
+    plants: Sequence[str] = tuple(PLANTS)
+
+    def driver_settings(self, driver: str, port: str) -> type[Settings]:
+        """Settings of a driver: the mock one's where the port says so."""
+        entry = DRIVERS[driver]
+        return _settings(f"{entry.mock if port == 'mock' else entry.wire}Settings")
+
+    def detector_settings(self, kind: str) -> type[Settings]:
+        """Settings of a kind of detector."""
+        return _settings(DETECTORS[kind].settings)
+
+    def behavior_settings(self, experiment: str) -> type[Settings]:
+        """Settings of an experiment."""
+        return _settings(EXPERIMENTS[experiment].settings)
+
+    def factor_settings(self, experiment: str) -> type[Settings]:
+        """What an experiment's trials vary."""
+        return _settings(EXPERIMENTS[experiment].factors)
+
+    def guard_settings(self) -> type[Settings]:
+        """Settings of the guard."""
+        return _settings("controller.guard:GuardSettings")
+
+    def loop_settings(self) -> type[Settings]:
+        """Settings of the loop."""
+        return _settings("controller.loop:LoopSettings")
+
+    def plant_settings(self, kind: str) -> type[Settings]:
+        """Settings of a plant."""
+        return _settings(PLANTS[kind].settings)
+
+    def fault_settings(self) -> type[Settings]:
+        """A fault that a simulated device shows."""
+        return _settings("drivers.mock.faults:Fault")
+
+
+def _settings(name: str) -> type[Settings]:
+    settings: type[Settings] = found(name)
+    return settings
+
+
+# --- the bench -----------------------------------------------------------------------------------
+
+
+def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None) -> Rig:
+    """The profile's bench, its devices still closed.
+
+    Args:
+        profile: Which devices, where.
+        endpoints: What an emulator that runs already has printed; where there are none, an emulated bench starts
+            its own, which ends with the rig.
+    """
+    if profile.bench == "mock":
+        return _mock_rig(profile)
+    if profile.bench == "emulated":
+        return _emulated_rig(profile, endpoints)
+    from controller.rig import Rig
+    from drivers.clock import WallClock
+
+    clock = WallClock()
+    return Rig("hardware", _wire_devices(profile, clock, {}), clock)
+
+
+def _wire_devices(
+    profile: Profile, clock: WallClock, ports: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Device]:
+    """Real drivers; `ports` says where the emulated ones are."""
+    return {
+        name: found(DRIVERS[entry.driver].wire)(
+            name, entry.settings.model_copy(update=dict(ports.get(name, {}))), clock
+        )
+        for name, entry in profile.devices.items()
+    }
+
+
+def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None) -> Rig:
+    from controller.rig import Rig, TrialScene
+    from drivers.clock import WallClock
+    from drivers.mock.emulator_process import EmulatorControl
+
+    emulator = start_emulator(profile) if endpoints is None else EmulatorControl(endpoints)
+    clock = WallClock()
+
+    def begin_trial(scene: TrialScene) -> None:
+        emulator.begin_trial(scene.trial, scene.seed, scene.factors, scene.plant)
+
+    return Rig(
+        "emulated",
+        _wire_devices(profile, clock, emulator.endpoints["devices"]),
+        clock,
+        begin_trial=begin_trial,
+        account=emulator.account,
+        close=emulator.close,
+    )
+
+
+def start_emulator(profile: Profile) -> EmulatorProcess:
+    """Start the process that holds the profile's plant and emulated devices; its `endpoints` say where they are."""
+    from drivers.mock.emulator_process import EmulatorProcess
+
+    return EmulatorProcess(emulator_scene(profile))
+
+
+def emulator_scene(profile: Profile) -> dict[str, Any]:
+    """What the emulator's process is told of a profile.
+
+    Raises:
+        ProfileError: the profile has no emulated device, or a fault that the wire does not know.
+    """
+    from config.source import ProfileError
+
+    if profile.plant is None or profile.bench != "emulated":
+        raise ProfileError(
+            f'{profile.name}: no device has port = "emulated"; try emulated/{profile.experiment}'
+        )
+    for number, fault in enumerate(profile.faults, start=1):
+        if fault.kind == "full_scale":
+            raise ProfileError(
+                f"{profile.name}: faults, number {number}: full_scale is for the mock bench alone"
+            )
+    plant = PLANTS[profile.plant.kind]
+    return {
+        "plant": {
+            "made": plant.made,
+            "settings_class": plant.settings,
+            "settings": profile.plant.settings.model_dump(mode="json"),
+        },
+        "devices": {
+            name: {"made": f"drivers.mock.devices.wiring:{entry.driver}", "settings": {}}
+            for name, entry in profile.devices.items()
+        },
+        "faults": [fault.model_dump(mode="json") for fault in profile.faults],
+    }
+
+
+def _mock_rig(profile: Profile) -> Rig:
+    from controller.rig import Rig, TrialScene
+    from drivers.clock import VirtualClock
+    from drivers.mock.faults import FaultSchedule
+
+    assert profile.plant is not None
+    clock = VirtualClock()
+    bench = found(PLANTS[profile.plant.kind].made)(profile.plant.settings)
+    devices = {}
+    schedules = []
+    for name, entry in profile.devices.items():
+        schedule = FaultSchedule([fault for fault in profile.faults if fault.device == name])
+        schedules.append(schedule)
+        devices[name] = found(DRIVERS[entry.driver].mock)(name, entry.settings, clock, bench, schedule)
+
+    def begin_trial(scene: TrialScene) -> None:
+        bench.restart()
+        bench.begin(0.0, scene.seed, scene.trial, scene.factors, scene.plant)
+        for device in devices.values():
+            device.restart()
+        for schedule in schedules:
+            schedule.restart(scene.trial)
+
+    return Rig(
+        "mock", devices, clock, begin_trial=begin_trial, truth=lambda: bench.contacts, account=bench.account
+    )
+
+
+# --- what is run on it ---------------------------------------------------------------------------
+
+
+def plan_campaign(profile: Profile, trials: Sequence[Trial], seed: int) -> CampaignPlan:
+    """What is to be run, trial by trial.
+
+    Args:
+        profile: The bench and the experiment.
+        trials: In the order of running.
+        seed: Of order and noise.
+    """
+    from controller.campaign import CampaignPlan
+
+    measures = import_module(EXPERIMENTS[profile.experiment].measures)
+    names: dict[str, None] = {}
+    for trial in sorted(trials, key=lambda trial: trial.id):
+        names.update(dict.fromkeys(trial.factors))
+    roles = {
+        role: device
+        for role in ("mover", "exciter")
+        if isinstance(device := getattr(profile.behavior, role, None), str)
+    }
+    return CampaignPlan(
+        profile=profile.name,
+        resolved=profile.resolved,
+        profile_hash=profile.hash,
+        experiment=profile.experiment,
+        seed=seed,
+        trials=_trial_plans(profile, trials, seed),
+        count=len(trials),
+        factors=tuple(names),
+        columns=measures.COLUMNS,
+        loop=profile.loop,  # type: ignore[arg-type]
+        roles=roles,
+    )
+
+
+def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterator[TrialPlan]:
+    from controller.campaign import TrialPlan
+    from controller.guard import Guard
+    from controller.rig import TrialScene
+
+    entry = EXPERIMENTS[profile.experiment]
+    behavior = found(entry.behavior)
+    measure = found(f"{entry.measures}:measure")
+    for trial in trials:
+        own = profile.for_trial(trial)
+        detectors = make_detectors(own)
+        plant = own.plant.settings.model_dump(mode="json") if own.plant else {}
+        yield TrialPlan(
+            trial=trial.id,
+            factors=trial.factors,
+            scene=TrialScene(trial.id, seed, trial.factors, plant),
+            behavior=behavior(own.behavior, own.factors_of(trial), frozenset(detectors)),
+            detectors=detectors,
+            guard=Guard(own.limits),  # type: ignore[arg-type]
+            measure=lambda evidence, outcome, own=own: measure(evidence, own.behavior, outcome),  # type: ignore[misc]
+        )
+
+
+def make_detectors(profile: Profile) -> dict[str, Detector]:
+    """The profile's detectors, fresh, by name."""
+    return {
+        name: found(DETECTORS[entry.kind].made)(name, entry.settings)
+        for name, entry in profile.detectors.items()
+    }
+
+
+def make_detector(kind: str, overrides: Mapping[str, str]) -> Detector:
+    """One detector by itself, for a replay.
+
+    Args:
+        kind: As `run.py list --detectors` shows it.
+        overrides: Its settings, as TOML values.
+
+    Raises:
+        ProfileError: no such kind, or settings that it does not take.
+    """
+    from config.hints import near_or_all
+    from config.source import ProfileError, toml_value
+    from config.validation import validated
+
+    if kind not in DETECTORS:
+        raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, DETECTORS)}")
+    problems: list[str] = []
+    given = {key: toml_value(text) for key, text in overrides.items()}
+
+    def where(path: tuple[str, ...], place: tuple[str, ...]) -> str:
+        return f"--set {'.'.join((*path, *place))}"
+
+    settings = validated(_settings(DETECTORS[kind].settings), given, (), where, problems)
+    if settings is None:
+        raise ProfileError(problems)
+    detector: Detector = found(DETECTORS[kind].made)(kind, settings)
+    return detector
+
+
+def diagram(experiment: str) -> str:
+    """An experiment's state diagram (Mermaid), from its own table."""
+    from behaviors.machine import mermaid
+
+    return mermaid(found(EXPERIMENTS[experiment].behavior))

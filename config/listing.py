@@ -1,0 +1,49 @@
+"""What `run.py list` shows: names and summaries, nothing validated and nothing heavy imported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from config.assemble import DETECTORS, DRIVERS
+from config.source import ProfileError, bench_of, profile_names, read_source
+
+
+def listed_profiles() -> list[str]:
+    """Every profile with its title, experiment, bench and devices; then the benches that they extend."""
+    lines: list[str] = []
+    benches: list[str] = []
+    for name in profile_names():
+        try:
+            data = read_source(name).data
+        except ProfileError as error:
+            lines += [name, f"    broken: {error.problems[0]}"]
+            continue
+        if "experiment" not in data:
+            benches.append(name)
+            continue
+        lines += [
+            f"{name:<28}{data.get('title', '')}",
+            *_needs(data),
+        ]
+    return [*lines, "", f"Benches to extend: {', '.join(benches)}", "More of one: run.py check PROFILE"]
+
+
+def listed_detectors() -> list[str]:
+    """Every kind of detector."""
+    return [f"{kind:<20}{entry.summary}" for kind, entry in DETECTORS.items()]
+
+
+def listed_drivers() -> list[str]:
+    """Every driver."""
+    return [f"{name:<20}{entry.summary}" for name, entry in DRIVERS.items()]
+
+
+def _needs(data: Mapping[str, Any]) -> list[str]:
+    """Bench and devices; ports where they are not all the bench's own."""
+    bench, devices = bench_of(data), data.get("devices", {})
+    drivers = ", ".join(f"{name} ({table.get('driver')})" for name, table in devices.items())
+    lines = [f"    {data['experiment']} on the {bench} bench with {drivers}"]
+    if any(table.get("port") != bench for table in devices.values()):
+        lines += [f"        {name} at {table.get('port')}" for name, table in devices.items()]
+    return lines

@@ -1,0 +1,223 @@
+"""A profile: TOML in, frozen and validated settings out, each mistake named with file, section and key."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable
+from config.hints import did_you_mean, near_or_all
+from config.sections import Sections
+from config.source import Bench, KeyPath, ProfileError, Source, Table, nest, read_source
+from config.trials import Trial, TrialsSettings, combinations, in_order, trials_from
+from config.validation import as_table, validated
+from drivers.settings import Settings
+
+TRIAL_SECTIONS = ("detectors", "behavior", "limits", "plant")
+"""What a trial's dotted factors may change: devices and loop are set up once for all trials."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A bench and what to do on it.
+
+    Attributes:
+        name: `mock/transient`, or a path.
+        title: One line for people.
+        description: More lines, or "".
+        experiment: Name of the behavior.
+        bench: What the devices' ports make of it.
+        devices: By name, in the order of the profile.
+        detectors: By name.
+        behavior: Settings of the experiment.
+        limits: Settings of the guard.
+        loop: Settings of the loop.
+        plant: The physics, None on hardware.
+        faults: What goes wrong on purpose, each of the table's class for it.
+        trial_settings: Which trials.
+        source: The files, and what they say together.
+    """
+
+    name: str
+    title: str
+    description: str
+    experiment: str
+    bench: Bench
+    devices: Mapping[str, DeviceEntry]
+    detectors: Mapping[str, DetectorEntry]
+    behavior: Settings
+    limits: Settings
+    loop: Settings
+    plant: PlantEntry | None
+    faults: tuple[Any, ...]
+    trial_settings: TrialsSettings
+    source: Source = field(repr=False, compare=False)
+    table: SettingsTable = field(repr=False, compare=False)
+
+    @cached_property
+    def resolved(self) -> Table:
+        """Every setting with its value, defaults included, as JSON and TOML can hold it; loads again."""
+        plant = {"plant": {"kind": self.plant.kind, **as_table(self.plant.settings)}} if self.plant else {}
+        return {
+            "title": self.title,
+            "description": self.description,
+            "experiment": self.experiment,
+            "devices": {
+                name: {"driver": entry.driver, "port": entry.port, **as_table(entry.settings)}
+                for name, entry in self.devices.items()
+            },
+            "detectors": {
+                name: {"kind": entry.kind, **as_table(entry.settings)}
+                for name, entry in self.detectors.items()
+            },
+            "behavior": as_table(self.behavior),
+            "limits": as_table(self.limits),
+            "loop": as_table(self.loop),
+            **plant,
+            "faults": [as_table(fault) for fault in self.faults],
+            "trials": as_table(self.trial_settings),
+        }
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of the resolved profile, hexadecimal: equal settings, equal hash, whatever the files."""
+        canonical = json.dumps(self.resolved, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+        return hashlib.sha256(canonical.encode()).hexdigest()
+
+    def trials(self, seed: int) -> list[Trial]:
+        """The trials in the order in which they are run."""
+        listed = trials_from(combinations(self.trial_settings), self.trial_settings.repeats)
+        return in_order(listed, self.trial_settings.order, seed)
+
+    def for_trial(self, trial: Trial) -> Profile:
+        """This profile with a trial's dotted factors laid over it.
+
+        Raises:
+            ProfileError: a factor that the profile does not know, or out of its range.
+        """
+        if not trial.overrides:
+            return self
+        for name in trial.overrides:
+            self._check_overridable(trial, name)
+        source = self.source.joined(nest(trial.overrides.items()), self._where(trial))
+        sections = Sections(source, self.table)
+        detectors, behavior = sections.detectors(), sections.behavior(self.experiment)
+        limits, plant = sections.limits(), sections.plant(self.bench)
+        if sections.problems or behavior is None or limits is None:
+            raise ProfileError(sections.problems)
+        return replace(self, detectors=detectors, behavior=behavior, limits=limits, plant=plant)
+
+    def factors_of(self, trial: Trial) -> Settings:
+        """A trial's own factors, validated.
+
+        Raises:
+            ProfileError: a factor that the experiment does not know, lacks, or out of its range.
+        """
+        problems: list[str] = []
+
+        def where(_: KeyPath, location: KeyPath) -> str:
+            return self._where(trial, ".".join(location))
+
+        factors = validated(self.table.factor_settings(self.experiment), trial.own, (), where, problems)
+        if factors is None:
+            raise ProfileError(problems)
+        return factors
+
+    def _check_overridable(self, trial: Trial, name: str) -> None:
+        section, *rest = name.split(".")
+        if section not in TRIAL_SECTIONS:
+            hint = did_you_mean(section, TRIAL_SECTIONS) or f"a trial may change {', '.join(TRIAL_SECTIONS)}"
+            raise ProfileError(f"{self._where(trial, name)}: not for a trial to change; {hint}")
+        if section == "detectors" and rest[0] not in self.detectors:
+            hint = near_or_all(rest[0], self.detectors)
+            raise ProfileError(f"{self._where(trial, name)}: no detector '{rest[0]}'; {hint}")
+
+    def _where(self, trial: Trial, factor: str = "") -> str:
+        """Where a trial's factor was written."""
+        settings, origins = self.trial_settings, self.source.origins
+        cells = math.prod(len(values) for values in settings.grid.values())
+        row = (trial.id - 1) // settings.repeats // cells
+        outside = origins.get(("trials", "list", str(row)))
+        if outside:
+            return f"{outside}, column {factor}" if factor else outside
+        if factor in settings.grid:
+            return f"{self.source.origin(('trials', 'grid'))}: [trials.grid] {factor}"
+        place = f"{self.source.origin(('trials', 'list'))}: [trials] list row {row + 1}"
+        return f"{place}: {factor}" if factor else place
+
+
+def load_profile(
+    name_or_path: str | Path,
+    overrides: Mapping[str, str] | None = None,
+    *,
+    table: SettingsTable,
+    rows: Sequence[Mapping[str, Any]] | None = None,
+    labels: Sequence[str] | None = None,
+) -> Profile:
+    """Load a profile with all that it extends, and validate all of it, the trials included.
+
+    Args:
+        name_or_path: A name under config/profiles (`mock/transient`), or the path of a TOML file.
+        overrides: `{"limits.force_n": "1.5"}`: TOML values, or plain words; applied last.
+        table: Which settings class validates what.
+        rows: Trials from elsewhere, in place of the profile's list and grid; nested or dotted factors.
+        labels: Where each of these rows stands, for errors.
+
+    Raises:
+        ProfileError: one line for each thing that is wrong; the first one decides.
+    """
+    source = read_source(name_or_path, overrides)
+    if rows is not None:
+        source = source.with_rows(rows, labels or [f"row {number}" for number in range(1, len(rows) + 1)])
+    return _validated(source, table)
+
+
+def load_resolved(name: str, resolved: Mapping[str, Any], *, table: SettingsTable) -> Profile:
+    """Load what `Profile.resolved` gave, for example from a manifest.
+
+    Raises:
+        ProfileError: it was written by a program that knew other settings.
+    """
+    return _validated(Source(name, (name,), {}, {}).joined(resolved, name), table)
+
+
+def _validated(source: Source, table: SettingsTable) -> Profile:
+    sections = Sections(source, table)
+    bench = sections.bench()
+    title, description = sections.text("title"), sections.text("description")
+    devices, detectors = sections.devices(), sections.detectors()
+    limits, loop = sections.limits(), sections.loop()
+    plant, faults = sections.plant(bench), sections.faults(bench)
+    trials = sections.trials()
+    experiment = sections.experiment()
+    behavior = sections.behavior(experiment) if experiment else None
+    if sections.problems or not (experiment and behavior and limits and loop and trials):
+        raise ProfileError(list(dict.fromkeys(sections.problems)))
+    profile = Profile(
+        name=source.name,
+        title=title,
+        description=description,
+        experiment=experiment,
+        bench=bench,
+        devices=devices,
+        detectors=detectors,
+        behavior=behavior,
+        limits=limits,
+        loop=loop,
+        plant=plant,
+        faults=faults,
+        trial_settings=trials,
+        source=source,
+        table=table,
+    )
+    for number, factors in enumerate(combinations(trials)):
+        trial = Trial(number * trials.repeats + 1, factors)
+        profile.factors_of(trial)
+        profile.for_trial(trial)
+    return profile

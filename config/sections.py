@@ -1,0 +1,261 @@
+"""The sections of a profile, each held against the settings class that it configures."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any, TypeVar
+
+from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable
+from config.hints import did_you_mean, near_or_all
+from config.source import Bench, KeyPath, Source, Table, bench_of, flatten
+from config.trials import TrialsSettings, combinations
+from config.validation import shown, validated
+from drivers.settings import Settings
+
+S = TypeVar("S", bound=Settings)
+
+KEYS = (
+    "title",
+    "description",
+    "experiment",
+    "devices",
+    "detectors",
+    "behavior",
+    "limits",
+    "loop",
+    "plant",
+    "faults",
+    "trials",
+)
+"""What may stand at the top of a profile, beside `extends`."""
+
+NO_PLANT = "none"
+"""The kind of plant of a real bench."""
+
+
+_NAMED_ABOVE = ("driver", "port", "kind")
+"""Keys that choose the settings class, so most classes do not have them as fields."""
+
+_DEVICES = ("mover", "exciter", "device")
+_STREAMS = ("input", "inputs", "measures")
+_STREAM_ENDING = "_stream"
+"""Settings by these names speak of devices or of their streams (`device.stream`): they must be there."""
+
+
+class Sections:
+    """Reads a source section by section.
+
+    A section that is wrong comes back without what is wrong; `problems` has grown by a line for each mistake.
+
+    Args:
+        source: The profile's files, joined.
+        table: Which settings class validates what.
+    """
+
+    def __init__(self, source: Source, table: SettingsTable) -> None:
+        self.problems: list[str] = []
+        self._source = source
+        self._table = table
+        for key in [key for key in source.data if key not in KEYS]:
+            self._say((), key, f" = {shown(source.data[key])}: unknown key; {near_or_all(key, KEYS)}")
+
+    def text(self, key: str) -> str:
+        """A line or paragraph for people."""
+        value = self._source.data.get(key, "")
+        if not isinstance(value, str):
+            self._say((), key, f" = {shown(value)}: must be a text")
+        return str(value)
+
+    def experiment(self) -> str | None:
+        """Name of the behavior."""
+        if "experiment" not in self._source.data:
+            names = ", ".join(sorted(self._table.experiments))
+            self._say(
+                (), "experiment", f" is missing: which of {names}? (a bench alone is there to be extended)"
+            )
+            return None
+        return self._name((), self._source.data, "experiment", self._table.experiments)
+
+    def bench(self) -> Bench:
+        """What the ports make of the bench."""
+        ports = {name: table.get("port") for name, table in self._tables("devices") if "port" in table}
+        mocks = [name for name, port in ports.items() if port == "mock"]
+        if mocks and len(mocks) < len(ports):
+            other = next(name for name in ports if name not in mocks)
+            self._say(
+                ("devices", mocks[0]),
+                "port",
+                f' = "mock": virtual time cannot be shared with {other} at {shown(ports[other])};'
+                " all ports are mock, or none",
+            )
+        return bench_of(self._source.data)
+
+    def devices(self) -> dict[str, DeviceEntry]:
+        """The devices that are sound."""
+        entries = {}
+        for name, table in self._tables("devices"):
+            path = ("devices", name)
+            driver = self._name(path, table, "driver", self._table.drivers)
+            port = table.get("port")
+            if not isinstance(port, str) or not port:
+                hint = 'write "mock", "emulated", or a path such as "/dev/ttyUSB0"'
+                self._say(
+                    path, "port", f" = {shown(port)}: {hint}" if "port" in table else f" is missing: {hint}"
+                )
+            elif driver is not None:
+                settings = self._settings(self._table.driver_settings(driver, port), table, path)
+                if settings:
+                    entries[name] = DeviceEntry(driver, port, settings)
+        if not self._table_of("devices"):
+            self._say((), "devices", " is missing: a bench has at least one device")
+        return entries
+
+    def detectors(self) -> dict[str, DetectorEntry]:
+        """The detectors that are sound."""
+        entries = {}
+        for name, table in self._tables("detectors"):
+            path = ("detectors", name)
+            kind = self._name(path, table, "kind", self._table.detectors)
+            settings = kind and self._settings(self._table.detector_settings(kind), table, path)
+            if kind and settings:
+                entries[name] = DetectorEntry(kind, settings)
+        return entries
+
+    def behavior(self, experiment: str) -> Settings | None:
+        """Settings of the experiment."""
+        model = self._table.behavior_settings(experiment)
+        return self._settings(model, self._table_of("behavior"), ("behavior",))
+
+    def limits(self) -> Settings | None:
+        """Settings of the guard."""
+        return self._settings(self._table.guard_settings(), self._table_of("limits"), ("limits",))
+
+    def loop(self) -> Settings | None:
+        """Settings of the loop."""
+        return self._settings(self._table.loop_settings(), self._table_of("loop"), ("loop",))
+
+    def plant(self, bench: Bench) -> PlantEntry | None:
+        """The physics; a real bench has its own."""
+        table = self._table_of("plant")
+        kind = table.get("kind", NO_PLANT)
+        if bench == "hardware":
+            if kind != NO_PLANT:
+                self._say(
+                    ("plant",), "kind", f' = {shown(kind)}: a real bench has no plant; write kind = "none"'
+                )
+            return None
+        if kind == NO_PLANT:
+            plants = ", ".join(sorted(self._table.plants))
+            self._say(
+                ("plant",), "kind", f" is missing: which physics does the {bench} bench have ({plants})?"
+            )
+            return None
+        named = self._name(("plant",), table, "kind", self._table.plants)
+        settings = named and self._settings(self._table.plant_settings(named), table, ("plant",))
+        return PlantEntry(named, settings) if named and settings else None
+
+    def faults(self, bench: Bench) -> tuple[Any, ...]:
+        """What goes wrong on purpose, on a simulated bench."""
+        listed = self._source.data.get("faults", [])
+        if not isinstance(listed, list) or not all(isinstance(fault, dict) for fault in listed):
+            self._say((), "faults", f" = {shown(listed)}: must be tables, each under [[faults]]")
+            return ()
+        if listed and bench == "hardware":
+            self._say((), "faults", ": a real bench breaks by itself; remove them")
+            return ()
+        faults = []
+        for number, table in enumerate(listed):
+            fault = self._settings(self._table.fault_settings(), table, ("faults", str(number)))
+            if fault:
+                faults.append(fault)
+        return tuple(faults)
+
+    def trials(self) -> TrialsSettings | None:
+        """Which trials; what their factors mean is for the experiment to say."""
+        table = dict(self._table_of("trials"))
+        listed, grid = table.get("list"), table.get("grid")
+        if isinstance(listed, list):
+            table["list"] = [dict(flatten(row)) if isinstance(row, dict) else row for row in listed]
+        if isinstance(grid, dict):
+            table["grid"] = dict(flatten(grid))
+        trials = self._validated(TrialsSettings, table, ("trials",))
+        twice = {name for row in trials.list for name in row if name in trials.grid} if trials else set()
+        if trials and not combinations(trials):
+            self._say(
+                ("trials",), "list" if not trials.list else "grid", " is empty: there is nothing to run"
+            )
+        for name in sorted(twice):
+            self._say(("trials", "grid"), name, ": is in the list too; a factor is either listed or crossed")
+        return trials
+
+    # what the sections share
+
+    def _table_of(self, section: str) -> Table:
+        table = self._source.data.get(section, {})
+        if isinstance(table, dict):
+            return table
+        self._say((), section, f" = {shown(table)}: must be a table, under [{section}]")
+        return {}
+
+    def _tables(self, section: str) -> Iterator[tuple[str, Table]]:
+        for name, table in self._table_of(section).items():
+            if isinstance(table, dict):
+                yield name, table
+            else:
+                self._say((section,), name, f" = {shown(table)}: must be a table, under [{section}.{name}]")
+
+    def _name(self, path: KeyPath, table: Table, key: str, known: Collection[str]) -> str | None:
+        """A name out of a collection, such as a driver's."""
+        name = table.get(key)
+        if isinstance(name, str) and name in known:
+            return name
+        if key in table:
+            what = f"unknown {key}; {near_or_all(name, known)}" if isinstance(name, str) else "must be a text"
+            self._say(path, key, f" = {shown(name)}: {what}")
+            return None
+        # Most often a misspelt table: [detectors.contakt] beside [detectors.contact].
+        beside = [other for other in self._table_of(path[0]) if other != path[-1]]
+        hint = did_you_mean(path[-1], beside) or near_or_all("", known)
+        self._say(path, key, f" is missing; {hint}")
+        return None
+
+    def _settings(self, model: type[Settings], table: Table, path: KeyPath) -> Settings | None:
+        """Settings whose class somebody else wrote: it need not know the keys that chose it."""
+        own = {
+            key: value for key, value in table.items() if key not in _NAMED_ABOVE or key in model.model_fields
+        }
+        settings = self._validated(model, own, path)
+        if settings is not None:
+            self._check_names(settings, path)
+        return settings
+
+    def _validated(self, model: type[S], table: Table, path: KeyPath) -> S | None:
+        return validated(model, table, path, self._where, self.problems)
+
+    def _check_names(self, settings: Settings, path: KeyPath) -> None:
+        devices = self._table_of("devices")
+        for key in type(settings).model_fields:
+            value = getattr(settings, key)
+            values = (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ()
+            is_stream = key in _STREAMS or key.endswith(_STREAM_ENDING)
+            for name in values if is_stream or key in _DEVICES else ():
+                device = name.partition(".")[0] if is_stream else name
+                if device not in devices:
+                    self._say(
+                        path, key, f" = {shown(name)}: no device '{device}'; {near_or_all(device, devices)}"
+                    )
+
+    def _say(self, path: KeyPath, key: str, what: str) -> None:
+        self.problems.append(f"{self._where(path, (key,))}{what}")
+
+    def _where(self, path: KeyPath, location: KeyPath) -> str:
+        names: list[str] = []
+        for part in (*path, *location):
+            if part.isdecimal() and names:
+                names[-1] += f" #{int(part) + 1}"
+            else:
+                names.append(part)
+        key = names.pop() if location else ""
+        section = f"[{'.'.join(names)}]" if names else ""
+        file = self._source.origin((*path, *location))
+        return " ".join(word for word in (f"{file}:", section, key) if word)

@@ -1,0 +1,186 @@
+"""Trials: what an experiment varies, listed, crossed, repeated, shuffled or read from a file.
+
+A factor is the experiment's own (`speed_m_s`, `location`) or, with a dotted name, lays itself over the
+profile for that trial (`plant.noise_scale`, `detectors.contact.sample_hz`).
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+import random
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field
+
+from config.source import ProfileError, flatten
+from drivers.settings import Settings
+
+Factor = str | bool | int | float
+
+
+def _plain(value: Any) -> Any:
+    if not isinstance(value, Factor):
+        raise ValueError("must be a number, a word, true or false")
+    return value
+
+
+PlainValue = Annotated[Any, AfterValidator(_plain)]
+
+
+class TrialsSettings(Settings):
+    """Which trials a profile asks for: every row of the list with every combination of the grid."""
+
+    order: Literal["listed", "shuffled"] = "listed"
+    """`shuffled` runs them in an order that the seed decides; numbers and results stay as listed."""
+
+    repeats: int = Field(default=1, ge=1, le=10_000)
+    """How often each combination is run."""
+
+    list: tuple[dict[str, PlainValue], ...] = ({},)
+    """Rows of factors."""
+
+    grid: dict[str, tuple[PlainValue, ...]] = Field(default_factory=dict)
+    """Values of factors that are crossed with each other and with every row; the last one varies fastest."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run of the experiment.
+
+    Attributes:
+        id: Number in the listed order, from 1: the key of the trial's noise and of its row in the results.
+        factors: Flat, with dotted names where they lay themselves over the profile.
+        repeat: Which repetition of these factors this is, from 1.
+    """
+
+    id: int
+    factors: Mapping[str, Any] = field(default_factory=dict)
+    repeat: int = 1
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """The experiment's own factors."""
+        return {name: value for name, value in self.factors.items() if "." not in name}
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """The factors that lay themselves over the profile, dotted."""
+        return {name: value for name, value in self.factors.items() if "." in name}
+
+
+def trials_from(rows: Iterable[Mapping[str, Any]], repeats: int = 1) -> list[Trial]:
+    """Trials from rows of factors, in their order.
+
+    Args:
+        rows: Nested or dotted factors, one mapping for each combination.
+        repeats: How often each is run, one after the other.
+
+    Example:
+        >>> [trial.id for trial in trials_from([{"speed_m_s": 0.002}, {"speed_m_s": 0.004}], repeats=2)]
+        [1, 2, 3, 4]
+    """
+    factors = [dict(flatten(row)) for row in rows]
+    repeated = ((row, repeat) for row in factors for repeat in range(1, repeats + 1))
+    return [Trial(number, row, repeat) for number, (row, repeat) in enumerate(repeated, start=1)]
+
+
+def combinations(settings: TrialsSettings) -> list[dict[str, Any]]:
+    """Every row of the list with every combination of the grid."""
+    crossed = [
+        dict(zip(settings.grid, values, strict=True)) for values in itertools.product(*settings.grid.values())
+    ]
+    return [{**row, **cell} for row in settings.list for cell in crossed]
+
+
+def in_order(trials: Sequence[Trial], order: str, seed: int) -> list[Trial]:
+    """The trials as they are to be run; their numbers stay."""
+    ordered = list(trials)
+    if order == "shuffled":
+        random.Random(seed).shuffle(ordered)
+    return ordered
+
+
+def only(trials: Sequence[Trial], numbers: Sequence[int]) -> list[Trial]:
+    """The trials with these numbers.
+
+    Raises:
+        ProfileError: there is no such trial.
+    """
+    known = {trial.id for trial in trials}
+    for number in numbers:
+        if number not in known:
+            raise ProfileError(
+                f"--only {number}: no such trial; the profile has 1 to {max(known, default=0)}"
+            )
+    return [trial for trial in trials if trial.id in numbers]
+
+
+def read_csv(path: str | Path) -> tuple[list[dict[str, Factor]], list[str]]:
+    """Rows of factors from a CSV file whose header names them.
+
+    A cell that reads as a number is one; `true` and `false` are truth values, anything else is a word.
+
+    Returns:
+        The rows, and for each where it stands, for errors.
+
+    Raises:
+        ProfileError: no such file, no header, a column without a name or twice, a row that is longer or
+            shorter than the header, an empty cell, NaN or infinity: one line with file, row (the header is
+            row 1) and column.
+    """
+    try:
+        with Path(path).open(encoding="utf-8-sig", newline="") as file:
+            lines = csv.reader(file, strict=True, skipinitialspace=True)
+            header = [name.strip() for name in next(lines, [])]
+            _check_header(path, header)
+            rows, labels = [], []
+            for cells in lines:
+                label = f"{path}: row {lines.line_num}"
+                if cells:
+                    rows.append(_row(label, header, cells))
+                    labels.append(label)
+    except UnicodeDecodeError as error:
+        raise ProfileError(f"{path}: byte {error.start}: no UTF-8 text; save it as CSV (UTF-8)") from None
+    except csv.Error as error:
+        raise ProfileError(f"{path}: row {lines.line_num}: no CSV: {error}") from None
+    except OSError as error:
+        raise ProfileError(f"{path}: cannot be read: {error.strerror}") from None
+    if not rows:
+        raise ProfileError(f"{path}: no trials; each row under the header is one")
+    return rows, labels
+
+
+def _check_header(path: str | Path, header: Sequence[str]) -> None:
+    if not header:
+        raise ProfileError(f"{path}: empty; the first row names the factors, for example: location,speed_m_s")
+    for place, name in enumerate(header, start=1):
+        if not all(name.split(".")):
+            raise ProfileError(f"{path}: row 1, column {place}: '{name}' is no name of a factor")
+        if header.index(name) != place - 1:
+            raise ProfileError(f"{path}: row 1, column {place}: '{name}' is there twice")
+
+
+def _row(label: str, header: Sequence[str], cells: Sequence[str]) -> dict[str, Factor]:
+    if len(cells) != len(header):
+        raise ProfileError(f"{label}: {len(cells)} cells, but the header names {len(header)} factors")
+    return {name: _cell(f"{label}, column {name}", cell) for name, cell in zip(header, cells, strict=True)}
+
+
+def _cell(label: str, text: str) -> Factor:
+    word = text.strip()
+    if not word:
+        raise ProfileError(f"{label}: empty; every trial needs a value")
+    if word in ("true", "false"):
+        return word == "true"
+    try:
+        number = float(word)
+    except ValueError:
+        return word
+    if not math.isfinite(number):
+        raise ProfileError(f"{label} = {word}: must be finite")
+    return int(word) if word.lstrip("+-").isdecimal() and word.isascii() else number

@@ -1,0 +1,132 @@
+"""From what a settings class refuses to one line that says where and what to do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from config.hints import did_you_mean, si_unit, unknown_key
+from config.source import KeyPath
+
+S = TypeVar("S", bound=BaseModel)
+
+NONE = "none"
+"""How a profile writes None, for which TOML has no word; only where a setting can be None."""
+
+Where = Callable[[KeyPath, KeyPath], str]
+"""Says, for the path of a table and a place in it (empty: the table itself), where somebody wrote it."""
+
+_TYPES = {
+    "float": "a number",
+    "int": "a whole number",
+    "string": "a text",
+    "bool": "true or false",
+    "tuple": "a list",
+    "list": "a list",
+    "dict": "a table",
+    "model": "a table",
+}
+_BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+
+
+def validated(
+    model: type[S], table: Mapping[str, Any], path: KeyPath, where: Where, problems: list[str]
+) -> S | None:
+    """Settings from a table.
+
+    Args:
+        model: The settings class.
+        table: Keys and values as TOML gives them.
+        path: Where the table stands in the profile, for `where`.
+        where: Says where a key was written, or is missing.
+        problems: Grows by one line for each thing that is wrong.
+
+    Returns:
+        The settings, or None where something is wrong.
+    """
+    given = {
+        key: None if value == NONE and _may_be_none(model, key) else value for key, value in table.items()
+    }
+    try:
+        # As JSON, because strict settings take a list for a tuple and a word for an Enum from text alone.
+        return model.model_validate_json(json.dumps(given))
+    except ValidationError as error:
+        # A key that nobody knows explains one that is missing, so it comes first.
+        for found in sorted(error.errors(include_url=False), key=lambda found: found["type"] == "missing"):
+            location = tuple(str(part) for part in found["loc"])
+            problems.append(f"{where(path, location)}{_reason(model, location, found)}")
+        return None
+
+
+def as_table(settings: BaseModel) -> dict[str, Any]:
+    """The other way: keys and values as TOML and JSON hold them, defaults included."""
+    return {key: NONE if value is None else value for key, value in settings.model_dump(mode="json").items()}
+
+
+def _may_be_none(model: type[BaseModel], key: str) -> bool:
+    field = model.model_fields.get(key)
+    return field is not None and type(None) in get_args(field.annotation)
+
+
+def _reason(model: type[BaseModel], location: KeyPath, found: Mapping[str, Any]) -> str:
+    kind, value, context = found["type"], found["input"], found.get("ctx", {})
+    key = location[-1] if location else ""
+    fields = _fields(model, location[:-1])
+    field = fields.get(key)
+    if kind == "extra_forbidden":
+        return f" = {shown(value)}: unknown key; {unknown_key(key, value, fields)}"
+    if kind == "missing":
+        described = f": {_first_sentence(field.description)}" if field and field.description else ""
+        return f" is missing{described}"
+    if kind in ("literal_error", "enum"):
+        allowed = [part.strip(" '") for part in context["expected"].replace(" or ", ",").split(",")]
+        hint = did_you_mean(value, allowed) if isinstance(value, str) else ""
+        return f" = {shown(value)}: must be {context['expected']}" + (f"; {hint}" if hint else "")
+    if field and any(name in context for name in _BOUNDS):
+        unit = si_unit(key)
+        return f" = {shown(value)}: must be {_bounds(field, context)}" + (f" {unit}" if unit else "")
+    wanted = "a whole number" if kind == "int_from_float" else _TYPES.get(kind.removesuffix("_type"))
+    if wanted:
+        unit = si_unit(key) if wanted == "a number" else ""
+        return f" = {shown(value)}: must be {wanted}" + (f", in {unit}" if unit else "")
+    message = str(found["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    return f" = {shown(value)}: {message[:1].lower()}{message[1:]}" if location else f": {message}"
+
+
+def _bounds(field: FieldInfo, context: Mapping[str, Any]) -> str:
+    """Both ends of the range, not only the one that was passed."""
+    rules = [(sign, getattr(rule, name, None)) for rule in field.metadata for name, sign in _BOUNDS.items()]
+    bounds = [f"{sign} {bound:g}" for sign, bound in rules if bound is not None]
+    return " and ".join(
+        bounds or [f"{sign} {context[name]:g}" for name, sign in _BOUNDS.items() if name in context]
+    )
+
+
+def _fields(model: type[BaseModel], location: KeyPath) -> Mapping[str, FieldInfo]:
+    """The fields of the table at a location, through nested settings."""
+    here: type[BaseModel] | None = model
+    for part in location:
+        field = here.model_fields.get(part) if here else None
+        if field is not None:
+            here = _settings_in(field.annotation)
+    return here.model_fields if here else {}
+
+
+def _settings_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _settings_in(part))), None)
+
+
+def _first_sentence(text: str) -> str:
+    return " ".join(text.split()).split(". ")[0].rstrip(".")
+
+
+def shown(value: object) -> str:
+    """A value as TOML writes it, cut where it is long."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."

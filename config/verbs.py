@@ -1,0 +1,130 @@
+"""What all verbs of the command line share: errors as one line, exit codes, `--set`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+DONE, FAILED, USAGE, DEVICE, GUARD, INTERRUPTED = 0, 1, 2, 3, 4, 130
+"""Exit codes."""
+
+MISTAKES = 8
+"""How many mistakes of a profile are listed at once."""
+
+
+class Program(click.Group):
+    """All verbs; an error is one line on standard error and an exit code, never a page of usage."""
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Run, and end the process with the exit code."""
+        try:
+            code = super().main(*args, **{**extra, "standalone_mode": False})
+        except click.exceptions.NoArgsIsHelpError as error:
+            click.echo(error.format_message())
+            code = USAGE
+        except click.ClickException as error:
+            verb = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "run.py"
+            complain(f"{verb}: {error.format_message().rstrip('.')}; see: {verb} --help")
+            code = USAGE
+        except (click.Abort, KeyboardInterrupt):
+            complain("interrupted")
+            code = INTERRUPTED
+        except BrokenPipeError:
+            # Who read the output has gone, `run.py list | head` for one.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = FAILED
+        sys.exit(code)
+
+
+class Verb(click.Command):
+    """A verb; with --debug an error shows where it came from."""
+
+    def __init__(self, *args: Any, **extra: Any) -> None:
+        super().__init__(*args, **extra)
+        self.params.append(click.Option(["--debug"], is_flag=True, help="Show where an error came from."))
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the verb; returns the exit code."""
+        debug = ctx.params.pop("debug")
+        try:
+            return super().invoke(ctx) or DONE
+        except (click.ClickException, click.exceptions.Exit, BrokenPipeError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            if debug:
+                raise
+            code, line = explained(error)
+            complain(line)
+            return code
+
+
+def explained(error: Exception) -> tuple[int, str]:
+    """Exit code and line for an error; one that nobody foresaw is the program's own."""
+    from config.source import ProfileError
+    from controller.guard import GuardRefusal
+    from controller.recording.run_folder import RecordingError, RunFolderError
+    from controller.replay import ReplayError
+    from drivers.errors import DeviceError
+
+    if isinstance(error, ProfileError):
+        lines = list(error.problems[:MISTAKES])
+        more = len(error.problems) - len(lines)
+        return USAGE, "\n".join([*lines, f"and {more} more"] if more else lines)
+    if isinstance(error, RunFolderError | ReplayError):
+        return USAGE, str(error)
+    if isinstance(error, DeviceError):
+        return DEVICE, str(error)
+    if isinstance(error, GuardRefusal):
+        return GUARD, f"guard: {error}"
+    if isinstance(error, RecordingError):
+        return FAILED, str(error)
+    said = " ".join(str(error).split())
+    return FAILED, f"unexpected {type(error).__name__}: {said}; run again with --debug to see where"
+
+
+def complain(line: str) -> None:
+    """Say what is wrong, on standard error."""
+    click.echo(line, err=True)
+
+
+def _overrides(ctx: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, str]:
+    pairs = [value.partition("=") for value in values]
+    for key, equals, _ in pairs:
+        if not (key.strip() and equals):
+            raise click.BadParameter(f"'{key}' gives no value; write for example --set limits.force_n=1.5")
+    return {key.strip(): text.strip() for key, _, text in pairs}
+
+
+def span(ctx: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, float] | None:
+    """Two times in seconds out of `2:12`."""
+    if value is None:
+        return None
+    try:
+        begin_s, end_s = (float(part) for part in value.split(":"))
+    except ValueError:
+        raise click.BadParameter(f"'{value}' is no span; write seconds as in 2:12") from None
+    if not 0.0 <= end_s - begin_s < float("inf") or begin_s == end_s:
+        raise click.BadParameter(f"'{value}' ends before it begins")
+    return begin_s, end_s
+
+
+set_option = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    callback=_overrides,
+    help="Another value for one setting, for example limits.force_n=1.5; may be given several times.",
+)
+out_option = click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="Folder of all runs.",
+)

@@ -1,0 +1,1 @@
+"""What makes an experiment run: loop, guard, detectors, recorder and reports."""

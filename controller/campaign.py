@@ -1,0 +1,319 @@
+"""A campaign: all trials of a profile, one after the other, measured, recorded and reported."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Protocol
+
+from behaviors.machine import Behavior
+from controller.detectors.protocol import Detector
+from controller.guard import Guard, GuardRefusal
+from controller.loop import Aborted, Loop, LoopSettings
+from controller.loop import Operator as LoopOperator
+from controller.measures.trial import TrialEvidence
+from controller.recording.recorder import Recorder
+from controller.recording.run_folder import RecordingError, RunFolder
+from controller.rig import Rig, TrialScene
+from drivers.clock import utc_now
+from drivers.errors import DeviceError
+from drivers.messages import DeviceInfo
+
+EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_DEVICE, EXIT_GUARD, EXIT_INTERRUPTED = 0, 1, 2, 3, 4, 130
+"""Exit codes of a run."""
+
+_EXIT_OF_OUTCOME = {"guard": EXIT_GUARD, "fault": EXIT_DEVICE, "aborted": EXIT_FAILED}
+
+Measure = Callable[[TrialEvidence, str], tuple[str, dict[str, Any]]]
+
+
+@dataclass(frozen=True)
+class TrialPlan:
+    """One trial, ready to run: what `config.assemble` makes of a profile and a trial's factors.
+
+    Attributes:
+        trial: Its number.
+        factors: Flat, in the order of the columns.
+        scene: What a simulated bench is told.
+        behavior: Fresh, in its initial state.
+        detectors: Fresh, by name.
+        guard: With the trial's limits.
+        measure: From evidence and the behavior's outcome to the final outcome and the row.
+    """
+
+    trial: int
+    factors: Mapping[str, Any]
+    scene: TrialScene
+    behavior: Behavior
+    detectors: Mapping[str, Detector]
+    guard: Guard
+    measure: Measure
+
+
+@dataclass(frozen=True)
+class CampaignPlan:
+    """What is to be run.
+
+    Attributes:
+        profile: Name.
+        resolved: The whole profile, resolved, for the manifest.
+        profile_hash: Of the resolved profile.
+        experiment: Name.
+        seed: Of order and noise.
+        trials: In the order of running; made one by one, when their turn has come.
+        count: How many there are.
+        factors: Names of the factors, in the order of the columns.
+        columns: Names of what is measured.
+        loop: Rates.
+        roles: Which device does what, for reports.
+    """
+
+    profile: str
+    resolved: Mapping[str, Any]
+    profile_hash: str
+    experiment: str
+    seed: int
+    trials: Iterable[TrialPlan]
+    count: int
+    factors: Sequence[str]
+    columns: Sequence[str]
+    loop: LoopSettings
+    roles: Mapping[str, str] = field(default_factory=dict)
+
+
+class Console(LoopOperator, Protocol):
+    """What a person sees of a campaign, and how they interrupt it."""
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
+        """Before the first trial."""
+
+    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
+        """Before each trial."""
+
+    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
+        """After each trial."""
+
+    def campaign_ended(self, line: str) -> None:
+        """After the last."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a campaign ended.
+
+    Attributes:
+        exit_code: As in the reference of the command line.
+        folder: Where everything is.
+        line: One line for the person at the bench.
+        error: A fault of the program itself, which ended the run; to be raised once what there is has been reported.
+    """
+
+    exit_code: int
+    folder: Path
+    line: str
+    error: Exception | None = None
+
+
+class Campaign:
+    """Opens the bench, runs the trials, closes the bench, whatever happens.
+
+    Args:
+        plan: What to run.
+        rig: The bench, closed.
+        console: The person's side.
+        runs: Folder under which the run's own folder is made.
+    """
+
+    def __init__(self, plan: CampaignPlan, rig: Rig, console: Console, runs: Path) -> None:
+        self._plan = plan
+        self._rig = rig
+        self._console = console
+        self._runs = runs
+
+    def run(self) -> Outcome:
+        """Run every trial.
+
+        Whatever ends the run, the bench stands still and the recording is closed when this returns. Errors of devices, guard
+        and disk come back as a line and an exit code, a fault of the program itself as the outcome's `error`.
+
+        Raises:
+            RecordingError: no run folder can be made.
+        """
+        started = utc_now()
+        folder = RunFolder.create(self._runs, self._plan.profile, started)
+        self._manifest = self._first_manifest(started)
+        folder.write_manifest(self._manifest)
+        fault: Exception | None = None
+        try:
+            code, status, line = self._on_bench(folder, started)
+        except (Aborted, KeyboardInterrupt):
+            code, status, line = EXIT_INTERRUPTED, "aborted", "interrupted: the bench is still"
+        except GuardRefusal as refusal:
+            code, status, line = EXIT_GUARD, "guard", f"guard: {refusal}"
+        except DeviceError as error:
+            code, status, line = EXIT_DEVICE, "fault", str(error)
+        except RecordingError as error:
+            code, status, line = EXIT_FAILED, "failed", str(error)
+        except Exception as error:
+            code, status, line, fault = EXIT_FAILED, "failed", f"{type(error).__name__}: {error}", error
+        self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
+        with suppress(RecordingError):
+            folder.write_manifest(self._manifest)
+        self._console.campaign_ended(line)
+        return Outcome(code, folder.path, line, fault)
+
+    def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
+        try:
+            infos = {name: device.open() for name, device in self._rig.devices.items()}
+            self._manifest["devices"] = {name: _described(info) for name, info in infos.items()}
+            folder.write_manifest(self._manifest)
+            recorder = Recorder(
+                folder,
+                started,
+                streams={
+                    stream: info for device in infos.values() for stream, info in device.streams.items()
+                },
+                factors=self._plan.factors,
+                measures=self._plan.columns,
+            )
+            try:
+                return self._trials(folder, recorder, infos)
+            finally:
+                recorder.close()
+        finally:
+            for name, device in self._rig.devices.items():
+                if name in self._manifest["devices"]:
+                    self._manifest["devices"][name]["link"] = dict(device.account())
+                device.close()
+            self._manifest["plant"] = dict(self._rig.account())
+            self._rig.close()
+
+    def _trials(
+        self, folder: RunFolder, recorder: Recorder, infos: Mapping[str, DeviceInfo]
+    ) -> tuple[int, str, str]:
+        plan = self._plan
+        self._console.campaign_started(plan.profile, plan.count, folder.path)
+        offset_s = 0.0
+        counts: dict[str, int] = {}
+        code, status, line = EXIT_DONE, "done", ""
+        for trial in plan.trials:
+            self._console.trial_started(trial.trial, trial.factors)
+            outcome, reason, row, length_s = self._trial(trial, recorder, infos, offset_s)
+            offset_s += length_s
+            counts[outcome] = counts.get(outcome, 0) + 1
+            self._console.trial_ended(trial.trial, outcome, row)
+            if outcome in _EXIT_OF_OUTCOME:
+                code = _EXIT_OF_OUTCOME[outcome]
+                status = "failed" if outcome == "aborted" else outcome
+                line = f"trial {trial.trial}: {reason}"
+                if outcome != "aborted":  # nothing on the bench moves after an error
+                    break
+        self._manifest["outcomes"] = counts
+        said = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in sorted(counts.items()))
+        return code, status, f"{line} ({said})" if line else said
+
+    def _trial(
+        self, trial: TrialPlan, recorder: Recorder, infos: Mapping[str, DeviceInfo], offset_s: float
+    ) -> tuple[str, str, dict[str, Any], float]:
+        """Run one trial; its row is on the disk when this returns or raises."""
+        self._rig.clock.restart()
+        self._rig.begin_trial(trial.scene)
+        recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
+        loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
+        evidence = TrialEvidence(trial.factors, recording)
+        verdict: str | None = None
+        try:
+            loop.run(trial.behavior, trial.detectors)
+        except (Aborted, KeyboardInterrupt):
+            verdict = "aborted"
+            raise
+        except GuardRefusal:
+            verdict = "guard"
+            raise
+        except BaseException:
+            verdict = "fault"
+            raise
+        finally:
+            evidence.events, evidence.entered_s = loop.events, loop.entered_s
+            if self._rig.truth is not None:
+                evidence.truth = self._rig.truth()
+            outcome, row = trial.measure(evidence, verdict or trial.behavior.outcome)
+            self._account(loop)
+            recorder.end_trial(outcome, row)
+        return outcome, trial.behavior.reason, row, self._rig.clock.now()
+
+    # the manifest
+
+    def _account(self, loop: Loop) -> None:
+        account = loop.account
+        total = self._manifest["loop"]
+        total["turns"] += account.turns
+        total["overruns"] += account.overruns
+        total["worst_late_s"] = max(total["worst_late_s"], account.worst_late_s)
+        total["paused_s"] += account.paused_s
+        total["bench_s"] += self._rig.clock.now()
+        for stream, samples in account.lost.items():
+            self._manifest["loss"][stream] = self._manifest["loss"].get(stream, 0) + samples
+
+    def _first_manifest(self, started: datetime) -> dict[str, Any]:
+        plan = self._plan
+        return {
+            "format": 1,
+            "profile": {"name": plan.profile, "hash": plan.profile_hash, "resolved": dict(plan.resolved)},
+            "experiment": plan.experiment,
+            "bench": self._rig.kind,
+            "seed": plan.seed,
+            "trials": plan.count,
+            "versions": _versions(),
+            "commit": _commit(),
+            "started_utc": started.isoformat(),
+            "clock": "virtual" if self._rig.clock.virtual else "wall",
+            "devices": {},
+            "roles": dict(plan.roles),
+            "plant": {},
+            "loop": {"turns": 0, "overruns": 0, "worst_late_s": 0.0, "paused_s": 0.0, "bench_s": 0.0},
+            "loss": {},
+            "exit": {"status": "running", "code": None, "reason": ""},
+        }
+
+
+def _described(info: DeviceInfo) -> dict[str, Any]:
+    return {
+        "model": info.model,
+        "serial": info.serial,
+        "version": info.version,
+        "clock": info.clock,
+        "streams": sorted(info.streams),
+        **dict(info.details),
+    }
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version(), "platform": platform.platform()}
+    for module, package in (("numpy", "numpy"), ("numba", "numba"), ("serial", "pyserial"), ("mcap", "mcap")):
+        if module in sys.modules:
+            versions[package] = metadata.version(package)
+    return versions
+
+
+def _commit() -> str:
+    """The program's own commit, with "+" where files were changed since; "" where that is not known."""
+    here = Path(__file__).resolve().parent.parent
+    try:
+        said = subprocess.run(
+            ["git", "-C", str(here), "describe", "--always", "--dirty=+", "--abbrev=12"],
+            capture_output=True,
+            text=True,
+            timeout=5.0,
+            check=False,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return said.stdout.strip()

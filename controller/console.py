@@ -1,0 +1,167 @@
+"""The person at the bench: how they interrupt a campaign, and what they see of it off a terminal."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, TextIO
+
+PAUSED = "PAUSED"
+"""What the loop calls the state in which it waits for the operator."""
+
+RESULTS = 4
+"""How many results of a trial are shown; the others are in its row of trials.csv."""
+
+_TOLD_FIRST = ("frequency_hz", "delay_s", "extent_m", "force_n")
+"""The results that say most, where a row has them; the rest follows in the order of the row."""
+
+
+class Operator:
+    """Ctrl+C, `kill` and the Enter key, as the loop asks for them at every turn.
+
+    On a terminal the first Ctrl+C pauses and the second aborts, while Enter goes on with what is paused.
+    Without a terminal nobody could press Enter, so the first one aborts, as `kill` and a closed terminal always
+    do. A signal sets a flag and no more: nothing is interrupted in the middle, the loop stops what moves.
+
+    Use as a context manager; the handlers from before are put back at its end.
+
+    Args:
+        keyboard: Where Enter is pressed; standard input unless a test says otherwise.
+    """
+
+    def __init__(self, keyboard: TextIO | None = None) -> None:
+        self._keyboard = sys.stdin if keyboard is None else keyboard
+        self._interactive = self._keyboard is not None and self._keyboard.isatty()
+        self._before: dict[signal.Signals, Any] = {}
+        self._modes: list[Any] | None = None
+        self._pause = False
+        self._paused = False
+        self._abort = False
+
+    def __enter__(self) -> Operator:
+        self._before = {
+            signal.SIGINT: signal.signal(signal.SIGINT, self._interrupted),
+            signal.SIGTERM: signal.signal(signal.SIGTERM, self._ended),
+            signal.SIGHUP: signal.signal(signal.SIGHUP, self._ended),
+        }
+        self._silence_keys()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        if self._modes is not None:
+            import termios
+
+            with suppress(termios.error):
+                termios.tcsetattr(self._keyboard.fileno(), termios.TCSADRAIN, self._modes)
+
+    def poll(self) -> str | None:
+        """What the operator wants now: "pause", "resume", "abort", or None. Never waits."""
+        if self._abort:
+            return "abort"
+        if self._pause:
+            self._pause, self._paused = False, True
+            self._forget_keys()
+            return "pause"
+        if self._paused and self._enter_pressed():
+            self._paused = False
+            return "resume"
+        return None
+
+    def _interrupted(self, number: int, frame: FrameType | None) -> None:
+        if self._interactive and not (self._pause or self._paused):
+            self._pause = True
+        else:
+            self._abort = True
+
+    def _ended(self, number: int, frame: FrameType | None) -> None:
+        self._abort = True
+
+    def _silence_keys(self) -> None:
+        """Keys that are pressed do not show: they would shift a live view by a line."""
+        if not self._interactive:
+            return
+        import termios
+
+        self._modes = termios.tcgetattr(self._keyboard.fileno())
+        silent = list(self._modes)
+        silent[3] &= ~termios.ECHO
+        termios.tcsetattr(self._keyboard.fileno(), termios.TCSADRAIN, silent)
+
+    def _forget_keys(self) -> None:
+        """An Enter from before the pause is no word to go on."""
+        import termios
+
+        termios.tcflush(self._keyboard.fileno(), termios.TCIFLUSH)
+
+    def _enter_pressed(self) -> bool:
+        descriptor = self._keyboard.fileno()
+        if not select.select([descriptor], [], [], 0.0)[0]:
+            return False
+        if not os.read(descriptor, 1024):
+            self._abort = True  # The terminal is gone, and with it whoever could go on.
+            return False
+        return True
+
+
+class PlainConsole:
+    """A line for each trial, for files and pipes.
+
+    Args:
+        operator: Who may interrupt.
+        say: Takes each line.
+    """
+
+    def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
+        self.poll = operator.poll
+        self._say = say
+        self._trials = 0
+        self._begun = 0
+        self._factors = ""
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
+        """Says what is run, and where it goes."""
+        self._trials = trials
+        self._say(f"{title}: {trials} trials into {folder}")
+
+    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
+        """Nothing is said before there is a result."""
+        self._begun += 1
+        self._factors = " ".join(f"{name}={figure(value)}" for name, value in factors.items())
+
+    def state(self, name: str, t_s: float) -> None:
+        """Only a pause is worth a line."""
+        if name == PAUSED:
+            self._say("paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts")
+
+    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
+        """Says what came out."""
+        results = " ".join(f"{name}={figure(value)}" for name, value in telling(row).items())
+        place = f"[{self._begun}/{self._trials}]"
+        self._say(f"{place} trial {trial} {self._factors}: {outcome.replace('_', ' ')} {results}".rstrip())
+
+    def campaign_ended(self, line: str) -> None:
+        """The exit says the rest."""
+
+
+def telling(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The results of a row that are shown, by column."""
+    first = [name for name in _TOLD_FIRST if name in row]
+    names = first + [name for name in row if name not in first]
+    return {name: row[name] for name in names[:RESULTS]}
+
+
+def figure(value: object) -> str:
+    """A value for the eye: four digits; a dash for what was not seen."""
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

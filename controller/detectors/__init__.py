@@ -1,0 +1,1 @@
+"""Detectors: sample blocks in, events out. Pure: no clock, no I/O, no thread, no truth."""

@@ -1,0 +1,28 @@
+"""What every detector is, and how several inputs are kept in step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from behaviors.events import Detected
+from drivers.messages import SampleBlock
+
+
+class Detector(Protocol):
+    """Turns samples into events.
+
+    The same samples give the same events, whether they come one by one, in blocks of 64 or all at once; with
+    several inputs a detector speaks of time t when all inputs have reached t, however they interleave. An
+    event's time is the time of the sample that decided.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    """Streams it hears, as `device.stream`."""
+
+    def push(self, block: SampleBlock) -> Sequence[Detected]:
+        """Hear the next block of one of the inputs; returns what it found, in order of time."""
+
+    def reset(self) -> None:
+        """Forget everything, as on the day it was made."""

@@ -1,0 +1,125 @@
+"""A bench looked at without moving it: every device opened, every sensor read for a moment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controller.rig import Rig, TrialScene
+from drivers.errors import DeviceError
+from drivers.messages import (
+    DeviceInfo,
+    Failed,
+    Listen,
+    Lost,
+    Refused,
+    SampleBlock,
+    Stalled,
+    Status,
+    StreamInfo,
+)
+
+LISTEN_S = 1.0
+"""How long each sensor is read. Assumption: enough for every regular stream, short enough to be waited for."""
+
+TURN_S = 0.01
+"""How often what has come is taken; at 1 kHz that is ten samples."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line about the bench, and whether what it says is as it should be."""
+
+    sound: bool
+    line: str
+
+
+@dataclass
+class _Heard:
+    """What came from the bench while it was listened to."""
+
+    blocks: dict[str, list[SampleBlock]] = field(default_factory=dict)
+    statuses: list[Status] = field(default_factory=list)
+
+
+def examine(rig: Rig, scene: TrialScene) -> Iterator[Finding]:
+    """Open every device, read each of its streams for a second, close all; nothing is moved or excited.
+
+    A device that does not open is told of, and the others are looked at all the same.
+
+    Args:
+        rig: The bench, closed.
+        scene: For a simulated bench: the scene that it is to be in.
+    """
+    infos: dict[str, DeviceInfo] = {}
+    try:
+        for name, device in rig.devices.items():
+            try:
+                infos[name] = device.open()
+            except DeviceError as error:
+                yield Finding(False, str(error))
+        heard = _listen(rig, scene, infos)
+        for name, info in infos.items():
+            yield _identity(name, info)
+            for stream in info.streams.values():
+                yield _reading(stream, heard.blocks.get(stream.name, []))
+            for status in heard.statuses:
+                if status.device == name and isinstance(status, Failed | Lost | Refused | Stalled):
+                    yield _trouble(status)
+    finally:
+        for device in rig.devices.values():
+            device.close()
+
+
+def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Heard:
+    heard = _Heard()
+    rig.clock.restart()
+    rig.begin_trial(scene)
+    for name, info in infos.items():
+        rig.devices[name].apply(Listen(name, frozenset(info.streams)))
+    while rig.clock.now() < LISTEN_S:
+        rig.clock.wait_until(rig.clock.now() + TURN_S)
+        for name in infos:
+            for block in rig.devices[name].read():
+                heard.blocks.setdefault(block.stream, []).append(block)
+            heard.statuses += rig.devices[name].poll()
+    for name in infos:
+        rig.devices[name].apply(Listen(name, frozenset()))
+    return heard
+
+
+def _identity(name: str, info: DeviceInfo) -> Finding:
+    known = [info.model, info.serial and f"serial {info.serial}", info.version and f"version {info.version}"]
+    details = [f"{key} {value}" for key, value in info.details.items()]
+    return Finding(True, f"{name}: {', '.join(part for part in [*known, *details] if part)}")
+
+
+def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> Finding:
+    if not blocks:
+        if stream.rate_hz is None:
+            return Finding(
+                True, f"    {stream.name}: nothing in {LISTEN_S:g} s; it speaks when something happens"
+            )
+        return Finding(False, f"    {stream.name}: silent for {LISTEN_S:g} s; is the sensor plugged in?")
+    values = np.concatenate([block.physical for block in blocks])
+    if not np.isfinite(values).all():
+        return Finding(
+            False, f"    {stream.name}: reads values that are not finite; is the sensor plugged in?"
+        )
+    means, spreads = values.mean(axis=0), values.std(axis=0)
+    said = ", ".join(
+        f"{channel} {mean:.6g} +- {spread:.2g}"
+        for channel, mean, spread in zip(stream.channels, means, spreads, strict=True)
+    )
+    return Finding(
+        True, f"    {stream.name}: {len(values)} samples in {LISTEN_S:g} s, {said} {stream.unit}".rstrip()
+    )
+
+
+def _trouble(status: Status) -> Finding:
+    if isinstance(status, Lost):
+        return Finding(False, f"    {status.stream}: {status.samples} samples lost")
+    reason = getattr(status, "reason", "")
+    return Finding(False, f"    {type(status).__name__.lower()}: {reason}")

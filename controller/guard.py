@@ -1,0 +1,179 @@
+"""The last gate before the devices: it refuses what is unsafe, and stops every mover by itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from drivers.messages import Command, MoveAt, MoveTo, SampleBlock
+from drivers.settings import Settings
+
+
+class GuardSettings(Settings):
+    """Limits of the bench. The devices' own limits are set as well: this is never the last layer."""
+
+    force_n: float | None = Field(default=None, gt=0.0, le=1000.0)
+    """Largest force, of either sign, after the median filter; None on a bench without a force stream."""
+
+    force_stream: str | None = "board.load_cell"
+    """Where the force comes from (N); None on a bench without one."""
+
+    force_median_s: float = Field(default=0.010, gt=0.0, le=1.0)
+    """Length of the running median that the force is seen through: a single spike stops nothing."""
+
+    travel_m: float = Field(gt=0.0, le=2.0)
+    """Farthest position on the approach axis, from its zero."""
+
+    travel_min_m: float = Field(default=-0.0005, ge=-2.0, le=0.0)
+    """Nearest position on the approach axis. Assumption: half a millimetre behind zero for overshoot."""
+
+    position_stream: str | None = "stage.position"
+    """Where the mover's position comes from (m); None where travel is held by commands and device alone."""
+
+    speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
+    """Fastest motion that may be asked for."""
+
+    stale_s: float = Field(default=0.1, gt=0.0, le=10.0)
+    """A watched stream silent for longer than this, while something moves, stops it."""
+
+    late_s: float = Field(default=0.1, gt=0.0, le=10.0)
+    """A turn of the loop later than this, while something moves, stops it."""
+
+
+class GuardRefusal(Exception):  # noqa: N818 - it is a refusal, not a fault of the program
+    """The guard will not let a command through."""
+
+
+class Guard:
+    """Watches force, travel, stale streams and a late loop; knows nothing of the experiment.
+
+    Args:
+        settings: The limits.
+    """
+
+    def __init__(self, settings: GuardSettings) -> None:
+        self.settings = settings
+        self.inputs = frozenset(
+            stream
+            for stream, wanted in (
+                (settings.force_stream, settings.force_n is not None),
+                (settings.position_stream, settings.position_stream is not None),
+            )
+            if wanted and stream is not None
+        )
+        """Streams that must be alive while anything moves."""
+        self.reset(0.0)
+
+    def reset(self, t_s: float) -> None:
+        """Begin a trial at bench time `t_s`: empty the filter, forget how old each stream is."""
+        self._tail: NDArray[np.float64] = np.empty(0)
+        self._seen_s = dict.fromkeys(self.inputs, t_s)
+        self._watching = False
+
+    def admit(self, command: Command) -> Command:
+        """Let a command through, or say why not.
+
+        Raises:
+            GuardRefusal: not finite, too fast, or beyond the travel.
+        """
+        settings = self.settings
+        if isinstance(command, MoveAt):
+            numbers = {"velocity_m_s": command.velocity_m_s, "limit_m": command.limit_m}
+            speed_m_s, target_m = abs(command.velocity_m_s), command.limit_m
+        elif isinstance(command, MoveTo):
+            numbers = {"position_m": command.position_m, "speed_m_s": command.speed_m_s}
+            speed_m_s, target_m = command.speed_m_s, command.position_m
+        else:
+            return command
+        what = f"{type(command).__name__}({command.device})"
+        for name, number in numbers.items():
+            if not math.isfinite(number):
+                raise GuardRefusal(f"{what}: {name} is {number}")
+        if speed_m_s > settings.speed_m_s:
+            raise GuardRefusal(
+                f"{what}: {speed_m_s:.6g} m/s is beyond limits.speed_m_s = {settings.speed_m_s:.6g}"
+            )
+        if not settings.travel_min_m <= target_m <= settings.travel_m:
+            raise GuardRefusal(
+                f"{what}: {target_m:.6g} m is outside limits.travel_min_m .. travel_m"
+                f" = {settings.travel_min_m:.6g} .. {settings.travel_m:.6g}"
+            )
+        return command
+
+    def watch(
+        self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
+    ) -> str | None:
+        """See one turn of the loop.
+
+        Args:
+            t_s: Bench time of the turn.
+            blocks: What arrived in it.
+            moving: Whether any mover may be moving.
+            late_s: How much later than planned the turn began.
+
+        Returns:
+            Why every mover must stop now, or None.
+        """
+        settings = self.settings
+        reasons: list[str] = []
+        for block in blocks:
+            if block.stream not in self._seen_s or not len(block):
+                continue
+            self._seen_s[block.stream] = max(self._seen_s[block.stream], block.last_s)
+            if block.stream == settings.force_stream and settings.force_n is not None:
+                reasons += self._force(block)
+            if block.stream == settings.position_stream:
+                reasons += self._position(block)
+        if moving and not self._watching:
+            # A stream that was not listened to before the motion began is not stale, it is about to start.
+            self._seen_s = {stream: max(seen_s, t_s) for stream, seen_s in self._seen_s.items()}
+        self._watching = moving
+        if not moving:
+            return None
+        for stream, seen_s in self._seen_s.items():
+            if t_s - seen_s > settings.stale_s:
+                reasons.append(
+                    f"{stream} is silent for {t_s - seen_s:.3f} s (limits.stale_s = {settings.stale_s:g})"
+                )
+        if late_s > settings.late_s:
+            reasons.append(f"the loop is {late_s:.3f} s late (limits.late_s = {settings.late_s:g})")
+        return reasons[0] if reasons else None
+
+    def _force(self, block: SampleBlock) -> Sequence[str]:
+        """Running median over whole windows; a sample that is not finite is a reason by itself."""
+        force_n = block.physical[:, 0]
+        limit_n = self.settings.force_n
+        assert limit_n is not None
+        keep = max(1, round(self.settings.force_median_s * (block.rate_hz or 0.0))) - 1
+        joined = np.concatenate((self._tail, force_n))
+        self._tail = joined[max(0, len(joined) - keep) :] if keep else np.empty(0)
+        # A median cannot exceed the largest, so this is all that a quiet turn costs. NaN is not below anything.
+        if np.abs(joined).max() <= limit_n:
+            return ()
+        if not np.isfinite(joined).all():
+            self._tail = np.empty(0)
+            return (f"{block.stream} reads {joined[~np.isfinite(joined)][0]}",)
+        if len(joined) <= keep:
+            return ()
+        windows = np.lib.stride_tricks.sliding_window_view(joined, keep + 1)
+        worst_n = float(np.abs(np.median(windows, axis=1)).max())
+        if worst_n <= limit_n:
+            return ()
+        return (
+            f"{block.stream} is at {worst_n:.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
+            f" beyond limits.force_n = {limit_n:g}",
+        )
+
+    def _position(self, block: SampleBlock) -> Sequence[str]:
+        settings = self.settings
+        for position_m in (float(block.values.min() * block.scale), float(block.values.max() * block.scale)):
+            if not settings.travel_min_m <= position_m <= settings.travel_m:
+                return (
+                    f"{block.stream} is at {position_m:.6f} m, outside limits.travel_min_m .. travel_m"
+                    f" = {settings.travel_min_m:g} .. {settings.travel_m:g}",
+                )
+        return ()

@@ -1,0 +1,163 @@
+"""A campaign as a live view on a terminal."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console as Terminal
+from rich.live import Live
+from rich.text import Text
+
+from controller.console import PAUSED, Operator, figure, telling
+from drivers.clock import monotonic_s
+
+REFRESH_S = 0.2
+"""Shortest time between two drawings. The loop waits for each: 0.7 ms (measured), as it is plain text; a table
+of rich's takes 4 ms, most of a turn of the loop."""
+
+ROWS = 8
+"""How many of the last trials are shown: with the rest, they fit into 24 lines."""
+
+BAR = 24
+"""Width of the progress bar, in characters."""
+
+GAP = 2
+"""Characters between two columns."""
+
+_STYLES = {"contact": "green", "no_contact": "green", "false_contact": "yellow", "aborted": "yellow"}
+_BAD = "red"
+
+
+class LiveConsole:
+    """Trial, state, time and the last results, drawn anew a few times a second.
+
+    It draws when the loop polls, never between a decision and its command.
+
+    Args:
+        operator: Who may interrupt.
+        terminal: Where to draw.
+    """
+
+    def __init__(self, operator: Operator, terminal: Terminal) -> None:
+        self._operator = operator
+        self._terminal = terminal
+        self._title = ""
+        self._folder = Path()
+        self._trials = 0
+        self._trial: int | None = None
+        self._factors: Mapping[str, Any] = {}
+        self._state = ("", 0.0)
+        self._counts: Counter[str] = Counter()
+        self._results: deque[tuple[int, Mapping[str, Any], str, Mapping[str, Any]]] = deque(maxlen=ROWS)
+        self._started_s = self._entered_s = self._drawn_s = monotonic_s()
+        self._live = Live(console=terminal, auto_refresh=False, get_renderable=self._drawn)
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
+        """Begins to draw."""
+        self._title, self._trials, self._folder = title, trials, folder
+        self._started_s = monotonic_s()
+        self._live.start(refresh=True)
+
+    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
+        """Shows the trial."""
+        self._trial, self._factors, self._state = trial, factors, ("", 0.0)
+
+    def state(self, name: str, t_s: float) -> None:
+        """Notes the state; it is drawn at a poll, after its commands are out."""
+        self._state = (name, t_s)
+        self._entered_s = monotonic_s()
+
+    def poll(self) -> str | None:
+        """Draws where it is time to, and asks the operator."""
+        if monotonic_s() - self._drawn_s > REFRESH_S:
+            self._refresh()
+        return self._operator.poll()
+
+    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
+        """Adds a row."""
+        self._counts[outcome] += 1
+        self._results.append((trial, self._factors, outcome, telling(row)))
+
+    def campaign_ended(self, line: str) -> None:
+        """Draws for the last time."""
+        self._trial = None
+        if self._live.is_started:
+            self._refresh()
+            self._live.stop()
+
+    def _refresh(self) -> None:
+        self._drawn_s = monotonic_s()
+        self._live.refresh()
+
+    # the picture
+
+    def _drawn(self) -> Text:
+        lines = [self._header(), self._progress(), Text(), *self._table(), Text(), *self._present()]
+        return Text("\n", no_wrap=True, overflow="ellipsis").join(lines)
+
+    def _header(self) -> Text:
+        return Text.assemble((self._title, "bold"), "  ", (str(self._folder), "dim"))
+
+    def _progress(self) -> Text:
+        done, elapsed_s = self._counts.total(), monotonic_s() - self._started_s
+        filled = BAR * done // max(self._trials, 1)
+        running = self._trial is not None and done
+        left = f"  about {_clock(elapsed_s / done * (self._trials - done))} left" if running else ""
+        return Text.assemble(
+            ("━" * filled, "cyan"),
+            ("─" * (BAR - filled), "bright_black"),
+            f"  {done} of {self._trials} trials  {_clock(elapsed_s)}",
+            (left, "dim"),
+        )
+
+    def _table(self) -> list[Text]:
+        if not self._results:
+            return []
+        _, factors, _, results = self._results[-1]
+        short = [name.rpartition(".")[2] for name in factors]
+        widths = [5, *(max(len(name), 8) for name in short), -13, *(max(len(name), 8) for name in results)]
+        # Results that a narrow terminal has no room for are left out whole.
+        while sum(abs(width) + GAP for width in widths) > self._terminal.width + GAP and widths[-1] > 0:
+            widths.pop()
+        lines = [Text(_row(["trial", *short, "outcome", *results], widths), "dim")]
+        for trial, values, outcome, row in self._results:
+            cells = [str(trial), *(figure(values.get(name)) for name in factors), outcome.replace("_", " ")]
+            cells += [figure(row.get(name)) for name in results]
+            lines.append(Text(_row(cells, widths), _STYLES.get(outcome, _BAD)))
+        return lines
+
+    def _present(self) -> list[Text]:
+        if self._trial is None:
+            return []
+        said = sorted(self._counts.items())
+        counts = Text(", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in said))
+        name, t_s = self._state
+        factors = "  ".join(
+            f"{key.rpartition('.')[2]} {figure(value)}" for key, value in self._factors.items()
+        )
+        stay = f" since {t_s:.2f} s, for {monotonic_s() - self._entered_s:.0f} s" if name else ""
+        now = Text.assemble(
+            (f"trial {self._trial}", "bold"), "  ", (name, "cyan"), (stay, "dim"), f"  {factors}"
+        )
+        if name == PAUSED:
+            hint = Text("paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts", "bold yellow")
+        else:
+            hint = Text("Ctrl+C pauses", "dim")
+        return [now, counts, hint]
+
+
+def _row(cells: Sequence[str], widths: Sequence[int]) -> str:
+    """Cells side by side: to the right, or to the left where the width is negative."""
+    return (" " * GAP).join(
+        f"{cell:<{-width}.{-width}}" if width < 0 else f"{cell:>{width}.{width}}"
+        for cell, width in zip(cells, widths, strict=False)
+    )
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,0 +1,364 @@
+"""One thread: samples in, guard, detectors, behavior, commands out, turn after turn until the trial ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from pydantic import Field
+
+from behaviors.events import Detected, Event, GuardStopped, Resumed, Tick
+from behaviors.machine import Behavior
+from controller.detectors.protocol import Detector
+from controller.guard import Guard, GuardRefusal
+from controller.rig import Rig
+from drivers.clock import rest
+from drivers.errors import DeviceError
+from drivers.messages import (
+    MOTION,
+    Command,
+    DeviceInfo,
+    Failed,
+    Listen,
+    Lost,
+    Reached,
+    SampleBlock,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+)
+from drivers.settings import Settings
+
+STANDSTILL_TIMEOUT_S = 2.0
+"""How long closing waits to see every mover stand still. Assumption: ten times a stage's slowest halt."""
+
+KEY_INTERVAL_S = 0.05
+"""How often a paused virtual bench looks for a key: faster than anyone notices."""
+
+
+class LoopSettings(Settings):
+    """How often the loop turns."""
+
+    rate_hz: float = Field(default=200.0, ge=1.0, le=2000.0)
+    """Turns a second while something moves or is heard."""
+
+    idle_rate_hz: float = Field(default=20.0, ge=1.0, le=2000.0)
+    """Turns a second on the wall clock otherwise; virtual time jumps to the next deadline instead."""
+
+
+class Witness(Protocol):
+    """Sees all, steers nothing: the recorder's side of the loop."""
+
+    def record(self, blocks: Sequence[SampleBlock]) -> None:
+        """Keep the blocks of one turn."""
+
+    def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
+        """Nobody listened to a stream in this span."""
+
+    def event(self, event: Event, *, state: str, next_state: str, commands: Sequence[Command]) -> None:
+        """Keep one event and what followed from it."""
+
+    def flush(self) -> None:
+        """Put what is kept where a crash does not reach it."""
+
+
+class Operator(Protocol):
+    """The person at the bench."""
+
+    def poll(self) -> str | None:
+        """Returns "pause", "resume", "abort" or None; never waits."""
+
+    def state(self, name: str, t_s: float) -> None:
+        """Show the state that the trial is in."""
+
+
+class Aborted(Exception):  # noqa: N818 - asked for, not an error
+    """The operator ended the run."""
+
+
+@dataclass(slots=True)
+class LoopAccount:
+    """What the loop did in a trial.
+
+    Attributes:
+        turns: How many turns it took.
+        overruns: Turns that began more than a whole period late (wall clock only).
+        worst_late_s: The latest of them.
+        lost: Samples lost, by stream.
+        paused_s: Time spent paused.
+    """
+
+    turns: int = 0
+    overruns: int = 0
+    worst_late_s: float = 0.0
+    paused_s: float = 0.0
+    lost: dict[str, int] = field(default_factory=dict)
+
+
+class Loop:
+    """Runs one behavior on a rig.
+
+    Args:
+        rig: Open devices and their clock.
+        infos: What `open` returned, by device.
+        guard: The last gate.
+        witness: The recorder.
+        operator: Who may pause and abort.
+        settings: Rates.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        infos: Mapping[str, DeviceInfo],
+        guard: Guard,
+        witness: Witness,
+        operator: Operator,
+        settings: LoopSettings,
+    ) -> None:
+        self._rig = rig
+        self._clock = rig.clock
+        self._movers = [name for name, info in infos.items() if info.mover]
+        self._streams = {stream for info in infos.values() for stream in info.streams}
+        self._guard = guard
+        self._witness = witness
+        self._operator = operator
+        self._settings = settings
+
+    def run(self, behavior: Behavior, detectors: Mapping[str, Detector]) -> LoopAccount:
+        """Run one trial to its end; every mover stands still when this returns or raises.
+
+        Raises:
+            GuardRefusal: the guard would not let a command through.
+            DeviceError: a device cannot do its part.
+            Aborted: the operator said so.
+        """
+        self._behavior = behavior
+        self._detectors = detectors
+        self._armed: frozenset[str] = frozenset()
+        self._heard: frozenset[str] = frozenset()
+        self._silent_since = dict.fromkeys(self._streams, 0.0)
+        self._moving: set[str] = set()
+        self._paused_s: float | None = None
+        self.account = LoopAccount()
+        self.events: list[Event] = []
+        self.entered_s: dict[str, float] = {}
+        self._guard.reset(self._clock.now())
+        try:
+            self._hear_operator_first()
+            self._begin()
+            turn = 0
+            while not behavior.done:
+                turn = self._next(turn)
+                late_s = self._wait(turn)
+                self._turn(self._clock.now(), late_s)
+        finally:
+            self.halt()
+        return self.account
+
+    def halt(self) -> None:
+        """Stop every mover, see that it stands still, hear nothing more, flush. Each step runs whatever fails."""
+        for name in self._movers:
+            with suppress(DeviceError):
+                self._rig.devices[name].apply(Stop(name))
+        pending = set(self._movers)
+        give_up_s = self._clock.now() + STANDSTILL_TIMEOUT_S
+        while pending and self._clock.now() < give_up_s:
+            self._clock.wait_until(self._clock.now() + 1.0 / self._settings.rate_hz)
+            with suppress(DeviceError):
+                blocks, statuses = self._gather()
+                self._witness.record(blocks)
+                for status in statuses:
+                    self._note(status)
+                    self._keep(status, self._behavior.state.name, self._behavior.state.name, ())
+                    if isinstance(status, Standstill | Failed):
+                        pending.discard(status.device)
+        with suppress(DeviceError):
+            self._listen(frozenset())
+        for stream, since_s in self._silent_since.items():
+            self._witness.skip(stream, since_s, self._clock.now())
+        self._witness.flush()
+
+    # time
+
+    def _next(self, turn: int) -> int:
+        """Number of the next turn; turn k is due at k / rate."""
+        rate_hz = self._settings.rate_hz
+        if self._moving or self._heard:
+            following = turn + 1
+        elif self._clock.virtual and self._paused_s is None:
+            following = (
+                math.ceil(self._behavior.wake_s * rate_hz - 1e-9)
+                if math.isfinite(self._behavior.wake_s)
+                else 0
+            )
+        else:
+            following = turn + max(1, round(rate_hz / self._settings.idle_rate_hz))
+        if not self._clock.virtual:
+            # A turn that comes late is not made up for by a burst of turns.
+            following = max(following, math.floor(self._clock.now() * rate_hz))
+        return max(following, turn + 1)
+
+    def _wait(self, turn: int) -> float:
+        due_s = turn / self._settings.rate_hz
+        self._clock.wait_until(due_s)
+        late_s = self._clock.now() - due_s
+        self.account.turns += 1
+        if late_s > 1.0 / self._settings.rate_hz:
+            self.account.overruns += 1
+            self.account.worst_late_s = max(self.account.worst_late_s, late_s)
+        return late_s
+
+    # one turn
+
+    def _hear_operator_first(self) -> None:
+        """A word from before the trial counts before anything moves."""
+        word = self._operator.poll()
+        if word == "pause":
+            self._operator.state("PAUSED", self._clock.now())
+            while word not in ("resume", "abort"):
+                rest(KEY_INTERVAL_S)
+                word = self._operator.poll()
+        if word == "abort":
+            raise Aborted
+
+    def _begin(self) -> None:
+        t_s = self._clock.now()
+        commands = self._behavior.begin(t_s)
+        self.entered_s[self._behavior.state.name] = t_s
+        self._operator.state(self._behavior.state.name, t_s)
+        self._arrange(commands)
+        self._apply(commands)
+
+    def _turn(self, t_s: float, late_s: float) -> None:
+        self._attend(t_s)
+        blocks, statuses = self._gather()
+        self._witness.record(blocks)
+        for status in statuses:
+            self._note(status)
+        events: list[Event] = [*statuses]
+        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s)
+        if reason is not None:
+            self._stop_all()
+            events.insert(0, GuardStopped(t_s, reason))
+        if self._paused_s is not None:
+            # Still watched, nothing decided: only what ends the trial is let through.
+            events = [event for event in events if isinstance(event, GuardStopped | Failed | Stalled)]
+        else:
+            events += self._detect(blocks)
+            events.append(Tick(t_s))
+        for event in events:
+            if self._behavior.done:
+                break
+            self._handle(event)
+
+    def _gather(self) -> tuple[list[SampleBlock], list[Status]]:
+        blocks: list[SampleBlock] = []
+        statuses: list[Status] = []
+        for device in self._rig.devices.values():
+            blocks += device.read()
+            statuses += device.poll()
+        return blocks, statuses
+
+    def _note(self, status: Status) -> None:
+        if isinstance(status, Reached | Standstill | Stalled | Failed):
+            self._moving.discard(status.device)
+        elif isinstance(status, Lost):
+            self.account.lost[status.stream] = self.account.lost.get(status.stream, 0) + status.samples
+
+    def _detect(self, blocks: Iterable[SampleBlock]) -> list[Detected]:
+        found: list[Detected] = []
+        armed = [self._detectors[name] for name in sorted(self._armed)]
+        for block in blocks:
+            for detector in armed:
+                if block.stream in detector.inputs:
+                    found += detector.push(block)
+        found.sort(key=lambda event: event.t_s)
+        return found
+
+    def _handle(self, event: Event) -> None:
+        before = self._behavior.state
+        commands = self._behavior.handle(event)
+        after = self._behavior.state
+        # The arrangement may have changed even where a state follows itself.
+        if commands or after is not before:
+            if after is not before:
+                self._operator.state(after.name, event.t_s)
+            self._arrange(commands)
+            self._apply(commands)
+        if commands or after is not before or not isinstance(event, Tick):
+            self._keep(event, before.name, after.name, commands)
+
+    def _keep(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
+        self.events.append(event)
+        if before != after:
+            self.entered_s[after] = event.t_s
+        self._witness.event(event, state=before, next_state=after, commands=commands)
+
+    # what follows from a decision
+
+    def _arrange(self, commands: Sequence[Command]) -> None:
+        """Arm the detectors of the present state, and ask devices for what is heard from now on."""
+        plan = self._behavior.plan
+        for name in plan.detectors - self._armed:
+            self._detectors[name].reset()
+        self._armed = plan.detectors
+        heard = set(plan.measures)
+        for name in plan.detectors:
+            heard.update(self._detectors[name].inputs)
+        if self._moving or any(isinstance(command, MOTION) for command in commands):
+            heard |= self._guard.inputs
+        self._listen(frozenset(heard))
+
+    def _listen(self, heard: frozenset[str]) -> None:
+        if heard == self._heard:
+            return
+        now_s = self._clock.now()
+        for name, device in self._rig.devices.items():
+            wanted = frozenset(stream for stream in heard if stream.partition(".")[0] == name)
+            present = frozenset(stream for stream in self._heard if stream.partition(".")[0] == name)
+            if wanted != present:
+                device.apply(Listen(name, wanted))
+        for stream in heard - self._heard:
+            self._witness.skip(stream, self._silent_since.pop(stream, now_s), now_s)
+        for stream in self._heard - heard:
+            self._silent_since[stream] = now_s
+        self._heard = heard
+
+    def _apply(self, commands: Sequence[Command]) -> None:
+        for command in commands:
+            admitted = self._guard.admit(command)
+            self._rig.devices[command.device].apply(admitted)
+            if isinstance(admitted, MOTION):
+                self._moving.add(command.device)
+
+    def _stop_all(self) -> None:
+        for name in self._movers:
+            with suppress(DeviceError):
+                self._rig.devices[name].apply(Stop(name))
+
+    def _attend(self, t_s: float) -> None:
+        """Hear the operator: pause stops every mover, the guard goes on watching."""
+        word = self._operator.poll()
+        while word is None and self._paused_s is not None and self._clock.virtual and not self._moving:
+            # Virtual time stands still while a person thinks; the processor may as well rest.
+            rest(KEY_INTERVAL_S)
+            word = self._operator.poll()
+        if word == "abort":
+            raise Aborted
+        if word == "pause" and self._paused_s is None:
+            self._paused_s = t_s
+            self._stop_all()
+            self._operator.state("PAUSED", t_s)
+        elif word == "resume" and self._paused_s is not None:
+            self.account.paused_s += t_s - self._paused_s
+            self._paused_s = None
+            self._operator.state(self._behavior.state.name, t_s)
+            self._handle(Resumed(t_s))
+
+
+__all__ = ["Aborted", "GuardRefusal", "Loop", "LoopAccount", "LoopSettings", "Operator", "Witness"]

@@ -1,0 +1,1 @@
+"""From a trial's recording to its row in trials.csv: one module per experiment."""

@@ -1,0 +1,47 @@
+"""A1: dominant frequency and amplitude at rest (Backus and Dollar, IV.A, Fig. 4)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from behaviors.static import StaticSettings
+from controller.measures.trial import TrialEvidence
+from controller.signals.spectrum import dominant_frequency
+
+COLUMNS = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
+
+
+def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure one static contact over the whole representative sample.
+
+    Returns:
+        The outcome, and the columns: dominant frequency of the acceleration; standard deviation of the
+        frequency from period to period (large means erratic); amplitude of the acceleration (root two times its
+        standard deviation) and of the accelerometer's motion (the same over the angular frequency squared);
+        mean and peak force.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    begun_s = evidence.entered_s.get("RECORDING")
+    if begun_s is None:
+        return outcome, row
+    accelerometer, load_cell, period = settings.measures
+    times_s, acceleration_m_s2 = evidence.series(accelerometer, begun_s)
+    if len(times_s) > 1:
+        rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
+        frequency_hz = dominant_frequency(acceleration_m_s2, rate_hz)
+        amplitude_m_s2 = math.sqrt(2.0) * float(np.std(acceleration_m_s2))
+        row.update(
+            frequency_hz=frequency_hz,
+            amplitude_m_s2=amplitude_m_s2,
+            amplitude_m=amplitude_m_s2 / (2.0 * math.pi * frequency_hz) ** 2,
+        )
+    _, periods_s = evidence.series(period, begun_s)
+    if len(periods_s) > 1:
+        row["frequency_sd_hz"] = float(np.std(1.0 / periods_s, ddof=1))
+    _, force_n = evidence.series(load_cell, begun_s)
+    if len(force_n):
+        row.update(force_n=float(force_n.mean()), force_peak_n=float(force_n.max()))
+    return outcome, row

@@ -1,0 +1,140 @@
+"""A2: delay, extent and force at detection, against the load cell (Backus and Dollar, III.C, Table I)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.events import BaselineReady, Contact
+from behaviors.transient import TransientSettings
+from controller.measures.trial import TrialEvidence
+from drivers.messages import Sent, Standstill, Stop
+
+ONSET_N = 0.005
+"""The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
+
+COLUMNS = (
+    "truth_contact_s",
+    "onset_s",
+    "detect_s",
+    "delay_s",
+    "extent_m",
+    "force_n",
+    "force_peak_n",
+    "false_contacts",
+    "baseline_hz",
+    "threshold_hz",
+    "command_s",
+    "standstill_s",
+    "stop_travel_m",
+)
+
+
+def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure one approach.
+
+    A detection before contact is false: before the simulated contact where the truth is known, else before the
+    load cell's onset. A detection may precede the onset (the touch is lighter than 0.005 N); its delay is
+    then negative.
+
+    Returns:
+        The outcome, with a false contact told from a true one, and the row's columns; what was not seen is None.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    load_cell, _, position = settings.measures
+    begun_s = evidence.entered_s.get("APPROACH")
+    ready = evidence.last(BaselineReady, detector=settings.detector)
+    if ready is not None:
+        row.update(baseline_hz=ready.value, threshold_hz=ready.threshold)
+    if begun_s is None:
+        return outcome, row
+    times_s, force_n = _tared(evidence, load_cell, begun_s)
+    above = np.flatnonzero(force_n >= ONSET_N)
+    onset_s = float(times_s[above[0]]) if len(above) else None
+    touched_s = None
+    if evidence.truth is not None:
+        touched_s = next((t_s for t_s, made in evidence.truth if made and t_s >= begun_s), None)
+    row.update(onset_s=onset_s, truth_contact_s=touched_s, force_peak_n=_largest(force_n), false_contacts=0)
+    contact = evidence.last(Contact, detector=settings.detector)
+    if contact is None or contact.t_s < begun_s:
+        return outcome, row
+    detect_s = contact.t_s
+    row.update(detect_s=detect_s, **_certificate(evidence, settings, position, detect_s))
+    reference_s = touched_s if evidence.truth is not None else onset_s
+    if reference_s is None or detect_s < reference_s:
+        row["false_contacts"] = 1
+        return ("false_contact" if outcome == "contact" else outcome), row
+    row["force_n"] = _mean_over_oscillation(times_s, force_n, detect_s, contact.value)
+    if onset_s is not None:
+        row["delay_s"] = detect_s - onset_s
+        at = _positions(evidence, position, (onset_s, detect_s))
+        row["extent_m"] = at[1] - at[0] if at is not None else None
+    return outcome, row
+
+
+def _tared(
+    evidence: TrialEvidence, stream: str, begun_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Load cell since the approach began, less its mean over the baseline before."""
+    times_s, force_n = evidence.series(stream, evidence.entered_s.get("BASELINE", -math.inf))
+    before = times_s < begun_s
+    zero_n = float(force_n[before].mean()) if before.any() else 0.0
+    return times_s[~before], force_n[~before] - zero_n
+
+
+def _largest(force_n: NDArray[np.float64]) -> float | None:
+    return float(force_n.max()) if len(force_n) else None
+
+
+def _mean_over_oscillation(
+    times_s: NDArray[np.float64], force_n: NDArray[np.float64], end_s: float, frequency_hz: float
+) -> float | None:
+    """Mean force over the one oscillation that ends at `end_s`."""
+    within = (times_s > end_s - 1.0 / frequency_hz) & (times_s <= end_s)
+    return float(force_n[within].mean()) if within.any() else None
+
+
+def _positions(evidence: TrialEvidence, stream: str, at_s: tuple[float, ...]) -> NDArray[np.float64] | None:
+    """Mover's positions at some instants, between its reports (the speed between two of them is constant)."""
+    times_s, position_m = evidence.series(stream)
+    if not len(times_s):
+        return None
+    return np.interp(at_s, times_s, position_m)
+
+
+def _certificate(
+    evidence: TrialEvidence, settings: TransientSettings, position: str, detect_s: float
+) -> Mapping[str, float | None]:
+    """The stop certificate: when the command left, when the mover stood still, how far it went in between."""
+    sent = next(
+        (
+            event
+            for event in evidence.events
+            if isinstance(event, Sent)
+            and isinstance(event.command, Stop)
+            and event.device == settings.mover
+            and event.t_s >= detect_s
+        ),
+        None,
+    )
+    still = next(
+        (
+            event
+            for event in evidence.events
+            if isinstance(event, Standstill) and event.device == settings.mover and event.t_s >= detect_s
+        ),
+        None,
+    )
+    travel_m = None
+    if still is not None:
+        at = _positions(evidence, position, (detect_s, still.t_s))
+        travel_m = float(at[1] - at[0]) if at is not None else None
+    return {
+        "command_s": None if sent is None else sent.t_s,
+        "standstill_s": None if still is None else still.t_s,
+        "stop_travel_m": travel_m,
+    }

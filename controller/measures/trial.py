@@ -1,0 +1,58 @@
+"""What a measure is given: the trial's events and streams, live or read again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.events import Event
+from controller.recording.series import TrialRecording
+
+
+@dataclass(slots=True)
+class TrialEvidence:
+    """Everything that a trial left behind.
+
+    Attributes:
+        factors: What the trial varied.
+        events: In the order in which they were handled.
+        entered_s: Bench time at which each state was last entered, by name.
+        recording: The streams.
+        truth: Instants at which contact really began and ended, where the bench is simulated here; else None.
+    """
+
+    factors: Mapping[str, Any]
+    recording: TrialRecording
+    events: list[Event] = field(default_factory=list)
+    entered_s: dict[str, float] = field(default_factory=dict)
+    truth: Sequence[tuple[float, bool]] | None = None
+
+    def series(
+        self, stream: str, since_s: float = -np.inf
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times (n,) in seconds and values (n,) of a stream's first channel, in its unit, from `since_s` on."""
+        series = self.recording.stream(stream)
+        wanted = series.times_s >= since_s
+        return series.times_s[wanted], series.values[wanted, 0]
+
+    def first(self, kind: type[Event], **wanted: object) -> Any:
+        """First event of a kind whose attributes are as wanted, or None."""
+        for event in self.events:
+            if isinstance(event, kind) and all(
+                getattr(event, name) == value for name, value in wanted.items()
+            ):
+                return event
+        return None
+
+    def last(self, kind: type[Event], **wanted: object) -> Any:
+        """Last such event, or None."""
+        for event in reversed(self.events):
+            if isinstance(event, kind) and all(
+                getattr(event, name) == value for name, value in wanted.items()
+            ):
+                return event
+        return None

@@ -1,0 +1,1 @@
+"""Recorder, reader, run folder and ledger: what stays of a run."""

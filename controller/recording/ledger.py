@@ -1,0 +1,122 @@
+"""trials.csv: one line a trial, appended as it ends, the same bytes for the same seed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from controller.recording.run_folder import RecordingError
+
+Cell = str | int | float | bool | None
+
+DIGITS = 9
+"""Significant digits of a number: finer than any sensor here, coarser than rounding errors."""
+
+_INTEGER = re.compile(r"-?\d+")
+_NUMBER = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?")
+
+
+class Ledger:
+    """Appends rows with fixed columns: `trial`, `outcome`, the factors, the measures.
+
+    A row depends on its own trial alone; rows stand in the order in which trials ran.
+
+    Args:
+        path: The file; made with its header where absent, else its columns must be the same.
+        factors: Names of what is varied.
+        measures: Names of what is measured.
+
+    Raises:
+        RecordingError: it cannot be written.
+        ValueError: the file has other columns.
+    """
+
+    def __init__(self, path: Path, factors: Sequence[str], measures: Sequence[str]) -> None:
+        self.path = path
+        self.columns = ("trial", "outcome", *factors, *measures)
+        header = _line(self.columns)
+        if path.exists() and path.stat().st_size:
+            if path.read_text("utf-8").split("\n", 1)[0] + "\n" != header:
+                raise ValueError(
+                    f"{path}: its columns are not those of this profile; write to another folder"
+                )
+            self._drop_cut_line()
+        else:
+            self._append(header)
+
+    def append(self, row: Mapping[str, object]) -> None:
+        """Write one row and see it on the disk; a missing value stays empty.
+
+        Raises:
+            RecordingError: it cannot be written.
+            ValueError: the row has a column that the ledger has not.
+        """
+        unknown = sorted(set(row) - set(self.columns))
+        if unknown:
+            raise ValueError(f"{self.path}: no column {', '.join(unknown)}")
+        self._append(_line([format_cell(row.get(column)) for column in self.columns]))
+
+    def _append(self, line: str) -> None:
+        try:
+            with self.path.open("ab", buffering=0) as file:
+                file.write(line.encode())
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise RecordingError(self.path, "appending to", error) from error
+
+    def _drop_cut_line(self) -> None:
+        data = self.path.read_bytes()
+        if not data.endswith(b"\n"):
+            os.truncate(self.path, data.rfind(b"\n") + 1)
+
+
+def format_cell(value: object) -> str:
+    """A cell's text: numbers to nine significant digits, nothing for None and NaN."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | str):
+        return str(value)
+    number = float(value)  # type: ignore[arg-type]  # a NumPy scalar, or an error that says what it is
+    return "" if math.isnan(number) else f"{number + 0.0:.{DIGITS}g}"  # + 0.0: no minus before zero
+
+
+def read_ledger(path: Path) -> tuple[list[dict[str, Cell]], bool]:
+    """All whole rows, and whether a last one was cut off.
+
+    Cells become numbers, booleans, None (empty) or text.
+
+    Raises:
+        ValueError: a row has more or fewer cells than the header.
+    """
+    if not path.exists():
+        return [], False
+    text = path.read_bytes().decode("utf-8", errors="replace")
+    whole, _, cut = text.rpartition("\n")
+    lines = list(csv.reader(io.StringIO(whole)))
+    rows: list[dict[str, Cell]] = []
+    for number, cells in enumerate(lines[1:], start=2):
+        if len(cells) != len(lines[0]):
+            raise ValueError(f"{path}: line {number} has {len(cells)} cells, the header has {len(lines[0])}")
+        rows.append(dict(zip(lines[0], map(_parsed, cells), strict=True)))
+    return rows, bool(cut)
+
+
+def _parsed(text: str) -> Cell:
+    if text in ("", "true", "false"):
+        return {"": None, "true": True, "false": False}[text]
+    if _INTEGER.fullmatch(text):
+        return int(text)
+    return float(text) if _NUMBER.fullmatch(text) else text
+
+
+def _line(cells: Sequence[str]) -> str:
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerow(cells)
+    return buffer.getvalue()

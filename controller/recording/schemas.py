@@ -1,0 +1,193 @@
+"""What is in a recording, described in the file itself: protobuf messages made from a few descriptors.
+
+- one message a sample, `t_s` and a double for each channel: what Foxglove and PlotJuggler plot;
+- `touchbench.Block`: a sample block as the driver gave it, raw, for replay and for measures;
+- `touchbench.Skipped`: a span in which nobody listened to a stream;
+- `foxglove.Log`: what happened, in Foxglove's own schema, for its log panel.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
+from numpy.typing import NDArray
+
+from drivers.messages import SampleBlock, StreamInfo
+
+_Field = descriptor_pb2.FieldDescriptorProto
+_TYPES = {
+    "double": _Field.TYPE_DOUBLE,
+    "uint64": _Field.TYPE_UINT64,
+    "uint32": _Field.TYPE_UINT32,
+    "string": _Field.TYPE_STRING,
+    "bytes": _Field.TYPE_BYTES,
+    "fixed32": _Field.TYPE_FIXED32,
+}
+
+BLOCK_FIELDS = {
+    "seq": "uint64",
+    "t0_s": "double",
+    "channels": "uint32",
+    "dtype": "string",
+    "values": "bytes",
+    "unit": "string",
+    "scale": "double",
+    "rate_hz": "optional double",
+    "times_s": "repeated double",
+    "device_t0_s": "optional double",
+    "arrival_s": "optional double",
+}
+SKIPPED_FIELDS = {"stream": "string", "t0_s": "double", "t1_s": "double"}
+LOG_LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
+"""`foxglove.LogLevel`, in the order of its numbers."""
+
+
+class Schema:
+    """A protobuf message type: its full name, the class, and what an MCAP file stores of it."""
+
+    def __init__(self, files: list[descriptor_pb2.FileDescriptorProto], name: str) -> None:
+        pool = descriptor_pool.DescriptorPool()
+        for file in files:
+            pool.Add(file)
+        self.name = name
+        self.descriptors: bytes = descriptor_pb2.FileDescriptorSet(file=files).SerializeToString()
+        self.message: Any = message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
+
+
+def _file(package: str, message: str, fields: Mapping[str, str]) -> descriptor_pb2.FileDescriptorProto:
+    file = descriptor_pb2.FileDescriptorProto(
+        name=f"{package}/{message}.proto", package=package, syntax="proto3"
+    )
+    described = file.message_type.add(name=message)
+    for number, (name, kind) in enumerate(fields.items(), start=1):
+        rule, _, plain = kind.rpartition(" ")
+        field = described.field.add(name=name, number=number, label=_Field.LABEL_OPTIONAL)
+        if plain in _TYPES:
+            field.type = _TYPES[plain]
+        else:
+            field.type_name = plain
+        if rule == "repeated":
+            field.label = _Field.LABEL_REPEATED
+        elif rule == "optional":  # proto3 says presence by a oneof of one
+            field.proto3_optional = True
+            field.oneof_index = len(described.oneof_decl)
+            described.oneof_decl.add(name=f"_{name}")
+    return file
+
+
+def block_schema() -> Schema:
+    """`touchbench.Block`."""
+    return Schema([_file("touchbench", "Block", BLOCK_FIELDS)], "touchbench.Block")
+
+
+def skipped_schema() -> Schema:
+    """`touchbench.Skipped`."""
+    return Schema([_file("touchbench", "Skipped", SKIPPED_FIELDS)], "touchbench.Skipped")
+
+
+def log_schema() -> Schema:
+    """`foxglove.Log`, field by field as in Foxglove's published message schemas."""
+    stamp = descriptor_pb2.FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(stamp)
+    level = descriptor_pb2.FileDescriptorProto(
+        name="foxglove/LogLevel.proto", package="foxglove", syntax="proto3"
+    )
+    names = level.enum_type.add(name="LogLevel").value
+    for number, name in enumerate(LOG_LEVELS):
+        names.add(name=name, number=number)
+    log = _file(
+        "foxglove",
+        "Log",
+        {
+            "timestamp": ".google.protobuf.Timestamp",
+            "level": ".foxglove.LogLevel",
+            "message": "string",
+            "name": "string",
+            "file": "string",
+            "line": "fixed32",
+        },
+    )
+    log.dependency.extend([stamp.name, level.name])
+    return Schema([stamp, level, log], "foxglove.Log")
+
+
+class SampleSchema(Schema):
+    """One sample of a stream: `t_s` (bench time in the trial) and each channel, in the stream's unit.
+
+    The encoder is vectorised: all fields are doubles, so that all messages of a stream are equally long.
+
+    Args:
+        info: The stream; `board.load_cell` with channel `force` in N gives `BoardLoadCell.force_n`.
+    """
+
+    def __init__(self, info: StreamInfo) -> None:
+        message = "".join(part.capitalize() for part in re.split(r"\W|_", info.name))
+        unit = _identifier(info.unit)
+        names = [_identifier(f"{channel}_{unit}" if unit else channel) for channel in info.channels]
+        fields = {"t_s": "double"} | dict.fromkeys(names, "double")
+        super().__init__([_file("touchbench", message, fields)], f"touchbench.{message}")
+        columns: list[tuple[Any, ...]] = []
+        self._tags: list[NDArray[np.uint8]] = []
+        for number in range(1, len(fields) + 1):
+            tag = number << 3 | 1  # wire type 1: eight bytes
+            encoded = [tag] if tag < 0x80 else [tag & 0x7F | 0x80, tag >> 7]
+            self._tags.append(np.array(encoded, np.uint8))
+            columns += [(f"tag{number}", "u1", (len(encoded),)), (f"value{number}", "<f8")]
+        self._row = np.dtype(columns)
+
+    def encode(self, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Samples, values (n, channels) in the unit, one serialised message a row; shape (n, bytes)."""
+        rows = np.empty(len(times_s), self._row)
+        for number, tag in enumerate(self._tags, start=1):
+            rows[f"tag{number}"] = tag
+        rows["value1"] = times_s
+        for number, channel in enumerate(values.T, start=2):
+            rows[f"value{number}"] = channel
+        return rows.view(np.uint8).reshape(len(rows), self._row.itemsize)
+
+
+def _identifier(text: str) -> str:
+    name = re.sub(r"\W+", "_", text.lower()).strip("_")
+    return f"_{name}" if name[:1].isdigit() else name
+
+
+def encode_block(schema: Schema, block: SampleBlock) -> bytes:
+    """Serialise a block exactly: raw values in their own type, little-endian."""
+    values = np.ascontiguousarray(block.values)
+    values = values.astype(values.dtype.newbyteorder("<"), copy=False)
+    message = schema.message(
+        seq=block.seq,
+        t0_s=block.t0_s,
+        channels=values.shape[1],
+        dtype=values.dtype.str,
+        values=values.tobytes(),
+        unit=block.unit,
+        scale=block.scale,
+        rate_hz=block.rate_hz,
+        times_s=block.times_s,
+        device_t0_s=block.device_t0_s,
+        arrival_s=block.arrival_s,
+    )
+    return bytes(message.SerializeToString())
+
+
+def decode_block(schema: Schema, stream: str, data: bytes) -> SampleBlock:
+    """The block that `encode_block` was given."""
+    message = schema.message.FromString(data)
+    rate_hz = message.rate_hz if message.HasField("rate_hz") else None
+    return SampleBlock(
+        stream=stream,
+        seq=message.seq,
+        t0_s=message.t0_s,
+        values=np.frombuffer(message.values, np.dtype(message.dtype)).reshape(-1, message.channels),
+        rate_hz=rate_hz,
+        times_s=np.array(message.times_s) if rate_hz is None else None,
+        unit=message.unit,
+        scale=message.scale,
+        device_t0_s=message.device_t0_s if message.HasField("device_t0_s") else None,
+        arrival_s=message.arrival_s if message.HasField("arrival_s") else None,
+    )

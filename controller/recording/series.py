@@ -1,0 +1,120 @@
+"""What was recorded of one trial: the same class while it runs and when it is read again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.messages import SampleBlock
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of bench time."""
+
+    t0_s: float
+    t1_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gap(Span):
+    """Lost samples: from the last one before to the first one after, and how many are missing."""
+
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One stream of one trial.
+
+    Attributes:
+        times_s: Bench time of each sample, shape (n,).
+        values: In `unit`, shape (n, channels).
+        unit: Unit of the values, "" where nothing was recorded.
+        gaps: Where samples were lost.
+        skipped: Where nobody listened: no loss.
+    """
+
+    times_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    unit: str = ""
+    gaps: tuple[Gap, ...] = ()
+    skipped: tuple[Span, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def between(self, t0_s: float, t1_s: float) -> Series:
+        """The samples with t0_s <= t < t1_s, and the gaps and skipped spans that touch them."""
+        inside = (self.times_s >= t0_s) & (self.times_s < t1_s)
+        return Series(
+            self.times_s[inside],
+            self.values[inside],
+            self.unit,
+            tuple(gap for gap in self.gaps if gap.t0_s < t1_s and gap.t1_s > t0_s),
+            tuple(span for span in self.skipped if span.t0_s < t1_s and span.t1_s > t0_s),
+        )
+
+
+class TrialRecording:
+    """Blocks and skipped spans of one trial, stream by stream, in the order in which they came.
+
+    Args:
+        trial: Its number in the profile.
+        factors: What was varied in it.
+    """
+
+    def __init__(self, trial: int, factors: Mapping[str, object] | None = None) -> None:
+        self.trial = trial
+        self.factors = dict(factors or {})
+        self._blocks: dict[str, list[SampleBlock]] = {}
+        self._skipped: dict[str, list[Span]] = {}
+
+    @property
+    def streams(self) -> Sequence[str]:
+        """Names of the streams of which anything was recorded, sorted."""
+        return sorted(self._blocks)
+
+    def add(self, block: SampleBlock) -> None:
+        """Append a block to its stream."""
+        self._blocks.setdefault(block.stream, []).append(block)
+
+    def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
+        """Note that nobody listened to a stream from `t0_s` to `t1_s`."""
+        self._skipped.setdefault(stream, []).append(Span(t0_s, t1_s))
+
+    def blocks(self, stream: str) -> Sequence[SampleBlock]:
+        """The stream's blocks as they were recorded; empty where there are none."""
+        return tuple(self._blocks.get(stream, ()))
+
+    def stream(self, name: str) -> Series:
+        """One stream as arrays; without a sample where nothing of it was recorded."""
+        blocks = [block for block in self._blocks.get(name, ()) if len(block)]
+        skipped = tuple(self._skipped.get(name, ()))
+        if not blocks:
+            return Series(np.empty(0), np.empty((0, 1)), skipped=skipped)
+        times = [block.times for block in blocks]
+        return Series(
+            np.concatenate(times),
+            np.concatenate([block.physical for block in blocks]),
+            blocks[0].unit,
+            tuple(_gaps(blocks, times, skipped)),
+            skipped,
+        )
+
+
+def _gaps(
+    blocks: Sequence[SampleBlock], times: Sequence[NDArray[np.float64]], skipped: Sequence[Span]
+) -> list[Gap]:
+    """Jumps of the sequence that no skipped span explains."""
+    gaps = []
+    for index in range(1, len(blocks)):
+        before, after = blocks[index - 1], blocks[index]
+        missing = after.seq - before.seq - len(before)
+        t0_s, t1_s = float(times[index - 1][-1]), float(times[index][0])
+        if missing > 0 and not any(span.t0_s < t1_s and span.t1_s > t0_s for span in skipped):
+            gaps.append(Gap(t0_s, t1_s, missing))
+    return gaps

@@ -1,0 +1,262 @@
+"""The numbers of A2: approaches read from runs, grouped, averaged, held against the paper's bounds and trends."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from scipy.stats import spearmanr
+
+from controller.recording.reader import Run
+from controller.reports.paper import DELAY_BOUND_S, EXTENT_BOUND_M, FORCE_BOUND_N, TABLE_1, PaperRow
+
+SPEED_TOLERANCE = 0.005
+"""How near a trial's speed must be to a row's to belong to it, relative: half of Table I's last digit but one."""
+
+NOISE, SAMPLE_HZ = "plant.noise_scale", "detectors.contact.sample_hz"
+"""Factors of the study of what the paper does not print."""
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """One trial of A2, as trials.csv has it; what was not seen is None."""
+
+    run: Run
+    trial: int
+    outcome: str
+    location: str
+    speed_m_s: float
+    delay_s: float | None
+    extent_m: float | None
+    force_n: float | None
+    force_peak_n: float | None
+    false_contacts: int
+    onset_s: float | None
+    truth_contact_s: float | None
+    detect_s: float | None
+    command_s: float | None
+    standstill_s: float | None
+    stop_travel_m: float | None
+    baseline_hz: float | None
+    threshold_hz: float | None
+    noise_scale: float | None
+    sample_hz: float | None
+
+    @property
+    def detected(self) -> bool:
+        """Whether it ended by a contact that was none before the touch."""
+        return self.outcome == "contact" and self.delay_s is not None
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing but speed and location was varied."""
+        return self.noise_scale is None and self.sample_hz is None
+
+
+def read_approaches(runs: Iterable[Run]) -> list[Approach]:
+    """Every trial of the runs, by run and number."""
+    approaches = []
+    for run in runs:
+        for row in sorted(run.trials, key=lambda row: int(row["trial"] or 0)):
+            names = [name for name in Approach.__dataclass_fields__ if name in row]
+            values: dict[str, object] = {name: row[name] for name in names}
+            values["false_contacts"] = int(row.get("false_contacts") or 0)
+            values |= {"noise_scale": row.get(NOISE), "sample_hz": row.get(SAMPLE_HZ), "run": run}
+            values.setdefault("location", "f")
+            missing = dict.fromkeys(set(Approach.__dataclass_fields__) - set(values))
+            approaches.append(Approach(**values, **missing))  # type: ignore[arg-type]  # cells are typed by column
+    return approaches
+
+
+@dataclass(frozen=True, slots=True)
+class Mean:
+    """Mean and standard deviation (n - 1) of some trials; NaN where there are too few."""
+
+    mean: float
+    sigma: float
+    n: int
+
+
+def mean_of(values: Iterable[float | None]) -> Mean:
+    """Mean and standard deviation of what is not None."""
+    known = [value for value in values if value is not None]
+    mean = statistics.fmean(known) if known else math.nan
+    sigma = statistics.stdev(known) if len(known) > 1 else math.nan
+    return Mean(mean, sigma, len(known))
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The trials of one location and speed, with the paper's row where it has one."""
+
+    location: str
+    speed_m_s: float
+    approaches: Sequence[Approach]
+    paper: PaperRow | None
+
+    @property
+    def contacts(self) -> list[Approach]:
+        """Those that ended by a true contact."""
+        return [approach for approach in self.approaches if approach.detected]
+
+    @property
+    def false_contacts(self) -> int:
+        """How many alarmed before the touch."""
+        return sum(approach.false_contacts for approach in self.approaches)
+
+    def mean(self, measure: str) -> Mean:
+        """Mean of a measure over the true contacts."""
+        return mean_of(getattr(approach, measure) for approach in self.contacts)
+
+
+def table_rows(approaches: Sequence[Approach]) -> list[Row]:
+    """Rows in the order of Table I, then those that the paper does not have, by location and speed."""
+    rest = [approach for approach in approaches if approach.plain]
+    rows = []
+    for paper in TABLE_1:
+        mine = [approach for approach in rest if _belongs(approach, paper)]
+        rest = [approach for approach in rest if not _belongs(approach, paper)]
+        if mine:
+            rows.append(Row(paper.location, paper.speed_m_s[0], mine, paper))
+
+    def key(approach: Approach) -> tuple[str, float]:
+        return approach.location, approach.speed_m_s
+
+    for (location, speed_m_s), group in groupby(sorted(rest, key=key), key=key):
+        rows.append(Row(location, speed_m_s, list(group), None))
+    return rows
+
+
+def _belongs(approach: Approach, paper: PaperRow) -> bool:
+    speed_m_s = paper.speed_m_s[0]
+    return (
+        approach.location == paper.location and abs(approach.speed_m_s / speed_m_s - 1.0) <= SPEED_TOLERANCE
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """A bound of the paper, and how far this run is from it."""
+
+    name: str
+    limit: float
+    value: float
+    worst: Approach | None
+
+    @property
+    def met(self) -> bool:
+        """Whether it holds; False where there is nothing to hold it against."""
+        return self.value <= self.limit
+
+
+def bounds(approaches: Sequence[Approach]) -> list[Bound]:
+    """The paper's three bounds over all true contacts: largest force, largest extent, mean delay."""
+    contacts = [approach for approach in approaches if approach.detected and approach.plain]
+
+    def largest(measure: str) -> tuple[float, Approach | None]:
+        known = [approach for approach in contacts if getattr(approach, measure) is not None]
+        worst = max(known, key=lambda approach: float(getattr(approach, measure)), default=None)
+        return (float(getattr(worst, measure)) if worst else math.nan), worst
+
+    delay = mean_of(approach.delay_s for approach in contacts)
+    return [
+        Bound("force", FORCE_BOUND_N, *largest("force_n")),
+        Bound("extent", EXTENT_BOUND_M, *largest("extent_m")),
+        Bound("delay", DELAY_BOUND_S, delay.mean, largest("delay_s")[1]),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """Spearman's rank correlation; NaN where fewer than three points or no spread."""
+
+    rho: float
+    n: int
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Does force grow with something? Ours over rows and over single trials, and the paper's own rows."""
+
+    name: str
+    ours: Correlation
+    ours_trials: Correlation
+    paper: Correlation
+
+
+def correlate(x: Sequence[float], y: Sequence[float]) -> Correlation:
+    """Spearman's rank correlation of two equally long sequences."""
+    if len(x) < 3 or len(set(x)) < 2 or len(set(y)) < 2:
+        return Correlation(math.nan, len(x))
+    return Correlation(float(spearmanr(x, y).statistic), len(x))
+
+
+def trends(rows: Sequence[Row]) -> list[Trend]:
+    """Force against speed at location f, and against nearness to the joint on pad and back."""
+
+    def speed(row: PaperRow) -> float:
+        return row.speed_m_s[0]
+
+    def towards_joint(row: PaperRow) -> float:
+        return row.micrometer_m
+
+    paper_f = [row for row in TABLE_1 if row.location == "f"]
+    return [
+        _trend("speed, at location f", rows, paper_f, speed),
+        *(
+            _trend(f"nearness to the joint, {side}", rows, figure_rows(side), towards_joint)
+            for side in ("pad", "back")
+        ),
+    ]
+
+
+def figure_rows(side: str) -> list[PaperRow]:
+    """Rows of the location study on one side (Fig. 7 the pad, Fig. 8 the back)."""
+    return [row for row in TABLE_1 if row.study == "location" and row.side == side]
+
+
+def _trend(
+    name: str, rows: Sequence[Row], papers: Sequence[PaperRow], along: Callable[[PaperRow], float]
+) -> Trend:
+    mine = [(row, row.paper) for row in rows if row.paper in papers and row.mean("force_n").n]
+    means = [(along(paper), row.mean("force_n").mean) for row, paper in mine if paper]
+    single = [
+        (along(paper), approach.force_n)
+        for row, paper in mine
+        if paper
+        for approach in row.contacts
+        if approach.force_n is not None
+    ]
+    printed = [(along(paper), paper.force_n[0]) for paper in papers]
+    columns = [([x for x, _ in pairs], [y for _, y in pairs]) for pairs in (means, single, printed)]
+    return Trend(name, *(correlate(x, y) for x, y in columns))
+
+
+@dataclass(frozen=True, slots=True)
+class StudyCell:
+    """The trials of one noise scale and one rate of frequency samples."""
+
+    noise_scale: float
+    sample_hz: float
+    delay_s: Mean
+    false_contacts: int
+    n: int
+
+
+def study_cells(approaches: Sequence[Approach]) -> list[StudyCell]:
+    """Delay and false contacts by noise and rate, sorted; empty where no run varied them."""
+    varied = [approach for approach in approaches if not approach.plain]
+
+    def key(approach: Approach) -> tuple[float, float]:
+        return approach.noise_scale or 1.0, approach.sample_hz or math.nan
+
+    cells = []
+    for (noise_scale, sample_hz), group in groupby(sorted(varied, key=key), key=key):
+        members = list(group)
+        delay = mean_of(member.delay_s for member in members if member.detected)
+        false = sum(member.false_contacts for member in members)
+        cells.append(StudyCell(noise_scale, sample_hz, delay, false, len(members)))
+    return cells

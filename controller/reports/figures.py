@@ -1,0 +1,134 @@
+"""Figures at print quality: one style, saved as PDF, PNG and SVG, the SVG also inside the page."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+OURS, PAPER, FALSE, GOOD = "#1f5a96", "#5b5b5b", "#c2571a", "#2e7d5b"
+"""Ours, the paper's, false contacts and what is met: told apart by lightness and by marker as well."""
+
+INK, FAINT = "#1a1a1a", "#b9bcc2"
+
+WIDTH_IN = 7.16
+"""Two columns of a two-column page (IEEE), inches."""
+
+_STYLE: Any = {
+    "font.family": "STIXGeneral",  # ships with matplotlib: the same figure on every machine
+    "mathtext.fontset": "stix",
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.5,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "legend.handletextpad": 0.4,
+    "axes.edgecolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "xtick.direction": "out",
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 4.5,
+    "errorbar.capsize": 2.0,
+    "figure.constrained_layout.use": True,
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "touchbench",  # the same identifiers in every run
+    "pdf.fonttype": 42,
+}
+
+
+class Figures:
+    """Saves figures into a run's `figures/` and hands each back as SVG for the page.
+
+    Args:
+        folder: Where to save.
+        simulated: Whether every figure bears the word.
+        prefix: Begins the identifiers of its SVG elements: no two on one page are alike.
+    """
+
+    def __init__(self, folder: Path, *, simulated: bool, prefix: str = "s") -> None:
+        self._prefix = prefix
+        self._folder = folder
+        self._simulated = simulated
+        self._count = 0
+
+    @contextmanager
+    def figure(self, height_in: float, rows: int = 1, columns: int = 1, **layout: Any) -> Iterator[Drawing]:
+        """A figure of `rows` x `columns` axes in the house's style, closed afterwards."""
+        mpl.use("Agg")
+        import matplotlib.pyplot as plt
+
+        with mpl.rc_context(_STYLE):
+            figure, axes = plt.subplots(rows, columns, figsize=(WIDTH_IN, height_in), squeeze=False, **layout)
+            try:
+                yield Drawing(self, figure, list(axes.flat))
+            finally:
+                plt.close(figure)
+
+    def save(self, figure: Figure, name: str) -> str:
+        """Write PDF, PNG and SVG; returns the SVG element, with identifiers that no other figure has."""
+        if self._simulated:
+            # A line of small print above the axes, where no legend is that makes room for it.
+            strip = 0.0 if figure.legends else 0.17 / figure.get_size_inches()[1]
+            figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - strip))
+            figure.text(
+                1.0,
+                1.0,
+                "simulated",
+                ha="right",
+                va="top",
+                fontsize=8,
+                color=FALSE,
+                style="italic",
+                alpha=0.9,
+            )
+        self._folder.mkdir(parents=True, exist_ok=True)
+        figure.savefig(self._folder / f"{name}.pdf", metadata={"CreationDate": None})
+        figure.savefig(self._folder / f"{name}.png", dpi=300)
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        text = buffer.getvalue()
+        (self._folder / f"{name}.svg").write_text(text, "utf-8")
+        self._count += 1
+        return _inline(text, f"{self._prefix}f{self._count}-")
+
+
+class Drawing:
+    """A figure being drawn."""
+
+    def __init__(self, figures: Figures, figure: Figure, axes: Sequence[Axes]) -> None:
+        self._figures = figures
+        self.figure = figure
+        self.axes = axes
+
+    def save(self, name: str) -> str:
+        """Save it; returns the SVG element."""
+        return self._figures.save(self.figure, name)
+
+
+def _inline(text: str, prefix: str) -> str:
+    """The `<svg>` element alone, scaling with the page, its identifiers made unique on it."""
+    svg = text[text.index("<svg") :]
+    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r'\1 role="img"', svg, count=1)
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}\1"', svg)
+    return re.sub(r'(xlink:href="#|href="#|url\(#)(?!' + prefix + ")", rf"\1{prefix}", svg)

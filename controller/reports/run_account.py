@@ -1,0 +1,92 @@
+"""How a run was run: from its manifest, nothing left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from controller.recording.reader import Run
+from controller.recording.series import Series, TrialRecording
+
+_BENCH = {
+    "mock": "mock: mock drivers on simulated physics, in the process",
+    "emulated": "emulated: the real drivers over real bytes, on simulated physics",
+    "hardware": "hardware: the real drivers and the real bench",
+}
+_CLOCK = {
+    "virtual": "virtual: bench time jumps; latencies are the loop's turns, not the computer's",
+    "wall": "wall clock",
+}
+_SHOWN_ELSEWHERE = ("format", "profile", "experiment", "bench", "clock", "exit", "title")
+
+
+@dataclass(frozen=True, slots=True)
+class RunAccount:
+    """A run in words: name, notes on what was cut off, and its facts as pairs."""
+
+    name: str
+    notes: Sequence[str]
+    facts: Sequence[tuple[str, str]]
+    guard_trips: Sequence[tuple[int, float, str]]
+
+
+def account_of(run: Run) -> RunAccount:
+    """The account of one run."""
+    manifest = run.manifest
+    profile = manifest.get("profile") or {}
+    exit_ = manifest.get("exit") or {}
+    status = str(exit_.get("status", "unknown"))
+    if status == "running":
+        status = "cut off: it never said that it ended"
+    reason = f" – {exit_['reason']}" if exit_.get("reason") else ""
+    facts = [
+        ("profile", f"{profile.get('name', '?')}, hash {str(profile.get('hash', '?'))[:12]}"),
+        ("experiment", str(manifest.get("experiment", "?"))),
+        ("bench", _BENCH.get(str(manifest.get("bench")), str(manifest.get("bench", "?")))),
+        ("clock", _CLOCK.get(str(manifest.get("clock")), str(manifest.get("clock", "?")))),
+        ("ended", status + reason),
+    ]
+    rest = {name: value for name, value in manifest.items() if name not in _SHOWN_ELSEWHERE}
+    facts += [(name, text) for name, text in _flat(rest) if text]
+    trips = [
+        (int(event["trial"]), float(event["t_s"]), str(event.get("reason", "")))
+        for event in run.events
+        if event.get("event") == "GuardStopped"
+    ]
+    return RunAccount(run.folder.path.name, run.notes, facts, trips)
+
+
+def series_of(recording: TrialRecording, kind: str) -> Series:
+    """The stream `<device>.<kind>`, whatever the device is called; empty where there is none."""
+    named = [name for name in recording.streams if name.endswith(f".{kind}")]
+    return recording.stream(named[0] if named else kind)
+
+
+def setting_of(run: Run, *path: str) -> Any:
+    """A setting of the resolved profile, or None."""
+    value: Any = (run.manifest.get("profile") or {}).get("resolved") or {}
+    for name in path:
+        value = value.get(name) if isinstance(value, Mapping) else None
+    return value
+
+
+def _flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, item in value.items():
+        label = f"{prefix}{name}".replace("_", " ")
+        if isinstance(item, Mapping):
+            scalars = all(not isinstance(each, Mapping | list) for each in item.values())
+            if item and scalars and len(item) <= 8:
+                yield label, ", ".join(f"{key} {_short(each)}" for key, each in item.items())
+            elif item:
+                yield from _flat(item, f"{label} · ")
+            else:
+                yield label, "none" if name == "loss" else ""
+        elif isinstance(item, list):
+            yield label, ", ".join(_short(each) for each in item)
+        else:
+            yield label, _short(item)
+
+
+def _short(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)

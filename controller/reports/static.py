@@ -1,0 +1,217 @@
+"""The part of the page on A1: no, light and full contact at rest, beside the paper's Fig. 4."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from scipy.signal import periodogram
+
+from controller.recording.reader import Run
+from controller.recording.series import Series
+from controller.reports.approaches import Mean, mean_of
+from controller.reports.figures import FAINT, FALSE, OURS, Figures
+from controller.reports.paper import SETTLE_S, STATIC_HZ, STATIC_TOLERANCE_HZ
+from controller.reports.run_account import series_of, setting_of
+from controller.reports.section import Section
+from controller.reports.text import NOTHING, number, signed, spread
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CONDITIONS = ("none", "light", "full")
+NAMES = {"none": "no contact", "light": "light contact", "full": "full contact"}
+
+WINDOW_S = 0.6
+"""Length of waveform drawn: some 17 periods of 28 Hz, as many as the paper's Fig. 4 shows."""
+
+SPECTRUM_HZ = 100.0
+"""How far the spectra are drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """All trials of one condition; each measure a mean over trials."""
+
+    name: str
+    trials: Sequence[tuple[Run, int]]
+    frequency_hz: Mean
+    frequency_sd_hz: Mean
+    amplitude_m_s2: Mean
+    amplitude_m: Mean
+    force_n: Mean
+    force_peak_n: Mean
+
+    @property
+    def difference_hz(self) -> float:
+        """Dominant frequency less the paper's."""
+        return self.frequency_hz.mean - STATIC_HZ[self.name]
+
+    @property
+    def met(self) -> bool:
+        """Whether it is as near the paper's as is called reproduced."""
+        return abs(self.difference_hz) <= STATIC_TOLERANCE_HZ[self.name]
+
+
+def read_conditions(runs: Sequence[Run]) -> list[Condition]:
+    """The conditions of which there are measured trials, from none to full."""
+    measures = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
+    conditions = []
+    for name in CONDITIONS:
+        rows = [
+            (run, row)
+            for run in runs
+            for row in run.trials
+            if row.get("condition") == name and row.get("frequency_hz") is not None
+        ]
+        if rows:
+            means = {key: mean_of(_float(row.get(key)) for _, row in rows) for key in measures}
+            trials = [(run, int(row["trial"] or 0)) for run, row in rows]
+            conditions.append(Condition(name, trials, **means))
+    return conditions
+
+
+def _float(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) else None
+
+
+def section(runs: Sequence[Run], figures: Figures) -> Section:
+    """Table and waveforms of all static trials of some runs on one kind of bench."""
+    conditions = read_conditions(runs)
+    drawn = [(condition, series) for condition in conditions if (series := _waveform(condition)) is not None]
+    falls = _falls([condition.amplitude_m for condition in conditions])
+    falls_m_s2 = _falls([condition.amplitude_m_s2 for condition in conditions])
+    summary: list[tuple[bool | None, str]] = [
+        (
+            condition.met,
+            f"{NAMES[condition.name].capitalize()}: {number(condition.frequency_hz.mean, 1)} Hz, "
+            f"the paper {STATIC_HZ[condition.name]:g} Hz.",
+        )
+        for condition in conditions
+    ]
+    if falls is not None:
+        summary.append(
+            (
+                falls,
+                f"The amplitude of motion {'falls' if falls else 'does not fall'} from none to full contact.",
+            )
+        )
+    return Section(
+        title="Static contact (A1)",
+        template="static.html.j2",
+        summary=summary,
+        not_the_papers=_not_the_papers(runs),
+        context={
+            "rows": [_row(condition) for condition in conditions],
+            "erratic": _erratic(conditions),
+            "falls": falls,
+            "falls_m_s2": falls_m_s2,
+            "figure_4": Markup(_draw(figures, drawn)) if drawn else "",
+            "trials": sum(len(run.trials) for run in runs),
+        },
+    )
+
+
+def _not_the_papers(runs: Sequence[Run]) -> list[str]:
+    said = ["The paper gives its static frequencies as “approximately”; what counts as reproduced is ours."]
+    for run in runs:
+        settle_s = setting_of(run, "behavior", "settle_s")
+        if isinstance(settle_s, int | float) and settle_s != SETTLE_S:
+            said.append(
+                f"{run.folder.path.name}: {number(settle_s, 1)} s of settling after power-on "
+                f"instead of the paper's {SETTLE_S:g} s."
+            )
+    return said
+
+
+def _falls(amplitudes: Sequence[Mean]) -> bool | None:
+    """Whether the amplitude falls from condition to condition; None where one is missing."""
+    means = [amplitude.mean for amplitude in amplitudes]
+    if len(means) < len(CONDITIONS) or any(math.isnan(mean) for mean in means):
+        return None
+    return means[0] > means[1] > means[2]
+
+
+def _erratic(conditions: Sequence[Condition]) -> str:
+    """How much more the frequency wanders from period to period in light contact than without."""
+    sd = {condition.name: condition.frequency_sd_hz.mean for condition in conditions}
+    if not sd.get("none", 0.0) > 0.0 or math.isnan(sd.get("light", math.nan)):
+        return ""
+    return number(sd["light"] / sd["none"], 0 if sd["light"] > 10.0 * sd["none"] else 1)
+
+
+def _row(condition: Condition) -> dict[str, Any]:
+    def shown(mean: Mean, digits: int, scale: float = 1.0) -> str:
+        return spread(mean, digits, scale) if mean.n > 1 else number(mean.mean, digits, scale)
+
+    difference = signed(condition.difference_hz, 1)
+    return {
+        "name": NAMES[condition.name],
+        "n": len(condition.trials),
+        "frequency": shown(condition.frequency_hz, 2),
+        "paper": f"{STATIC_HZ[condition.name]:g}",
+        "difference": difference,
+        "tolerance": f"± {STATIC_TOLERANCE_HZ[condition.name]:g}" if difference != NOTHING else NOTHING,
+        "met": condition.met,
+        "sd": shown(condition.frequency_sd_hz, 2),
+        "amplitude_m_s2": shown(condition.amplitude_m_s2, 2),
+        "amplitude_mm": shown(condition.amplitude_m, 3, 1000.0),
+        "force": shown(condition.force_n, 3),
+        "peak": shown(condition.force_peak_n, 3),
+    }
+
+
+def _waveform(condition: Condition) -> Series | None:
+    run, trial = condition.trials[0]
+    if trial not in run.recorded_trials:
+        return None
+    series = series_of(run.recording(trial), "accelerometer")
+    return series if len(series) > 1 else None
+
+
+def _draw(figures: Figures, drawn: Sequence[tuple[Condition, Series]]) -> str:
+    """Fig. 4: the waveforms on one scale, and beside each its spectrum."""
+    with figures.figure(
+        1.45 * len(drawn) + 0.4, rows=len(drawn), columns=2, sharex="col", sharey="col", width_ratios=[3, 1.3]
+    ) as drawing:
+        for index, (condition, series) in enumerate(drawn):
+            left, right = drawing.axes[2 * index : 2 * index + 2]
+            start_s = float(series.times_s[0])
+            shown = series.between(start_s, start_s + WINDOW_S)
+            left.plot(shown.times_s - start_s, shown.values[:, 0], color=OURS, lw=0.9)
+            left.axhline(0.0, color=FAINT, lw=0.6, zorder=0)
+            left.set_title(NAMES[condition.name])
+            left.set_title(
+                f"{condition.frequency_hz.mean:.1f} Hz, {condition.amplitude_m_s2.mean:.1f} m/s²", loc="right"
+            )
+            _draw_spectrum(right, condition, series)
+        drawing.axes[2 * (len(drawn) // 2)].set_ylabel("acceleration (m/s²)")
+        drawing.axes[2 * (len(drawn) // 2) + 1].set_ylabel("amplitude (m/s²)")
+        drawing.axes[-2].set_xlabel("time (s)")
+        drawing.axes[-1].set_xlabel("frequency (Hz)")
+        drawing.axes[-2].set_xlim(0.0, WINDOW_S)
+        return drawing.save("fig_4_waveforms")
+
+
+def _draw_spectrum(axes: Axes, condition: Condition, series: Series) -> None:
+    rate_hz = (len(series) - 1) / float(series.times_s[-1] - series.times_s[0])
+    frequencies_hz, power = periodogram(series.values[:, 0], rate_hz, window="hann", scaling="spectrum")
+    low = frequencies_hz <= SPECTRUM_HZ
+    axes.plot(frequencies_hz[low], np.sqrt(2.0 * power[low]), color=OURS, lw=0.9)
+    axes.axvline(STATIC_HZ[condition.name], color=FALSE, lw=0.8, ls=(0, (4, 2)))
+    axes.set_xlim(0.0, SPECTRUM_HZ)
+    axes.set_ylim(bottom=0.0)
+    if condition.name == "none":
+        axes.text(
+            STATIC_HZ["none"] + 2.0,
+            0.97,
+            "paper",
+            color=FALSE,
+            fontsize=8,
+            va="top",
+            transform=axes.get_xaxis_transform(),
+        )

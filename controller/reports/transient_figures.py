@@ -1,0 +1,270 @@
+"""The figures of A2: Fig. 5, 7, 8 and 9 of the paper, with the paper's points, and what noise and rate do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.recording.series import Series
+from controller.reports.approaches import Approach, Row, StudyCell, figure_rows
+from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
+from controller.reports.paper import TABLE_1, PaperRow
+from controller.reports.run_account import series_of, setting_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+BEFORE_S, AFTER_S = 2.2, 0.35
+"""What Fig. 5 shows before onset and after standstill, seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One approach, ready to be drawn; times in seconds of the trial's bench time."""
+
+    approach: Approach
+    force: Series
+    period: Series
+    average_s: Floats
+    average_hz: Floats
+    zero_n: float
+    contact_s: Sequence[tuple[float, bool]]
+
+
+def representative(approaches: Sequence[Approach]) -> Approach | None:
+    """The approach to draw: a recorded contact at the distal end (d), as in Fig. 5, of median delay."""
+    seen = [each for each in approaches if each.detected and each.trial in each.run.recorded_trials]
+    like = [each for each in seen if each.location == "d"] or seen
+    like.sort(key=lambda each: each.delay_s or 0.0)
+    return like[len(like) // 2] if like else None
+
+
+def trace_of(approach: Approach) -> Trace | None:
+    """Read an approach's recording; None where load cell or period counts are not in it."""
+    run = approach.run
+    recording = run.recording(approach.trial)
+    force, period = series_of(recording, "load_cell"), series_of(recording, "period")
+    if not len(force) or not len(period):
+        return None
+    mine = [event for event in run.events if event.get("trial") == approach.trial]
+    acting = str(setting_of(run, "behavior", "detector") or "contact")
+    rate_hz = approach.sample_hz or setting_of(run, "detectors", acting, "sample_hz")
+    samples = setting_of(run, "detectors", acting, "average_samples") or 10
+    average_s, average_hz = moving_average(period.times_s, 1.0 / period.values[:, 0], rate_hz, int(samples))
+    begun_s = next((event["t_s"] for event in mine if event.get("next") == "APPROACH"), force.times_s[-1])
+    before = force.between(-math.inf, float(begun_s)).values
+    switches = [
+        (float(event["t_s"]), event["event"] == "Contact")
+        for event in mine
+        if event.get("event") in ("Contact", "ContactLost") and event.get("detector") == acting
+    ]
+    return Trace(
+        approach, force, period, average_s, average_hz, float(before.mean()) if len(before) else 0.0, switches
+    )
+
+
+def moving_average(
+    times_s: Floats, frequency_hz: Floats, rate_hz: float | None, samples: int
+) -> tuple[Floats, Floats]:
+    """The detector's filter, drawn again: the first whole period in each cell of the sampling grid, averaged.
+
+    Args:
+        times_s: Ends of the periods, shape (n,).
+        frequency_hz: One over each period, shape (n,).
+        rate_hz: Of the grid; None takes every period.
+        samples: Length of the average.
+
+    Returns:
+        Times (m,) and averages (m,), from the first full window on.
+    """
+    if rate_hz is not None:
+        cells = np.floor(times_s * rate_hz)
+        first = np.flatnonzero(np.diff(cells, prepend=-np.inf) > 0)
+        times_s, frequency_hz = times_s[first], frequency_hz[first]
+    if len(times_s) < samples:
+        return np.empty(0), np.empty(0)
+    return times_s[samples - 1 :], np.convolve(frequency_hz, np.ones(samples) / samples, "valid")
+
+
+def draw_trial(figures: Figures, trace: Trace) -> str:
+    """Fig. 5: force, raw and filtered frequency with the threshold, contact state."""
+    approach = trace.approach
+    onset_s, detect_s = approach.onset_s or 0.0, approach.detect_s or 0.0
+    start_s = max(float(trace.force.times_s[0]), onset_s - BEFORE_S)
+    end_s = min(float(trace.force.times_s[-1]), (approach.standstill_s or detect_s) + AFTER_S)
+    force = trace.force.between(start_s, end_s)
+    with figures.figure(4.6, rows=3, sharex=True, height_ratios=[3, 4, 1]) as drawing:
+        top, middle, bottom = drawing.axes
+        top.plot(force.times_s, force.values[:, 0] - trace.zero_n, color=OURS, lw=0.7)
+        top.axhline(0.0, color=FAINT, lw=0.6, zorder=0)
+        top.set_ylabel("force (N)")
+        _draw_frequency(middle, trace, start_s, end_s)
+        _draw_state(bottom, trace, start_s, end_s)
+        for axes in (top, middle, bottom):
+            axes.axvline(onset_s, color=INK, lw=0.7, ls=(0, (4, 2)))
+            axes.axvline(detect_s, color=FALSE, lw=0.9)
+        above: Any = {"y": 1.02, "va": "bottom", "fontsize": 8.5, "transform": top.get_xaxis_transform()}
+        top.text(onset_s, s="0.005 N reached", ha="right", **above)
+        top.text(detect_s, s=f"detected {detect_s - onset_s:.2f} s later", ha="left", color=FALSE, **above)
+        bottom.set_xlim(start_s, end_s)
+        bottom.set_xlabel("time since the trial began (s)")
+        drawing.figure.align_ylabels()
+        return drawing.save("fig_5_trial")
+
+
+def _draw_frequency(axes: Axes, trace: Trace, start_s: float, end_s: float) -> None:
+    period = trace.period.between(start_s, end_s)
+    inside = (trace.average_s >= start_s) & (trace.average_s <= end_s)
+    raw_hz = 1.0 / period.values[:, 0]
+    axes.plot(
+        period.times_s, raw_hz, color=FAINT, lw=0.8, marker=".", ms=3, mec=PAPER, mfc=PAPER, label="raw"
+    )
+    axes.plot(
+        trace.average_s[inside], trace.average_hz[inside], color=OURS, marker="o", ms=2.6, label="filtered"
+    )
+    if trace.approach.threshold_hz is not None:
+        axes.axhline(trace.approach.threshold_hz, color=FALSE, lw=0.9, ls=(0, (5, 2)), label="threshold")
+    axes.set_ylabel("frequency (Hz)")
+    axes.legend(loc="upper left", ncols=3)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.12 * (high - low))  # room for the legend
+
+
+def _draw_state(axes: Axes, trace: Trace, start_s: float, end_s: float) -> None:
+    times = [start_s, *(t_s for t_s, _ in trace.contact_s), end_s]
+    state = [0.0, *(float(on) for _, on in trace.contact_s)]
+    axes.stairs(state, np.maximum.accumulate(times), fill=True, color=OURS, alpha=0.25)
+    axes.stairs(state, np.maximum.accumulate(times), color=OURS, lw=1.0, baseline=None)
+    axes.set_ylim(-0.15, 1.25)
+    axes.set_yticks([0, 1], ["none", "contact"])
+    axes.set_ylabel("state")
+
+
+def draw_locations(figures: Figures, rows: Sequence[Row], side: str) -> str:
+    """Fig. 7 (pad) or Fig. 8 (back): force and extent against where the finger is touched."""
+    papers = figure_rows(side)
+    length_m = max(paper.micrometer_m for paper in papers)
+    number = "7_pad" if side == "pad" else "8_back"
+
+    def along(paper: PaperRow) -> float:
+        return paper.micrometer_m / length_m
+
+    with figures.figure(2.8, columns=2) as drawing:
+        _draw_pair(drawing.axes, rows, papers, along, (-0.08, 1.1))
+        for axes in drawing.axes:
+            axes.set_xlabel(f"place on the {side}, distal (0) to proximal (1)")
+        _name_places(drawing.axes[0], papers, along)
+        return drawing.save(f"fig_{number}")
+
+
+def draw_speeds(figures: Figures, rows: Sequence[Row]) -> str:
+    """Fig. 9: force and extent against speed, at the middle of the pad."""
+    papers = [paper for paper in TABLE_1 if paper.location == "f"]
+    with figures.figure(2.8, columns=2) as drawing:
+        _draw_pair(drawing.axes, rows, papers, lambda paper: paper.speed_m_s[0] * 1000.0, (0.0, 13.5))
+        for axes in drawing.axes:
+            axes.set_xlabel("speed (mm/s)")
+        return drawing.save("fig_9_speed")
+
+
+def _draw_pair(
+    axes: Sequence[Axes],
+    rows: Sequence[Row],
+    papers: Sequence[PaperRow],
+    along: Callable[[PaperRow], float],
+    limits: tuple[float, float],
+) -> None:
+    """Force on the left, extent on the right, at `along` of each row of the paper."""
+    mine = [(along(row.paper), row) for row in rows if row.paper in papers and row.paper]
+    printed = [(along(paper), paper) for paper in papers]
+    for panel, measure, scale, name in zip(
+        axes, ("force_n", "extent_m"), (1.0, 1000.0), ("force at detection (N)", "extent (mm)"), strict=True
+    ):
+        _draw_means(panel, mine, printed, measure, scale, shift=0.009 * (limits[1] - limits[0]))
+        panel.set_ylabel(name)
+        panel.set_xlim(limits)
+        panel.set_ylim(bottom=0.0)
+    handles, names = axes[0].get_legend_handles_labels()
+    order = [names.index(name) for name in ("paper, mean ± σ", "ours, mean ± σ", "ours, single approaches")]
+    axes[0].figure.legend(
+        [handles[index] for index in order],
+        [names[index] for index in order],
+        loc="outside upper left",
+        ncols=3,
+        borderaxespad=0.0,
+    )
+
+
+def _draw_means(
+    panel: Axes,
+    mine: Sequence[tuple[float, Row]],
+    printed: Sequence[tuple[float, PaperRow]],
+    measure: str,
+    scale: float,
+    shift: float,
+) -> None:
+    """The paper's means a little to the left of their place, ours to the right, single approaches beside them."""
+    theirs = np.array([getattr(paper, measure) for _, paper in printed]) * scale
+    style: Any = {"fmt": "s", "mfc": "white", "color": PAPER, "lw": 0.8, "label": "paper, mean ± σ"}
+    panel.errorbar([x - shift for x, _ in printed], theirs[:, 0], theirs[:, 1], **style)
+    means = [row.mean(measure) for _, row in mine]
+    sigmas = [0.0 if math.isnan(mean.sigma) else mean.sigma * scale for mean in means]
+    style = {"fmt": "o", "color": OURS, "lw": 1.0, "label": "ours, mean ± σ"}
+    panel.errorbar([x + shift for x, _ in mine], [mean.mean * scale for mean in means], sigmas, **style)
+    single = [(x + 3.0 * shift, getattr(each, measure)) for x, row in mine for each in row.contacts]
+    known = [(x, value * scale) for x, value in single if value is not None]
+    panel.plot(
+        *zip(*known, strict=True), ".", color=OURS, alpha=0.45, ms=4.5, mew=0, label="ours, single approaches"
+    )
+
+
+def _name_places(axes: Axes, papers: Sequence[PaperRow], along: Callable[[PaperRow], float]) -> None:
+    for paper in papers:
+        axes.annotate(
+            paper.location,
+            (along(paper), 1.0),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            va="bottom",
+            style="italic",
+            color=PAPER,
+        )
+
+
+def draw_study(figures: Figures, cells: Sequence[StudyCell]) -> str:
+    """Delay and false contacts against noise, one line for each rate of frequency samples."""
+    rates = sorted({cell.sample_hz for cell in cells})
+    colours = dict(zip(rates, (OURS, FALSE, GOOD, PAPER, INK), strict=False))
+    with figures.figure(2.7, columns=2) as drawing:
+        left, right = drawing.axes
+        for index, rate in enumerate(rates):
+            mine = [cell for cell in cells if cell.sample_hz == rate]
+            x = np.array([cell.noise_scale for cell in mine]) * (
+                1.0 + 0.03 * (index - (len(rates) - 1) / 2.0)
+            )
+            sigmas = np.nan_to_num([cell.delay_s.sigma for cell in mine])
+            style: Any = {
+                "color": colours.get(rate, INK),
+                "marker": "os^Dv"[index % 5],
+                "label": f"{rate:g} samples/s",
+            }
+            left.errorbar(x, [cell.delay_s.mean for cell in mine], sigmas, **style)
+            right.plot(x, [100.0 * cell.false_contacts / cell.n for cell in mine], **style)
+        for axes, label in ((left, "delay (s), mean ± σ"), (right, "false contacts (%)")):
+            axes.set_xscale("log")
+            scales = sorted({cell.noise_scale for cell in cells})
+            axes.set_xticks(scales, [f"{scale:g}" for scale in scales])
+            axes.set_xticks([], minor=True)
+            axes.set_xlabel("noise, relative to the plant's own")
+            axes.set_ylabel(label)
+            axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        handles, names = left.get_legend_handles_labels()
+        drawing.figure.legend(handles, names, loc="outside upper left", ncols=len(rates), borderaxespad=0.0)
+        return drawing.save("delay_noise_rate")

@@ -1,0 +1,53 @@
+"""The bench as the controller sees it: devices, a clock, and nothing about what they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from drivers.clock import Clock
+from drivers.protocols import Device
+
+BenchKind = Literal["mock", "emulated", "hardware"]
+
+
+@dataclass(frozen=True)
+class TrialScene:
+    """What a simulated bench is told before a trial; a real one is set by hand.
+
+    Attributes:
+        trial: Number of the trial, which keys the noise together with `seed`.
+        seed: Of the run.
+        factors: The trial's factors, flat, with dotted names.
+        plant: The profile's plant section with the trial's factors laid over it.
+    """
+
+    trial: int
+    seed: int
+    factors: Mapping[str, Any]
+    plant: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Devices wired together.
+
+    Attributes:
+        kind: What the bench is made of.
+        devices: By their names in the profile.
+        clock: Bench time of all of them.
+        begin_trial: Puts a simulated bench into the trial's scene; nothing on a real one.
+        truth: After a trial: instants at which contact really began (True) and ended (False), where the bench
+            is simulated in this process. For scoring alone; no detector or behavior is given it.
+        account: What the plant did: tiers, what was skipped; for the manifest.
+        close: Lets go of what is not a device (an emulator's process).
+    """
+
+    kind: BenchKind
+    devices: Mapping[str, Device]
+    clock: Clock
+    begin_trial: Callable[[TrialScene], None] = lambda scene: None
+    truth: Callable[[], Sequence[tuple[float, bool]]] | None = None
+    account: Callable[[], Mapping[str, Any]] = dict
+    close: Callable[[], None] = lambda: None

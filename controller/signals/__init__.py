@@ -1,0 +1,1 @@
+"""Numerics of the signal chain, pure: streams in, streams out."""

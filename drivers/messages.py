@@ -1,0 +1,262 @@
+"""What travels between the rooms: sample blocks up, commands down, statuses back.
+
+All times are bench time: seconds since the present trial began, on the clock that the loop runs on.
+Lengths are metres, forces newtons; the unit stands in the name of every scalar.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64] | NDArray[np.int32] | NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamInfo:
+    """One stream that a device can send.
+
+    `name` is `device.stream`, as profiles write it. One raw count is `scale` times `unit`; `rate_hz`
+    is None where samples come at irregular times, each with its own.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    unit: str
+    scale: float = 1.0
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBlock:
+    """Consecutive samples of one stream.
+
+    Attributes:
+        stream: `device.stream`.
+        seq: Number of the first sample since the stream began; a jump is loss. Extended, never wraps.
+        t0_s: Bench time of the first sample.
+        values: Shape (n, channels), raw counts or floats.
+        rate_hz: Sample rate, or None where `times_s` gives each sample's bench time, shape (n,).
+        unit: Unit of `values * scale`.
+        scale: Units per raw count.
+        device_t0_s: The device's own time of the first sample, unwrapped, before any clock model.
+        arrival_s: Bench time at which the host had the whole block in hand.
+    """
+
+    stream: str
+    seq: int
+    t0_s: float
+    values: Values
+    rate_hz: float | None = None
+    times_s: NDArray[np.float64] | None = None
+    unit: str = ""
+    scale: float = 1.0
+    device_t0_s: float | None = None
+    arrival_s: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Bench time of each sample, shape (n,)."""
+        if self.times_s is not None:
+            return self.times_s
+        assert self.rate_hz is not None, f"{self.stream}: neither times nor a rate"
+        return self.t0_s + np.arange(len(self.values)) / self.rate_hz
+
+    @property
+    def last_s(self) -> float:
+        """Bench time of the last sample; the block must hold one."""
+        if self.times_s is not None:
+            return float(self.times_s[-1])
+        assert self.rate_hz is not None, f"{self.stream}: neither times nor a rate"
+        return self.t0_s + (len(self.values) - 1) / self.rate_hz
+
+    @property
+    def physical(self) -> NDArray[np.float64]:
+        """Values in `unit`, shape (n, channels)."""
+        return np.asarray(self.values * self.scale, dtype=np.float64)
+
+
+# --- commands: imperative, one device each -------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Asks one device for one thing."""
+
+    device: str
+
+
+@dataclass(frozen=True, slots=True)
+class Home(Command):
+    """Find the reference position, where the device does not know it yet; answered by `Reached`."""
+
+
+@dataclass(frozen=True, slots=True)
+class MoveAt(Command):
+    """Move along the device's approach axis at a signed speed, never beyond `limit_m`.
+
+    The device itself holds the limit: a host that dies leaves a mover that stops there.
+    """
+
+    velocity_m_s: float
+    limit_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MoveTo(Command):
+    """Move to a position on the approach axis at a given (unsigned) speed."""
+
+    position_m: float
+    speed_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Twist(Command):
+    """Move the tool at a velocity for a while, then stop; answered by `Reached`.
+
+    Attributes:
+        twist: Linear velocity in m/s and angular velocity in rad/s of the tool's point, along the axes of the
+            device's base frame.
+        duration_s: How long; a newer motion replaces what is left of it.
+    """
+
+    twist: tuple[float, float, float, float, float, float]
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stop(Command):
+    """Stop moving, as fast as the device's own limits allow; answered by `Standstill`, moving or not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Excite(Command):
+    """Switch the finger's excitation."""
+
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetTendon(Command):
+    """Set the tendon's position; 0 is the finger extended."""
+
+    position_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tare(Command):
+    """Take a stream's present level as its zero."""
+
+    stream: str
+
+
+@dataclass(frozen=True, slots=True)
+class Listen(Command):
+    """Send these streams (`device.stream`) and no others."""
+
+    streams: frozenset[str]
+
+
+MOTION = (Home, MoveAt, MoveTo, Twist)
+"""Commands after which a device may be moving."""
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """What a driver made of a command: the command as clamped and queued, and when."""
+
+    command: Command
+    t_s: float
+
+
+# --- statuses: what became of commands -----------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Something that a device reported, at bench time `t_s`."""
+
+    t_s: float
+    device: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sent(Status):
+    """A command left the host (its last byte is written)."""
+
+    command: Command
+
+
+@dataclass(frozen=True, slots=True)
+class Reached(Status):
+    """A mover reached its target or the limit of a `MoveAt`, and stands still there."""
+
+    position_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill(Status):
+    """A mover stands still after a `Stop`."""
+
+    position_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Refused(Status):
+    """A device would not do what it was asked."""
+
+    command: Command
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stalled(Status):
+    """A mover lost its way: stall, displaced, limit error, driver disabled."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lost(Status):
+    """Samples of a stream were lost on the way, or a new segment began."""
+
+    stream: str
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Failed(Status):
+    """The device can no longer be trusted: link gone, silent, another protocol. The run ends."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """What `open` found.
+
+    Attributes:
+        device: Name in the profile.
+        model: What the device says it is.
+        serial: Its serial number, or "".
+        version: Firmware, or "".
+        streams: What it can send, by `device.stream`.
+        mover: True where it can move.
+        clock: Name of the clock that stamps its samples.
+        details: Limits and settings found or set in the device, for the manifest.
+    """
+
+    device: str
+    model: str
+    serial: str = ""
+    version: str = ""
+    streams: Mapping[str, StreamInfo] = field(default_factory=dict)
+    mover: bool = False
+    clock: str = "host"
+    details: Mapping[str, object] = field(default_factory=dict)

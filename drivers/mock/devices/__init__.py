@@ -1,0 +1,1 @@
+"""Emulated devices: wire bytes on a plant."""

@@ -1,0 +1,78 @@
+"""What goes wrong on a bench of software, and when: timed by the scene, told to no detector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import Field
+
+from drivers.messages import Failed
+from drivers.settings import Settings
+
+Kind = Literal["unplug", "silent", "stall", "refuse", "lose", "corrupt", "full_scale"]
+
+
+class Fault(Settings):
+    """One fault of one device."""
+
+    device: str
+    """Name in the profile."""
+
+    kind: Kind
+    """unplug: the link is gone; silent: nothing comes; stall: a mover loses its way; refuse: motion is refused;
+    lose: what it sends vanishes; corrupt: bytes are altered on the wire (in process: the same as lose); full_scale: its
+    sensors read their negative full scale, on the mock bench alone."""
+
+    at_s: float = Field(ge=0.0)
+    """When it begins, in seconds since the trial began."""
+
+    for_s: float | None = Field(default=None, gt=0.0)
+    """How long it lasts; None is until the end of the trial."""
+
+    trial: int | None = Field(default=None, ge=0)
+    """In which trial; None is in every one."""
+
+
+class FaultSchedule:
+    """The faults of one device.
+
+    Args:
+        faults: Those of this device alone.
+    """
+
+    def __init__(self, faults: Sequence[Fault] = ()) -> None:
+        self._all = tuple(faults)
+        self.restart()
+
+    def restart(self, trial: int | None = None) -> None:
+        """Begin a trial: what has happened has not."""
+        self._faults = [fault for fault in self._all if fault.trial is None or fault.trial == trial]
+        self._told: set[Fault] = set()
+
+    def add(self, fault: Fault) -> None:
+        """One more, in this trial alone."""
+        self._faults.append(fault)
+
+    def active(self, t_s: float, kind: Kind) -> bool:
+        """Whether a fault of this kind is on at `t_s`."""
+        return bool(self._faults) and any(
+            fault.kind == kind and fault.at_s <= t_s < fault.at_s + (fault.for_s or math.inf)
+            for fault in self._faults
+        )
+
+    def begun(self, t_s: float, kind: Kind) -> Fault | None:
+        """A fault of this kind that has begun by `t_s`; each is told once."""
+        for fault in self._faults:
+            if fault.kind == kind and fault.at_s <= t_s and fault not in self._told:
+                self._told.add(fault)
+                return fault
+        return None
+
+    def failure(self, t_s: float, device: str) -> Failed | None:
+        """What a driver says when the plug is pulled; once."""
+        fault = self.begun(t_s, "unplug")
+        if fault is None:
+            return None
+        return Failed(t_s, device, f"the link is gone ({fault.kind} injected at {fault.at_s:g} s)")

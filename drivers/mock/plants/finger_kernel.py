@@ -1,0 +1,382 @@
+"""The finger's pieces: their series, what ends them, what follows. Compiled.
+
+Numbers in brackets are those of the equations in docs/explanation/finger_physics.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from drivers.mock.noise import normal
+from drivers.mock.plants.finger_scene import (
+    BASE,
+    BASE_RATE,
+    CLIPPED,
+    COMPARATOR,
+    COMPARATOR_DOWN,
+    COMPARATOR_UP,
+    CONTROL,
+    DRIVE_DOWN,
+    DRIVE_UP,
+    EXCITED,
+    FILTERED,
+    FREE,
+    HIGH_1,
+    HIGH_2,
+    LOST,
+    MADE,
+    MODE,
+    NOISE_HZ,
+    OMEGA,
+    OSCILLATOR,
+    PHASE,
+    PIECE,
+    STATES,
+    THETA,
+    TOUCHING,
+    WANDER_EVERY,
+    Books,
+    Finger,
+    Moment,
+    Motion,
+)
+from drivers.mock.plants.piecewise import DEGREE, SPAN, degree_for, parts_for, rising
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+GUARDS = 5
+DEPTH, SPEED, PUSH, COMPARED, TURNED = range(GUARDS)
+"""What can end a piece: overlap, its rate, spring and damper without the clip, output of the high-pass, phase."""
+
+STREAM_ACCELEROMETER, STREAM_WANDER, STREAM_LOAD_CELL = range(3)
+"""Streams of the noise."""
+
+DONE, SWITCHES_FULL, RECORDS_FULL, STUCK, NOT_FINITE = range(5)
+"""Why `run` came back."""
+
+_FAR = 10.0
+"""An oscillator's edge more than this many pieces away is not looked at."""
+
+PATIENCE = 1000
+"""Pieces of no length in a row after which a run gives up: contact at its worst gives fewer than ten."""
+
+
+@njit(cache=True, fastmath={"contract"})
+def _wander(finger: Finger, moment: Moment, step: int) -> float:
+    """The joint's relative wander at a step: a stationary Ornstein-Uhlenbeck process, from its innovations alone.
+
+    What came more than 40 correlation times earlier weighs less than 1e-17, so that a run may begin anywhere.
+    """
+    keep = finger.wander_keep
+    if moment.wander_step[0] < 0 or moment.wander_step[0] > step:
+        moment.wander[0] = 0.0
+        moment.wander_step[0] = step - 1 - (math.ceil(-40.0 / math.log(keep)) if keep > 0.0 else 0)
+    while moment.wander_step[0] < step:
+        moment.wander_step[0] += 1
+        innovation = normal(finger.seed, finger.trial, STREAM_WANDER, moment.wander_step[0])
+        moment.wander[0] = keep * moment.wander[0] + innovation
+    return finger.wander * math.sqrt(1.0 - keep * keep) * moment.wander[0]
+
+
+@njit(cache=True, fastmath={"contract"})
+def probe_at(motion: Motion, piece: int, whole: int, fraction: float, rest: float) -> tuple[float, float, float]:
+    """Position, velocity and acceleration of the probe."""
+    elapsed = (whole - motion.whole[piece]) + (fraction - motion.fraction[piece]) + rest
+    acceleration = motion.acceleration[piece]
+    velocity = motion.velocity[piece]
+    position = motion.position[piece] + elapsed * (velocity + 0.5 * acceleration * elapsed)
+    return position, velocity + acceleration * elapsed, acceleration
+
+
+@njit(cache=True, fastmath={"contract"})
+def _expand(
+    finger: Finger,
+    joint: float,
+    noise: float,
+    probe: tuple[float, float, float],
+    flags: Ints,
+    length: float,
+    degree: int,
+    x: Floats,
+    series: Floats,
+    guards: Floats,
+) -> None:
+    """Terms of the states and of what can end the piece: equations (1) to (9), order by order.
+
+    Args:
+        finger: The scene.
+        joint: K, with the present wander.
+        noise: n, held in this piece.
+        probe: Position, velocity and acceleration at its start.
+        flags: Switches.
+        length: Of the piece in seconds.
+        degree: Highest order wanted.
+        x: State at its start.
+        series: Written, shape (DEGREE + 1, STATES).
+        guards: Written, shape (GUARDS, DEGREE + 1).
+    """
+    theta, omega, b, beta = x[THETA], x[OMEGA], x[BASE], x[BASE_RATE]
+    a, g1, g2, v, phi = x[FILTERED], x[HIGH_1], x[HIGH_2], x[CONTROL], x[PHASE]
+    series[0] = x
+    # (1) and (2), gathered by state: fewer operations wait for one another
+    push_arm = finger.arm if flags[MODE] == TOUCHING else 0.0
+    k_theta = -(joint + push_arm * finger.contact * finger.arm) / finger.inertia
+    c_omega = -(finger.joint_damping + push_arm * finger.contact_damping * finger.arm) / finger.inertia
+    k_b, c_beta = joint / finger.inertia, finger.joint_damping / finger.inertia
+    base_k_theta, base_c_omega = joint / finger.base_inertia, finger.joint_damping / finger.base_inertia
+    base_k_b = -(joint + finger.base) / finger.base_inertia
+    base_c_beta = -(finger.joint_damping + finger.base_damping) / finger.base_inertia
+    inverse_quality = 1.0 / finger.quality
+    # what comes from outside: terms 0, 1, 2 of the probe's overlap, and of the angular acceleration
+    surface, surface_1, surface_2 = probe[0] - finger.gap, probe[1] * length, 0.5 * probe[2] * length * length
+    speed, speed_1 = probe[1], probe[2] * length
+    drive = 0.0
+    if flags[EXCITED]:
+        drive = finger.drive if flags[OSCILLATOR] else -finger.drive
+    push_lever = push_arm / finger.inertia
+    kick = drive / finger.inertia + push_lever * (finger.contact * surface + finger.contact_damping * speed)
+    kick_1 = push_lever * (finger.contact * surface_1 + finger.contact_damping * speed_1)
+    kick_2 = push_lever * finger.contact * surface_2
+    detected = float(flags[COMPARATOR] ^ flags[OSCILLATOR])
+    lowest = finger.lowest_hz
+    for k in range(degree + 1):
+        compared = a - inverse_quality * g1 - g2
+        guards[DEPTH, k] = surface - finger.arm * theta
+        guards[SPEED, k] = speed - finger.arm * omega
+        guards[COMPARED, k] = compared
+        guards[TURNED, k] = phi
+        if k == degree:
+            break
+        omega_rate = (k_theta * theta + k_b * b + kick) + (c_omega * omega + c_beta * beta)
+        beta_rate = (base_k_theta * theta + base_k_b * b) + (base_c_omega * omega + base_c_beta * beta)
+        step = length / (k + 1)
+        theta, b = step * omega, step * beta
+        omega, beta = step * omega_rate, step * beta_rate
+        a = step * finger.filter_rad_s * (noise - finger.lever * beta_rate - a)
+        g2 = step * finger.high_rad_s * g1
+        g1 = step * finger.high_rad_s * compared
+        phi = step * (lowest + finger.range_hz * v)
+        v = step * finger.control_rad_s * (detected - v)
+        series[k + 1, THETA] = theta
+        series[k + 1, OMEGA] = omega
+        series[k + 1, BASE] = b
+        series[k + 1, BASE_RATE] = beta
+        series[k + 1, FILTERED] = a
+        series[k + 1, HIGH_1] = g1
+        series[k + 1, HIGH_2] = g2
+        series[k + 1, CONTROL] = v
+        series[k + 1, PHASE] = phi
+        noise = detected = lowest = 0.0
+        kick, kick_1, kick_2 = kick_1, kick_2, 0.0
+        surface, surface_1, surface_2 = surface_1, surface_2, 0.0
+        speed, speed_1 = speed_1, 0.0
+    # (3)
+    for k in range(degree + 1):
+        guards[PUSH, k] = finger.contact * guards[DEPTH, k] + finger.contact_damping * guards[SPEED, k]
+
+
+@njit(cache=True, fastmath={"contract"})
+def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
+    """The state at `u`, written to `x`."""
+    for i in range(STATES):
+        x[i] = series[degree, i]
+    for k in range(degree - 1, -1, -1):
+        for i in range(STATES):
+            x[i] = x[i] * u + series[k, i]
+
+
+@njit(cache=True, fastmath={"contract"})
+def _next_mode(finger: Finger, mode: int, guards: Floats, degree: int, parts: int) -> tuple[float, int]:
+    """When the present mode ends, as a fraction of the piece, and the mode that follows."""
+    if mode == FREE:
+        return rising(guards[DEPTH], degree, parts, 1.0, 0.0), TOUCHING
+    if mode == TOUCHING:
+        # without a damper the force ends where the overlap does
+        return rising(guards[PUSH], degree, parts, -1.0, 0.0), (CLIPPED if finger.contact_damping > 0.0 else FREE)
+    apart = rising(guards[DEPTH], degree, parts, -1.0, 0.0)
+    pressed = rising(guards[PUSH], degree, parts, 1.0, 0.0)
+    return (apart, FREE) if apart <= pressed else (pressed, TOUCHING)
+
+
+@njit(cache=True)
+def _add(fraction: Floats, step: float) -> None:
+    """Add to a double-double: its rounding does not grow with the number of pieces."""
+    total = fraction[0] + step
+    shift = total - fraction[0]
+    rest = fraction[1] + ((fraction[0] - (total - shift)) + (step - shift))
+    fraction[0] = total + rest
+    fraction[1] = rest - (fraction[0] - total)
+
+
+@njit(cache=True, fastmath={"contract"})
+def run(
+    finger: Finger,
+    motion: Motion,
+    moment: Moment,
+    until_whole: int,
+    until_fraction: float,
+    settle: bool,
+    channel: int,
+    books: Books,
+) -> int:
+    """Advance to an instant.
+
+    The moment is that at the start of the piece under way: an instant inside a piece leaves it where it is, so that
+    the cuts of the caller leave no trace.
+
+    Args:
+        finger, motion: The scene.
+        moment: Changed.
+        until_whole, until_fraction: The instant, seconds.
+        settle: Move the state to the instant itself, for something is about to change there.
+        channel: Sum of 1 to record the accelerometer and 2 to record the force.
+        books: Written.
+
+    Returns:
+        `DONE`, or why it stopped before.
+    """
+    x, flags = moment.x, moment.flags
+    series = np.empty((DEGREE + 1, STATES))
+    guards = np.empty((GUARDS, DEGREE + 1))
+    noisy = finger.noise > 0.0 or finger.wander > 0.0
+    noise, joint = 0.0, finger.joint
+    idle = 0
+    while True:
+        whole, fraction, rest = moment.whole[0], moment.fraction[0], moment.fraction[1]
+        if books.filled[0] >= books.switch.size:
+            return SWITCHES_FULL
+        if channel and books.filled[1] >= books.record_whole.size:
+            return RECORDS_FULL
+        # the longest the piece can be
+        mode = flags[MODE]
+        radius = finger.touching_radius if mode == TOUCHING else finger.free_radius
+        frequency = finger.touching_frequency if mode == TOUCHING else finger.free_frequency
+        length = SPAN / radius
+        while flags[PIECE] + 1 < motion.whole.size:
+            following = flags[PIECE] + 1
+            ahead = (motion.whole[following] - whole) + (motion.fraction[following] - fraction) - rest
+            if ahead > 0.0:
+                length = min(length, ahead)
+                break
+            flags[PIECE] = following
+        # parts of equal length up to the oscillator's next edge: no series is longer than it need be
+        turn = 1.02 * (0.5 - x[PHASE]) / (finger.lowest_hz + finger.range_hz * x[CONTROL])
+        length = turn / math.ceil(turn / length) if 0.0 < turn < _FAR * length else length
+        on_grid = False
+        tick = 0
+        if noisy:
+            tick = int(fraction * NOISE_HZ)
+            index = whole * NOISE_HZ + tick
+            noise = finger.noise * normal(finger.seed, finger.trial, STREAM_ACCELEROMETER, index)
+            joint = finger.joint * (1.0 + _wander(finger, moment, index // WANDER_EVERY))
+            ahead = (tick + 1) / NOISE_HZ - fraction - rest
+            if ahead <= length:
+                length, on_grid = ahead, True
+        degree = degree_for(length * radius)
+        parts = parts_for(length * frequency)
+        probe = probe_at(motion, flags[PIECE], whole, fraction, rest)
+        _expand(finger, joint, noise, probe, flags, length, degree, x, series, guards)
+        if channel:
+            record = books.filled[1]
+            books.record_whole[record] = whole
+            books.record_fraction[record] = fraction
+            books.record_length[record] = length
+            books.record_degree[record] = degree
+            if channel & 1:
+                books.record_terms[record, 0, : degree + 1] = series[: degree + 1, FILTERED]
+            if channel & 2:
+                if mode == TOUCHING:
+                    books.record_terms[record, 1, : degree + 1] = guards[PUSH, : degree + 1]
+                else:
+                    books.record_terms[record, 1, : degree + 1] = 0.0
+        # what ends it
+        end, next_mode = _next_mode(finger, mode, guards, degree, parts)
+        cause = MODE
+        sign = -1.0 if flags[COMPARATOR] else 1.0
+        switch = rising(guards[COMPARED], degree, parts, sign, finger.hysteresis)
+        if switch < end:
+            end, cause = switch, COMPARATOR
+        switch = rising(guards[TURNED], degree, 1, 1.0, 0.5)
+        if switch < end:
+            end, cause = switch, OSCILLATOR
+        if end > 1.0:
+            end, cause = 1.0, PIECE
+        elapsed = end * length
+        remaining = (until_whole - whole) + (until_fraction - fraction) - rest
+        if elapsed > remaining:
+            if channel:
+                books.filled[1] += 1
+            if settle:
+                _state(series, degree, remaining / length, x)
+                moment.whole[0] = until_whole
+                moment.fraction[0], moment.fraction[1] = until_fraction, 0.0
+            return DONE
+        if channel and elapsed > 0.0:
+            books.filled[1] += 1
+        # on to its end
+        _state(series, degree, end, x)
+        if not math.isfinite(x[THETA] + x[BASE] + x[FILTERED] + x[PHASE]):
+            return NOT_FINITE
+        if cause == PIECE and on_grid:
+            # the grid's instants are exact in binary: no drift of rounding
+            moment.fraction[0], moment.fraction[1] = (tick + 1) / NOISE_HZ, 0.0
+        else:
+            _add(moment.fraction, elapsed)
+        if moment.fraction[0] >= 1.0:
+            moment.whole[0] += 1
+            moment.fraction[0] -= 1.0
+        switch_made = -1
+        if cause == MODE:
+            flags[MODE] = next_mode
+            if next_mode == TOUCHING:
+                switch_made = MADE
+            elif mode == TOUCHING:
+                switch_made = LOST
+        elif cause == COMPARATOR:
+            flags[COMPARATOR] ^= 1
+            switch_made = COMPARATOR_UP if flags[COMPARATOR] else COMPARATOR_DOWN
+        elif cause == OSCILLATOR:
+            flags[OSCILLATOR] ^= 1
+            x[PHASE] = 0.0
+            switch_made = DRIVE_UP if flags[OSCILLATOR] else DRIVE_DOWN
+        if switch_made >= 0:
+            place = books.filled[0]
+            books.switch_whole[place], books.switch_fraction[place] = moment.whole[0], moment.fraction[0]
+            books.switch[place] = switch_made
+            books.filled[0] += 1
+        idle = idle + 1 if elapsed < 1e-15 else 0
+        if idle > PATIENCE:
+            return STUCK
+
+
+@njit(cache=True, fastmath={"contract"})
+def read(books: Books, which: int, times: Floats, out: Floats) -> None:
+    """Sample recorded pieces at ascending times; an instant between two pieces belongs to the later one.
+
+    Args:
+        books: With the records.
+        which: 0 for the accelerometer, 1 for the force.
+        times: Ascending, shape (n,), seconds.
+        out: Written, shape (n,).
+    """
+    record, count = 0, books.filled[1]
+    for i in range(times.size):
+        whole = math.floor(times[i])
+        rest = times[i] - whole
+        while (
+            record + 1 < count
+            and (whole - books.record_whole[record + 1]) + (rest - books.record_fraction[record + 1]) >= 0.0
+        ):
+            record += 1
+        elapsed = (whole - books.record_whole[record]) + (rest - books.record_fraction[record])
+        u = elapsed / books.record_length[record]
+        terms = books.record_terms[record, which]
+        total = 0.0
+        for k in range(books.record_degree[record], -1, -1):
+            total = total * u + terms[k]
+        out[i] = total

@@ -1,0 +1,110 @@
+"""Every number of the finger: mechanics, electronics, noise; each with its unit and where it is from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from pydantic import Field
+
+from drivers.settings import Settings
+
+LOCATIONS: Mapping[str, tuple[str, float]] = {
+    "a": ("back", 0.01905),
+    "b": ("back", 0.0127),
+    "c": ("back", 0.0),
+    "d": ("pad", 0.0),
+    "e": ("pad", 0.00635),
+    "f": ("pad", 0.0127),
+    "g": ("pad", 0.01905),
+    "h": ("pad", 0.0254),
+}
+"""Side and distance from the distal end in metres, Table I; that 0 is the distal end is inferred."""
+
+
+class FingerSettings(Settings):
+    """Every number of the finger, its electronics and its noise."""
+
+    inertia_kg_m2: float = Field(default=1.2e-4, gt=0.0, le=1.0)
+    """I, the distal link about its joint, kg m^2. Paper II."""
+
+    joint_n_m_rad: float = Field(default=2.5, gt=0.0, le=1e6)
+    """K, the distal joint, N m/rad. Paper II (k1)."""
+
+    joint_n_m_s_rad: float = Field(default=1.2e-3, ge=0.0, le=1e6)
+    """c1, damping of the distal joint, N m s/rad. Assumption."""
+
+    base_inertia_kg_m2: float = Field(default=2.99e-4, gt=0.0, le=1.0)
+    """J, of what the distal joint is mounted on: proximal link, tendon and motor, kg m^2. Fit: 28 Hz in free air."""
+
+    base_n_m_rad: float = Field(default=0.0775, ge=0.0, le=1e6)
+    """k_b, its stiffness, N m/rad. Fit: the one compliance, identified on location f."""
+
+    base_n_m_s_rad: float = Field(default=1.1e-3, ge=0.0, le=1e6)
+    """c_b, its damping, N m s/rad. Assumption: a tenth of critical; with more, light contact is not erratic."""
+
+    flexion_1_m: float = Field(default=30.0, ge=0.0, le=1e4)
+    """How much the joint stiffens with the tendon's position, 1/m. Assumption: flexing raises the resonance (paper V.C)."""
+
+    drive_n_m: float = Field(default=2.324e-3, gt=0.0, le=1e3)
+    """U, amplitude of the square-wave drive's torque, N m. Fit: 0.9 degrees peak to peak in free air."""
+
+    arm_f_m: float = Field(default=0.05, gt=0.0, le=1.0)
+    """l, from the distal joint to location f, m. Paper II (l1) with the assumption that it means f."""
+
+    pad_n_m: float = Field(default=4220.0, gt=0.0, le=1e10)
+    """k2 on the pad, N/m. Fit: 50 Hz in full contact."""
+
+    back_n_m: float = Field(default=7300.0, gt=0.0, le=1e10)
+    """k2 on the back, N/m. Assumption."""
+
+    contact_n_s_m: float = Field(default=1.0, ge=0.0, le=1e9)
+    """c2, damping of the contact, N s/m. Assumption."""
+
+    accelerometer_arm_m: float = Field(default=0.03, gt=0.0, le=1.0)
+    """r, from the base's axis to the accelerometer, m. Assumption."""
+
+    accelerometer_hz: float = Field(default=50.0, gt=0.0, le=1e5)
+    """Bandwidth of the accelerometer's output, Hz. ADXL335 data sheet: 0.1 uF at the output."""
+
+    accelerometer_m_s2_rt_hz: float = Field(default=300e-6 * 9.80665, ge=0.0, le=10.0)
+    """Noise density of the accelerometer, m/s^2 per square root of Hz. ADXL335 data sheet: 300 ug on the z axis."""
+
+    high_pass_hz: float = Field(default=4.8, gt=0.0, le=1e4)
+    """Corner of the second-order high-pass, Hz. Paper III.A."""
+
+    high_pass_quality: float = Field(default=math.sqrt(0.5), gt=0.0, le=100.0)
+    """Its quality. Assumption: Butterworth."""
+
+    hysteresis_m_s2: float = Field(default=0.05, gt=0.0, le=1e3)
+    """Half the width of the comparator's hysteresis, m/s^2 at the accelerometer. Assumption: above its noise."""
+
+    loop_hz: float = Field(default=5.0, gt=0.0, le=1e4)
+    """Corner of the loop's RC filter, Hz. Assumption."""
+
+    oscillator_lowest_hz: float = Field(default=10.0, ge=0.0, le=1e4)
+    """Frequency of the oscillator at 0 control, Hz. Fit."""
+
+    oscillator_range_hz: float = Field(default=70.0, gt=0.0, le=1e4)
+    """From there to its frequency at full control, Hz. Fit."""
+
+    wander: float = Field(default=0.01, ge=0.0, le=0.1)
+    """Standard deviation of the joint's stiffness, relative. Assumption, for the resonance's slow oscillations (paper IV.B)."""
+
+    wander_s: float = Field(default=1.0, gt=0.0, le=1e3)
+    """Correlation time of the wander, s. Assumption."""
+
+    load_cell_n: float = Field(default=4e-4, ge=0.0, le=1.0)
+    """Noise of one sample of the load cell, N. Assumption: a tenth of the paper's onset threshold of 0.005 N."""
+
+    accelerometer_range_m_s2: float = Field(default=3.0 * 9.80665, gt=0.0, le=1e5)
+    """Where the accelerometer's output stops, m/s^2 either way. ADXL335 data sheet: 3 g at least."""
+
+    load_cell_range_n: float = Field(default=22.24, gt=0.0, le=1e6)
+    """Where the load cell's output stops, N either way. Paper III.C: 5 lbf."""
+
+    noise_scale: float = Field(default=1.0, ge=0.0, le=1e3)
+    """Multiplies every noise."""
+
+    error_budget_rad: float = Field(default=1e-6, ge=0.0, le=1e-2)
+    """Error in theta that a jump over what nobody observes may make, rad; 0 computes everything."""

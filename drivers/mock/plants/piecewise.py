@@ -1,0 +1,187 @@
+"""The core of every plant that is piecewise linear: exact pieces, and the instants at which one piece ends.
+
+Within a piece a plant obeys x' = A x + f0 + f1 t + f2 t^2 with constant A, t counted from the piece's own start. The
+solution is an entire function of time: its power series, stopped where the rest is below rounding, is the closed form.
+A plant writes the recursion for its series; every quantity that can end a piece is then a polynomial of the same kind.
+
+Time inside a piece is a fraction u in [0, 1] of the piece's length, so that coefficient k is the k-th term itself: sums
+of coefficients are values at the end, sums of their magnitudes are bounds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+SPAN = 2.5
+"""Longest piece times the spectral radius of A: longer ones lose digits to terms that cancel."""
+
+DEGREE = 27
+"""Highest of the series: the first term left out at `SPAN` is 2.5^28 / 28! = 5e-19 of the state."""
+
+BRACKET = 0.8
+"""A search proceeds in steps of this many radians of the fastest oscillation: at most one extremum in each."""
+
+ROUNDING = 4e-15
+"""A quantity that starts this close to zero, against the sum of its terms, starts at zero."""
+
+NEAR = 1e-11
+"""A Newton step as small as this, relative, is the last: its own error is of the order of its square."""
+
+_REST = 1e-17
+"""What a series may leave out, relative to the state."""
+
+Floats = NDArray[np.float64]
+
+
+def _degrees(resolution: int) -> NDArray[np.int64]:
+    """Degree that leaves `_REST` out, by length times spectral radius in steps of 1 / `resolution`, shape (n,)."""
+    degrees = np.empty(int(SPAN * resolution) + 2, dtype=np.int64)
+    for i in range(degrees.size):
+        reach = (i + 1) / resolution
+        degree = 3  # forcing that is quadratic in time needs the cubic term
+        while reach ** (degree + 1) / math.factorial(degree + 1) > _REST and degree < DEGREE:
+            degree += 1
+        degrees[i] = degree
+    return degrees
+
+
+_RESOLUTION = 32
+_DEGREES = _degrees(_RESOLUTION)
+
+
+def pace(matrix: Floats) -> tuple[float, float]:
+    """Spectral radius and largest angular frequency of a matrix, rad/s."""
+    eigenvalues = np.linalg.eigvals(matrix)
+    return float(np.max(np.abs(eigenvalues))), float(np.max(np.abs(eigenvalues.imag)))
+
+
+@njit(cache=True, fastmath={"contract"})
+def degree_for(reach: float) -> int:
+    """Degree of the series for a piece whose length times the spectral radius is `reach`, at most `SPAN`."""
+    return _DEGREES[int(reach * _RESOLUTION)]
+
+
+@njit(cache=True, fastmath={"contract"})
+def parts_for(reach: float) -> int:
+    """Into how many steps a search divides a piece whose length times the largest angular frequency is `reach`."""
+    return int(reach / BRACKET) + 1
+
+
+@njit(cache=True, fastmath={"contract"})
+def value_slope(terms: Floats, degree: int, u: float) -> tuple[float, float]:
+    """A polynomial and its derivative at `u`."""
+    total, rate = terms[degree], 0.0
+    for k in range(degree - 1, -1, -1):
+        rate = rate * u + total
+        total = total * u + terms[k]
+    return total, rate
+
+
+@njit(cache=True, fastmath={"contract"})
+def _slope_bend(terms: Floats, degree: int, u: float) -> tuple[float, float]:
+    """The first two derivatives of a polynomial at `u`."""
+    rate, bend = degree * terms[degree], 0.0
+    for k in range(degree - 1, 0, -1):
+        bend = bend * u + rate
+        rate = rate * u + k * terms[k]
+    return rate, bend
+
+
+@njit(cache=True, fastmath={"contract"})
+def _root(terms: Floats, degree: int, sign: float, level: float, low: float, high: float, start: float) -> float:
+    """Where `sign` times a polynomial, below `level` at `low` and above it at `high`, is `level`: bracketed Newton."""
+    u = start
+    for _ in range(100):
+        g, rate = value_slope(terms, degree, u)
+        g, rate = sign * g - level, sign * rate
+        if g == 0.0:
+            return u
+        if g > 0.0:
+            high = u
+        else:
+            low = u
+        following = u - g / rate if rate > 0.0 else -1.0
+        if abs(following - u) <= NEAR * u:
+            return min(max(following, low), high)
+        u = following if low < following < high else 0.5 * (low + high)
+        if not low < u < high:
+            return u
+    return u
+
+
+@njit(cache=True, fastmath={"contract"})
+def _extremum(terms: Floats, degree: int, sign: float, low: float, high: float) -> float:
+    """Where `sign` times the derivative of a polynomial rises through zero: bracketed Newton."""
+    u = 0.5 * (low + high)
+    for _ in range(100):
+        rate, bend = _slope_bend(terms, degree, u)
+        rate, bend = sign * rate, sign * bend
+        if rate == 0.0:
+            return u
+        if rate > 0.0:
+            high = u
+        else:
+            low = u
+        following = u - rate / bend if bend > 0.0 else -1.0
+        if abs(following - u) <= 4e-16 * u:
+            return min(max(following, low), high)
+        u = following if low < following < high else 0.5 * (low + high)
+        if not low < u < high:
+            return u
+    return u
+
+
+@njit(cache=True, fastmath={"contract"})
+def rising(terms: Floats, degree: int, parts: int, sign: float, level: float) -> float:
+    """First u in [0, 1] at which `sign` times a polynomial rises through `level`, or infinity.
+
+    A start above the level that does not fall is a crossing at 0: the piece began with its end already due; one that falls
+    is due when it stops falling, unless it comes below the level before. A start at the level, within rounding, that
+    falls is none: this is how the piece before ended. Extrema are found to the last bit, so that a graze counts if
+    and only if its top is above the level.
+
+    Args:
+        terms: Of the polynomial, shape (degree + 1,) or more.
+        degree: Highest term that counts.
+        parts: Steps of the search, from `parts_for`.
+        sign: 1 or -1.
+        level: What is crossed.
+    """
+    size = 0.0
+    for k in range(1, degree + 1):
+        size += abs(terms[k])
+    g = sign * terms[0] - level
+    if g + size < 0.0:
+        return math.inf
+    rate = sign * terms[1]
+    nothing = ROUNDING * (size + abs(level))
+    armed = g < -nothing
+    if not armed and rate >= 0.0 and (g > 0.0 or rate > nothing):
+        return 0.0
+    u = 0.0
+    for part in range(parts):
+        v = (part + 1) / parts
+        g_v, rate_v = value_slope(terms, degree, v)
+        g_v, rate_v = sign * g_v - level, sign * rate_v
+        if not armed:
+            if rate >= 0.0 and g_v > 0.0:
+                return u
+            if rate < 0.0 < rate_v:
+                # leaves downwards: what comes after the bottom of the dip can be a crossing
+                u = _extremum(terms, degree, sign, u, v)
+                g, rate = sign * value_slope(terms, degree, u)[0] - level, 0.0
+                if g >= 0.0:
+                    return u
+            armed = min(g, g_v) < 0.0
+        if armed and g < 0.0 < g_v:
+            return _root(terms, degree, sign, level, u, v, u + (v - u) * g / (g - g_v))
+        if armed and rate > 0.0 > rate_v:
+            top = _extremum(terms, degree, -sign, u, v)
+            if sign * value_slope(terms, degree, top)[0] > level:
+                return _root(terms, degree, sign, level, u, top, 0.5 * (u + top))
+        u, g, rate = v, g_v, rate_v
+    return math.inf

@@ -1,0 +1,167 @@
+"""Orders to the board: who it is, tags, replies, one repetition, and what a silence means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.clock import monotonic_s
+from drivers.errors import PortError, ProtocolError, SilentError
+from drivers.links import SerialLink
+from drivers.messages import Command
+from drivers.sensor_board.codec import Code, CodecError, CommandFrame, Hello, Kind, Reply, decode, encode
+from drivers.sensor_board.framing import FrameDecoder
+
+HELLO_ATTEMPTS = 4
+"""How often a board is asked who it is. Assumption: the first answer may be lost in a half-heard frame."""
+
+TAGS = 256
+"""The tag is a u8. It comes round only after as many orders: the replies to those are long in."""
+
+
+@dataclass(slots=True, eq=False)
+class Order:
+    """An order on its way.
+
+    Attributes:
+        code: What it asks for.
+        argument: Its argument, if it has one.
+        command: The command that it carries out, or None for the driver's own.
+        frame: Its bytes.
+        sent_s: Monotonic time in seconds at which its last byte was first written; None where it was not.
+        due_s: When the reply should be here, by the driver's watch.
+        repeated: It has been written twice.
+        superseded: A later order on the same thing has been written: this one must not be repeated.
+    """
+
+    code: Code
+    argument: int | None
+    command: Command | None
+    frame: bytes
+    sent_s: float | None
+    due_s: float
+    repeated: bool = False
+    superseded: bool = False
+
+    @property
+    def subject(self) -> tuple[Code, int | None]:
+        """What it is about: of two orders on one thing the later one holds."""
+        if self.code is Code.TARE:
+            return self.code, self.argument
+        return (Code.START if self.code is Code.STOP else self.code), None
+
+
+class Dialogue:
+    """Orders that have no reply yet.
+
+    An order without a reply is written once more, under its tag: each says what shall be, so saying it twice
+    does no harm, unless something newer has been said on the same thing; then it is let go. One that stays
+    without a reply even so is a fault of the board. Nothing here waits.
+
+    Args:
+        link: The open port.
+        timeout_s: How long a reply may take.
+    """
+
+    def __init__(self, link: SerialLink, timeout_s: float) -> None:
+        self._link = link
+        self._timeout_s = timeout_s
+        self._tag = 0
+        self._orders: dict[int, Order] = {}
+
+    @property
+    def idle(self) -> bool:
+        """Whether no reply is awaited."""
+        return not self._orders
+
+    def awaits(self, code: Code) -> bool:
+        """Whether a reply to such an order is awaited."""
+        return any(order.code is code for order in self._orders.values())
+
+    def ask(
+        self, watch_s: float, code: Code, argument: int | None = None, command: Command | None = None
+    ) -> Order:
+        """Write an order; `watch_s` is the driver's watch now."""
+        self._tag = (self._tag + 1) % TAGS
+        frame = encode(CommandFrame(code, self._tag, argument))
+        sent_s = self._link.send(frame)
+        order = Order(code, argument, command, frame, sent_s, watch_s + self._timeout_s)
+        for earlier in self._orders.values():
+            earlier.superseded |= earlier.subject == order.subject
+        self._orders[self._tag] = order
+        return order
+
+    def answered(self, reply: Reply) -> Order | None:
+        """The order that this replies to; None for a reply that nobody waits for (any more)."""
+        order = self._orders.get(reply.tag)
+        if order is None or order.code != reply.code:
+            return None
+        return self._orders.pop(reply.tag)
+
+    def turn(self, watch_s: float) -> str | None:
+        """Repeat what is overdue; says what is wrong where the board does not answer."""
+        for tag, order in list(self._orders.items()):
+            if watch_s < order.due_s:
+                continue
+            if order.superseded:
+                del self._orders[tag]
+            elif order.repeated:
+                return f"no reply to {order.code.name.lower()}, asked twice in {2 * self._timeout_s:g} s"
+            else:
+                self._link.send(order.frame)
+                order.repeated = True
+                order.due_s = watch_s + self._timeout_s
+        return None
+
+
+def identify(
+    name: str, port: str, link: SerialLink, decoder: FrameDecoder, timeout_s: float, pause: Callable[[], None]
+) -> Hello:
+    """Ask who is there, up to `HELLO_ATTEMPTS` times, until somebody says so.
+
+    Args:
+        name: Of the device, for errors.
+        port: Its port, for errors.
+        link: To the port.
+        decoder: Left in step with the line.
+        timeout_s: How long an answer may take.
+        pause: Lets a little time pass.
+
+    Raises:
+        PortError: the port was taken away.
+        SilentError: not a byte came.
+        ProtocolError: what came is no hello of a sensor board.
+    """
+    doing = f"asking who is at {port}"
+    heard = 0
+    for attempt in range(HELLO_ATTEMPTS):
+        # The delimiter ahead closes whatever the board has half heard.
+        link.send(b"\0" + encode(CommandFrame(Code.HELLO, attempt)))
+        until_s = monotonic_s() + timeout_s
+        while monotonic_s() < until_s and link.fault is None:
+            for _, data in link.receive():
+                heard += len(data)
+                hello = _hello(name, doing, decoder.feed(data))
+                if hello is not None:
+                    return hello
+            pause()
+    if link.fault is not None:
+        raise PortError(name, doing, link.fault, "is it plugged in and powered?")
+    if not heard:
+        waited_s = HELLO_ATTEMPTS * timeout_s
+        raise SilentError(name, doing, f"no reply in {waited_s:g} s", "is it powered, and is this its port?")
+    reason = f"{heard} bytes came, and none say hello as a sensor board does"
+    raise ProtocolError(name, doing, reason, "is another device at this port, or the baud rate wrong?")
+
+
+def _hello(name: str, doing: str, bodies: list[bytes]) -> Hello | None:
+    for body in bodies:
+        if body[:1] == bytes([Kind.HELLO]):
+            try:
+                hello = decode(body)
+            except CodecError as error:
+                advice = "does the board's firmware fit this version of the program?"
+                raise ProtocolError(name, doing, str(error), advice) from error
+            assert isinstance(hello, Hello)
+            return hello
+    return None

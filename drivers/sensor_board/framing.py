@@ -1,0 +1,94 @@
+"""Frames on the sensor board's line: `COBS(body | crc16) 0x00`, whatever the body says.
+
+The CRC is CRC-16/IBM-3740 (polynomial 0x1021, init 0xFFFF, not reflected) over the body, little-endian.
+Source: the interface page, "The sensor board".
+"""
+
+from __future__ import annotations
+
+import binascii
+from dataclasses import dataclass, field
+from typing import Final
+
+from cobs import cobs
+
+MAX_ENCODED_BYTES: Final = 8192
+"""Longest frame without its delimiter. Assumption: room for 1,000 samples of two channels."""
+
+
+def frame(body: bytes) -> bytes:
+    """The whole frame around a body, delimiter included.
+
+    Raises:
+        ValueError: it would be longer than any frame that is read.
+    """
+    encoded: bytes = cobs.encode(body + _crc(body))
+    if len(encoded) > MAX_ENCODED_BYTES:
+        raise ValueError(f"a frame of {len(encoded)} bytes is longer than {MAX_ENCODED_BYTES}")
+    return encoded + b"\0"
+
+
+def _crc(body: bytes) -> bytes:
+    return binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "little")
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """What came of the frames on the wire. Loss is told by the samples' counter, not by these."""
+
+    good: int = 0
+    bad_crc: int = 0
+    bad_cobs: int = 0
+    overlong: int = 0
+
+
+@dataclass(slots=True)
+class FrameDecoder:
+    """Cuts a stream of bytes into bodies, in whatever pieces they come.
+
+    What precedes the first delimiter is the rest of a frame that began before anybody listened, and is
+    passed over. A frame that is never closed is given up at `MAX_ENCODED_BYTES`: memory is bounded.
+
+    Attributes:
+        counts: What came of the frames so far.
+    """
+
+    counts: FrameCounts = field(default_factory=FrameCounts)
+    _partial: bytearray = field(default_factory=bytearray)
+    _skipping: bool = True
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Bodies, without their CRC, of the frames that these bytes complete."""
+        bodies = []
+        *closing, rest = data.split(b"\0")
+        for piece in closing:
+            self._append(piece)
+            if self._partial and (body := self._open(bytes(self._partial))) is not None:
+                bodies.append(body)
+            self._partial.clear()
+            self._skipping = False
+        self._append(rest)
+        return bodies
+
+    def _append(self, piece: bytes) -> None:
+        if self._skipping:
+            return
+        if len(self._partial) + len(piece) > MAX_ENCODED_BYTES:
+            self.counts.overlong += 1
+            self._skipping = True
+            self._partial.clear()
+        else:
+            self._partial += piece
+
+    def _open(self, encoded: bytes) -> bytes | None:
+        try:
+            decoded: bytes = cobs.decode(encoded)
+        except cobs.DecodeError:
+            self.counts.bad_cobs += 1
+            return None
+        body = decoded[:-2]
+        if _crc(body) != decoded[-2:]:
+            self.counts.bad_crc += 1
+            return None
+        self.counts.good += 1
+        return body

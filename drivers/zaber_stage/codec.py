@@ -1,0 +1,262 @@
+"""Zaber ASCII: lines of bytes ⇄ messages, and microsteps ⇄ metres. No I/O.
+
+Source: Zaber's ASCII protocol manual. A command is `/device axis [id] words[:LRC]`; a reply is
+`@dd a [id] OK|RJ BUSY|IDLE WW data[:LRC]`; an alert `!dd a BUSY|IDLE WW [data]` and an info line
+`#dd a [id] text` come without being asked for.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+IDS = 100
+"""Message ids are 0 to 99 (manual)."""
+
+MAX_LINE = 160
+"""Longest line that is kept, in bytes: twice the 80 that the manual allows (assumption)."""
+
+MICROSTEP_M = 0.49609375e-6
+"""Metres per microstep of the bench's stage (its data sheet)."""
+
+VELOCITY_SCALE = 1.6384
+"""Velocity data is microsteps per second times this (manual)."""
+
+ACCELERATION_SCALE = 1.6384e-4
+"""Acceleration data is microsteps per second squared times this (manual)."""
+
+NO_FLAG = "--"
+
+FLAGS = {
+    "FD": "its driver is disabled",
+    "FE": "it hit a limit",
+    "FS": "it stalled",
+    "WH": "it is not homed",
+    "WR": "it has no reference position",
+    "WM": "it was displaced while it stood still",
+    "NC": "it is under manual control",
+    "NI": "its movement was interrupted",
+}
+"""Warning flags and what they say of the device, most severe first (manual)."""
+
+UNHOMED = frozenset({"WH", "WR"})
+"""Flags of a device that does not know where it is."""
+
+REJECTIONS = {
+    "BADCOMMAND": "it does not know this command",
+    "BADDATA": "a number is out of range",
+    "DRIVERDISABLED": "its motor driver is off, see its lamps, then switch it off and on",
+    "STATUSBUSY": "it is moving",
+}
+"""Reasons of a rejection, and what they mean (manual)."""
+
+_TAIL = re.compile(rb":([0-9A-Fa-f]{2})$")
+_LINE_END = re.compile(rb"[\r\n]+")
+
+
+class CodecError(ValueError):
+    """A line that is not Zaber ASCII."""
+
+
+class ChecksumError(CodecError):
+    """A line whose checksum is wrong, or missing where one is asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A command from the host; device or axis 0 means all."""
+
+    device: int
+    axis: int
+    id: int | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The answer to one command."""
+
+    device: int
+    axis: int
+    id: int | None
+    accepted: bool
+    busy: bool
+    flag: str
+    data: str
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """Sent by a device on its own when a movement ends."""
+
+    device: int
+    axis: int
+    busy: bool
+    flag: str
+    data: str
+
+
+@dataclass(frozen=True, slots=True)
+class Info:
+    """A line for people."""
+
+    device: int
+    axis: int
+    id: int | None
+    text: str
+
+
+Message = Reply | Alert | Info
+
+
+class LineBuffer:
+    """Cuts a stream of bytes, split anywhere, into lines; what grows beyond `MAX_LINE` is dropped."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._overlong = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Lines completed by these bytes, without their ends; empty lines are left out."""
+        *lines, rest = _LINE_END.split(self._rest + data)
+        if lines and self._overlong:
+            lines = lines[1:]
+            self._overlong = False
+        self._overlong = self._overlong or len(rest) > MAX_LINE
+        self._rest = b"" if self._overlong else rest
+        return [line for line in lines if line]
+
+
+def lrc(body: bytes) -> int:
+    """Checksum of what stands between the lead character and the colon: two's complement of the byte sum."""
+    return -sum(body) & 0xFF
+
+
+def encode_request(request: Request, *, checksum: bool = True) -> bytes:
+    """A command as the bytes on the wire."""
+    head = f"{request.device} {request.axis}" + ("" if request.id is None else f" {request.id:02d}")
+    return _frame("/", f"{head} {request.text}".rstrip(), checksum, "\n")
+
+
+def decode_request(line: bytes) -> Request:
+    """What a device makes of a line.
+
+    Raises:
+        ChecksumError: the line's checksum is wrong.
+        CodecError: the line is no command.
+    """
+    words = _body(line, b"/", checksum=False).split()
+    numbers: list[int] = []
+    while words and len(numbers) < 3 and words[0].isdecimal():
+        numbers.append(int(words.pop(0)))
+    device, axis, *rest = [*numbers, 0, 0][: max(2, len(numbers))]
+    return Request(device, axis, rest[0] if rest else None, " ".join(words))
+
+
+def encode_message(message: Message, *, checksum: bool = True) -> bytes:
+    """A reply, alert or info line as the bytes on the wire."""
+    head = f"{message.device:02d} {message.axis}"
+    if not isinstance(message, Alert) and message.id is not None:
+        head += f" {message.id:02d}"
+    if isinstance(message, Info):
+        return _frame("#", f"{head} {message.text}", checksum, "\r\n")
+    state = f"{'BUSY' if message.busy else 'IDLE'} {message.flag} {message.data}".rstrip()
+    if isinstance(message, Alert):
+        return _frame("!", f"{head} {state}", checksum, "\r\n")
+    return _frame("@", f"{head} {'OK' if message.accepted else 'RJ'} {state}", checksum, "\r\n")
+
+
+def decode_message(line: bytes, *, checksum: bool = True) -> Message:
+    """What a host makes of a line.
+
+    Args:
+        line: Without its end.
+        checksum: True where a line without a checksum is an error.
+
+    Raises:
+        ChecksumError: the checksum is wrong, or missing where it is asked for.
+        CodecError: the line is no message of this protocol.
+    """
+    lead = line[:1]
+    words = _body(line, lead if lead in (b"@", b"!", b"#") else b"@", checksum=checksum).split(" ")
+    try:
+        device, axis = int(words[0]), int(words[1])
+        rest = words[2:]
+        number = None
+        if lead != b"!" and rest and rest[0].isdecimal():
+            number = int(rest.pop(0))
+        if lead == b"#":
+            return Info(device, axis, number, " ".join(rest))
+        accepted = lead == b"!" or _either(rest.pop(0), "OK", "RJ")
+        busy = _either(rest.pop(0), "BUSY", "IDLE")
+        flag, data = rest[0], " ".join(rest[1:])
+    except (ValueError, IndexError) as error:
+        raise CodecError(f"no Zaber ASCII message: {line!r}") from error
+    if lead == b"!":
+        return Alert(device, axis, busy, flag, data)
+    return Reply(device, axis, number, accepted, busy, flag, data)
+
+
+def meaning(flag: str) -> str:
+    """What a warning flag says of the device."""
+    return FLAGS.get(flag, "it reports a fault")
+
+
+def astray(flag: str) -> bool:
+    """Whether a flag says that the device is not where its commands put it: all faults, and WM."""
+    return flag.startswith("F") or flag == "WM"
+
+
+def microsteps(length_m: float, microstep_m: float) -> int:
+    """The whole number of microsteps nearest to a length."""
+    return round(length_m / microstep_m)
+
+
+def length_m(microsteps_: int, microstep_m: float) -> float:
+    """Metres of a number of microsteps."""
+    return microsteps_ * microstep_m
+
+
+def velocity_data(velocity_m_s: float, microstep_m: float) -> int:
+    """Velocity data nearest to a velocity."""
+    return round(velocity_m_s / microstep_m * VELOCITY_SCALE)
+
+
+def velocity_m_s(data: int, microstep_m: float) -> float:
+    """Metres per second of velocity data."""
+    return data / VELOCITY_SCALE * microstep_m
+
+
+def acceleration_m_s2(data: int, microstep_m: float) -> float:
+    """Metres per second squared of acceleration data."""
+    return data / ACCELERATION_SCALE * microstep_m
+
+
+def _frame(lead: str, body: str, checksum: bool, end: str) -> bytes:
+    raw = body.encode("ascii")
+    tail = f":{lrc(raw):02X}" if checksum else ""
+    return lead.encode("ascii") + raw + tail.encode("ascii") + end.encode("ascii")
+
+
+def _body(line: bytes, lead: bytes, *, checksum: bool) -> str:
+    """What stands between the lead character and the checksum, once that is verified."""
+    if not line.startswith(lead):
+        raise CodecError(f"no Zaber ASCII line: {line!r}")
+    body = line[1:]
+    tail = _TAIL.search(body)
+    if tail is not None:
+        body = body[: tail.start()]
+        if lrc(body) != int(tail[1], 16):
+            raise ChecksumError(f"wrong checksum: {line!r}")
+    elif checksum:
+        raise ChecksumError(f"no checksum: {line!r}")
+    try:
+        return body.decode("ascii")
+    except UnicodeDecodeError as error:
+        raise CodecError(f"not ASCII: {line!r}") from error
+
+
+def _either(word: str, yes: str, no: str) -> bool:
+    if word not in (yes, no):
+        raise ValueError(word)
+    return word == yes

@@ -1,0 +1,115 @@
+"""Questions and answers with one Zaber device: ids, checksums, repeats, silence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from drivers.clock import monotonic_s
+from drivers.links import SerialLink
+from drivers.zaber_stage import codec
+
+AXIS = 1
+"""The stage has one axis (manual: axes count from 1)."""
+
+
+@dataclass(slots=True, eq=False)
+class Question:
+    """A command on its way: monotonic times in seconds, of its first and of its last writing."""
+
+    text: str
+    id: int
+    first_s: float
+    sent_s: float
+    attempts: int = 1
+
+
+class Answer(NamedTuple):
+    """A reply, with the monotonic times at which its question was written and at which it arrived."""
+
+    reply: codec.Reply
+    sent_s: float
+    arrival_s: float
+
+
+class Dialogue:
+    """What was asked and is not answered yet.
+
+    A question without an answer is asked again, under a new id, every `retry_s`: each command of this
+    driver may safely be said twice. What comes late or garbled is passed over. Nothing here waits.
+
+    Args:
+        link: The open port.
+        address: Device number on the line.
+        retry_s: When to ask again, in seconds.
+        timeout_s: When to give up, in seconds.
+
+    Attributes:
+        checksums_due: True where a reply without a checksum is passed over.
+        fault: Why the device can no longer be spoken to, or None.
+        garbage: What has come since the last line that was a message, as far as it is known.
+    """
+
+    def __init__(self, link: SerialLink, address: int, *, retry_s: float, timeout_s: float) -> None:
+        self.checksums_due = False
+        self.fault: str | None = None
+        self.garbage = b""
+        self._link = link
+        self._address = address
+        self._retry_s = retry_s
+        self._timeout_s = timeout_s
+        self._lines = codec.LineBuffer()
+        self._open: dict[int, Question] = {}
+        self._next_id = 0
+
+    def ask(self, text: str) -> Question:
+        """Write a question, whatever else is open."""
+        now_s = monotonic_s()
+        question = Question(text, self._next_id, now_s, now_s)
+        self._write(question)
+        return question
+
+    def withdraw(self, question: Question) -> None:
+        """Neither repeat a question nor hear its answer."""
+        self._open.pop(question.id, None)
+
+    def turn(self) -> list[tuple[Question, Answer]]:
+        """The answers that have arrived, in order; repeats what is overdue."""
+        answered = []
+        for arrival_s, data in self._link.receive():
+            self.garbage = data
+            for line in self._lines.feed(data):
+                reply = self._decode(line)
+                question = self._open.pop(reply.id, None) if reply and reply.id is not None else None
+                if reply and question:
+                    answered.append((question, Answer(reply, question.sent_s, arrival_s)))
+        self._repeat(monotonic_s())
+        return answered
+
+    def _decode(self, line: bytes) -> codec.Reply | None:
+        try:
+            message = codec.decode_message(line, checksum=self.checksums_due)
+        except codec.CodecError:
+            return None
+        self.garbage = b""
+        mine = isinstance(message, codec.Reply) and message.device == self._address
+        return message if mine and isinstance(message, codec.Reply) else None
+
+    def _repeat(self, now_s: float) -> None:
+        for question in list(self._open.values()):
+            if now_s - question.first_s > self._timeout_s:
+                said = f"only {self.garbage[:24]!r}" if self.garbage else "no reply"
+                self.fault = self.fault or f"{said} in {self._timeout_s:.2f} s"
+            elif now_s - question.sent_s > self._retry_s:
+                self.withdraw(question)
+                question.attempts += 1
+                self._write(question)
+        self.fault = self._link.fault or self.fault
+
+    def _write(self, question: Question) -> None:
+        question.id = self._next_id
+        self._next_id = (self._next_id + 1) % codec.IDS
+        self._open[question.id] = question
+        request = codec.Request(self._address, AXIS, question.id, question.text)
+        question.sent_s = self._link.send(codec.encode_request(request)) or monotonic_s()
+        self.fault = self._link.fault or self.fault

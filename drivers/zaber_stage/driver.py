@@ -1,0 +1,362 @@
+"""The linear stage: Zaber ASCII over a serial port."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import NamedTuple
+
+import numpy as np
+
+from drivers.clock import WallClock, monotonic_s
+from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
+from drivers.links import SerialLink, open_serial
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Failed,
+    Listen,
+    Lost,
+    Reached,
+    Refused,
+    SampleBlock,
+    Sent,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+    StreamInfo,
+)
+from drivers.zaber_stage import codec
+from drivers.zaber_stage.dialogue import Answer, Dialogue, Question
+from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
+from drivers.zaber_stage.procedures import (
+    Found,
+    Line,
+    Moving,
+    Opening,
+    Procedures,
+    RejectedError,
+    doing,
+    valid,
+)
+
+OPEN_TURN_S = 0.0005
+"""Pause between two looks at the port while opening (assumption: a tenth of an exchange at 115,200 baud)."""
+
+
+NOT_OPEN = "it is not open"
+
+
+class _Sample(NamedTuple):
+    seq: int
+    t_s: float
+    counts: int
+    arrival_s: float
+
+
+class ZaberStage:
+    """A stage on its approach axis; implements `drivers.protocols.Device`.
+
+    An approach is an absolute move to its limit at the speed that was asked for, and the same limit is set
+    in the device's travel limits beforehand and read back. So nothing need be done when the host dies: the
+    stage stops at the limit by itself. `Stop` is written at once, past whatever else is on its way. A move
+    before homing is refused; `Home` goes to the stage's home end. A newer motion replaces an older.
+
+    The stream `<name>.position` (raw microsteps, irregular) has one sample for each question that was
+    answered, at the middle of question and answer; one that was not is a jump in the sequence. Before
+    homing the position is whatever the device takes it to be.
+
+    Args:
+        name: Name in the profile.
+        settings: Of the stage.
+        clock: Gives bench time.
+    """
+
+    def __init__(self, name: str, settings: ZaberStageSettings, clock: WallClock) -> None:
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._mounting = Mounting(settings)
+        self._procedures = Procedures(settings, self._mounting)
+        self._stream = f"{name}.position"
+        self._link: SerialLink | None = None
+        self._dialogue: Dialogue | None = None
+        self._failure: str | None = NOT_OPEN
+        self._statuses: list[Status] = []
+        self._samples: list[_Sample] = []
+        self._seq = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        self._listening = False
+        self._waiting: Command | None = None  # not yet begun
+        self._command: Command | None = None  # of the procedure
+        self._procedure: Moving | Opening | None = None
+        self._question: Question | None = None  # of the procedure
+        self._poll: Question | None = None  # for the position
+        self._halt: Question | None = None
+        self._motion: Command | None = None  # the stage is on its way
+        self._target: int | None = None
+        self._stopping = False
+        self._since_s = -math.inf  # answers to older questions say nothing of this motion
+        self._asked_s = -math.inf
+        self._flag = codec.NO_FLAG
+
+    def open(self) -> DeviceInfo:
+        """Connect, identify, set travel and speed limits in the device, move nothing.
+
+        A stage that is found moving, left so by a host that died, is stopped.
+
+        Raises:
+            PortError: the port is absent, busy or was taken away.
+            SilentError: nothing answers.
+            ProtocolError: what answers is no Zaber ASCII.
+            RefusedError: the device does not take the limits.
+        """
+        s = self._settings
+        self._forget()
+        self._link = open_serial(self.name, s.port, s.baud)
+        try:
+            self._dialogue = Dialogue(self._link, s.address, retry_s=s.retry_s, timeout_s=s.reply_timeout_s)
+            found = self._converse(self._link, self._dialogue, self._procedures.identify())
+            self._dialogue.checksums_due = found.checksums
+        except BaseException:
+            self.close()
+            raise
+        self._failure = None
+        return DeviceInfo(
+            self.name,
+            model=f"Zaber device {found.device_id}",
+            serial=found.serial,
+            version=found.firmware,
+            streams={self._stream: StreamInfo(self._stream, ("position",), "m", s.microstep_m)},
+            mover=True,
+            details={**asdict(found), "homed": codec.UNHOMED.isdisjoint(found.flags)},
+        )
+
+    def close(self) -> None:
+        """Stop what moves, let go of the port. Never raises; may be called twice."""
+        if self._link is not None:
+            if self._dialogue is not None and self._failure != NOT_OPEN:
+                self._dialogue.ask("stop")
+            self._link.close()
+        self._link = self._dialogue = None
+        self._failure = NOT_OPEN
+        self._forget()
+
+    def apply(self, command: Command) -> Applied:
+        """Queue a command; a `Stop` is on the wire when this returns. Too great a speed is clamped.
+
+        Raises:
+            CommandError: not for a stage, not finite or out of range. Nothing was sent.
+        """
+        command = valid(self.name, self._settings, command)
+        if isinstance(command, Listen):
+            self._listening = self._stream in command.streams
+        elif isinstance(command, Stop):
+            self._write_stop(command)
+        elif self._failure is not None:
+            self._refuse(command, self._failure)
+        else:
+            self._abandon()
+            self._waiting = command
+            self._turn()
+        return Applied(command, self._clock.now())
+
+    def read(self) -> Sequence[SampleBlock]:
+        """Positions that have arrived since the last call."""
+        self._turn()
+        runs: list[list[_Sample]] = []
+        for sample in self._samples:
+            if not runs or sample.seq != runs[-1][-1].seq + 1:
+                runs.append([])
+            runs[-1].append(sample)
+        self._samples = []
+        return [self._block(run) for run in runs]
+
+    def account(self) -> Mapping[str, object]:
+        """Position samples published; what was lost is told by statuses."""
+        return {"positions": self._seq}
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        self._turn()
+        statuses, self._statuses = self._statuses, []
+        return statuses
+
+    # what is said
+
+    def _write_stop(self, command: Command) -> None:
+        """Past everything: no answer is waited for, and no line of an unfinished procedure follows."""
+        self._abandon()
+        if self._dialogue is not None:
+            if self._halt is not None:
+                self._dialogue.withdraw(self._halt)
+            self._halt = self._dialogue.ask("stop")
+            self._since_s = self._halt.sent_s
+            self._stopping = True
+            self._failure = self._failure or self._dialogue.fault
+        if self._failure is None:
+            self._say_status(Sent(self._bench_s(self._since_s), self.name, command))
+        else:  # it may have been written, but nobody will see the stage stand still
+            self._fail(self._failure)
+
+    def _abandon(self) -> None:
+        if self._question is not None and self._dialogue is not None:
+            self._dialogue.withdraw(self._question)
+        self._question = self._procedure = self._command = self._waiting = self._motion = None
+
+    def _turn(self) -> None:
+        """Hear what has come, say what is due."""
+        dialogue = self._dialogue
+        if dialogue is None or self._failure is not None:
+            return
+        for question, answer in dialogue.turn():
+            self._hear(dialogue, question, answer)
+        if dialogue.fault is not None:
+            what = doing(self._command or self._motion)
+            self._fail(f"{dialogue.fault} while {what}; is the cable in {self._settings.port}?")
+        elif not (self._halt or self._poll or self._question):
+            self._proceed(dialogue)
+
+    def _proceed(self, dialogue: Dialogue) -> None:
+        watched = self._listening or self._stopping or self._motion is not None
+        interval_s = self._settings.position_interval_s if watched else self._settings.idle_interval_s
+        if self._waiting is not None:
+            self._command, self._waiting = self._waiting, None
+            self._procedure = self._procedures.carry_out(self._command)
+            self._say(dialogue, next(self._procedure))
+        elif monotonic_s() - self._asked_s >= interval_s:
+            self._poll = dialogue.ask("get pos")
+            self._asked_s = self._poll.sent_s
+
+    def _say(self, dialogue: Dialogue, line: Line) -> None:
+        self._question = dialogue.ask(line.text)
+        if line.decisive and self._command is not None and dialogue.fault is None:
+            self._since_s = self._question.sent_s
+            self._stopping = False
+            self._say_status(Sent(self._bench_s(self._since_s), self.name, self._command))
+
+    # what is heard
+
+    def _hear(self, dialogue: Dialogue, question: Question, answer: Answer) -> None:
+        if question is self._poll:
+            self._poll = None
+            self._observe(question, answer)
+        elif question is self._halt:
+            self._halt = None
+        elif question is self._question:
+            self._advance(dialogue, answer)
+
+    def _advance(self, dialogue: Dialogue, answer: Answer) -> None:
+        """Give the procedure its reply, and say its next line."""
+        command, procedure = self._command, self._procedure
+        assert command is not None
+        assert procedure is not None
+        try:
+            self._say(dialogue, procedure.send(answer.reply))
+        except StopIteration as end:
+            self._question = self._procedure = self._command = None
+            self._motion, self._target = command, end.value
+        except RejectedError as rejection:
+            self._question = self._procedure = self._command = None
+            self._refuse(command, str(rejection))
+
+    def _observe(self, question: Question, answer: Answer) -> None:
+        """Take a position, and what the stage says of itself beside it."""
+        reply = answer.reply
+        if not (reply.accepted and reply.data.lstrip("-").isdecimal()):
+            self._fail(f"it answers 'get pos' with {reply.data!r}; is this a linear stage?")
+            return
+        counts = self._mounting.counts(int(reply.data))
+        t_s = self._bench_s(0.5 * (answer.sent_s + answer.arrival_s))
+        if self._listening:
+            self._sample(question.attempts - 1, t_s, counts, self._bench_s(answer.arrival_s))
+        newly = reply.flag != self._flag
+        self._flag = reply.flag
+        if newly and codec.astray(reply.flag):
+            self._motion = None
+            self._say_status(Stalled(t_s, self.name, f"{codec.meaning(reply.flag)} ({reply.flag})"))
+        if not reply.busy and answer.sent_s >= self._since_s:
+            self._stand_still(t_s, counts)
+
+    def _sample(self, lost: int, t_s: float, counts: int, arrival_s: float) -> None:
+        if lost:
+            self._say_status(Lost(t_s, self.name, self._stream, lost))
+        self._seq += lost
+        self._samples.append(_Sample(self._seq, t_s, counts, arrival_s))
+        self._seq += 1
+
+    def _stand_still(self, t_s: float, counts: int) -> None:
+        position_m = self._mounting.position_m(counts)
+        if self._stopping:
+            self._say_status(Standstill(t_s, self.name, position_m))
+        elif self._motion is not None and self._target is None and self._flag in codec.UNHOMED:
+            self._say_status(
+                Stalled(t_s, self.name, f"{codec.meaning(self._flag)} after homing ({self._flag})")
+            )
+        elif self._motion is not None and self._target not in (None, counts):
+            aim_m = self._mounting.position_m(self._target or 0)
+            reason = f"it stopped at {position_m:.6f} m on the way to {aim_m:.6f} m ({self._flag})"
+            self._say_status(Stalled(t_s, self.name, reason))
+        elif self._motion is not None:
+            self._say_status(Reached(t_s, self.name, position_m))
+        self._stopping = False
+        self._motion = None
+
+    def _say_status(self, status: Status) -> None:
+        self._statuses.append(status)
+
+    def _refuse(self, command: Command, reason: str) -> None:
+        self._say_status(Refused(self._clock.now(), self.name, command, reason))
+
+    def _fail(self, reason: str) -> None:
+        self._failure = reason
+        self._abandon()
+        self._say_status(Failed(self._clock.now(), self.name, reason))
+
+    # the rest
+
+    def _converse(self, link: SerialLink, dialogue: Dialogue, procedure: Opening) -> Found:
+        """Carry a procedure through, waiting for each reply."""
+        question = dialogue.ask(next(procedure).text)
+        try:
+            while dialogue.fault is None:
+                for answered, answer in dialogue.turn():
+                    if answered is question:
+                        question = dialogue.ask(procedure.send(answer.reply).text)
+                self._clock.wait_until(self._clock.now() + OPEN_TURN_S)
+        except StopIteration as end:
+            found: Found = end.value
+            return found
+        except RejectedError as rejection:
+            advice = "hold travel and speed in the profile against the stage's data sheet"
+            raise RefusedError(self.name, "opening", str(rejection), advice) from None
+        port, address = self._settings.port, self._settings.address
+        if link.fault is not None:
+            raise PortError(self.name, "opening", f"{port}: {link.fault}", "see: ls /dev/serial/by-id")
+        if dialogue.garbage:
+            advice = f"is another device there, or is its speed not {self._settings.baud} baud?"
+            raise ProtocolError(
+                self.name, "opening", f"{dialogue.fault} from {port}, which is no Zaber ASCII", advice
+            )
+        advice = f"is it powered, set to the ASCII protocol, and device {address} on its line?"
+        raise SilentError(self.name, "opening", f"{dialogue.fault} from {port}", advice)
+
+    def _bench_s(self, monotonic: float) -> float:
+        return self._clock.from_monotonic(monotonic)
+
+    def _block(self, run: list[_Sample]) -> SampleBlock:
+        return SampleBlock(
+            self._stream,
+            run[0].seq,
+            run[0].t_s,
+            np.array([[sample.counts] for sample in run], dtype=np.int64),
+            times_s=np.array([sample.t_s for sample in run]),
+            unit="m",
+            scale=self._settings.microstep_m,
+            arrival_s=run[-1].arrival_s,
+        )

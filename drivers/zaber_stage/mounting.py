@@ -1,0 +1,108 @@
+"""Where the stage is, how it is mounted, how far and fast it may go; approach axis ⇄ device counts."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from drivers.settings import Settings
+from drivers.zaber_stage import codec
+
+ROUNDING = 1e-6
+"""Microsteps that a length may be off by arithmetic alone and still count as whole."""
+
+
+class ZaberStageSettings(Settings):
+    """A stage on a serial port.
+
+    Positions are on the approach axis, which grows towards the object: `origin_m` from the home end is its
+    zero, `forward` its direction.
+    """
+
+    port: str
+    """Serial port, `/dev/serial/by-id/...` or a pty."""
+    baud: int = Field(default=115200, ge=9600, le=921600)
+    """Line speed in bits per second (manual: factory default)."""
+    address: int = Field(default=1, ge=1, le=99)
+    """Device number on the line (manual: factory default)."""
+    microstep_m: float = Field(default=codec.MICROSTEP_M, gt=0.0, le=1e-4)
+    """Metres per microstep (data sheet)."""
+    forward: Literal[1, -1] = 1
+    """1 where the approach axis points away from the home end, -1 where it points towards it."""
+    origin_m: float = Field(default=0.0, ge=0.0, le=3.0)
+    """Distance in metres from the home end to zero on the approach axis; rounded to a whole microstep."""
+    travel_min_m: float = Field(default=0.0, ge=-3.0, le=3.0)
+    """Least position in metres; set in the device as well."""
+    travel_max_m: float = Field(default=0.0254, ge=-3.0, le=3.0)
+    """Greatest position in metres; set in the device as well (51,200 microsteps: a stage of one inch)."""
+    max_speed_m_s: float = Field(default=0.025, gt=0.0, le=2.0)
+    """Greatest speed in m/s; set in the device as well (assumption: twice the paper's fastest approach)."""
+    position_interval_s: float = Field(default=0.01, ge=0.001, le=1.0)
+    """Time in seconds between two questions for the position while it moves or is listened to."""
+    idle_interval_s: float = Field(default=0.2, ge=0.001, le=10.0)
+    """The same while it stands and nobody listens: how soon a dead link is noticed (assumption)."""
+    retry_s: float = Field(default=0.05, gt=0.0, le=5.0)
+    """When a question is asked again, in seconds (assumption: ten times an exchange at 115,200 baud)."""
+    reply_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
+    """Silence in seconds after which the device has failed (assumption: ten questions)."""
+
+    @model_validator(mode="after")
+    def _on_the_rail(self) -> Self:
+        if not self.travel_min_m < self.travel_max_m:
+            raise ValueError(
+                f"travel_min_m = {self.travel_min_m} is not below travel_max_m = {self.travel_max_m}"
+            )
+        ends_m = [self.origin_m + self.forward * end for end in (self.travel_min_m, self.travel_max_m)]
+        if min(ends_m) < -ROUNDING * self.microstep_m:
+            raise ValueError(
+                f"the travel reaches {-min(ends_m):g} m beyond the home end; check origin_m and forward"
+            )
+        return self
+
+
+class Mounting:
+    """Turns positions on the approach axis into what the device counts, and back.
+
+    `counts` are whole microsteps on the approach axis, from its zero.
+
+    Args:
+        settings: Of the stage.
+    """
+
+    def __init__(self, settings: ZaberStageSettings) -> None:
+        self._microstep_m = settings.microstep_m
+        self._forward = settings.forward
+        self._origin = codec.microsteps(settings.origin_m, settings.microstep_m)
+        self.lowest = self.at_least(settings.travel_min_m)
+        self.highest = self.at_most(settings.travel_max_m)
+
+    def at_most(self, position_m: float) -> int:
+        """The greatest count that does not lie beyond a position."""
+        return math.floor(position_m / self._microstep_m + ROUNDING)
+
+    def at_least(self, position_m: float) -> int:
+        """The least count that does not lie below a position."""
+        return math.ceil(position_m / self._microstep_m - ROUNDING)
+
+    def nearest(self, position_m: float) -> int:
+        """The count nearest to a position, inside the travel."""
+        return min(max(codec.microsteps(position_m, self._microstep_m), self.lowest), self.highest)
+
+    def position_m(self, counts: int) -> float:
+        """Metres on the approach axis."""
+        return codec.length_m(counts, self._microstep_m)
+
+    def device(self, counts: int) -> int:
+        """What the device calls a count."""
+        return self._origin + self._forward * counts
+
+    def counts(self, device: int) -> int:
+        """What a device position is on the approach axis."""
+        return self._forward * (device - self._origin)
+
+    def limits(self, lowest: int, highest: int) -> dict[str, int]:
+        """The device's limit settings for a range of counts."""
+        ends = sorted((self.device(lowest), self.device(highest)))
+        return {"limit.min": ends[0], "limit.max": ends[1]}

@@ -1,0 +1,288 @@
+"""The command line of touchbench: arguments → profile → rig → run → exit code."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from config.verbs import DEVICE, DONE, Program, Verb, complain, explained, out_option, set_option, span
+
+if TYPE_CHECKING:
+    from config.profile import Profile
+    from controller.campaign import Console
+    from controller.console import Operator
+
+
+@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+def cli() -> None:
+    """Run touch experiments on a robot bench: simulated, emulated on the wire, or real.
+
+    A profile says which bench, which experiment and which trials. To begin with:
+
+    \b
+      run.py list                    what there is
+      run.py run mock/transient      42 approaches to a simulated finger, in seconds
+      run.py VERB --help             more about a verb
+    """
+
+
+@cli.command("list", cls=Verb, short_help="Show profiles, detectors or drivers.")
+@click.option("--detectors", "shown", flag_value="detectors", help="List kinds of detectors instead.")
+@click.option("--drivers", "shown", flag_value="drivers", help="List drivers instead.")
+def list_(shown: str | None) -> None:
+    """Show the profiles, with the bench and the devices that each needs.
+
+    \b
+    Example:
+      run.py list
+      run.py list --detectors
+    """
+    from config.listing import listed_detectors, listed_drivers, listed_profiles
+
+    lines = {"detectors": listed_detectors, "drivers": listed_drivers, None: listed_profiles}[shown]()
+    click.echo("\n".join(lines))
+
+
+@cli.command(cls=Verb, short_help="Validate a profile, print its settings, try its bench.")
+@click.argument("profile")
+@set_option
+@click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
+@click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
+def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect: bool) -> int:
+    """Validate a PROFILE and print every setting with the file that gave it.
+
+    PROFILE is a name that `run.py list` shows, or the path of a TOML file. What is printed is a profile too. With
+    --connect the bench is tried as well, which is the thing to do before a first run.
+
+    \b
+    Example:
+      run.py check mock/transient
+      run.py check hardware/transient --connect
+    """
+    from config.toml_text import to_toml
+
+    loaded = _loaded(profile, overrides, csv)
+    origins = loaded.source.origins
+    click.echo(
+        f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {len(loaded.trials(0))} trials"
+    )
+    click.echo(f"# sha256 {loaded.hash}\n")
+    click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
+    if not connect:
+        return DONE
+    from config.assemble import build_rig
+    from controller.doctor import examine
+    from controller.rig import TrialScene
+
+    click.echo()
+    plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
+    with closing(build_rig(loaded)) as rig:
+        findings = []
+        for finding in examine(rig, TrialScene(0, 0, {}, plant)):
+            findings.append(finding)
+            click.echo(finding.line)
+    return DONE if all(finding.sound for finding in findings) else DEVICE
+
+
+@cli.command(cls=Verb, short_help="Run an experiment, write a run folder and its report.")
+@click.argument("profile")
+@set_option
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of order and noise.")
+@click.option(
+    "--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file: a factor a column."
+)
+@click.option(
+    "--only", "numbers", type=int, multiple=True, metavar="TRIAL", help="This trial alone; repeatable."
+)
+@out_option
+@click.option(
+    "--endpoints",
+    type=click.Path(path_type=Path),
+    help="Join the emulator whose line `run.py emulate` printed into this file.",
+)
+def run(
+    profile: str,
+    overrides: Mapping[str, str],
+    seed: int,
+    csv: Path | None,
+    numbers: Sequence[int],
+    out: Path,
+    endpoints: Path | None,
+) -> int:
+    """Run the experiment of a PROFILE and write a run folder with its report.
+
+    On a terminal Ctrl+C pauses: everything stops and is still watched, Enter goes on, and a second Ctrl+C ends the
+    run. Whatever ends it, what was measured is on the disk and in the report.
+
+    \b
+    Example:
+      run.py run mock/transient
+      run.py run mock/transient --only 16 --set plant.noise_scale=0.5
+      run.py run hardware/transient --trials my_trials.csv
+
+    Exit codes: 0 done, 1 the experiment failed, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130
+    interrupted.
+    """
+    from config.assemble import build_rig, plan_campaign
+    from config.trials import only
+    from controller.campaign import Campaign
+    from controller.console import Operator
+
+    loaded = _loaded(profile, overrides, csv)
+    trials = loaded.trials(seed)
+    plan = plan_campaign(loaded, only(trials, numbers) if numbers else trials, seed)
+    with closing(build_rig(loaded, _endpoints(endpoints))) as rig, Operator() as operator:
+        outcome = Campaign(plan, rig, _console(operator), out).run()
+    (complain if outcome.exit_code else click.echo)(outcome.line)
+    try:
+        _report([outcome.folder])
+    except Exception as error:
+        if not outcome.exit_code:
+            raise
+        complain(f"no report: {explained(error)[1]}")
+    return outcome.exit_code
+
+
+@cli.command(cls=Verb, short_help="Serve a profile's emulated devices.")
+@click.argument("profile")
+@set_option
+def emulate(profile: str, overrides: Mapping[str, str]) -> None:
+    """Start the emulated devices of a PROFILE and say in one JSON line where they are.
+
+    They serve until Ctrl+C: real bytes on pseudo-terminals, for this program or any other.
+
+    \b
+    Example:
+      run.py emulate emulated/transient > bench.json
+      run.py run emulated/transient --endpoints bench.json     (in another terminal)
+    """
+    import signal
+    import threading
+
+    from config.assemble import start_emulator
+
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with closing(start_emulator(_loaded(profile, overrides))) as emulator:
+        click.echo(json.dumps(emulator.endpoints))
+        sys.stdout.flush()
+        ended.wait()
+
+
+@cli.command(cls=Verb, short_help="Let a detector hear a recording.")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option(
+    "--detector", required=True, metavar="NAME", help="Kind of detector: see run.py list --detectors."
+)
+@set_option
+@click.option("--column", help="Column of a CSV or NPZ file; channel of a WAV file, from 0.")
+@click.option(
+    "--rate", "rate_hz", type=float, metavar="HZ", help="Sample rate of a file without a column t_s."
+)
+@click.option("--baseline", callback=span, metavar="T0:T1", help="Learn from these seconds of the recording.")
+@click.option("--trial", type=int, help="Trial of a run folder; its first one otherwise.")
+def replay(
+    recording: Path,
+    detector: str,
+    overrides: Mapping[str, str],
+    column: str | None,
+    rate_hz: float | None,
+    baseline: tuple[float, float] | None,
+    trial: int | None,
+) -> None:
+    """Let a detector hear a RECORDING and print one JSON line an event.
+
+    RECORDING is a run folder, a part of its name or `latest`, or a CSV, NPZ or WAV file.
+
+    \b
+    Example:
+      run.py replay latest --detector resonance --trial 4
+      run.py replay finger.csv --detector resonance.paper --column period_s --baseline 2:3 --set threshold_sigma=4
+    """
+    from config.assemble import make_detector
+    from controller.recording.run_folder import RunFolder
+    from controller.replay import as_line, between, read_blocks
+    from controller.replay import replay as replayed
+
+    if not recording.exists() and not recording.suffix:
+        recording = RunFolder.find(recording).path
+    if baseline is not None:
+        overrides = {**overrides, "baseline_s": repr(baseline[1] - baseline[0])}
+    heard = make_detector(detector, overrides)
+    blocks = read_blocks(recording, heard.inputs[0], column=column, rate_hz=rate_hz, trial=trial)
+    if baseline is not None:
+        blocks = between(blocks, baseline[0])
+    for event in replayed(blocks, heard):
+        click.echo(json.dumps(as_line(event, detector)))
+
+
+@cli.command(cls=Verb, short_help="Write the report of one or more runs.")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...")
+@out_option
+def report(runs: Sequence[str], out: Path) -> None:
+    """Write the report of a RUN, or of several together, from the recordings alone.
+
+    RUN is a run folder, a part of its name, or `latest`. A run that was cut off is reported as far as it came.
+
+    \b
+    Example:
+      run.py report latest
+    """
+    from controller.recording.reader import open_run
+
+    _report([open_run(name, out).folder.path for name in runs])
+
+
+# --- what the verbs share ------------------------------------------------------------------------
+
+
+def _loaded(profile: str, overrides: Mapping[str, str], csv: Path | None = None) -> Profile:
+    from config.assemble import Table
+    from config.profile import load_profile
+    from config.trials import read_csv
+
+    rows, labels = read_csv(csv) if csv else (None, None)
+    return load_profile(profile, overrides, table=Table(), rows=rows, labels=labels)
+
+
+def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
+    if path is None:
+        return None
+    try:
+        endpoints = json.loads(path.read_text(encoding="utf-8"))
+        endpoints["devices"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not the line that `run.py emulate` prints"
+        raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None
+    return dict(endpoints)
+
+
+def _console(operator: Operator) -> Console:
+    from controller.console import PlainConsole
+
+    if not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
+        return PlainConsole(operator, click.echo)
+    from rich.console import Console as Terminal
+
+    from controller.live import LiveConsole
+
+    return LiveConsole(operator, Terminal())
+
+
+def _report(folders: Sequence[Path]) -> None:
+    from controller.recording.reader import open_run
+    from controller.reports.report import build_report
+
+    click.echo(f"report: {build_report([open_run(folder) for folder in folders])}")
+
+
+if __name__ == "__main__":
+    cli(prog_name="run.py")

@@ -1,0 +1,340 @@
+"""The command line as its users hold it: verbs, exit codes, one line for each mistake."""
+
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from run import cli
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
+"""The loop locks within a second; at eight sigma no trial ends by a false contact."""
+
+
+@pytest.fixture
+def verb(capsys):
+    """Calls the program as `run.py …` does; gives exit code, output and errors."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([str(argument) for argument in arguments], prog_name="run.py")
+        said = capsys.readouterr()
+        return ended.value.code, said.out, said.err
+
+    return call
+
+
+@contextmanager
+def started(*arguments, **extra):
+    """The program as a process of its own; it is gone afterwards."""
+    command = [sys.executable, str(ROOT / "run.py"), *(str(argument) for argument in arguments)]
+    process = subprocess.Popen(command, cwd=ROOT, text=True, **extra)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+# --- list, check -------------------------------------------------------------------------------------
+
+
+def test_list_shows_every_experiment_with_its_bench_and_what_it_needs(verb):
+    code, out, _ = verb("list")
+    assert code == 0
+    assert "mock/transient " in out
+    assert "transient on the mock bench with stage (zaber_stage), board (sensor_board)" in out
+    assert "stage at /dev/serial/by-id/" in out
+
+
+def test_list_shows_drivers_and_detectors(verb):
+    assert "zaber_stage" in verb("list", "--drivers")[1]
+    assert "resonance.paper" in verb("list", "--detectors")[1]
+
+
+def test_list_loads_nothing_heavy():
+    code = (
+        "import sys\nfrom run import cli\ntry:\n    cli.main(['list'])\nexcept SystemExit:\n    pass\n"
+        "print({'numpy', 'pydantic', 'rich', 'numba', 'serial', 'matplotlib', 'scipy'} & set(sys.modules))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert said.stdout.splitlines()[-1] == "set()"
+
+
+def test_check_prints_every_setting_with_the_file_that_gave_it(verb):
+    code, out, _ = verb("check", "mock/transient", "--set", "limits.force_n=1.5")
+    assert code == 0
+    assert "# mock/transient: transient on the mock bench, 42 trials" in out
+    lines = {line.split(" = ")[0]: line for line in out.splitlines() if " = " in line}
+    assert lines["force_n"].endswith("# --set")
+    assert lines["baseline_s"].endswith("config/profiles/mock/transient.toml")
+    assert lines["rate_hz"].endswith("# default")
+
+
+def test_what_check_prints_is_a_profile_again(verb, tmp_path):
+    (tmp_path / "printed.toml").write_text(verb("check", "mock/transient")[1])
+    again = verb("check", tmp_path / "printed.toml")[1]
+    assert again.splitlines()[1] == verb("check", "mock/transient")[1].splitlines()[1]
+
+
+def test_check_connect_reads_every_sensor_of_the_mock_bench(verb):
+    code, out, _ = verb("check", "mock/transient", "--connect")
+    assert code == 0
+    assert "    board.load_cell: " in out
+    assert "    stage.position: " in out
+
+
+def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
+    code, out, _ = verb("check", "hardware/transient", "--connect")
+    assert code == 3
+    assert "stage: " in out
+    assert "does not exist" in out
+
+
+# --- mistakes: one line, exit code 2 -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["lst"], "No such command 'lst'. Did you mean 'list'?"),
+        (["run"], "Missing argument 'PROFILE'"),
+        (["run", "mock/transiet"], "no profile 'mock/transiet'; did you mean 'mock/transient'"),
+        (["run", "mock/transient", "--sed", "1"], "No such option"),
+        (["run", "mock/transient", "--seed", "-1"], "--seed"),
+        (["run", "mock/transient", "--only", "43"], "--only 43: no such trial; the profile has 1 to 42"),
+        (["run", "mock/transient", "--set", "limits.force_n"], "'limits.force_n' gives no value"),
+        (
+            ["run", "mock/transient", "--set", "behavior.settle_ms=500"],
+            "--set: [behavior] settle_ms = 500: unknown key; SI is meant: settle_s = 0.5",
+        ),
+        (["run", "mock/transient", "--trials", "nowhere.csv"], "nowhere.csv: cannot be read: No such file"),
+        (["run", "emulated/transient", "--endpoints", "nowhere.json"], "nowhere.json: No such file"),
+        (["emulate", "mock/transient"], "mock/transient: no device"),
+        (["report", "nowhere"], "nowhere: no such run folder"),
+        (["replay", "nowhere.csv", "--detector", "resonance"], "nowhere.csv: no such file or run folder"),
+        (["replay", "nowhere.csv", "--detector", "resonanse"], "did you mean 'resonance'"),
+        (["replay", "x.csv", "--detector", "resonance", "--baseline", "2"], "'2' is no span"),
+        (["replay", "x.csv", "--detector", "resonance", "--baseline", "3:2"], "ends before it begins"),
+        (
+            ["replay", "x.csv", "--detector", "resonance", "--set", "threshold_sgima=2"],
+            "did you mean 'threshold_sigma'?",
+        ),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_one_line_and_exit_code_2(verb, arguments, said):
+    code, out, err = verb(*arguments)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_mistake_in_a_trials_file_is_one_line_with_row_and_column(verb, tmp_path):
+    path = tmp_path / "trials.csv"
+    path.write_text("location,speed_m_s\nf,0.004\nf,nan\n")
+    code, _, err = verb("run", "mock/transient", "--trials", path)
+    assert (code, err) == (2, f"{path}: row 3, column speed_m_s = nan: must be finite\n")
+    path.write_text("location\nf\n")
+    code, _, err = verb("run", "mock/transient", "--trials", path)
+    assert (code, err) == (2, f"{path}: row 2, column speed_m_s is missing: Speed of the approach\n")
+
+
+def test_the_program_alone_shows_its_verbs(verb):
+    code, out, _ = verb()
+    assert code == 2
+    assert "run.py run mock/transient" in out
+
+
+@pytest.mark.parametrize("name", ["list", "check", "run", "emulate", "replay", "report"])
+def test_every_verb_explains_itself_with_an_example(verb, name):
+    code, out, _ = verb(name, "--help")
+    assert code == 0
+    assert "Example:" in out
+    assert "--debug" in out
+
+
+def test_an_error_that_nobody_foresaw_is_one_line_and_shows_itself_with_debug(verb, monkeypatch):
+    def broken():
+        raise RuntimeError("the table\nis broken")
+
+    monkeypatch.setattr("config.listing.listed_profiles", broken)
+    code, _, err = verb("list")
+    assert (code, err) == (
+        1,
+        "unexpected RuntimeError: the table is broken; run again with --debug to see where\n",
+    )
+    with pytest.raises(RuntimeError):
+        cli.main(["list", "--debug"], prog_name="run.py")
+
+
+def test_a_reader_who_leaves_early_is_no_error():
+    reading, writing = os.pipe()
+    os.close(reading)
+    with started("list", stdout=writing, stderr=subprocess.PIPE) as process:
+        os.close(writing)
+        assert process.communicate(timeout=60)[1] == ""
+
+
+# --- run, report, replay -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Two trials, run once for all tests that only look: what the program said, and the run's folder."""
+    out = tmp_path_factory.mktemp("recorded")
+    arguments = ["run", "mock/transient", "--only", "16", "--only", "17", "--out", str(out), *QUICK]
+    said = subprocess.run(
+        [sys.executable, str(ROOT / "run.py"), *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    (folder,) = out.iterdir()
+    return said, folder
+
+
+def test_run_says_each_trial_on_a_line_and_where_the_report_is(recorded):
+    said, folder = recorded
+    assert (said.returncode, said.stderr) == (0, "")
+    lines = said.stdout.splitlines()
+    assert lines[0] == f"mock/transient: 2 trials into {folder}"
+    assert {line.split()[2] for line in lines[1:3]} == {"16", "17"}
+    assert lines[-1] == f"report: {folder / 'report.html'}"
+    assert (folder / "report.html").is_file()
+    assert json.loads((folder / "manifest.json").read_text())["exit"]["status"] == "done"
+
+
+def test_a_recording_is_replayed_one_json_line_an_event(verb, recorded):
+    code, out, _ = verb("replay", recorded[1], "--detector", "resonance.paper", "--set", "threshold_sigma=8")
+    events = [json.loads(line) for line in out.splitlines()]
+    assert code == 0
+    assert [event["event"] for event in events][:2] == ["BaselineReady", "Contact"]
+    assert set(events[0]) == {"t_s", "detector", "event", "value", "threshold"}
+    assert events[0]["detector"] == "resonance"
+
+
+def test_a_report_is_written_anew_from_the_recording_alone(verb, recorded):
+    page = recorded[1] / "report.html"
+    page.unlink()
+    code, out, _ = verb("report", "latest", "--out", recorded[1].parent)
+    assert (code, out) == (0, f"report: {page}\n")
+    assert page.is_file()
+
+
+def test_trials_from_a_file_are_run_in_their_order(verb, tmp_path):
+    path = tmp_path / "trials.csv"
+    path.write_text("location,speed_m_s,detectors.contact.sample_hz\nf,0.004,28\na,0.005,15\n")
+    sets = [*QUICK, "--set", "trials.order=listed", "--set", "trials.repeats=1"]
+    code, _, err = verb("run", "mock/transient", "--trials", path, "--out", tmp_path / "runs", *sets)
+    assert (code, err) == (0, "")
+    (folder,) = (tmp_path / "runs").iterdir()
+    rows = (folder / "trials.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows[1:]] == ["1", "2"]
+    assert "detectors.contact.sample_hz" in rows[0].split(",")
+
+
+def test_a_device_that_fails_is_exit_code_3_with_one_line_and_a_report(verb, tmp_path):
+    fault = 'faults=[{device = "stage", kind = "unplug", at_s = 1.0}]'
+    code, out, err = verb("run", "mock/transient", "--only", 16, "--out", tmp_path, "--set", fault, *QUICK)
+    assert code == 3
+    assert "link is gone" in err
+    assert len(err.splitlines()) == 1
+    assert "report: " in out
+
+
+def test_a_command_beyond_the_limits_is_exit_code_4(verb, tmp_path):
+    limit = ["--set", "limits.speed_m_s=0.001"]
+    code, _, err = verb("run", "mock/transient", "--only", 16, "--out", tmp_path, *limit, *QUICK)
+    assert code == 4
+    assert "limits.speed_m_s" in err
+
+
+def test_a_folder_that_cannot_be_written_is_one_line_and_exit_code_1(verb, tmp_path):
+    (tmp_path / "runs").write_text("a file, not a folder")
+    code, _, err = verb("run", "mock/static", "--out", tmp_path / "runs")
+    assert code == 1
+    assert len(err.splitlines()) == 1
+    assert "runs" in err
+
+
+# --- interrupting ------------------------------------------------------------------------------------
+
+ENDLESS = ["run", "mock/transient", "--set", "trials.repeats=2000", *QUICK]
+"""So many trials that no test sees the last one."""
+
+
+def _wait_for(text, read, seconds=60.0):
+    seen, end = "", time.monotonic() + seconds
+    while text not in seen:
+        assert time.monotonic() < end, f"{text!r} never came; seen: {seen[-500:]!r}"
+        seen += read(end - time.monotonic())
+    return seen
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_without_a_terminal_the_first_signal_aborts_with_130_and_a_report(tmp_path, number):
+    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with started(*ENDLESS, "--out", tmp_path, **streams) as process:
+        while not process.stdout.readline().startswith("[1/"):
+            assert process.poll() is None, process.stderr.read()
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in err
+    assert "report: " in out
+    (folder,) = tmp_path.iterdir()
+    assert json.loads((folder / "manifest.json").read_text())["exit"]["status"] == "aborted"
+
+
+def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_twice_aborts(tmp_path):
+    hand, terminal = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
+    streams = {"stdin": terminal, "stdout": terminal, "stderr": subprocess.PIPE}
+    # A session of its own, whose terminal this is: Ctrl+C is then the key 0x03, as at a keyboard.
+    command = [sys.executable, "-c", _CONTROLLED, str(ROOT / "run.py"), *ENDLESS, "--out", str(tmp_path)]
+    process = subprocess.Popen(
+        command, cwd=ROOT, text=True, env=environment, start_new_session=True, **streams
+    )
+    os.close(terminal)
+
+    def read(seconds):
+        ready, _, _ = select.select([hand], [], [], max(seconds, 0.0))
+        return os.read(hand, 65536).decode(errors="replace") if ready else ""
+
+    try:
+        _wait_for(" of 28000 trials", read)
+        _wait_for("contact", read)
+        os.write(hand, b"\x03")
+        _wait_for("Enter goes on", read)
+        os.write(hand, b"\n")
+        _wait_for("Ctrl+C pauses", read)
+        os.write(hand, b"\x03")
+        _wait_for("Enter goes on", read)
+        os.write(hand, b"\x03")
+        _wait_for("report: ", read)
+        assert process.wait(timeout=60) == 130
+        assert "interrupted" in process.stderr.read()
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+        process.stderr.close()
+        os.close(hand)
+
+
+_CONTROLLED = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""

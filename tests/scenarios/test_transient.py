@@ -1,0 +1,121 @@
+"""A2 on the mock bench: what a trial is, and what it leaves behind."""
+
+import numpy as np
+import pytest
+
+from behaviors.transient import Transient
+from drivers.messages import Listen
+
+
+def row_of(bench):
+    (row,) = bench.run.trials
+    return row
+
+
+def test_a_trial_ends_by_contact_with_a_stop_certificate(run_profile):
+    row = row_of(run_profile(trials=(1,)))
+    assert row["outcome"] == "contact"
+    assert row["truth_contact_s"] <= row["onset_s"] + 1e-9
+    assert row["onset_s"] < row["detect_s"] <= row["command_s"] < row["standstill_s"]
+    # The command goes out in the turn that hears the deciding sample: at most one turn later.
+    assert row["command_s"] - row["detect_s"] <= 1 / 200 + 1e-9
+    # From 3.785 mm/s at 0.5 m/s2: 7.57 ms to a standstill.
+    assert row["standstill_s"] - row["command_s"] == pytest.approx(0.003785 / 0.5, abs=1e-6)
+    braking_m = 0.003785**2 / (2 * 0.5)
+    cruising_m = 0.003785 * (row["command_s"] - row["detect_s"])
+    assert row["stop_travel_m"] == pytest.approx(braking_m + cruising_m, abs=1e-5)  # positions come at 100 Hz
+    # The last report before the detection and the first one after it straddle up to 5 ms of braking: 6 um.
+    assert row["extent_m"] == pytest.approx(0.003785 * row["delay_s"], abs=7e-6)
+
+
+def test_one_seed_gives_one_file_to_the_last_byte(run_profile):
+    first = run_profile(trials=(2, 9, 33))
+    second = run_profile(trials=(2, 9, 33))
+    other = run_profile(trials=(2, 9, 33), seed=2)
+    assert first.csv == second.csv
+    assert first.csv != other.csv
+
+
+@pytest.mark.parametrize("samples", ["1", "7", "1000"])
+def test_block_sizes_change_no_row(run_profile, samples):
+    usual = run_profile(trials=(2, 33))
+    other = run_profile(trials=(2, 33), devices__board__block_samples=samples)
+    assert usual.csv == other.csv
+
+
+def test_the_order_of_trials_changes_no_row(run_profile):
+    forward = run_profile(trials=(2, 9, 33), trials__order="listed")
+    shuffled = run_profile(trials=(2, 9, 33))
+    alone = run_profile(trials=(9,))
+    lines = forward.csv.splitlines()
+    assert [line.partition(",")[0] for line in shuffled.csv.splitlines()] != [
+        line.partition(",")[0] for line in lines
+    ]
+    assert sorted(lines) == sorted(shuffled.csv.splitlines())
+    assert alone.csv.splitlines()[1] in lines
+
+
+def test_what_nobody_hears_is_neither_sent_nor_recorded(run_profile):
+    heard = []
+
+    def spy(rig):
+        board = rig.devices["board"]
+        apply = board.apply
+        board.apply = lambda command: (
+            heard.append(command) if isinstance(command, Listen) else None,
+            apply(command),
+        )[1]
+
+    bench = run_profile(trials=(1,), wrap=spy)
+    assert {stream for command in heard for stream in command.streams} == {"board.load_cell", "board.period"}
+    recording = bench.run.recording(1)
+    assert "board.accelerometer" not in recording.streams
+    force = recording.stream("board.load_cell")
+    settled_s = next(t_s for name, t_s in bench.script.seen if name == "BASELINE")
+    assert not force.gaps, "a skipped span is no loss"
+    starting = force.times_s[force.times_s < settled_s]
+    assert len(starting) <= 20, "the mover's first command is watched for a turn or two, settling is not"
+
+
+def test_settling_is_one_jump_and_not_thousands_of_turns(run_profile):
+    short = run_profile(trials=(1,), behavior__settle_s="2.0").run.manifest["loop"]["turns"]
+    long = run_profile(trials=(1,), behavior__settle_s="90.0").run.manifest["loop"]["turns"]
+    # Noise differs with the time at which the approach begins, so the turns do by the length of an approach.
+    assert abs(long - short) < 200
+
+
+def test_a_false_contact_is_counted_against_the_truth(run_profile):
+    bench = run_profile(trials=(1,), detectors__contact__threshold_sigma="0.2")
+    row = row_of(bench)
+    assert row["outcome"] == "false_contact"
+    assert row["false_contacts"] == 1
+    assert row["truth_contact_s"] is None or row["detect_s"] < row["truth_contact_s"]
+    assert row["delay_s"] is None
+    assert bench.outcome.exit_code == 0
+
+
+def test_an_approach_that_meets_nothing_says_so(run_profile):
+    bench = run_profile(trials=(1,), plant__surface_m="0.05", detectors__contact__threshold_sigma="50.0")
+    row = row_of(bench)
+    assert row["outcome"] == "no_contact"
+    assert bench.stage._bench.axis.target_m == 0.0
+
+
+def test_a_recording_holds_what_the_row_was_measured_from(run_profile):
+    """The row again, from the file alone."""
+    bench = run_profile(trials=(1,))
+    row, recording = row_of(bench), bench.run.recording(1)
+    force = recording.stream("board.load_cell")
+    position = recording.stream("stage.position")
+    begun_s = next(t_s for name, t_s in bench.script.seen if name == "APPROACH")
+    zero_n = force.values[force.times_s < begun_s, 0][-1000:].mean()
+    above = force.times_s[(force.times_s >= begun_s) & (force.values[:, 0] - zero_n >= 0.005)]
+    assert above[0] == pytest.approx(row["onset_s"], abs=2e-3)
+    at = np.interp([row["onset_s"], row["detect_s"]], position.times_s, position.values[:, 0])
+    assert at[1] - at[0] == pytest.approx(row["extent_m"], abs=1e-7)
+
+
+def test_every_state_of_a_good_trial_is_seen(run_profile):
+    bench = run_profile(trials=(1,))
+    names = [name for name, _ in bench.script.seen]
+    assert names == [state.name for state in Transient.States if state.name != "FAILED"]

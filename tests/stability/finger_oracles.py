@@ -1,0 +1,326 @@
+"""Two ways of moving the finger that share no code and no logic with the plant.
+
+`modal` solves each piece by eigenvectors in many digits and finds each switch by scanning and bisection. `naive` takes
+small equal steps and looks at signs. Both are written from the equations of docs/explanation/finger_physics.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from mpmath import mp, mpf
+from numba import njit
+from numpy.typing import NDArray
+
+from drivers.mock.plants.finger_settings import LOCATIONS, FingerSettings
+
+Switch = tuple[float, str]
+TH, OM, B, BE, A, G1, G2, V = range(8)
+
+
+def arm_and_stiffness(s: FingerSettings, location: str) -> tuple[float, float]:
+    """l and k2 of a location."""
+    side, from_tip_m = LOCATIONS[location]
+    return s.arm_f_m + LOCATIONS["f"][1] - from_tip_m, s.pad_n_m if side == "pad" else s.back_n_m
+
+
+class _Modes:
+    """x' = M x + p0 + p1 t + p2 t^2 in eigenvectors."""
+
+    def __init__(self, matrix: list[list[mpf]]) -> None:
+        m = mp.matrix(matrix)
+        self.values, right = mp.eig(m)
+        self.right = right
+        self.left = right**-1
+        self.inverse = m**-1
+        self.fastest = float(max(abs(mp.im(value)) for value in self.values))
+        self.stiffest = float(max(abs(value) for value in self.values))
+
+    def start(self, x: Sequence[mpf], p0: list[mpf], p1: list[mpf], p2: list[mpf]) -> Callable[[mpf], list[mpf]]:
+        """The solution from `x` at time 0 on."""
+        q2 = -(self.inverse * mp.matrix(p2))
+        q1 = self.inverse * (2 * q2 - mp.matrix(p1))
+        q0 = self.inverse * (q1 - mp.matrix(p0))
+        amplitudes = self.left * (mp.matrix(x) - q0)
+        size = len(x)
+
+        def at(t: mpf) -> list[mpf]:
+            powers = [amplitudes[j] * mp.exp(self.values[j] * t) for j in range(size)]
+            return [
+                mp.re(mp.fsum(self.right[i, j] * powers[j] for j in range(size))) + q0[i] + t * (q1[i] + t * q2[i])
+                for i in range(size)
+            ]
+
+        return at
+
+
+def modal(
+    s: FingerSettings,
+    *,
+    pieces: Sequence[tuple[float, float, float, float]],
+    gap_m: float,
+    until_s: float,
+    samples_s: Sequence[float],
+    location: str = "f",
+    digits: int = 40,
+    start_s: float = 0.0,
+    excited: bool = True,
+) -> tuple[list[Switch], list[float]]:
+    """Switches and theta at some times, from rest at `start_s`, without noise.
+
+    Args:
+        s: The finger.
+        pieces: The probe's plan.
+        gap_m: Where it would touch the finger at rest.
+        until_s: The end.
+        samples_s: Ascending times at which theta is wanted.
+        location: Of the contact.
+        digits: Decimal digits to work with.
+        start_s: The beginning.
+        excited: Whether the drive is on.
+    """
+    with mp.workdps(digits):
+        return _modal(s, pieces, gap_m, until_s, samples_s, location, start_s, excited)
+
+
+def _modal(s, pieces, gap_m, until_s, samples_s, location, start_s, excited):  # type: ignore[no-untyped-def]
+    arm, k2 = (mpf(number) for number in arm_and_stiffness(s, location))
+    c2, inertia, base_inertia = mpf(s.contact_n_s_m), mpf(s.inertia_kg_m2), mpf(s.base_inertia_kg_m2)
+    fa, fh = 2 * mp.pi * mpf(s.accelerometer_hz), 2 * mp.pi * mpf(s.high_pass_hz)
+    fr, quality, lever = 2 * mp.pi * mpf(s.loop_hz), mpf(s.high_pass_quality), mpf(s.accelerometer_arm_m)
+    f0, f1, level = mpf(s.oscillator_lowest_hz), mpf(s.oscillator_range_hz), mpf(s.hysteresis_m_s2)
+
+    def matrix(touching: bool) -> list[list[mpf]]:
+        m = [[mpf(0)] * 8 for _ in range(8)]
+        m[TH][OM] = m[B][BE] = mpf(1)
+        for state, size in ((TH, mpf(s.joint_n_m_rad)), (OM, mpf(s.joint_n_m_s_rad))):
+            other = B if state == TH else BE
+            m[OM][state] -= size / inertia
+            m[OM][other] += size / inertia
+            m[BE][state] += size / base_inertia
+            m[BE][other] -= size / base_inertia
+        m[BE][B] -= mpf(s.base_n_m_rad) / base_inertia
+        m[BE][BE] -= mpf(s.base_n_m_s_rad) / base_inertia
+        if touching:
+            m[OM][TH] -= k2 * arm**2 / inertia
+            m[OM][OM] -= c2 * arm**2 / inertia
+        for j in range(4):
+            m[A][j] = -fa * lever * m[BE][j]
+        m[A][A] = -fa
+        m[G1][A], m[G1][G1], m[G1][G2] = fh, -fh / quality, -fh
+        m[G2][G1] = fh
+        m[V][V] = -fr
+        return m
+
+    modes = {touching: _Modes(matrix(touching)) for touching in (False, True)}
+    x = [mpf(0)] * 8
+    x[V] = mpf(1) / 2
+    phase, now, end = mpf(0), mpf(start_s), mpf(until_s)
+    mode, comparator, drive = "free", 0, 0
+    corners = [mpf(piece[0]) for piece in pieces]
+    wanted = [mpf(t) for t in samples_s]
+    thetas: list[float] = []
+    switches: list[Switch] = []
+    while now < end:
+        present = max(i for i, corner in enumerate(corners) if corner <= now)
+        since = now - corners[present]
+        _, p, v, a = (mpf(number) for number in pieces[present])
+        position, velocity = p + v * since + a * since**2 / 2, v + a * since
+        touching = mode == "touching"
+        torque = (mpf(s.drive_n_m) if drive else -mpf(s.drive_n_m)) if excited else mpf(0)
+        p0, p1, p2 = ([mpf(0)] * 8 for _ in range(3))
+        p0[OM] = torque / inertia
+        if touching:
+            p0[OM] += arm * (k2 * (position - mpf(gap_m)) + c2 * velocity) / inertia
+            p1[OM] = arm * (k2 * velocity + c2 * a) / inertia
+            p2[OM] = arm * k2 * a / 2 / inertia
+        detected = mpf(comparator ^ drive)
+        p0[V] = fr * detected
+        at = modes[touching].start(x, p0, p1, p2)
+        control = x[V] - detected
+
+        def depth(t, y):  # type: ignore[no-untyped-def]
+            return position + velocity * t + a * t * t / 2 - mpf(gap_m) - arm * y[TH]  # noqa: B023
+
+        def push(t, y):  # type: ignore[no-untyped-def]
+            return k2 * depth(t, y) + c2 * (velocity + a * t - arm * y[OM])  # noqa: B023
+
+        def turned(t, y):  # type: ignore[no-untyped-def]
+            return phase + (f0 + f1 * detected) * t + f1 * control * (1 - mp.exp(-fr * t)) / fr - mpf(1) / 2  # noqa: B023
+
+        def compared(t, y):  # type: ignore[no-untyped-def]
+            output = y[A] - y[G1] / quality - y[G2]
+            return (-output if comparator else output) - level  # noqa: B023
+
+        guards = {"compared": compared, "turned": turned}
+        if mode == "free":
+            guards["made"] = depth
+        elif mode == "touching":
+            guards["lost"] = lambda t, y: -push(t, y)
+        else:
+            guards["apart"] = lambda t, y: -depth(t, y)
+            guards["made"] = push
+        limit = min([end, *(corner for corner in corners if corner > now)]) - now
+        elapsed, name = _first(at, guards, limit, modes[touching])
+        later = [t for t in wanted if t <= now + elapsed]
+        thetas += [float(at(t - now)[TH]) for t in later]
+        wanted = wanted[len(later) :]
+        x_new = at(elapsed)
+        phase = turned(elapsed, x_new) + mpf(1) / 2
+        x, now = x_new, now + elapsed
+        if name == "compared":
+            comparator ^= 1
+            switches.append((now, "comparator_up" if comparator else "comparator_down"))
+        elif name == "turned":
+            drive ^= 1
+            phase = mpf(0)
+            switches.append((now, "drive_up" if drive else "drive_down"))
+        elif name == "made":
+            mode = "touching"
+            switches.append((now, "made"))
+        elif name == "lost":
+            mode = "clipped" if c2 > 0 else "free"
+            switches.append((now, "lost"))
+        elif name == "apart":
+            mode = "free"
+    return [(float(t), kind) for t, kind in switches], thetas
+
+
+def _first(at, guards, limit, modes):  # type: ignore[no-untyped-def]
+    """Scan for the first guard that rises through zero: steps that grow from the fastest time scale, then bisection."""
+    tiny = mpf(10) ** -20
+    fine = mpf("0.15") / modes.fastest if modes.fastest else limit
+    step = min(mpf("0.05") / modes.stiffest, fine)
+    coarse = min(fine, mpf("1e-3"))
+    t = mpf(0)
+    before = {name: guard(t, at(t)) for name, guard in guards.items()}
+    while t < limit:
+        t_next = min(t + step, limit)
+        step = min(step * 2, coarse)
+        y = at(t_next)
+        after = {name: guard(t_next, y) for name, guard in guards.items()}
+        found = [
+            (_bisect(at, guards[name], t, t_next), name)
+            for name in guards
+            if after[name] > 0 and (before[name] < -tiny or (t > 0 and before[name] <= 0))
+        ]
+        if found:
+            return min(found)
+        t, before = t_next, after
+    return limit, "nothing"
+
+
+def _bisect(at, guard, low, high):  # type: ignore[no-untyped-def]
+    g_low, g_high = guard(low, at(low)), guard(high, at(high))
+    for _ in range(200):
+        # Illinois: false position that cannot hang on one end
+        middle = high - g_high * (high - low) / (g_high - g_low)
+        g = guard(middle, at(middle))
+        if g > 0:
+            if g_high > 0:
+                g_low = g_low / 2
+            high, g_high = middle, g
+        else:
+            low, g_low = middle, g
+            g_high = g_high / 2 if g_high > 0 else g_high
+        if high - low < mpf(10) ** -24 or abs(g) < mpf(10) ** -28:
+            return middle
+    return high
+
+
+@njit
+def _naive_steps(
+    q: NDArray[np.float64], plan: NDArray[np.float64], steps: int, dt: float, every: int, theta_out: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    inertia, joint, c1, base_inertia, kb, cb, drive, arm, gap, k2, c2 = q[:11]
+    fa, lever, fh, quality, level, fr, f0, f1 = q[11:19]
+    th = om = b = be = a = g1 = g2 = 0.0
+    v, phase = 0.5, 0.0
+    comparator = oscillator = touching = 0
+    times, kinds = [0.0], [-1]
+    row = 0
+    for i in range(steps):
+        t = i * dt
+        while row + 1 < plan.shape[0] and plan[row + 1, 0] <= t:
+            row += 1
+        since = t - plan[row, 0]
+        position = plan[row, 1] + plan[row, 2] * since + 0.5 * plan[row, 3] * since * since
+        velocity = plan[row, 2] + plan[row, 3] * since
+        overlap = position - gap - arm * th
+        push = k2 * overlap + c2 * (velocity - arm * om)
+        force = push if overlap > 0.0 and push > 0.0 else 0.0
+        if (force > 0.0) != (touching == 1):
+            touching = 1 - touching
+            times.append(t)
+            kinds.append(0 if touching else 1)
+        bend = joint * (th - b) + c1 * (om - be)
+        om_rate = ((drive if oscillator else -drive) - bend + arm * force) / inertia
+        be_rate = (bend - kb * b - cb * be) / base_inertia
+        y = a - g1 / quality - g2
+        if (comparator == 0 and y > level) or (comparator == 1 and y < -level):
+            comparator = 1 - comparator
+            times.append(t)
+            kinds.append(2 if comparator else 3)
+        detected = 1.0 if comparator != oscillator else 0.0
+        om += dt * om_rate
+        be += dt * be_rate
+        th += dt * om
+        b += dt * be
+        a += dt * fa * (-lever * be_rate - a)
+        g1 += dt * fh * y
+        g2 += dt * fh * g1
+        phase += dt * (f0 + f1 * v)
+        v += dt * fr * (detected - v)
+        if phase >= 0.5:
+            phase -= 0.5
+            oscillator = 1 - oscillator
+            times.append(t + dt)
+            kinds.append(4 if oscillator else 5)
+        if (i + 1) % every == 0:
+            theta_out[(i + 1) // every - 1] = th
+    return np.array(times[1:]), np.array(kinds[1:])
+
+
+def naive(
+    s: FingerSettings,
+    *,
+    pieces: Sequence[tuple[float, float, float, float]],
+    gap_m: float,
+    until_s: float,
+    dt_s: float,
+    sample_s: float,
+    location: str = "f",
+) -> tuple[list[Switch], NDArray[np.float64]]:
+    """The same by semi-implicit Euler steps: switches, and theta every `sample_s`; of first order in `dt_s`."""
+    arm, k2 = arm_and_stiffness(s, location)
+    two_pi = 2.0 * math.pi
+    q = np.array(
+        [
+            s.inertia_kg_m2,
+            s.joint_n_m_rad,
+            s.joint_n_m_s_rad,
+            s.base_inertia_kg_m2,
+            s.base_n_m_rad,
+            s.base_n_m_s_rad,
+            s.drive_n_m,
+            arm,
+            gap_m,
+            k2,
+            s.contact_n_s_m,
+            two_pi * s.accelerometer_hz,
+            s.accelerometer_arm_m,
+            two_pi * s.high_pass_hz,
+            s.high_pass_quality,
+            s.hysteresis_m_s2,
+            two_pi * s.loop_hz,
+            s.oscillator_lowest_hz,
+            s.oscillator_range_hz,
+        ]
+    )
+    steps, every = round(until_s / dt_s), round(sample_s / dt_s)
+    thetas = np.empty(steps // every)
+    times, kinds = _naive_steps(q, np.array(pieces, dtype=np.float64), steps, dt_s, every, thetas)
+    names = ("made", "lost", "comparator_up", "comparator_down", "drive_up", "drive_down")
+    return [(float(t), names[kind]) for t, kind in zip(times, kinds, strict=True)], thetas

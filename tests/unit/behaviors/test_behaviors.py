@@ -1,0 +1,169 @@
+import pytest
+
+from behaviors.events import BaselineReady, Contact, GuardStopped, Resumed, Tick
+from behaviors.machine import Behavior, trigger_of
+from behaviors.static import Static, StaticFactors, StaticSettings
+from behaviors.transient import Transient, TransientFactors, TransientSettings
+from config.assemble import EXPERIMENTS, found
+from config.diagrams import PAGE, page
+from drivers.messages import Excite, Failed, Home, MoveAt, MoveTo, Reached, Refused, Stalled, Standstill, Stop
+
+STATES = Transient.States
+
+
+def transient(detectors=("contact",), **settings):
+    return Transient(TransientSettings(**settings), TransientFactors(speed_m_s=0.005), frozenset(detectors))
+
+
+def contact(t_s, detector="contact"):
+    return Contact(t_s, detector, 30.0, 29.0)
+
+
+def ready(t_s, detector="contact"):
+    return BaselineReady(t_s, detector, 28.0, 29.0)
+
+
+def to(state):
+    """A transient trial, driven into a state by the events that lead there."""
+    path = {
+        STATES.HOMING: [],
+        STATES.STARTING: [Reached(0.1, "stage", 0.0)],
+        STATES.SETTLING: [Reached(0.2, "stage", 0.0)],
+        STATES.BASELINE: [Tick(91.0)],
+        STATES.APPROACH: [ready(93.0)],
+        STATES.STOPPING: [contact(94.0)],
+        STATES.HOLDING: [Standstill(94.1, "stage", 0.004)],
+        STATES.RETRACTING: [Tick(95.0)],
+    }
+    behavior = transient()
+    behavior.begin(0.0)
+    for name, events in path.items():
+        for event in events:
+            behavior.handle(event)
+        if name is state:
+            break
+    assert behavior.state is state
+    return behavior
+
+
+ALIVE = [state for state in STATES if state not in Transient.final]
+
+
+def test_a_trial_goes_from_homing_to_done_and_commands_what_it_says():
+    behavior = transient()
+    assert behavior.begin(0.0) == [Excite("board", True), Home("stage")]
+    assert behavior.handle(Reached(0.5, "stage", 0.0)) == [MoveTo("stage", 0.0, 0.01)]
+    assert behavior.handle(Reached(1.0, "stage", 0.0)) == []
+    assert behavior.handle(Tick(90.9)) == []
+    assert behavior.state is STATES.SETTLING
+    assert behavior.handle(Tick(91.0)) == []
+    assert behavior.state is STATES.BASELINE
+    assert behavior.handle(ready(93.0)) == [MoveAt("stage", 0.005, 0.01)]
+    assert behavior.handle(contact(94.0)) == [Stop("stage")]
+    assert behavior.handle(Standstill(94.1, "stage", 0.004)) == []
+    assert behavior.handle(Tick(94.5)) == [MoveTo("stage", 0.0, 0.01)]
+    assert behavior.handle(Reached(95.0, "stage", 0.0)) == [Excite("board", False)]
+    assert behavior.done
+    assert behavior.outcome == "contact"
+
+
+@pytest.mark.parametrize("state", ALIVE)
+@pytest.mark.parametrize(
+    ("event", "outcome"),
+    [
+        (Failed(95.0, "board", "the link is gone"), "fault"),
+        (Stalled(95.0, "stage", "stalled"), "fault"),
+        (Refused(95.0, "stage", Stop("stage"), "not homed"), "fault"),
+        (GuardStopped(95.0, "3 N"), "guard"),
+    ],
+)
+def test_a_failure_in_any_state_stops_the_mover_and_ends_the_trial(state, event, outcome):
+    behavior = to(state)
+    assert behavior.handle(event) == [Stop("stage"), Excite("board", False)]
+    assert behavior.done
+    assert behavior.outcome == outcome
+    assert event.reason in behavior.reason
+
+
+@pytest.mark.parametrize("behavior", [found(entry.behavior) for entry in EXPERIMENTS.values()])
+def test_every_state_has_a_deadline_and_something_follows_from_it(behavior):
+    for state in behavior.States:
+        if state in behavior.final:
+            continue
+        rows = [row for row in behavior.table if row["trigger"] == "deadline"]
+        sources = [source for row in rows for source in _sources(row)]
+        assert sources.count(state) == 1, state
+
+
+@pytest.mark.parametrize("behavior", [found(entry.behavior) for entry in EXPERIMENTS.values()])
+def test_every_alive_state_can_fail(behavior):
+    for trigger in ("refused", "stalled", "failed", "guard_stopped"):
+        sources = {source for row in behavior.table if row["trigger"] == trigger for source in _sources(row)}
+        assert sources == set(behavior.States) - behavior.final
+
+
+def _sources(row):
+    return list(row["source"]) if isinstance(row["source"], list | tuple) else [row["source"]]
+
+
+def test_another_detectors_contact_does_not_stop_the_approach():
+    behavior = to(STATES.APPROACH)
+    assert behavior.handle(contact(94.0, "shadow")) == []
+    assert behavior.state is STATES.APPROACH
+
+
+def test_the_approach_waits_for_every_detectors_baseline():
+    behavior = transient(detectors=("contact", "shadow"))
+    behavior.begin(0.0)
+    for event in (Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(91.0)):
+        behavior.handle(event)
+    assert behavior.handle(ready(93.0)) == []
+    assert behavior.handle(ready(102.0, "shadow")) == [MoveAt("stage", 0.005, 0.01)]
+
+
+def test_an_approach_without_contact_ends_at_its_limit():
+    behavior = to(STATES.APPROACH)
+    assert behavior.handle(Reached(96.0, "stage", 0.01)) == [MoveTo("stage", 0.0, 0.01)]
+    behavior.handle(Reached(97.0, "stage", 0.0))
+    assert behavior.outcome == "no_contact"
+
+
+def test_a_state_that_outlives_its_deadline_ends_the_trial_and_says_which():
+    behavior = to(STATES.STOPPING)
+    assert behavior.handle(Tick(94.0 + 30.0)) == [Stop("stage"), Excite("board", False)]
+    assert behavior.reason == "STOPPING took longer than 30 s"
+
+
+@pytest.mark.parametrize("state", [STATES.BASELINE, STATES.APPROACH, STATES.STOPPING])
+def test_after_a_pause_it_goes_back_and_takes_a_new_baseline(state):
+    behavior = to(state)
+    assert behavior.handle(Resumed(100.0)) == [MoveTo("stage", 0.0, 0.01)]
+    behavior.handle(Reached(101.0, "stage", 0.0))
+    assert behavior.state is STATES.BASELINE, "the finger has settled already"
+    assert behavior.handle(ready(103.0)) == [MoveAt("stage", 0.005, 0.01)]
+
+
+def test_what_no_state_listens_to_is_named_by_none():
+    behavior = to(STATES.SETTLING)
+    assert behavior.plan.detectors == frozenset()
+    assert behavior.plan.measures == frozenset()
+    assert to(STATES.APPROACH).plan.detectors == {"contact"}
+
+
+@pytest.mark.parametrize(("condition", "position_m"), [("none", 0.0), ("light", 0.003), ("full", 0.0045)])
+def test_static_places_the_probe_where_the_condition_says(condition, position_m):
+    settings = StaticSettings(light_m=0.003, full_m=0.0045)
+    behavior: Behavior = Static(settings, StaticFactors(condition=condition), frozenset())
+    behavior.begin(0.0)
+    behavior.handle(Reached(0.1, "stage", 0.0))
+    behavior.handle(Reached(0.2, "stage", 0.0))
+    assert behavior.handle(Tick(91.0)) == [MoveTo("stage", position_m, 0.002)]
+
+
+def test_triggers_are_the_events_names_in_snake_case():
+    assert trigger_of(GuardStopped(0.0, "")) == "guard_stopped"
+    assert trigger_of(contact(0.0)) == "contact"
+
+
+def test_the_diagrams_in_the_docs_are_those_of_the_tables():
+    assert PAGE.read_text(encoding="utf-8") == page(), "run: make diagrams"

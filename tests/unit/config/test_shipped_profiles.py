@@ -1,0 +1,96 @@
+"""The profiles that come with the program."""
+
+import pytest
+
+from config.assemble import Table
+from config.profile import load_profile
+from config.source import ProfileError, profile_names, read_source
+
+EXPERIMENTS = [name for name in profile_names() if "bench" not in name]
+
+TABLE_I = [
+    ("a", 3.785),
+    ("b", 3.691),
+    ("c", 4.919),
+    ("d", 4.487),
+    ("e", 4.885),
+    ("f", 4.843),
+    ("g", 4.555),
+    ("h", 3.260),
+    ("f", 2.540),
+    ("f", 4.513),
+    ("f", 6.435),
+    ("f", 8.060),
+    ("f", 10.685),
+    ("f", 11.997),
+]
+"""Backus and Dollar, Table I: location and mean speed in mm/s, row by row."""
+
+
+def loaded(name, overrides=None):
+    return load_profile(name, overrides, table=Table())
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_it_is_valid_and_its_bench_is_that_of_its_folder(name):
+    profile = loaded(name)
+    assert profile.bench == name.split("/")[0]
+    assert profile.title
+    assert profile.trials(0)
+
+
+@pytest.mark.parametrize("name", [name for name in profile_names() if "bench" in name])
+def test_a_bench_is_there_to_be_extended_and_says_so(name):
+    with pytest.raises(ProfileError, match="experiment is missing"):
+        loaded(name)
+
+
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+@pytest.mark.parametrize("experiment", ["static", "transient"])
+def test_other_benches_differ_in_ports_plant_settling_and_trials_alone(bench, experiment):
+    """The drivers' own settings follow from the ports; all that is asked of detectors and limits is the same."""
+    mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
+    for section in ("experiment", "detectors", "limits"):
+        assert other.get(section) == mock.get(section)
+    assert {**other["behavior"], "settle_s": 90.0} == mock["behavior"]
+    assert {name: {**device, "port": "mock"} for name, device in other["devices"].items()} == mock["devices"]
+
+
+def test_transient_runs_the_rows_of_table_i_three_times_each():
+    trials = sorted(loaded("mock/transient").trials(7), key=lambda trial: trial.id)
+    rows = [(trial.factors["location"], round(trial.factors["speed_m_s"] * 1e3, 6)) for trial in trials]
+    assert rows == [row for row in TABLE_I for _ in range(3)]
+    assert [trial.repeat for trial in trials] == [1, 2, 3] * 14
+
+
+def test_transient_uses_the_papers_criterion():
+    detector = loaded("mock/transient").detectors["contact"]
+    assert detector.kind == "resonance.paper"
+    settings = detector.settings
+    assert (settings.average_samples, settings.baseline_s, settings.threshold_sigma) == (10, 1.0, 3.0)
+    assert loaded("mock/transient").behavior.settle_s == 90.0
+
+
+def test_the_study_crosses_noise_and_sample_rate_on_every_row():
+    profile = loaded("mock/transient_study")
+    cells = {
+        (trial.factors["plant.noise_scale"], trial.factors["detectors.contact.sample_hz"])
+        for trial in profile.trials(0)
+    }
+    assert cells == {(noise, rate) for noise in (0.5, 1.0, 2.0) for rate in (10.0, 15.0, 28.0)}
+    trial = profile.trials(0)[0]
+    own = profile.for_trial(trial)
+    assert own.plant.settings.noise_scale == trial.factors["plant.noise_scale"]
+    assert own.detectors["contact"].settings.sample_hz == trial.factors["detectors.contact.sample_hz"]
+
+
+def test_the_emulated_transient_is_three_trials_with_shortened_settling():
+    profile = loaded("emulated/transient")
+    assert len(profile.trials(0)) == 3
+    assert profile.behavior.settle_s < 90.0
+    assert "settling shortened" in profile.title
+
+
+def test_static_has_the_three_conditions_of_figure_4():
+    conditions = [trial.factors["condition"] for trial in loaded("mock/static").trials(0)]
+    assert conditions == ["none", "light", "full"]

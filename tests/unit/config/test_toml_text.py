@@ -1,0 +1,45 @@
+"""A resolved profile as text: it says where values came from, and reads back as it was."""
+
+import tomllib
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from config.profile import load_profile
+from config.toml_text import to_toml
+
+leaves = st.one_of(
+    st.booleans(),
+    st.integers(-(2**63), 2**63 - 1),
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.text(st.characters(codec="utf-8")),
+)
+values = st.recursive(
+    leaves,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.text(st.characters(codec="utf-8")), inner, min_size=1)
+    ),
+    max_leaves=12,
+)
+
+
+@given(table=st.dictionaries(st.text(st.characters(codec="utf-8")), values))
+def test_any_table_reads_back_as_it_was(table):
+    assert tomllib.loads(to_toml(table, lambda path: "somewhere")) == table
+
+
+def test_each_line_ends_with_where_its_value_came_from(write, table):
+    profile = load_profile("touch.toml", {"limits.force_n": "1.5"}, table=table)
+    origins = profile.source.origins
+    lines = to_toml(profile.resolved, lambda path: origins.get(path, "default")).splitlines()
+    ends = {line.split(" = ")[0]: line.split("  # ")[-1] for line in lines if " = " in line and "# " in line}
+    assert ends["force_n"] == "--set"
+    assert ends["driver"] == "bench.toml"
+    assert ends["threshold_sigma"] == "touch.toml"
+    assert ends["average_samples"] == "default"
+
+
+def test_a_printed_profile_is_a_profile_with_the_same_hash(write, table):
+    profile = load_profile("touch.toml", table=table)
+    write("printed.toml", to_toml(profile.resolved, lambda path: "printed"))
+    assert load_profile("printed.toml", table=table).hash == profile.hash

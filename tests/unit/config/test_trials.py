@@ -1,0 +1,104 @@
+"""Enumeration, order and CSV files of trials."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from config.source import ProfileError
+from config.trials import Trial, TrialsSettings, combinations, in_order, only, read_csv, trials_from
+
+
+def test_every_row_meets_every_combination_and_the_last_factor_varies_fastest():
+    settings = TrialsSettings(list=({"x": 1}, {"x": 2}), grid={"a": (1, 2), "b": (3, 4)})
+    assert combinations(settings) == [
+        {"x": 1, "a": 1, "b": 3},
+        {"x": 1, "a": 1, "b": 4},
+        {"x": 1, "a": 2, "b": 3},
+        {"x": 1, "a": 2, "b": 4},
+        {"x": 2, "a": 1, "b": 3},
+        {"x": 2, "a": 1, "b": 4},
+        {"x": 2, "a": 2, "b": 3},
+        {"x": 2, "a": 2, "b": 4},
+    ]
+
+
+def test_without_list_and_grid_there_is_one_trial_without_factors():
+    assert trials_from(combinations(TrialsSettings())) == [Trial(1, {}, 1)]
+
+
+def test_nested_factors_become_dotted_names():
+    (trial,) = trials_from([{"speed_m_s": 0.1, "plant": {"noise_scale": 2}}])
+    assert trial.own == {"speed_m_s": 0.1}
+    assert trial.overrides == {"plant.noise_scale": 2}
+
+
+@given(count=st.integers(0, 40), repeats=st.integers(1, 4), seed=st.integers(0, 2**32))
+def test_shuffling_changes_the_order_and_no_trial(count, repeats, seed):
+    listed = trials_from([{"x": i} for i in range(count)], repeats)
+    shuffled = in_order(listed, "shuffled", seed)
+    assert sorted(shuffled, key=lambda trial: trial.id) == listed
+    assert [trial.id for trial in listed] == list(range(1, count * repeats + 1))
+    assert shuffled == in_order(listed, "shuffled", seed)
+
+
+def test_seeds_give_different_orders_and_listed_stays():
+    listed = trials_from([{"x": i} for i in range(10)])
+    assert in_order(listed, "shuffled", 1) != in_order(listed, "shuffled", 2)
+    assert in_order(listed, "listed", 1) == listed
+
+
+def test_single_trials_keep_their_numbers():
+    listed = trials_from([{"x": i} for i in range(5)])
+    assert only(listed, [4, 2]) == [listed[1], listed[3]]
+    with pytest.raises(ProfileError, match="--only 6: no such trial; the profile has 1 to 5"):
+        only(listed, [6])
+
+
+def test_a_csv_file_gives_numbers_words_and_truth_values(tmp_path):
+    path = tmp_path / "trials.csv"
+    path.write_text("location, speed_m_s,behavior.ready,n\nf, 4e-3,true,3\n\na,0.005,false,-2\n")
+    rows, labels = read_csv(path)
+    assert rows == [
+        {"location": "f", "speed_m_s": 0.004, "behavior.ready": True, "n": 3},
+        {"location": "a", "speed_m_s": 0.005, "behavior.ready": False, "n": -2},
+    ]
+    assert labels == [f"{path}: row 2", f"{path}: row 4"]
+
+
+def test_a_csv_file_as_spreadsheets_save_it_is_read(tmp_path):
+    path = tmp_path / "trials.csv"
+    path.write_bytes(b'\xef\xbb\xbf"location","speed_m_s"\r\n"f",0.004\r\n')
+    assert read_csv(path)[0] == [{"location": "f", "speed_m_s": 0.004}]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("", "empty; the first row names the factors"),
+        ("speed_m_s\n", "no trials"),
+        ("speed_m_s,\n1,2\n", "row 1, column 2: '' is no name of a factor"),
+        ("x,x\n1,2\n", "row 1, column 2: 'x' is there twice"),
+        ("x,y\n1,2\n3\n", "row 3: 1 cells, but the header names 2 factors"),
+        ("x,y\n1,2,3\n", "row 2: 3 cells, but the header names 2 factors"),
+        ("x,y\n1, \n", "row 2, column y: empty"),
+        ("x,y\n1,2\nnan,2\n", "row 3, column x = nan: must be finite"),
+        ("x,y\n1,-inf\n", "row 2, column y = -inf: must be finite"),
+        ('x,y\n1,"2\n', "no CSV"),
+    ],
+)
+def test_a_bad_csv_file_is_one_line_with_row_and_column(tmp_path, text, line):
+    path = tmp_path / "trials.csv"
+    path.write_text(text)
+    with pytest.raises(ProfileError) as caught:
+        read_csv(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert line in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_csv_file_that_is_missing_or_no_text_is_named(tmp_path):
+    with pytest.raises(ProfileError, match="cannot be read: No such file"):
+        read_csv(tmp_path / "none.csv")
+    (tmp_path / "noise.csv").write_bytes(b"x\n\xff\n")
+    with pytest.raises(ProfileError, match="byte 2: no UTF-8 text"):
+        read_csv(tmp_path / "noise.csv")

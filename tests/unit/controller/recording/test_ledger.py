@@ -1,0 +1,132 @@
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controller.recording.ledger import Ledger, format_cell, read_ledger
+from controller.recording.run_folder import RecordingError
+
+ROWS = [
+    {"trial": 3, "outcome": "contact", "location": "f", "speed_m_s": 0.003785, "delay_s": 0.2},
+    {"trial": 1, "outcome": "no_contact", "location": "a", "speed_m_s": 0.012, "delay_s": None},
+    {"trial": 2, "outcome": "guard", "location": "b, back", "speed_m_s": 1 / 3, "delay_s": float("nan")},
+]
+
+
+def ledger(path):
+    return Ledger(path, ["location", "speed_m_s"], ["delay_s"])
+
+
+def test_the_file_is_this_to_the_byte(tmp_path):
+    written = ledger(tmp_path / "trials.csv")
+    for row in ROWS:
+        written.append(row)
+    assert (tmp_path / "trials.csv").read_bytes() == (
+        b"trial,outcome,location,speed_m_s,delay_s\n"
+        b"3,contact,f,0.003785,0.2\n"
+        b"1,no_contact,a,0.012,\n"
+        b'2,guard,"b, back",0.333333333,\n'
+    )
+
+
+def test_the_order_of_trials_changes_no_row(tmp_path):
+    files = []
+    for number, order in enumerate(itertools.permutations(ROWS)):
+        written = ledger(tmp_path / f"{number}.csv")
+        for row in order:
+            written.append(row)
+        files.append(sorted((tmp_path / f"{number}.csv").read_bytes().splitlines()))
+    assert all(rows == files[0] for rows in files)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.1 + 0.2, "0.3"),
+        (-0.0, "0"),
+        (np.float64(1e-12), "1e-12"),
+        (np.int64(7), "7"),
+        (True, "true"),
+        (12, "12"),
+        ("f", "f"),
+        (None, ""),
+        (float("nan"), ""),
+        (123456789.123, "123456789"),
+    ],
+)
+def test_a_cell_is_written_by_one_rule(value, text):
+    assert format_cell(value) == text
+
+
+def test_what_is_read_is_what_was_written(tmp_path):
+    path = tmp_path / "trials.csv"
+    ledger(path).append(ROWS[0])
+    ledger(path).append(ROWS[1])
+    rows, cut = read_ledger(path)
+    assert rows == ROWS[:2]
+    assert not cut
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "1_000", "0x10", "a"])
+def test_text_that_python_would_take_for_a_number_stays_text(tmp_path, text):
+    path = tmp_path / "trials.csv"
+    ledger(path).append({"trial": 1, "location": text})
+    assert read_ledger(path)[0][0]["location"] == text
+
+
+def test_a_cut_last_line_is_left_out_and_said(tmp_path):
+    path = tmp_path / "trials.csv"
+    written = ledger(path)
+    written.append(ROWS[0])
+    written.append(ROWS[1])
+    path.write_bytes(path.read_bytes()[:-3])
+    rows, cut = read_ledger(path)
+    assert [row["trial"] for row in rows] == [3]
+    assert cut
+
+
+def test_a_resumed_ledger_drops_the_cut_line_and_goes_on(tmp_path):
+    path = tmp_path / "trials.csv"
+    written = ledger(path)
+    written.append(ROWS[0])
+    path.write_bytes(path.read_bytes() + b"1,no_con")
+    ledger(path).append(ROWS[2])
+    rows, cut = read_ledger(path)
+    assert [row["trial"] for row in rows] == [3, 2]
+    assert not cut
+
+
+def test_a_ledger_with_other_columns_is_refused(tmp_path):
+    path = tmp_path / "trials.csv"
+    ledger(path)
+    with pytest.raises(ValueError, match="columns are not those"):
+        Ledger(path, ["location"], ["delay_s"])
+
+
+def test_a_measure_without_a_column_is_refused_by_name(tmp_path):
+    with pytest.raises(ValueError, match="no column delai_s"):
+        ledger(tmp_path / "trials.csv").append({"trial": 1, "delai_s": 0.1})
+
+
+def test_a_row_of_another_length_is_refused_with_its_line(tmp_path):
+    path = tmp_path / "trials.csv"
+    path.write_text("trial,outcome\n1,contact\n2,contact,0.3\n")
+    with pytest.raises(ValueError, match="line 3 has 3 cells, the header has 2"):
+        read_ledger(path)
+
+
+def test_no_file_is_no_trial(tmp_path):
+    assert read_ledger(tmp_path / "trials.csv") == ([], False)
+
+
+def test_a_full_disk_is_one_line_that_says_what_to_do(tmp_path):
+    path = tmp_path / "trials.csv"
+    path.symlink_to("/dev/full")
+    with pytest.raises(
+        RecordingError, match=r"No space left on device while appending to .*; make room"
+    ) as caught:
+        ledger(path)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, OSError)
+    assert caught.value.path == Path(path)

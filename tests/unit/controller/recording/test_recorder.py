@@ -1,0 +1,297 @@
+import json
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from behaviors.events import Contact, GuardStopped
+from controller.recording.reader import open_run
+from controller.recording.recorder import Recorder
+from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
+from controller.recording.series import Gap, Span
+from controller.recording.stream_writer import StreamWriter
+from drivers.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
+
+START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
+STREAMS = {
+    "board.load_cell": StreamInfo("board.load_cell", ("force",), "N", 1e-5, 1000.0),
+    "board.period": StreamInfo("board.period", ("period",), "s", 1e-6),
+}
+
+
+def folder_at(root):
+    folder = RunFolder.create(root, "mock/transient", START)
+    folder.write_manifest({"bench": "mock", "exit": {"status": "running"}})
+    return folder
+
+
+def recorder_in(folder):
+    return Recorder(folder, START, streams=STREAMS, factors=["location"], measures=["delay_s", "force_n"])
+
+
+def load_cell(seq, count=10):
+    values = (np.arange(seq, seq + count) ** 2 - 17).astype(np.int32).reshape(-1, 1)
+    return SampleBlock(
+        "board.load_cell",
+        seq,
+        seq / 1000,
+        values,
+        1000.0,
+        None,
+        "N",
+        1e-5,
+        5.0 + seq / 1000,
+        seq / 1000 + 0.02,
+    )
+
+
+def periods(seq, times_s):
+    values = np.full((len(times_s), 1), 35714, np.int64)
+    return SampleBlock("board.period", seq, times_s[0], values, None, np.array(times_s), "s", 1e-6)
+
+
+def record_two_trials(recorder):
+    kept = []
+    for trial, offset_s in ((4, 0.0), (2, 100.0)):
+        kept.append(recorder.begin_trial(trial, {"location": "f"}, offset_s))
+        recorder.skip("board.load_cell", 0.0, 1.0)
+        recorder.record([load_cell(1000 + trial), periods(3, [1.01, 1.046])])
+        recorder.record([load_cell(1020 + trial)])
+        recorder.event(
+            Contact(1.03, "contact", 30.0, 29.0),
+            state="APPROACH",
+            next_state="STOPPING",
+            commands=[Stop("stage")],
+        )
+        recorder.end_trial("contact", {"delay_s": 0.2, "force_n": 0.05})
+    return kept
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return folder_at(tmp_path)
+
+
+def test_what_is_read_again_is_what_the_trial_had_in_memory(folder):
+    recorder = recorder_in(folder)
+    kept = record_two_trials(recorder)
+    recorder.close()
+    run = open_run(folder.path)
+    assert list(run.recorded_trials) == [2, 4]
+    for memory in kept:
+        disk = run.recording(memory.trial)
+        assert disk.factors == {"location": "f"}
+        assert disk.streams == memory.streams == ["board.load_cell", "board.period"]
+        for name in memory.streams:
+            before, after = memory.stream(name), disk.stream(name)
+            assert before.times_s.tobytes() == after.times_s.tobytes()
+            assert before.values.tobytes() == after.values.tobytes()
+            assert (before.unit, before.gaps, before.skipped) == (after.unit, after.gaps, after.skipped)
+
+
+def test_loss_is_seen_and_a_skipped_span_is_none(folder):
+    recorder = recorder_in(folder)
+    record_two_trials(recorder)
+    recorder.close()
+    series = open_run(folder.path).recording(2).stream("board.load_cell")
+    assert series.gaps == (Gap(1.011, 1.022, 10),)
+    assert series.skipped == (Span(0.0, 1.0),)
+
+
+def test_an_empty_skipped_span_is_none(folder):
+    recorder = recorder_in(folder)
+    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder.skip("board.load_cell", 1.0, 1.0)
+    recorder.close()
+    assert kept.stream("board.load_cell").skipped == ()
+
+
+def test_raw_counts_device_time_and_arrival_are_kept(folder):
+    recorder = recorder_in(folder)
+    recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder.record([load_cell(7)])
+    recorder.close()
+    (block,) = open_run(folder.path).recording(1).blocks("board.load_cell")
+    assert block.values.dtype == np.int32
+    assert block.values[:, 0].tolist() == [index**2 - 17 for index in range(7, 17)]
+    assert (block.seq, block.scale, block.device_t0_s, block.arrival_s) == (7, 1e-5, 5.007, 0.027)
+
+
+def test_foxglove_plots_force_in_newtons_against_campaign_time(folder):
+    recorder = recorder_in(folder)
+    record_two_trials(recorder)
+    recorder.close()
+    with folder.recordings[0].open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        found = [(m.log_time, d) for _, _, m, d in reader.iter_decoded_messages(topics="/board/load_cell")]
+    start_ns = 1795176000 * 10**9  # 2026-11-20T12:00:00Z
+    assert found[0][0] == start_ns + 1_004_000_000
+    assert found[0][1].t_s == pytest.approx(1.004, abs=1e-12)
+    assert found[0][1].force_n == pytest.approx((1004**2 - 17) * 1e-5, rel=1e-15)
+    assert found[20][0] == start_ns + 101_002_000_000
+    assert len(found) == 40
+
+
+def test_log_time_never_runs_backwards_from_trial_to_trial(folder):
+    recorder = recorder_in(folder)
+    record_two_trials(recorder)
+    recorder.close()
+    with folder.recordings[0].open("rb") as file:
+        reader = make_reader(file)
+        in_file = [
+            m.log_time
+            for _, c, m in reader.iter_messages(log_time_order=False)
+            if c.topic == "/raw/board/load_cell"
+        ]
+    assert in_file == sorted(in_file)
+    assert in_file[-1] - in_file[0] > 90 * 10**9
+
+
+def test_events_are_foxglove_logs_with_their_level(folder):
+    recorder = recorder_in(folder)
+    recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder.event(GuardStopped(2.5, "force 2.1 N above 2 N"), state="APPROACH", next_state="FAULT")
+    recorder.close()
+    with folder.recordings[0].open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        logs = [
+            d
+            for schema, _, _, d in reader.iter_decoded_messages(topics="/events")
+            if schema.name == "foxglove.Log"
+        ]
+    assert logs[-1].level == 4
+    assert "force 2.1 N above 2 N" in logs[-1].message
+    assert logs[-1].timestamp.ToNanoseconds() % 10**10 == 2_500_000_000
+
+
+def test_an_event_is_one_line_as_the_interface_page_shows(folder):
+    recorder = recorder_in(folder)
+    recorder.begin_trial(4, {"location": "f"}, 0.0)
+    recorder.event(
+        Contact(93.2, "contact", 30.5, float("inf")),
+        state="APPROACH",
+        next_state="STOPPING",
+        commands=[Stop("stage"), MoveAt("stage", 0.003785, 0.012)],
+    )
+    recorder.event(Refused(94.0, "stage", Stop("stage"), "no"), state="STOPPING")
+    recorder.close()
+    first, second = folder.events_path.read_text().splitlines()
+    assert first.startswith(
+        '{"t_s": 93.2, "trial": 4, "event": "Contact", "state": "APPROACH", "next": "STOPPING", '
+        '"commands": ["Stop(stage)", "MoveAt(stage, 0.003785, 0.012)"]'
+    )
+    assert json.loads(first)["threshold"] is None
+    assert json.loads(second)["command"] == "Stop(stage)"
+    assert json.loads(second)["next"] == "STOPPING"
+
+
+def test_a_recorder_that_is_never_closed_leaves_all_that_was_flushed(folder):
+    recorder = recorder_in(folder)
+    record_two_trials(recorder)
+    recorder.begin_trial(5, {"location": "f"}, 200.0)
+    recorder.record([load_cell(0)])
+    recorder.flush()
+    run = open_run(folder.path)
+    assert run.cut_off
+    assert [row["trial"] for row in run.trials] == [4, 2]
+    assert len(run.recording(5).stream("board.load_cell")) == 10
+    assert any("cut off" in note for note in run.notes)
+    assert any("no footer" in note for note in run.notes)
+    recorder.close()
+
+
+def test_a_run_cut_off_in_every_file_is_read_and_says_so(folder):
+    recorder = recorder_in(folder)
+    record_two_trials(recorder)
+    recorder.close()
+    for path, bytes_ in ((folder.trials_path, 5), (folder.events_path, 5), (folder.recordings[0], 50)):
+        path.write_bytes(path.read_bytes()[:-bytes_])
+    run = open_run(folder.path)
+    assert [row["trial"] for row in run.trials] == [4]
+    assert [event["trial"] for event in run.events] == [4]
+    assert len(run.recording(2).stream("board.load_cell")) == 20
+    assert len(run.notes) == 4
+
+
+def test_a_run_that_ended_has_nothing_to_confess(folder):
+    recorder = recorder_in(folder)
+    record_two_trials(recorder)
+    recorder.close()
+    folder.write_manifest({"bench": "mock", "exit": {"status": "done", "code": 0}})
+    run = open_run(folder.path)
+    assert run.notes == []
+    assert not run.cut_off
+    assert run.simulated
+
+
+def test_a_trial_that_runs_again_after_a_resume_replaces_its_first_attempt(folder):
+    for seq in (0, 500):
+        recorder = recorder_in(folder)
+        recorder.begin_trial(1, {"location": "f"}, 0.0)
+        recorder.record([load_cell(seq)])
+        recorder.close()
+    assert [block.seq for block in open_run(folder.path).recording(1).blocks("board.load_cell")] == [500]
+
+
+def test_nothing_recorded_of_a_trial_is_said(folder):
+    recorder_in(folder).close()
+    with pytest.raises(KeyError, match="trial 9"):
+        open_run(folder.path).recording(9)
+
+
+def test_a_recording_that_cannot_be_begun_is_one_clear_line(tmp_path):
+    (tmp_path / "recording.mcap").symlink_to("/dev/full")
+    with pytest.raises(RecordingError, match="No space left on device while making") as caught:
+        StreamWriter(tmp_path / "recording.mcap", START, STREAMS)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_disk_that_fills_up_in_a_trial_is_said_at_its_end_and_not_before(folder, monkeypatch):
+    recorder = recorder_in(folder)
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("controller.recording.mcap_file.McapWriter._write", lambda self, data: full(data))
+    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+    for seq in range(0, 1000, 10):
+        recorder.record([load_cell(seq)])
+        recorder.skip("board.period", 0.0, 1.0)
+        recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
+    with pytest.raises(RecordingError, match=r"No space left on device while writing .*; make room"):
+        recorder.flush()
+    recorder.record([load_cell(1000)])
+    with pytest.raises(RecordingError, match="No space left"):
+        recorder.end_trial("contact", {})
+    with pytest.raises(RecordingError, match="No space left"):
+        recorder.close()
+    assert len(kept.stream("board.load_cell")) == 1010
+    assert [row["outcome"] for row in open_run(folder.path).trials] == ["contact"]
+
+
+def test_an_events_file_that_is_full_is_said_at_the_trials_end(folder):
+    folder.events_path.symlink_to("/dev/full")
+    recorder = recorder_in(folder)
+    recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
+    assert recorder.failure is not None
+    with pytest.raises(RecordingError, match=r"events\.jsonl; make room"):
+        recorder.end_trial("contact", {})
+    with pytest.raises(RecordingError, match=r"events\.jsonl"):
+        recorder.close()
+
+
+def test_a_damaged_events_file_is_refused_in_one_line(folder):
+    recorder_in(folder).close()
+    folder.events_path.write_text("{\n")
+    with pytest.raises(RunFolderError, match=r"events\.jsonl: a damaged line"):
+        open_run(folder.path)
+
+
+def test_a_recorder_may_be_closed_twice(folder):
+    recorder = recorder_in(folder)
+    recorder.close()
+    recorder.close()
+    assert not open_run(folder.path)._index.cut

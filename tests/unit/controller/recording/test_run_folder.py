@@ -1,0 +1,109 @@
+import json
+import math
+import re
+from datetime import UTC, datetime
+
+import pytest
+
+from controller.recording.run_folder import FORMAT, RecordingError, RunFolder, RunFolderError
+
+STARTED = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
+
+
+def made(root, profile="mock/transient"):
+    folder = RunFolder.create(root, profile, STARTED)
+    folder.write_manifest({"exit": {"status": "running"}})
+    return folder
+
+
+def test_a_folder_is_named_after_time_and_profile(tmp_path):
+    folder = made(tmp_path / "runs")
+    assert re.fullmatch(r"2026-11-20T12-00-00Z_mock-transient_[0-9a-f]{4}", folder.path.name)
+    assert folder.path.is_dir()
+
+
+def test_two_runs_of_one_second_have_two_folders(tmp_path, monkeypatch):
+    digits = iter(["ab12", "ab12", "ab13"])
+    monkeypatch.setattr("secrets.token_hex", lambda _: next(digits))
+    first, second = made(tmp_path), made(tmp_path)
+    assert (first.path.name[-4:], second.path.name[-4:]) == ("ab12", "ab13")
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(RecordingError, match=r"a file is in the way|File exists|Not a directory") as caught:
+        made(tmp_path / "runs")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_manifest_is_read_as_it_was_written(tmp_path):
+    folder = made(tmp_path)
+    folder.write_manifest(
+        {"seed": 7, "loss": {"samples": 0}, "sigma": math.nan, "streams": frozenset({"b", "a"})}
+    )
+    assert folder.read_manifest() == {
+        "format": FORMAT,
+        "seed": 7,
+        "loss": {"samples": 0},
+        "sigma": None,
+        "streams": ["a", "b"],
+    }
+
+
+def test_a_manifest_that_cannot_be_replaced_leaves_the_old_one(tmp_path):
+    folder = made(tmp_path)
+    folder.manifest_path.with_suffix(".json.tmp").symlink_to("/dev/full")
+    with pytest.raises(RecordingError, match="No space left"):
+        folder.write_manifest({"exit": {"status": "done"}})
+    assert folder.read_manifest()["exit"] == {"status": "running"}
+
+
+@pytest.mark.parametrize("text", ["{name}", "{path}", "{path}/manifest.json", "latest", "transient"])
+def test_a_run_is_found_by_path_name_part_or_as_the_latest(tmp_path, text):
+    folder = made(tmp_path)
+    found = RunFolder.find(text.format(name=folder.path.name, path=folder.path), root=tmp_path)
+    assert found.path == folder.path
+
+
+def test_a_part_that_fits_several_runs_is_refused_with_their_names(tmp_path):
+    made(tmp_path), made(tmp_path)
+    with pytest.raises(RunFolderError, match=r"transient: 2 runs match \(2026"):
+        RunFolder.find("transient", root=tmp_path)
+
+
+def test_a_run_that_does_not_exist_is_refused(tmp_path):
+    with pytest.raises(RunFolderError, match="nowhere: no such run folder"):
+        RunFolder.find("nowhere", root=tmp_path)
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(RunFolderError, match=r"no run folder, for it has no manifest\.json"):
+        RunFolder.find(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('{"format": 1, "pro', "cut off or damaged"),
+        ("[]", "not the manifest of a run"),
+        (json.dumps({"name": "something else"}), "not the manifest of a run"),
+        (json.dumps({"format": FORMAT + 1}), "format 2, this program reads 1"),
+    ],
+)
+def test_a_manifest_that_is_none_is_refused_in_one_line(tmp_path, content, said):
+    folder = made(tmp_path)
+    folder.manifest_path.write_text(content)
+    with pytest.raises(RunFolderError, match=said) as caught:
+        folder.read_manifest()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_resumed_run_writes_over_no_recording(tmp_path):
+    folder = made(tmp_path)
+    names = []
+    for _ in range(11):
+        path = folder.new_recording()
+        path.touch()
+        names.append(path.name)
+    assert names[:3] == ["recording.mcap", "recording_2.mcap", "recording_3.mcap"]
+    assert [path.name for path in folder.recordings] == names

@@ -1,0 +1,157 @@
+import math
+
+import pytest
+from synthetic_runs import Given, write_transient
+
+from controller.reports.approaches import (
+    bounds,
+    correlate,
+    mean_of,
+    read_approaches,
+    study_cells,
+    table_rows,
+    trends,
+)
+from controller.reports.detector_scores import score_detectors
+from controller.reports.paper import TABLE_1
+
+
+@pytest.fixture
+def approaches_of(tmp_path):
+    return lambda *given, **how: read_approaches([write_transient(tmp_path, given, **how)])
+
+
+def test_mean_and_sigma_are_those_of_a_sample():
+    mean = mean_of([1.0, None, 2.0, 6.0])
+    assert (mean.mean, mean.n) == (3.0, 3)
+    assert mean.sigma == pytest.approx(math.sqrt((4.0 + 1.0 + 9.0) / 2.0))
+
+
+def test_one_value_has_no_sigma_and_none_no_mean():
+    assert math.isnan(mean_of([1.0]).sigma)
+    assert math.isnan(mean_of([None]).mean)
+
+
+def test_trials_fall_into_the_papers_rows_in_the_papers_order(approaches_of):
+    approaches = approaches_of(
+        Given("f", 0.011997),
+        Given("a", 0.003785),
+        Given("f", 0.004843),
+        Given("a", 0.003785),
+        Given("f", 0.004513),
+    )
+    rows = table_rows(approaches)
+    assert [(row.location, round(row.speed_m_s * 1e6), len(row.approaches)) for row in rows] == [
+        ("a", 3785, 2),
+        ("f", 4843, 1),
+        ("f", 4513, 1),
+        ("f", 11997, 1),
+    ]
+    assert [row.paper.force_n[0] for row in rows] == [0.111, 0.050, 0.036, 0.099]
+
+
+def test_a_speed_that_the_paper_has_not_gets_a_row_of_its_own_at_the_end(approaches_of):
+    rows = table_rows(approaches_of(Given("f", 0.007), Given("d", 0.004487), Given("f", 0.007)))
+    assert [(row.location, row.paper is None, len(row.approaches)) for row in rows] == [
+        ("d", False, 1),
+        ("f", True, 2),
+    ]
+
+
+def test_a_false_contact_is_counted_and_averaged_into_nothing(approaches_of):
+    (row,) = table_rows(approaches_of(Given(delay_s=0.2), Given(outcome="false_contact"), Given(delay_s=0.4)))
+    assert row.false_contacts == 1
+    assert (row.mean("delay_s").mean, row.mean("delay_s").n) == (pytest.approx(0.3), 2)
+
+
+def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approaches_of):
+    approaches = approaches_of(
+        Given(force_n=0.15, delay_s=0.1),
+        Given("h", 0.01, force_n=0.02, delay_s=0.382),
+        Given(outcome="guard"),
+    )
+    force, extent, delay = bounds(approaches)
+    assert (force.value, force.met, force.worst.trial) == (0.15, True, 1)
+    assert (extent.value, extent.met, extent.worst.trial) == (pytest.approx(0.00382), False, 2)
+    assert (delay.value, delay.met) == (pytest.approx(0.241), True)
+
+
+def test_without_a_contact_no_bound_is_called_met(approaches_of):
+    assert [bound.met for bound in bounds(approaches_of(Given(outcome="no_contact", delay_s=None)))] == [
+        False
+    ] * 3
+
+
+def test_rank_correlation_sees_order_alone():
+    assert correlate([1, 2, 3, 4], [0.1, 0.2, 0.3, 100.0]).rho == pytest.approx(1.0)
+    assert correlate([1, 2, 3, 4], [4, 3, 2, 1]).rho == pytest.approx(-1.0)
+    assert correlate([1, 2, 3], [1, 3, 2]).rho == pytest.approx(0.5)
+
+
+def test_rank_correlation_of_two_points_or_of_no_spread_is_not_given():
+    assert math.isnan(correlate([1, 2], [1, 2]).rho)
+    assert math.isnan(correlate([1, 1, 1], [1, 2, 3]).rho)
+
+
+def test_the_papers_own_trends_are_those_of_its_rows():
+    by_name = {trend.name: trend.paper for trend in trends([])}
+    # Location f by speed: forces 0.038 0.036 0.050 0.032 0.054 0.072 0.099 rank 3 2 4 1 5 6 7:
+    # sum d^2 = 4 + 0 + 1 + 9 + 0 + 0 + 0 = 14, rho = 1 - 6 * 14 / (7 * 48) = 0.75.
+    assert (by_name["speed, at location f"].rho, by_name["speed, at location f"].n) == (
+        pytest.approx(0.75),
+        7,
+    )
+    assert by_name["nearness to the joint, back"].rho == pytest.approx(1.0)
+    # Pad d to h: 0.031 0.050 0.050 0.075 0.048 rank 1 3.5 3.5 5 2.
+    assert by_name["nearness to the joint, pad"].rho == pytest.approx(0.359, abs=1e-3)
+
+
+def test_our_trend_follows_our_forces_and_not_the_papers(approaches_of):
+    speeds = sorted({row.speed_m_s[0] for row in TABLE_1 if row.location == "f"})
+    falling = [Given("f", speed, force_n=0.1 - 5 * speed) for speed in speeds]
+    trend = trends(table_rows(approaches_of(*falling)))[0]
+    assert trend.ours.rho == pytest.approx(-1.0)
+    assert trend.ours_trials.rho == pytest.approx(-1.0)
+
+
+def test_trials_with_other_noise_stay_out_of_table_and_bounds(approaches_of):
+    approaches = approaches_of(Given(), Given(noise_scale=2.0, sample_hz=28.0, force_n=9.0))
+    assert [len(row.approaches) for row in table_rows(approaches)] == [1]
+    assert bounds(approaches)[0].value == 0.05
+
+
+def test_the_study_groups_by_noise_and_rate(approaches_of):
+    cells = study_cells(
+        approaches_of(
+            Given(noise_scale=2.0, sample_hz=10.0, delay_s=0.5),
+            Given(noise_scale=0.5, sample_hz=28.0, delay_s=0.1),
+            Given(noise_scale=2.0, sample_hz=10.0, outcome="false_contact"),
+            Given(noise_scale=2.0, sample_hz=10.0, delay_s=0.7),
+        )
+    )
+    found = [(cell.noise_scale, cell.sample_hz, cell.n, cell.false_contacts) for cell in cells]
+    assert found == [(0.5, 28.0, 1, 0), (2.0, 10.0, 3, 1)]
+    assert cells[1].delay_s.mean == pytest.approx(0.6)
+
+
+def test_a_detector_that_only_listened_is_scored_against_the_truth(approaches_of):
+    scores = score_detectors(
+        approaches_of(
+            Given(listener_s=0.05, delay_s=0.2),
+            Given(listener_s=-0.3),
+            Given(listener_s=-0.005),  # before onset, after the touch: the truth is 10 ms before the onset
+            Given(listener_s=None),
+        )
+    )
+    acting, listener = scores
+    assert (acting.name, acting.n, acting.true, acting.false, acting.silent) == ("contact", 4, 4, 0, 0)
+    assert (listener.true, listener.false, listener.silent) == (2, 1, 1)
+    assert listener.delay_s.mean == pytest.approx((0.05 - 0.005) / 2)
+
+
+def test_rows_come_out_the_same_in_whatever_order_trials_ran(tmp_path):
+    given = [Given("a", 0.003785, 0.3), Given("f", 0.00254, 0.2), Given("f", 0.00254, 0.1)]
+    ran = [
+        read_approaches([write_transient(tmp_path, given, order=order)]) for order in ((1, 2, 3), (3, 1, 2))
+    ]
+    assert [[each.trial for each in approaches] for approaches in ran] == [[1, 2, 3]] * 2

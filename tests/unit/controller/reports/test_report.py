@@ -1,0 +1,237 @@
+import re
+import shutil
+
+import numpy as np
+import pytest
+from synthetic_runs import ONSET_S, Given, write_static, write_transient
+
+from behaviors.events import Contact
+from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
+from controller.recording.reader import open_run
+from controller.recording.run_folder import RecordingError
+from controller.reports.approaches import read_approaches
+from controller.reports.figures import Figures
+from controller.reports.report import build_report
+from controller.reports.static import read_conditions
+from controller.reports.transient_figures import moving_average, representative, trace_of
+from drivers.messages import SampleBlock
+
+CAMPAIGN = (
+    Given("a", 0.003785, 0.33, 0.111),
+    Given("d", 0.004487, 0.40, 0.031),
+    Given("d", 0.004487, 0.36, 0.033),
+    Given("f", 0.00254, 0.20, 0.038, listener_s=0.1),
+    Given("f", 0.004843, 0.17, 0.2),
+    Given("f", 0.004843, outcome="false_contact"),
+    Given("f", 0.011997, None, None, "guard"),
+)
+
+
+def text_of(path):
+    """The page's words, without figures and markup."""
+    page = re.sub(r"<(svg|style)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """For tests that read the page's words alone: drawing every figure thrice takes seconds."""
+    monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    run = write_transient(tmp_path_factory.mktemp("campaign"), CAMPAIGN)
+    return run, build_report([run])
+
+
+def test_the_page_needs_nothing_but_itself(campaign):
+    page = campaign[1].read_text("utf-8")
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?!#)""", page)
+    assert "@import" not in page
+    assert not re.findall(r"url\((?!#)", page)
+    assert "<script" not in page
+
+
+def test_no_two_elements_of_the_page_bear_one_identifier(campaign):
+    page = campaign[1].read_text("utf-8")
+    names = re.findall(r'\bid="([^"]+)"', page)
+    assert len(names) == len(set(names))
+    assert len(names) > 50
+    assert set(re.findall(r'href="#([^"]+)"', page)) <= set(names)
+    assert set(re.findall(r"url\(#([^)]+)\)", page)) <= set(names)
+
+
+def test_table_1_stands_beside_the_papers_with_the_difference(campaign):
+    text = text_of(campaign[1])
+    assert "back a 19.05 3.785 1 0 0.33 (–) 0.33 (0.15) 0.00" in text
+    assert "pad d 0.00 4.487 2 0 0.38 (0.03) 0.37 (0.06) +0.01" in text
+    assert "pad f 12.70 4.843 1 1 0.17 (–) 0.17 (0.12) 0.00" in text
+
+
+def test_a_bound_that_is_missed_is_said_to_be_with_its_worst_approach(campaign):
+    text = text_of(campaign[1])
+    assert "Force at detection 0.200 N: beyond the paper's 0.15 N." in text
+    assert (
+        "largest force at detection 0.15 N 0.200 N ✗ missed Worst: trial 5, location f at 4.84 mm/s" in text
+    )
+    assert "mean time, onset to detection 0.3 s 0.29 s ✓ met" in text
+
+
+def test_the_guards_stop_and_the_stop_certificates_are_told(campaign):
+    text = text_of(campaign[1])
+    assert "trial 7, at 93.500 s: force 2.1 N above 2 N" in text
+    assert "detection to stop command, ms 5.00 5.00 5.00" in text
+    assert "command to standstill, ms 25.0 25.0 25.0" in text
+
+
+def test_simulated_numbers_are_called_simulated_and_real_ones_are_not(tmp_path, undrawn):
+    pages = {}
+    for bench in ("mock", "emulated", "hardware"):
+        pages[bench] = text_of(build_report([write_transient(tmp_path, CAMPAIGN[:2], bench=bench)]))
+    assert "simulated" in pages["mock"]
+    assert "simulated" in pages["emulated"]
+    assert "simulated" not in pages["hardware"]
+
+
+def test_a_figure_of_a_simulated_bench_bears_the_word(tmp_path):
+    drawn = {}
+    for simulated in (True, False):
+        figures = Figures(tmp_path / str(simulated), simulated=simulated)
+        with figures.figure(2.0) as drawing:
+            drawing.save("a")
+            drawn[simulated] = [text.get_text() for text in drawing.figure.texts]
+    assert drawn == {True: ["simulated"], False: []}
+
+
+def test_figures_are_saved_for_print(campaign):
+    names = {path.name for path in (campaign[0].folder.path / "figures").iterdir()}
+    expected = ("fig_5_trial", "fig_7_pad", "fig_8_back", "fig_9_speed")
+    assert names == {f"{name}.{kind}" for name in expected for kind in ("pdf", "png", "svg")}
+
+
+def test_a_shortened_settling_is_said(tmp_path, undrawn):
+    run = write_transient(tmp_path, CAMPAIGN[:1], settle_s=5.0)
+    assert "5.0 s of settling after power-on instead of the paper's 90 s" in text_of(build_report([run]))
+
+
+def test_a_title_cannot_break_the_page(campaign):
+    page = campaign[1].read_text("utf-8")
+    assert "<h1>A &lt;title&gt;</h1>" in page
+
+
+def test_a_run_that_was_killed_is_reported_and_said_to_be_cut_off(campaign, tmp_path, undrawn):
+    killed = tmp_path / "killed"
+    shutil.copytree(campaign[0].folder.path, killed)
+    folder = open_run(killed).folder
+    manifest = folder.read_manifest()
+    folder.write_manifest({**manifest, "exit": {"status": "running"}})
+    for path, kept in ((folder.trials_path, 0.6), (folder.events_path, 0.7), (folder.recordings[0], 0.5)):
+        path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    text = text_of(build_report([open_run(killed)]))
+    assert "This run was cut off" in text
+    assert "read up to its last whole chunk" in text
+    assert "back a 19.05 3.785 1 0 0.33" in text
+    assert "cut off: it never said that it ended" in text
+
+
+def test_a_run_without_one_finished_trial_has_a_report(tmp_path, undrawn):
+    for run in (write_transient(tmp_path, ()), write_static(tmp_path, {})):
+        assert build_report([run]).stat().st_size > 1000
+
+
+def test_several_runs_are_pooled_by_experiment(tmp_path):
+    study = [Given(noise_scale=noise, sample_hz=rate) for noise in (0.5, 1.0) for rate in (10.0, 15.0)]
+    runs = [
+        write_transient(tmp_path, CAMPAIGN[:3]),
+        write_transient(tmp_path, study),
+        write_static(tmp_path, {"none": 28.2, "light": 33.0, "full": 49.0}),
+    ]
+    path = build_report(runs, out=tmp_path)
+    text = text_of(path)
+    assert path == tmp_path / "report.html"
+    assert "7 approaches: 7 contact" in text
+    assert "noise × samples/s" in text
+    assert "light contact 33.00 30 +3.0 ± 2 ✗ missed" in text
+    assert (tmp_path / "figures" / "static_mock" / "fig_4_waveforms.pdf").exists()
+
+
+def test_another_experiment_gets_its_bare_table(tmp_path, undrawn):
+    run = write_transient(tmp_path, CAMPAIGN[:1])
+    run.folder.write_manifest({**run.manifest, "experiment": "flexion"})
+    text = text_of(build_report([open_run(run.folder.path)]))
+    assert "no report of its own" in text
+    assert "0.003785" in text
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_line(campaign, tmp_path, undrawn):
+    (tmp_path / "report.html.tmp").symlink_to("/dev/full")
+    with pytest.raises(RecordingError, match=r"No space left on device while writing .*report\.html"):
+        build_report([campaign[0]], out=tmp_path)
+
+
+def test_no_run_is_no_report():
+    with pytest.raises(ValueError, match="at least one run"):
+        build_report([])
+
+
+def test_fig_5_shows_a_distal_contact_of_median_delay(campaign):
+    approaches = read_approaches([campaign[0]])
+    assert representative(approaches).trial == 2  # 0.40 s of location d's 0.36 and 0.40: the upper median
+    assert representative([each for each in approaches if each.location == "f"]).trial == 4
+    assert representative([each for each in approaches if not each.detected]) is None
+
+
+def test_fig_5s_force_is_tared_before_the_approach_and_its_onset_is_where_it_says(campaign):
+    trace = trace_of(read_approaches([campaign[0]])[1])
+    assert trace.zero_n == pytest.approx(0.01, abs=1e-4)
+    force_n = trace.force.values[:, 0] - trace.zero_n
+    first = trace.force.times_s[np.flatnonzero(force_n > 0.005)[0]]
+    assert ONSET_S < first < ONSET_S + 0.1
+    assert trace.contact_s == [(ONSET_S + 0.40, True)]
+
+
+def test_the_moving_average_takes_the_first_period_of_each_cell_of_the_grid():
+    times_s = np.array([0.01, 0.04, 0.11, 0.19, 0.21, 0.35])
+    frequency_hz = np.array([10.0, 99.0, 20.0, 99.0, 30.0, 40.0])
+    averaged = moving_average(times_s, frequency_hz, 10.0, 2)
+    assert averaged[0].tolist() == [0.11, 0.21, 0.35]
+    assert averaged[1].tolist() == pytest.approx([15.0, 25.0, 35.0])
+    every = moving_average(times_s, frequency_hz, None, 3)
+    assert every[1].tolist() == pytest.approx([129 / 3, 218 / 3, 149 / 3, 169 / 3])
+    assert len(moving_average(times_s, frequency_hz, 10.0, 9)[0]) == 0
+
+
+def test_the_moving_average_that_is_drawn_is_the_one_that_the_detector_decided_on():
+    rng = np.random.default_rng(5)
+    frequency_hz = np.concatenate([28.0 + 0.1 * rng.normal(size=200), np.linspace(28.0, 34.0, 60)])
+    times_s = np.cumsum(1.0 / frequency_hz)
+    detector = ResonanceDetector(
+        "contact", ResonanceSettings(sample_hz=15.0, average_samples=10, baseline_s=4.0)
+    )
+    periods_s = (1.0 / frequency_hz).reshape(-1, 1)
+    said = detector.push(SampleBlock("board.period", 0, times_s[0], periods_s, None, times_s, "s"))
+    average_s, average_hz = moving_average(times_s, frequency_hz, 15.0, 10)
+    contacts = [event for event in said if isinstance(event, Contact)]
+    assert contacts
+    for event in contacts:
+        assert average_hz[np.flatnonzero(average_s == event.t_s)] == pytest.approx(event.value, abs=1e-9)
+
+
+def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path):
+    run = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0})
+    conditions = read_conditions([run])
+    assert [(each.name, each.met) for each in conditions] == [
+        ("none", True),
+        ("light", True),
+        ("full", False),
+    ]
+    assert conditions[2].difference_hz == pytest.approx(-3.1)
+
+
+def test_the_static_page_says_what_falls_and_how_erratic_light_contact_is(tmp_path, undrawn):
+    run = write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 50.0})
+    text = text_of(build_report([run]))
+    assert "The amplitude of motion falls from none to full contact." in text
+    assert "that of the acceleration as well" in text
+    assert "wanders 20 times as much" in text

@@ -1,0 +1,202 @@
+"""How the person at the bench interrupts, and what they see."""
+
+import io
+import os
+import pty
+import signal
+from pathlib import Path
+
+import pytest
+from rich.console import Console as Terminal
+
+from controller import live
+from controller.console import Operator, PlainConsole, figure, telling
+from controller.live import LiveConsole
+
+ROW = {"truth_contact_s": 1.0, "detect_s": 2.5, "delay_s": 0.21, "extent_m": 0.001, "force_n": 0.05}
+
+
+class Keyboard:
+    """A terminal whose Enter key the test presses."""
+
+    def __init__(self):
+        self.hand, descriptor = pty.openpty()
+        self.file = os.fdopen(descriptor, "r")
+
+    def press(self, keys=b"\n"):
+        os.write(self.hand, keys)
+
+    def hang_up(self):
+        os.close(self.hand)
+
+
+@pytest.fixture
+def keyboard():
+    keyboard = Keyboard()
+    yield keyboard
+    keyboard.file.close()
+
+
+def interrupt(number=signal.SIGINT):
+    signal.raise_signal(number)
+
+
+def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_a_second_ctrl_c_aborts(keyboard):
+    with Operator(keyboard.file) as operator:
+        assert operator.poll() is None
+        interrupt()
+        assert [operator.poll(), operator.poll()] == ["pause", None]
+        keyboard.press()
+        assert [operator.poll(), operator.poll()] == ["resume", None]
+        interrupt()
+        assert operator.poll() == "pause"
+        interrupt()
+        assert [operator.poll(), operator.poll()] == ["abort", "abort"]
+
+
+def test_two_ctrl_c_before_the_loop_looks_abort(keyboard):
+    with Operator(keyboard.file) as operator:
+        interrupt()
+        interrupt()
+        assert operator.poll() == "abort"
+
+
+def test_an_enter_from_before_the_pause_resumes_nothing(keyboard):
+    with Operator(keyboard.file) as operator:
+        keyboard.press()
+        interrupt()
+        assert [operator.poll(), operator.poll()] == ["pause", None]
+
+
+def test_enter_without_a_pause_does_nothing(keyboard):
+    with Operator(keyboard.file) as operator:
+        keyboard.press()
+        assert operator.poll() is None
+
+
+def test_a_terminal_that_is_gone_while_paused_aborts(keyboard):
+    with Operator(keyboard.file) as operator:
+        interrupt()
+        assert operator.poll() == "pause"
+        keyboard.press(b"\x04")  # end of input
+        assert operator.poll() is None
+        assert operator.poll() == "abort"
+
+
+def test_without_a_terminal_the_first_ctrl_c_aborts():
+    with Path(os.devnull).open() as nothing, Operator(nothing) as operator:
+        interrupt()
+        assert operator.poll() == "abort"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_kill_and_a_closed_terminal_abort_at_once(keyboard, number):
+    with Operator(keyboard.file) as operator:
+        interrupt(number)
+        assert operator.poll() == "abort"
+
+
+def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
+    import termios
+
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    modes = termios.tcgetattr(keyboard.file.fileno())
+    with Operator(keyboard.file):
+        assert signal.getsignal(signal.SIGINT) is not before[0]
+        assert not termios.tcgetattr(keyboard.file.fileno())[3] & termios.ECHO
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+    assert termios.tcgetattr(keyboard.file.fileno()) == modes
+
+
+def test_off_a_terminal_each_trial_is_one_line(keyboard):
+    lines = []
+    console = PlainConsole(Operator(keyboard.file), lines.append)
+    console.campaign_started("mock/transient", 2, Path("runs/x"))
+    console.trial_started(7, {"location": "f", "speed_m_s": 0.004843})
+    console.state("APPROACH", 92.0)
+    console.trial_ended(7, "false_contact", ROW)
+    console.campaign_ended("2 contact")
+    assert lines == [
+        "mock/transient: 2 trials into runs/x",
+        "[1/2] trial 7 location=f speed_m_s=0.004843: false contact"
+        " delay_s=0.21 extent_m=0.001 force_n=0.05 truth_contact_s=1",
+    ]
+
+
+def test_a_pause_is_told_with_the_way_out(keyboard):
+    lines = []
+    PlainConsole(Operator(keyboard.file), lines.append).state("PAUSED", 3.0)
+    assert lines == ["paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts"]
+
+
+def test_the_results_that_say_most_come_first():
+    assert list(telling(ROW)) == ["delay_s", "extent_m", "force_n", "truth_contact_s"]
+    assert list(telling({"a": 1, "b": 2})) == ["a", "b"]
+
+
+def test_what_was_not_seen_is_a_dash():
+    assert (figure(None), figure(0.123456), figure(3), figure("f")) == ("-", "0.1235", "3", "f")
+
+
+# --- on a terminal -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def screen(keyboard, monkeypatch):
+    """A live view on a terminal of 72 characters, drawn whenever the loop polls; `text()` is what it shows last."""
+    monkeypatch.setattr(live, "REFRESH_S", -1.0)
+    file = io.StringIO()
+    console = LiveConsole(
+        Operator(keyboard.file), Terminal(file=file, force_terminal=True, width=72, height=24)
+    )
+
+    def text():
+        picture = console._drawn()
+        return picture.plain.splitlines()
+
+    console.text, console.file = text, file
+    return console
+
+
+def test_the_view_shows_trial_state_results_and_counts(screen):
+    screen.campaign_started("mock/transient", 42, Path("runs/x"))
+    for trial in range(1, 12):
+        screen.trial_started(trial, {"location": "f", "speed_m_s": 0.004843})
+        screen.trial_ended(trial, "false_contact" if trial == 3 else "contact", ROW)
+    screen.trial_started(12, {"location": "a", "speed_m_s": 0.003785})
+    screen.state("APPROACH", 92.25)
+    assert screen.poll() is None
+    lines = screen.text()
+    assert lines[0] == "mock/transient  runs/x"
+    assert "11 of 42 trials" in lines[1]
+    assert lines[3].split() == ["trial", "location", "speed_m_s", "outcome", "delay_s", "extent_m", "force_n"]
+    assert [line.split()[0] for line in lines[4:12]] == [str(trial) for trial in range(4, 12)]
+    assert lines[13].startswith("trial 12  APPROACH since 92.25 s, for 0 s  location a  speed_m_s 0.003785")
+    assert lines[14] == "10 contact, 1 false contact"
+    assert lines[15] == "Ctrl+C pauses"
+    screen.campaign_ended("11 trials")
+    assert screen.text()[-1].startswith("   11"), "what is left is the table; the line of the outcome follows"
+
+
+def test_a_pause_shows_the_way_out(screen):
+    screen.campaign_started("mock/transient", 42, Path("runs/x"))
+    screen.trial_started(1, {})
+    screen.state("PAUSED", 3.0)
+    assert screen.text()[-1] == "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
+    screen.campaign_ended("")
+
+
+def test_a_new_state_is_not_drawn_before_its_commands_are_out(screen):
+    screen.campaign_started("mock/transient", 42, Path("runs/x"))
+    screen.trial_started(1, {})
+    drawn = len(screen.file.getvalue())
+    screen.state("STOPPING", 3.0)
+    assert len(screen.file.getvalue()) == drawn
+    screen.poll()
+    assert "STOPPING" in screen.file.getvalue()[drawn:]
+    screen.campaign_ended("")
+
+
+def test_a_campaign_that_never_began_ends_without_a_picture(screen):
+    screen.campaign_ended("stage: no such port")
+    assert screen.file.getvalue() == ""

@@ -1,0 +1,111 @@
+import math
+
+import numpy as np
+import pytest
+
+from controller.guard import Guard, GuardRefusal, GuardSettings
+from drivers.messages import MoveAt, MoveTo, SampleBlock, Stop
+
+
+def guard(**changes):
+    settings = {"force_n": 2.0, "travel_m": 0.012, "speed_m_s": 0.02}
+    return Guard(GuardSettings(**{**settings, **changes}))
+
+
+def force(values_n, start=0, rate_hz=1000.0):
+    values = np.asarray(values_n, dtype=float)[:, None]
+    return SampleBlock("board.load_cell", start, start / rate_hz, values, rate_hz=rate_hz, unit="N")
+
+
+def position(values_m, t0_s=0.0):
+    times_s = t0_s + np.arange(len(values_m)) * 0.01
+    return SampleBlock("stage.position", 0, t0_s, np.array(values_m)[:, None], times_s=times_s, unit="m")
+
+
+def test_a_spike_shorter_than_half_the_median_stops_nothing():
+    values = np.zeros(40)
+    values[10:14] = 50.0
+    assert guard().watch(0.04, [force(values), position([0.0])], moving=True) is None
+
+
+def test_a_lasting_force_stops_the_bench_and_says_which_limit():
+    reason = guard().watch(0.02, [force(np.full(20, 2.5)), position([0.0])], moving=True)
+    assert reason is not None
+    assert "2.500 N" in reason
+    assert "limits.force_n = 2" in reason
+
+
+def test_a_pull_counts_like_a_push():
+    assert guard().watch(0.02, [force(np.full(20, -2.5)), position([0.0])], moving=True)
+
+
+@pytest.mark.parametrize("size", [1, 3, 7, 25])
+def test_the_median_is_the_same_however_the_samples_come(size):
+    """A step in the middle: the median passes 2 N when six of ten samples are above it."""
+    values = np.concatenate([np.zeros(25), np.full(25, 3.0)])
+    watched = guard()
+    for start in range(0, 50, size):
+        end = min(start + size, 50)
+        reason = watched.watch(end / 1000, [force(values[start:end], start)], moving=True)
+        # Ten samples: with five above, numpy's median is their mean with the five below, 1.5 N.
+        assert (reason is not None) == (end - 25 >= 6), (start, end)
+        if reason is not None:
+            return
+
+
+def test_a_force_that_is_not_a_number_stops_the_bench():
+    reason = guard().watch(0.0, [force([0.0, math.nan])], moving=True)
+    assert reason == "board.load_cell reads nan"
+
+
+def test_a_silent_stream_stops_what_moves_and_nothing_else():
+    still, moving = guard(), guard()
+    still.watch(0.0, [], moving=False)
+    assert still.watch(5.0, [], moving=False) is None
+    moving.watch(0.0, [force(np.zeros(5)), position([0.0])], moving=True)
+    reason = moving.watch(0.2, [position([0.0], t0_s=0.2)], moving=True)
+    assert reason is not None
+    assert reason.startswith("board.load_cell is silent for")
+
+
+def test_a_stream_is_not_stale_at_the_start_of_a_motion_that_wakes_it():
+    watched = guard()
+    watched.watch(0.0, [], moving=False)
+    assert watched.watch(90.0, [], moving=True) is None
+    assert watched.watch(90.2, [], moving=True) is not None
+
+
+def test_a_late_loop_stops_what_moves():
+    blocks = [force(np.zeros(5)), position([0.0])]
+    assert "late" in (guard().watch(0.0, blocks, moving=True, late_s=0.3) or "")
+    assert guard().watch(0.0, blocks, moving=False, late_s=0.3) is None
+
+
+def test_travel_beyond_the_limit_stops_the_bench():
+    reason = guard().watch(0.0, [force([0.0]), position([0.0119, 0.0121])], moving=True)
+    assert reason is not None
+    assert "stage.position is at 0.012100 m" in reason
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (MoveAt("stage", 0.03, 0.01), "0.03 m/s is beyond limits.speed_m_s"),
+        (MoveAt("stage", -0.03, 0.01), "0.03 m/s is beyond limits.speed_m_s"),
+        (MoveAt("stage", 0.01, 0.013), "0.013 m is outside"),
+        (MoveTo("stage", -0.01, 0.01), "-0.01 m is outside"),
+        (MoveTo("stage", math.nan, 0.01), "position_m is nan"),
+        (MoveAt("stage", math.inf, 0.01), "velocity_m_s is inf"),
+    ],
+)
+def test_what_is_unsafe_is_refused_with_the_reason(command, said):
+    with pytest.raises(GuardRefusal, match=said):
+        guard().admit(command)
+
+
+def test_stop_always_passes():
+    assert guard().admit(Stop("stage")) == Stop("stage")
+
+
+def test_a_bench_without_a_force_stream_watches_none():
+    assert guard(force_n=None).inputs == {"stage.position"}

@@ -1,0 +1,233 @@
+"""Messages of the sensor board against golden bytes and against themselves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.sensor_board.codec import (
+    ARGUMENTS,
+    Code,
+    CodecError,
+    CommandFrame,
+    Hello,
+    HelloStream,
+    Message,
+    Reply,
+    Samples,
+    Times,
+    decode,
+    encode,
+)
+from drivers.sensor_board.framing import FrameDecoder
+
+GOLDEN: list[dict[str, Any]] = json.loads(
+    (Path(__file__).parents[3] / "data" / "board_golden.json").read_text()
+)["frames"]
+
+U8, U16, U32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
+I32 = st.integers(-(2**31), 2**31 - 1)
+LIMITS = {Code.START: U32, Code.EXCITE: U8, Code.TENDON: I32, Code.TARE: U8, Code.WATCHDOG: U16}
+NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,10}", fullmatch=True)
+SCALES = st.floats(1e-9, 1e3)
+
+
+def body_of(message: Message) -> bytes:
+    (body,) = FrameDecoder().feed(b"\0" + encode(message))
+    return body
+
+
+def stream(**changes: Any) -> dict[str, Any]:
+    plain = {"id": 0, "name": "load_cell", "channels": 1, "rate_hz": 1000.0, "unit": "N", "scale": 1e-5}
+    return {**plain, "kind": "samples", **changes}
+
+
+def hello_body(*streams: dict[str, Any], **changes: Any) -> bytes:
+    said = {"board": "b", "serial": "7", "version": "1", "streams": streams, **changes}
+    return b"\x03" + json.dumps(said).encode()
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["what"])
+def test_a_golden_body_says_what_was_written_beside_it(golden: dict[str, Any]) -> None:
+    said = golden["message"]
+    message = decode(bytes.fromhex(golden["body"]))
+    if said["kind"] == "hello":
+        assert isinstance(message, Hello)
+        assert [s.name for s in message.streams] == ["load_cell", "period"]
+        assert [s.id for s in message.streams] == [0, 3]
+        assert [s.rate_hz for s in message.streams] == [1000.0, None]
+        return
+    for name, value in said.items():
+        if name != "kind":
+            assert np.array_equal(np.asarray(getattr(message, name)), np.asarray(value)), name
+
+
+# JSON may be spaced as one likes: of a hello, decoding alone is golden.
+@pytest.mark.parametrize(
+    "golden",
+    [golden for golden in GOLDEN if golden["message"]["kind"] != "hello"],
+    ids=lambda golden: golden["what"],
+)
+def test_what_a_golden_body_says_is_encoded_as_the_golden_frame(golden: dict[str, Any]) -> None:
+    said = golden["message"]
+    message: Message
+    if said["kind"] == "samples":
+        values = np.array(said["values"], np.int32)
+        message = Samples(said["stream"], said["seq"], said["t_us"], values)
+    elif said["kind"] == "times":
+        times, values = np.array(said["times_us"], np.uint32), np.array(said["values"], np.int32)
+        message = Times(said["stream"], said["seq"], said["t_us"], times, values)
+    elif said["kind"] == "command":
+        message = CommandFrame(said["code"], said["tag"], said["argument"])
+    else:
+        message = Reply(said["code"], said["tag"], said["status"])
+    assert encode(message).hex(" ") == golden["frame"]
+
+
+@given(U8, U16, U32, st.lists(I32, min_size=1, max_size=200))
+def test_samples_come_back(number: int, seq: int, t_us: int, values: list[int]) -> None:
+    again = decode(body_of(Samples(number, seq, t_us, np.array(values, np.int32))))
+    assert isinstance(again, Samples)
+    assert (again.stream, again.seq, again.t_us, again.values.tolist()) == (number, seq, t_us, values)
+
+
+@given(U8, U16, U32, st.lists(st.tuples(U32, I32), min_size=1, max_size=100))
+def test_times_come_back(number: int, seq: int, t_us: int, rows: list[tuple[int, int]]) -> None:
+    times, values = map(list, zip(*rows, strict=True))
+    again = decode(body_of(Times(number, seq, t_us, np.array(times, np.uint32), np.array(values, np.int32))))
+    assert isinstance(again, Times)
+    assert (again.stream, again.seq, again.t_us) == (number, seq, t_us)
+    assert again.times_us.tolist() == times
+    assert again.values.tolist() == values
+
+
+@given(st.sampled_from(sorted(ARGUMENTS)), U8, st.data())
+def test_commands_come_back(code: int, tag: int, data: st.DataObject) -> None:
+    argument = data.draw(LIMITS[Code(code)]) if code in LIMITS else None
+    command = CommandFrame(code, tag, argument)
+    assert decode(body_of(command)) == command
+
+
+@given(U8, U8, U8)
+def test_replies_come_back(code: int, tag: int, status: int) -> None:
+    assert decode(body_of(Reply(code, tag, status))) == Reply(code, tag, status)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.text(), st.text(), st.lists(NAMES, unique=True, max_size=8), SCALES, st.data())
+def test_hellos_come_back(
+    board: str, serial: str, names: list[str], scale: float, data: st.DataObject
+) -> None:
+    channels = st.integers(1, 6) | st.lists(NAMES, min_size=1, max_size=3).map(tuple)
+    rates = st.none() | st.floats(0.1, 1e6)
+    hello = Hello(
+        board=board,
+        serial=serial,
+        version="1",
+        streams=tuple(
+            HelloStream(
+                id=number,
+                name=name,
+                channels=data.draw(channels),
+                rate_hz=data.draw(rates),
+                unit="N",
+                scale=scale,
+            )
+            for number, name in enumerate(names)
+        ),
+    )
+    assert decode(body_of(hello)) == hello
+
+
+@given(st.binary(max_size=60))
+def test_any_body_is_a_message_or_a_codec_error(body: bytes) -> None:
+    try:
+        message = decode(body)
+    except CodecError:
+        return
+    assert isinstance(message, Samples | Times | Hello | CommandFrame | Reply)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "",
+        "7f 00 00",
+        "01 00 02 01 40 42 0f",
+        "01 00 02 01 40 42 0f 00",
+        "01 00 02 01 40 42 0f 00 00 c0 ff",
+        "02 00 02 01 40 42 0f 00 00 00 00 00",
+        "80 04",
+        "80 04 07",
+        "80 03 07 01",
+        "81 04 07",
+        "81 04 07 00 00",
+    ],
+)
+def test_a_body_of_a_wrong_kind_or_length_is_refused(body: str) -> None:
+    with pytest.raises(CodecError):
+        decode(bytes.fromhex(body))
+
+
+def test_a_command_that_is_not_known_keeps_its_code_and_tag_for_the_answer() -> None:
+    assert decode(bytes.fromhex("80 63 05 aa bb")) == CommandFrame(0x63, 5)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        CommandFrame(Code.WATCHDOG, 0, 70_000),
+        CommandFrame(Code.EXCITE, 0),
+        CommandFrame(Code.STOP, 0, 1),
+        CommandFrame(99, 0),
+        Reply(4, 256, 0),
+        Samples(0, 65_536, 0, np.zeros(1, np.int32)),
+        Samples(0, 0, 0, np.zeros(0, np.int32)),
+    ],
+)
+def test_what_does_not_fit_into_its_field_is_not_encoded(message: Message) -> None:
+    with pytest.raises(CodecError):
+        encode(message)
+
+
+@pytest.mark.parametrize(
+    ("body", "word"),
+    [
+        (b"\x03{", "hello"),
+        (b"\x03" + b"\xff\xfe", "hello"),
+        (hello_body(stream(id=32)), "id"),
+        (hello_body(stream(), stream(name="other")), "two streams have one id"),
+        (hello_body(stream(), stream(id=1)), "two streams have one name"),
+        (hello_body(stream(scale=0)), "scale of 0"),
+        (hello_body(stream(scale="1e-5")), "scale"),
+        (hello_body(stream(rate_hz=-1)), "rate_hz"),
+        (hello_body(stream(channels=0)), "channels"),
+        (hello_body(stream(channels=[])), "channels"),
+        (hello_body(stream(name="Load Cell")), "name"),
+        (hello_body(board=None), "board"),
+    ],
+)
+def test_a_hello_that_says_nothing_usable_is_refused_and_says_where(body: bytes, word: str) -> None:
+    with pytest.raises(CodecError, match=word):
+        decode(body)
+
+
+def test_keys_of_a_newer_board_are_passed_over() -> None:
+    hello = decode(hello_body(stream(range=22.2), colour="red"))
+    assert isinstance(hello, Hello)
+    assert hello.streams[0].unit == "N"
+
+
+@pytest.mark.parametrize(
+    ("channels", "names"), [(1, ("load_cell",)), (3, ("0", "1", "2")), (["x", "z"], ("x", "z"))]
+)
+def test_channels_are_named_or_counted(channels: Any, names: tuple[str, ...]) -> None:
+    hello = decode(hello_body(stream(channels=channels)))
+    assert isinstance(hello, Hello)
+    assert hello.streams[0].channel_names == names

@@ -1,0 +1,131 @@
+"""Frames against golden bytes, and against a reference of independent logic."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.sensor_board.framing import MAX_ENCODED_BYTES, FrameDecoder, frame
+
+GOLDEN: list[dict[str, Any]] = json.loads(
+    (Path(__file__).parents[3] / "data" / "board_golden.json").read_text()
+)["frames"]
+
+
+def reference_crc(body: bytes) -> int:
+    """CRC-16/IBM-3740 one bit at a time, straight from its definition."""
+    remainder = 0xFFFF
+    for byte in body:
+        for bit in range(7, -1, -1):
+            carry = (remainder >> 15) ^ ((byte >> bit) & 1)
+            remainder = ((remainder << 1) & 0xFFFF) ^ (0x1021 if carry else 0)
+    return remainder
+
+
+def reference_unstuffed(encoded: bytes) -> bytes:
+    """COBS undone by walking from code byte to code byte."""
+    out = bytearray()
+    at = 0
+    while at < len(encoded):
+        code = encoded[at]
+        run = encoded[at + 1 : at + code]
+        assert len(run) == code - 1
+        out += run
+        at += code
+        if code < 0xFF and at < len(encoded):
+            out.append(0)
+    return bytes(out)
+
+
+def heard(data: bytes) -> list[bytes]:
+    return FrameDecoder().feed(b"\0" + data)
+
+
+def test_the_reference_crc_gives_the_check_value_of_the_catalogue() -> None:
+    assert reference_crc(b"123456789") == 0x29B1
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["what"])
+def test_a_golden_body_gives_its_golden_frame(golden: dict[str, Any]) -> None:
+    assert frame(bytes.fromhex(golden["body"])).hex(" ") == golden["frame"]
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["what"])
+def test_a_golden_frame_gives_its_golden_body(golden: dict[str, Any]) -> None:
+    assert heard(bytes.fromhex(golden["frame"])) == [bytes.fromhex(golden["body"])]
+
+
+@given(st.binary(max_size=600))
+def test_a_frame_obeys_the_reference_of_stuffing_and_checksum(body: bytes) -> None:
+    encoded = frame(body)
+    assert encoded.count(0) == 1
+    assert encoded[-1] == 0
+    plain = reference_unstuffed(encoded[:-1])
+    assert plain == body + reference_crc(body).to_bytes(2, "little")
+
+
+@given(st.lists(st.binary(min_size=1, max_size=300), max_size=5), st.data())
+def test_bodies_come_back_however_the_bytes_are_cut(bodies: list[bytes], data: st.DataObject) -> None:
+    line = b"\0" + b"".join(map(frame, bodies))
+    decoder, found, at = FrameDecoder(), [], 0
+    while at < len(line):
+        size = data.draw(st.integers(1, len(line)))
+        found += decoder.feed(line[at : at + size])
+        at += size
+    assert found == bodies
+    assert decoder.counts.good == len(bodies)
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_at_all_raise_nothing_and_the_next_frame_is_heard(noise: bytes) -> None:
+    assert FrameDecoder().feed(noise + b"\0" + frame(b"next"))[-1] == b"next"
+
+
+def test_what_precedes_the_first_delimiter_is_passed_over_and_counted_as_nothing() -> None:
+    decoder = FrameDecoder()
+    assert decoder.feed(frame(b"half heard")[3:]) == []
+    assert decoder.feed(frame(b"whole")) == [b"whole"]
+    assert (decoder.counts.good, decoder.counts.bad_crc, decoder.counts.bad_cobs) == (1, 0, 0)
+
+
+def test_delimiters_in_a_row_are_no_frames() -> None:
+    decoder = FrameDecoder()
+    assert decoder.feed(b"\0\0\0" + frame(b"x") + b"\0\0") == [b"x"]
+    assert decoder.counts.bad_cobs == decoder.counts.bad_crc == 0
+
+
+def test_every_flipped_bit_is_noticed() -> None:
+    whole = frame(bytes.fromhex(GOLDEN[0]["body"]))
+    for place in range(8 * (len(whole) - 1)):
+        spoilt = bytearray(whole)
+        spoilt[place // 8] ^= 1 << place % 8
+        decoder = FrameDecoder()
+        assert decoder.feed(b"\0" + bytes(spoilt) + frame(b"next")) == [b"next"], place
+        assert decoder.counts.bad_crc + decoder.counts.bad_cobs >= 1
+
+
+def test_a_lost_delimiter_takes_its_neighbour_along() -> None:
+    decoder = FrameDecoder()
+    line = b"\0" + frame(b"first")[:-3] + frame(b"second") + frame(b"third")
+    assert decoder.feed(line) == [b"third"]
+    assert decoder.counts.bad_crc + decoder.counts.bad_cobs == 1
+
+
+def test_a_frame_that_never_ends_is_given_up_once_and_its_memory_with_it() -> None:
+    decoder = FrameDecoder()
+    decoder.feed(b"\0")
+    for _ in range(100):
+        assert decoder.feed(b"\x01" * 1000) == []
+        assert len(decoder._partial) <= MAX_ENCODED_BYTES
+    assert decoder.counts.overlong == 1
+    assert decoder.feed(b"\x01\0" + frame(b"after")) == [b"after"]
+
+
+def test_a_frame_longer_than_any_that_is_read_is_not_written() -> None:
+    with pytest.raises(ValueError, match="longer than 8192"):
+        frame(b"\x01" * 8200)

@@ -1,0 +1,480 @@
+"""The driver on an emulated board in virtual time: every byte real, every millisecond simulated."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from board_bench import PERIOD_S, Bench, Source
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import CommandError, PortError, ProtocolError, SilentError
+from drivers.messages import (
+    Excite,
+    Failed,
+    Listen,
+    Lost,
+    MoveAt,
+    Refused,
+    SampleBlock,
+    Sent,
+    SetTendon,
+    Tare,
+)
+from drivers.sensor_board.codec import Code, CommandFrame, decode
+from drivers.sensor_board.framing import FrameDecoder
+
+FORCE = "board.load_cell"
+ACCELERATION = "board.accelerometer"
+PERIOD = "board.period"
+
+MakeBench = Callable[..., Bench]
+
+
+def listen(*streams: str) -> Listen:
+    return Listen("board", frozenset(streams))
+
+
+def of(kind: type, statuses: list[Any]) -> list[Any]:
+    return [status for status in statuses if isinstance(status, kind)]
+
+
+def on(stream: str, blocks: list[SampleBlock]) -> list[SampleBlock]:
+    return [block for block in blocks if block.stream == stream]
+
+
+def orders(bench: Bench) -> list[CommandFrame]:
+    decoder = FrameDecoder()
+    bodies = decoder.feed(b"\0" + b"".join(bench.host.written))
+    return [message for message in map(decode, bodies) if isinstance(message, CommandFrame)]
+
+
+# --- opening and closing -------------------------------------------------------------------------
+
+
+def test_what_the_board_has_comes_from_its_hello(make_bench: MakeBench) -> None:
+    info = make_bench(board={"board": "Teensy", "serial": "S9", "firmware": "2.1"}).driver.open()
+    assert (info.device, info.model, info.serial, info.version, info.mover) == (
+        "board",
+        "Teensy",
+        "S9",
+        "2.1",
+        False,
+    )
+    assert set(info.streams) == {FORCE, ACCELERATION, PERIOD}
+    assert info.streams[ACCELERATION].channels == ("x", "z")
+    assert (info.streams[FORCE].unit, info.streams[FORCE].scale, info.streams[FORCE].rate_hz) == (
+        "N",
+        1e-5,
+        1000.0,
+    )
+    assert info.streams[PERIOD].rate_hz is None
+
+
+def test_opening_stops_what_an_earlier_host_has_left_on(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    bench.driver.open()
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    info = bench.driver.open()
+    blocks, statuses = bench.run(0.2)
+    assert info.model == "emulated sensor board"
+    assert blocks == statuses == []
+    assert bench.source.observed == frozenset()
+
+
+def test_a_board_whose_first_answer_is_lost_is_asked_again(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    lost = iter([b"\0\x05half", b""])
+    bench.host.hush = lambda data: next(lost, data)
+    assert bench.driver.open().serial == "E1"
+
+
+def test_a_silent_port_is_said_to_be_silent(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    bench.host.hush = lambda data: b""
+    begin_s = bench.host.t_s
+    with pytest.raises(SilentError, match=r"board: no reply in 1 s while asking who is at /dev/board; is it"):
+        bench.driver.open()
+    assert bench.host.t_s - begin_s < 1.2
+    assert bench.host.closed
+
+
+@pytest.mark.parametrize("noise", [b"@01 0 OK IDLE -- 0\r\n", b"\0\0\x03ab\0", b"\xff" * 50])
+def test_another_protocol_is_told_apart(make_bench: MakeBench, noise: bytes) -> None:
+    bench = make_bench()
+    bench.host.hush = lambda data: noise
+    with pytest.raises(ProtocolError, match="none say hello as a sensor board does while asking who is at"):
+        bench.driver.open()
+    assert bench.host.closed
+
+
+def test_a_hello_that_cannot_be_used_says_why(make_bench: MakeBench) -> None:
+    from drivers.sensor_board.framing import frame
+
+    bench = make_bench()
+    bench.host.hush = lambda data: b"\0" + frame(b'\x03{"board":"x"}')
+    with pytest.raises(ProtocolError, match=r"hello \(serial\): Field required"):
+        bench.driver.open()
+
+
+def test_a_watchdog_that_one_lost_reply_would_starve_is_no_setting(make_bench: MakeBench) -> None:
+    with pytest.raises(ValueError, match="at least twice reply_timeout_s"):
+        make_bench(driver={"watchdog_s": 0.4})
+
+
+def test_a_board_that_will_have_no_watchdog_is_not_opened(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    bench.host.cut = lambda data: b"" if b"\x80\x07" in data else data
+    with pytest.raises(ProtocolError, match="no reply to watchdog"):
+        bench.driver.open()
+    assert bench.host.closed
+
+
+def test_closing_switches_excitation_and_streams_off(bench: Bench) -> None:
+    bench.driver.apply(Excite("board", True))
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    assert bench.source.excited
+    bench.driver.close()
+    bench.driver.close()
+    assert bench.host.closed
+    assert not bench.source.excited
+    bench.host.until(bench.host.t_s + 0.01)
+    assert bench.source.observed == frozenset()
+
+
+def test_closing_a_board_that_has_failed_still_switches_off(bench: Bench) -> None:
+    bench.driver.apply(Excite("board", True))
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    bench.host.hush = lambda data: b""
+    assert of(Failed, bench.run(0.7)[1])
+    bench.driver.close()
+    assert not bench.source.excited
+
+
+def test_a_board_that_is_not_open_says_so(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    assert bench.driver.read() == bench.driver.poll() == ()
+    with pytest.raises(PortError, match="it is not open"):
+        bench.driver.apply(Excite("board", True))
+
+
+# --- commands ------------------------------------------------------------------------------------
+
+
+def test_a_command_is_on_the_wire_when_apply_returns_and_sent_says_when(bench: Bench) -> None:
+    applied = bench.driver.apply(Excite("board", True))
+    assert bench.source.excited
+    _, statuses = bench.run(0.01)
+    assert of(Sent, statuses) == [Sent(applied.t_s, "board", applied.command)]
+
+
+def test_the_tendon_is_set_to_the_micrometre(bench: Bench) -> None:
+    applied = bench.driver.apply(SetTendon("board", 0.0012346))
+    assert applied.command == SetTendon("board", pytest.approx(0.001235))
+    assert bench.source.tendon_m == pytest.approx(0.001235)
+
+
+def test_a_tare_makes_the_present_level_zero(bench: Bench) -> None:
+    bench.driver.apply(listen(ACCELERATION))
+    before, _ = bench.run(0.2)
+    bench.driver.apply(Tare("board", ACCELERATION))
+    after, _ = bench.run(0.2)
+    assert before[0].values[0].tolist() == [5000, 32767]
+    assert np.concatenate([block.values for block in after])[-100:].tolist() == [[0, 0]] * 100
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (Excite("stage", True), "it is for stage"),
+        (MoveAt("board", 0.001, 0.01), "it has no such command"),
+        (SetTendon("board", math.nan), "nan m is out of range"),
+        (SetTendon("board", 0.021), "choose from 0 to 0.02 m"),
+        (Tare("board", "board.sound"), "it has no stream board.sound"),
+        (listen(FORCE, "stage.position"), "it has no stream stage.position"),
+    ],
+)
+def test_a_command_that_makes_no_sense_is_not_written(bench: Bench, command: Any, words: str) -> None:
+    written = len(bench.host.written)
+    with pytest.raises(CommandError, match=words):
+        bench.driver.apply(command)
+    assert len(bench.host.written) == written
+
+
+@pytest.mark.parametrize(("kind", "words"), [("refuse", "refuses it"), ("busy", "is busy")])
+def test_what_the_board_refuses_is_told(bench: Bench, kind: Any, words: str) -> None:
+    bench.board.inject(kind, bench.host.t_s)
+    command = Excite("board", True)
+    bench.driver.apply(command)
+    _, statuses = bench.run(0.05)
+    (refused,) = of(Refused, statuses)
+    assert refused.command == command
+    assert words in refused.reason
+
+
+def test_a_command_whose_reply_is_lost_is_written_once_more_under_its_tag(bench: Bench) -> None:
+    answers = itertools.count()
+    bench.host.hush = lambda data: b"" if next(answers) == 0 else data
+    bench.driver.apply(Excite("board", True))
+    _, statuses = bench.run(0.4)
+    excites = [order for order in orders(bench) if order.code == Code.EXCITE]
+    assert len(excites) == 2
+    assert excites[0] == excites[1]
+    assert of(Failed, statuses) == []
+    assert len(of(Sent, statuses)) == 1
+
+
+def test_a_board_that_never_replies_has_failed_and_refuses_what_follows(bench: Bench) -> None:
+    bench.host.cut = lambda data: b""
+    bench.driver.apply(Excite("board", True))
+    _, statuses = bench.run(0.7)
+    (failed,) = of(Failed, statuses)
+    assert "no reply to excite, asked twice in 0.5 s" in failed.reason
+    command = SetTendon("board", 0.001)
+    bench.driver.apply(command)
+    _, later = bench.run(1.0)
+    assert [refused.command for refused in of(Refused, later)] == [command]
+    assert of(Failed, later) == []
+
+
+def test_an_order_is_not_repeated_over_a_newer_one_on_the_same_thing(bench: Bench) -> None:
+    answers = itertools.count()
+    bench.host.hush = lambda data: b"" if next(answers) == 0 else data
+    bench.driver.apply(Excite("board", True))
+    bench.driver.apply(Excite("board", False))
+    _, statuses = bench.run(1.0)
+    assert [order.argument for order in orders(bench) if order.code == Code.EXCITE] == [1, 0]
+    assert not bench.source.excited
+    assert of(Failed, statuses) == []
+
+
+# --- samples -------------------------------------------------------------------------------------
+
+
+def test_only_what_is_listened_to_is_sent(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE, PERIOD))
+    first, _ = bench.run(0.3)
+    bench.driver.apply(listen())
+    rest, _ = bench.run(0.05)
+    silence, statuses = bench.run(1.0)
+    assert {block.stream for block in first + rest} == {FORCE, PERIOD}
+    assert silence == []
+    assert of(Failed, statuses) == []
+
+
+@pytest.mark.parametrize("drift_ppm", [-80.0, 37.0])
+def test_samples_are_dated_through_clocks_that_drift(make_bench: MakeBench, drift_ppm: float) -> None:
+    """The force is its own true time in bench seconds: a sample and its date must agree."""
+    bench = make_bench(board={"drift_ppm": drift_ppm})
+    bench.driver.open()
+    bench.driver.apply(listen(FORCE))
+    blocks, statuses = bench.run(10.0)
+    late_s = np.concatenate([block.times - block.physical[:, 0] for block in blocks])
+    assert of(Lost, statuses) == []
+    assert late_s.size > 9_900
+    # The line is looked at every 0.7 ms: a first arrival may be 1.2 ms late, the quickest of many is not.
+    assert np.abs(late_s).max() < 1.3e-3
+    assert np.abs(late_s[2000:]).max() < 2e-4
+    assert bench.driver.account()["drift_ppm"] == pytest.approx(drift_ppm, abs=10.0)
+
+
+def test_irregular_samples_are_dated_each(bench: Bench) -> None:
+    bench.driver.apply(listen(PERIOD, FORCE))
+    blocks, _ = bench.run(5.0)
+    times_s = np.concatenate([block.times for block in on(PERIOD, blocks)])
+    values = np.concatenate([block.physical[:, 0] for block in on(PERIOD, blocks)])
+    assert np.diff(times_s)[28:] == pytest.approx(PERIOD_S, abs=5e-5)
+    assert values == pytest.approx(PERIOD_S, abs=1e-7)
+    assert all(block.rate_hz is None for block in on(PERIOD, blocks))
+
+
+def test_a_wrap_of_device_time_is_not_seen(make_bench: MakeBench) -> None:
+    bench = make_bench(board={"start_us": 2**32 - 500_000})
+    bench.driver.open()
+    bench.driver.apply(listen(FORCE))
+    blocks, statuses = bench.run(1.5)
+    device_s = np.array([block.device_t0_s for block in blocks], dtype=float)
+    assert device_s.min() < 2**32 * 1e-6 < device_s.max()
+    assert np.diff(device_s) == pytest.approx(0.01)
+    assert of(Lost, statuses) == []
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.sampled_from(["drop", "flip", "truncate"]), st.integers(1, 3)), max_size=6))
+def test_loss_is_counted_to_the_sample(make_bench: MakeBench, faults: list[tuple[Any, int]]) -> None:
+    bench = make_bench()
+    bench.driver.open()
+    bench.driver.apply(listen(FORCE, ACCELERATION))
+    blocks, statuses = bench.run(0.1)
+    for kind, frames in faults:
+        bench.board.inject(kind, bench.host.t_s, frames)
+        more = bench.run(0.1)
+        blocks += more[0]
+        statuses += more[1]
+    for stream in (FORCE, ACCELERATION):
+        mine = on(stream, blocks)
+        lost = sum(status.samples for status in of(Lost, statuses) if status.stream == stream)
+        spanned = mine[-1].seq + len(mine[-1]) - mine[0].seq
+        assert mine[0].seq == 0
+        assert sum(map(len, mine)) + lost == spanned
+        # What the source was asked for since, but for the block under way and the tail after it.
+        assert 0 <= bench.source.sampled[stream.partition(".")[2]] - spanned < 60
+        for before, after in itertools.pairwise(mine):
+            jump = after.seq - before.seq - len(before)
+            gap_s = after.t0_s - before.t0_s - len(before) * 1e-3
+            assert jump * 1e-3 == pytest.approx(gap_s, abs=5e-4)
+    assert of(Failed, statuses) == []
+
+
+def test_a_stream_that_is_heard_again_begins_a_segment_and_has_lost_nothing(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    first, before = bench.run(0.2)
+    bench.driver.apply(listen())
+    bench.driver.apply(listen(FORCE))
+    tail, between = bench.run(0.2)
+    bench.driver.apply(listen())
+    rest, _ = bench.run(0.5)
+    bench.driver.apply(listen(FORCE))
+    last, after = bench.run(0.2)
+    assert of(Lost, before + between + after) == []
+    heard = first + tail + rest
+    assert last[0].seq > heard[-1].seq + len(heard[-1])
+    assert last[0].t0_s > heard[-1].times[-1] + 0.4
+
+
+def test_a_board_that_restarts_under_way_is_told_and_begins_a_segment(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE, PERIOD))
+    before, _ = bench.run(0.5)
+    bench.board.inject("restart", bench.host.t_s)
+    after, statuses = bench.run(0.5)
+    lost = of(Lost, statuses)
+    assert {(status.stream, status.samples) for status in lost} == {(FORCE, 0), (PERIOD, 0)}
+    assert len(lost) == 2
+    for stream in (FORCE, PERIOD):
+        last, first = on(stream, before)[-1], on(stream, after)[0]
+        assert first.seq > last.seq + len(last)
+        assert first.times[0] >= last.times[-1]
+    assert of(Failed, statuses) == []
+
+
+def test_bench_time_may_begin_anew_while_streams_run(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    bench.run(3.0)
+    bench.clock.restart()
+    blocks, statuses = bench.run(0.5)
+    assert blocks[-1].times[-1] == pytest.approx(0.5, abs=0.02)
+    assert statuses == []
+
+
+# --- what goes wrong -----------------------------------------------------------------------------
+
+
+def test_a_regular_stream_that_falls_silent_has_failed_once(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.2)
+    begin_s = bench.clock.now()
+    bench.host.hush = lambda data: b""
+    _, statuses = bench.run(2.0)
+    (failed,) = of(Failed, statuses)
+    assert "nothing of board.load_cell in 0.5 s" in failed.reason
+    assert 0.4 < failed.t_s - begin_s < 0.6
+
+
+def test_a_rebooted_board_that_sends_nothing_more_has_failed(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.2)
+    bench.board.inject("reboot", bench.host.t_s)
+    assert len(of(Failed, bench.run(1.0)[1])) == 1
+
+
+def test_an_irregular_stream_may_be_silent(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Source, "events", lambda self, stream: (np.empty(0), np.empty(0)))
+    bench.driver.apply(listen(PERIOD))
+    assert of(Failed, bench.run(3.0)[1]) == []
+
+
+def test_a_board_that_is_silent_while_nobody_listens_is_noticed_by_its_watchdog_replies(bench: Bench) -> None:
+    bench.board.inject("silent", bench.host.t_s)
+    (failed,) = of(Failed, bench.run(2.0)[1])
+    assert "no reply to watchdog" in failed.reason
+
+
+def test_a_link_that_is_gone_has_failed_once(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    bench.host.fault = "the port was taken away"
+    _, statuses = bench.run(1.0)
+    assert [failed.reason for failed in of(Failed, statuses)] == ["the port was taken away"]
+    bench.driver.close()
+
+
+def test_the_watchdog_is_fed_as_long_as_the_loop_turns(bench: Bench) -> None:
+    bench.driver.apply(Excite("board", True))
+    _, statuses = bench.run(10.0, turn_s=0.05)
+    assert bench.source.excited
+    assert of(Failed, statuses) == []
+
+
+def test_a_host_that_dies_loses_the_excitation(bench: Bench) -> None:
+    bench.driver.apply(Excite("board", True))
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.5)
+    died_s = bench.host.t_s
+    bench.host.until(died_s + 3.0)
+    off_s, excited = bench.source.switched[-1]
+    assert not excited
+    assert 0.7 < off_s - died_s <= 1.0
+
+
+def test_a_host_that_was_away_too_long_fails_rather_than_go_on_unexcited(bench: Bench) -> None:
+    bench.driver.apply(Excite("board", True))
+    bench.run(0.5)
+    bench.host.until(bench.host.t_s + 3.0)
+    (failed,) = of(Failed, bench.run(0.5)[1])
+    assert "the host was away for" in failed.reason
+
+
+def test_a_host_that_was_away_while_nothing_was_on_goes_on(bench: Bench) -> None:
+    bench.run(0.1)
+    bench.host.until(bench.host.t_s + 30.0)
+    _, statuses = bench.run(0.5)
+    bench.driver.apply(listen(FORCE))
+    blocks, more = bench.run(0.5)
+    assert of(Failed, statuses + more) == []
+    assert sum(map(len, blocks)) > 400
+
+
+def test_a_late_turn_does_not_blame_the_board(make_bench: MakeBench) -> None:
+    bench = make_bench(driver={"silence_timeout_s": 0.1, "reply_timeout_s": 0.1})
+    bench.driver.open()
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.2)
+    bench.driver.apply(SetTendon("board", 0.001))
+    kept, bench.host.arrived = bench.host.arrived, []
+    bench.host.hush = lambda data: kept.append((bench.host.t_s, data)) or b""  # type: ignore[func-returns-value]
+    bench.host.until(bench.host.t_s + 0.5)
+    assert of(Failed, [*bench.driver.poll()]) == []
+    bench.host.hush = bytes
+    bench.host.arrived = kept
+    blocks, statuses = bench.run(0.2)
+    assert of(Failed, statuses) == of(Lost, statuses) == []
+    assert sum(map(len, blocks)) == pytest.approx(700, abs=30)
+
+
+def test_the_account_tells_what_came_of_the_frames(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    bench.board.inject("flip", bench.host.t_s)
+    bench.run(0.1)
+    account = bench.driver.account()
+    assert account["malformed"] == 0
+    assert account["bad_crc"] + account["bad_cobs"] >= 1  # type: ignore[operator]
+    assert account["good"] == pytest.approx(20, abs=8)

@@ -1,0 +1,110 @@
+"""Bytes of Zaber ASCII, against golden bytes that were not made by this codec."""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.zaber_stage import codec
+
+GOLDEN = tomllib.loads((Path(__file__).parents[3] / "data" / "zaber_golden.toml").read_text())
+
+
+def pick(case: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in case.items() if key not in ("source", "bytes")}
+
+
+@pytest.mark.parametrize("case", GOLDEN["request"], ids=lambda case: case["source"])
+def test_a_request_has_the_bytes_of_the_page(case: dict[str, Any]) -> None:
+    request = codec.Request(**pick(case))
+    assert codec.encode_request(request) == case["bytes"].encode()
+    assert codec.decode_request(case["bytes"].encode().rstrip()) == request
+
+
+@pytest.mark.parametrize("case", GOLDEN["reply"], ids=lambda case: case["source"])
+def test_a_reply_has_the_bytes_of_the_page(case: dict[str, Any]) -> None:
+    reply = codec.Reply(**pick(case))
+    assert codec.encode_message(reply) == case["bytes"].encode()
+    assert codec.decode_message(case["bytes"].encode().rstrip()) == reply
+
+
+def test_alerts_and_info_lines_are_told_from_replies() -> None:
+    assert codec.decode_message(b"!01 1 IDLE FS:57") == codec.Alert(1, 1, busy=False, flag="FS", data="")
+    assert codec.decode_message(b"#01 0 09 hello:92") == codec.Info(1, 0, 9, "hello")
+
+
+def test_a_line_with_a_wrong_checksum_is_refused() -> None:
+    with pytest.raises(codec.ChecksumError):
+        codec.decode_message(b"@01 1 04 OK IDLE -- 24188:32")
+    with pytest.raises(codec.ChecksumError):
+        codec.decode_request(b"/1 1 07 stop:12")
+
+
+def test_a_line_without_a_checksum_is_refused_where_one_is_due() -> None:
+    with pytest.raises(codec.ChecksumError):
+        codec.decode_message(b"@01 1 04 OK IDLE -- 24188")
+    assert codec.decode_message(b"@01 1 04 OK IDLE -- 24188", checksum=False).flag == "--"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"hello", b"@", b"@01 1", b"@01 1 04 YES IDLE -- 0", b"@a b c d", b"@\xff"]
+)
+def test_what_is_no_zaber_message_is_refused(line: bytes) -> None:
+    with pytest.raises(codec.CodecError):
+        codec.decode_message(line, checksum=False)
+
+
+@given(
+    st.sampled_from(GOLDEN["reply"]),
+    st.integers(min_value=1, max_value=27),
+    st.integers(min_value=0, max_value=7),
+)
+def test_no_flipped_bit_of_a_checked_reply_goes_unseen(case: dict[str, Any], place: int, bit: int) -> None:
+    line = bytearray(case["bytes"].encode().rstrip())
+    place = min(place, len(line) - 1)
+    line[place] ^= 1 << bit
+    if place >= len(line) - 2 and bit == 5:
+        return  # 0xAB and 0xab are the same checksum
+    with pytest.raises(codec.CodecError):
+        codec.decode_message(bytes(line))
+
+
+@given(st.lists(st.integers(min_value=0, max_value=200), max_size=6))
+def test_lines_are_the_same_wherever_the_bytes_are_split(cuts: list[int]) -> None:
+    stream = b"".join(case["bytes"].encode() for case in GOLDEN["reply"])
+    ends = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
+    buffer = codec.LineBuffer()
+    lines = [line for a, b in itertools.pairwise(ends) for line in buffer.feed(stream[a:b])]
+    assert lines == [case["bytes"].encode().rstrip() for case in GOLDEN["reply"]]
+
+
+def test_bytes_without_an_end_of_line_do_not_pile_up_and_the_next_line_is_heard() -> None:
+    buffer = codec.LineBuffer()
+    for _ in range(1000):
+        assert buffer.feed(b"\x02" * 100) == []
+        assert len(buffer._rest) <= codec.MAX_LINE
+    assert buffer.feed(b"tail\r\n@01 1 OK IDLE -- 0\r\n") == [b"@01 1 OK IDLE -- 0"]
+
+
+def test_speeds_become_the_data_of_the_page() -> None:
+    assert codec.velocity_data(0.00254, codec.MICROSTEP_M) == 8389
+    assert codec.velocity_data(0.0127, codec.MICROSTEP_M) == 41943
+    assert codec.velocity_m_s(8389, codec.MICROSTEP_M) == pytest.approx(0.00254, rel=1e-4)
+
+
+def test_one_inch_is_51200_microsteps() -> None:
+    assert codec.microsteps(0.0254, codec.MICROSTEP_M) == 51200
+    assert codec.length_m(51200, codec.MICROSTEP_M) == pytest.approx(0.0254, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("flag", "lost"), [("FS", True), ("FD", True), ("FQ", True), ("WM", True), ("NI", False)]
+)
+def test_faults_and_displacement_say_that_the_stage_has_lost_its_way(flag: str, lost: bool) -> None:
+    assert codec.astray(flag) is lost

@@ -1,0 +1,168 @@
+"""What is said to the stage, and in which order, without a stage."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import pytest
+
+from drivers.errors import CommandError
+from drivers.messages import Command, Excite, Home, MoveAt, MoveTo
+from drivers.zaber_stage.codec import Reply
+from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
+from drivers.zaber_stage.procedures import Line, Procedures, RejectedError, valid
+
+SETTINGS = ZaberStageSettings(port="-")
+STEP_M = SETTINGS.microstep_m
+
+
+class Script:
+    """Answers from a table of settings, and keeps what was said."""
+
+    def __init__(self, **settings: int) -> None:
+        self.held = {"pos": 0, "accel": 200, "limit.min": 0, "limit.max": 51200, "maxspeed": 99}
+        self.held |= {name.replace("_", "."): value for name, value in settings.items()}
+        self.flags = "00"
+        self.rejects: dict[str, str] = {}
+        self.obeys = True
+        self.said: list[str] = []
+
+    def reply(self, line: Line) -> Reply:
+        self.said.append(line.text)
+        data = "0"
+        match line.text.split():
+            case ["get", name]:
+                data = str(self.held.get(name, name))
+            case ["set", name, value]:
+                self.held[name] = int(value) if self.obeys else self.held.get(name, 0)
+            case ["warnings", *_]:
+                data = self.flags
+        reason = self.rejects.get(line.text)
+        return Reply(1, 1, 0, reason is None, False, "--", reason or data)
+
+    def play(self, procedure: Generator[Line, Reply, object], lines: int = 1000) -> object:
+        """Carry a procedure through, or through so many lines."""
+        try:
+            line = next(procedure)
+            for _ in range(lines):
+                line = procedure.send(self.reply(line))
+        except StopIteration as end:
+            return end.value
+        return None
+
+
+def opened(script: Script) -> Procedures:
+    procedures = Procedures(SETTINGS, Mounting(SETTINGS))
+    script.play(procedures.identify())
+    script.said.clear()
+    return procedures
+
+
+def test_opening_sets_travel_and_speed_in_the_device_and_moves_nothing() -> None:
+    script = Script(limit_max=60000)
+    script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+    assert script.held["limit.max"] == 51200
+    assert script.held["maxspeed"] == round(0.025 / STEP_M * 1.6384)
+    assert not [line for line in script.said if line.split()[:1] in (["move"], ["home"])]
+
+
+def test_an_approach_sets_its_limit_in_the_device_reads_it_back_and_only_then_moves_there() -> None:
+    script = Script()
+    target = opened(script).carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M))
+    assert script.play(target) == 10000
+    assert script.said == [
+        "warnings clear",
+        "set limit.max 10000",
+        "get limit.max",
+        "get pos",
+        "move abs 10000 8389",
+    ]
+
+
+def test_a_limit_that_the_device_does_not_hold_ends_the_approach_before_it_begins() -> None:
+    script = Script()
+    procedures = opened(script)
+    script.obeys = False
+    with pytest.raises(RejectedError, match=r"told limit.max = 10000 and holds 51200"):
+        script.play(procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)))
+    assert not [line for line in script.said if line.startswith("move")]
+
+
+def test_a_limit_that_is_held_already_is_not_written_again() -> None:
+    script = Script()
+    procedures = opened(script)
+    for _ in range(2):
+        script.play(procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)))
+    assert script.said.count("set limit.max 10000") == 1
+
+
+def test_a_limit_whose_writing_was_cut_short_is_written_again() -> None:
+    script = Script()
+    procedures = opened(script)
+    script.play(
+        procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)), lines=1
+    )  # 'set' said, not heard
+    script.held["limit.max"] = 10000
+    script.play(procedures.carry_out(MoveTo("stage", 51200 * STEP_M, 0.01)))
+    assert script.held["limit.max"] == 51200
+
+
+def test_the_wider_end_of_the_travel_is_set_before_the_narrower_one() -> None:
+    script = Script(limit_min=20000, limit_max=30000)
+    procedures = opened(script)
+    script.held["pos"] = 20000
+    script.play(procedures.carry_out(MoveAt("stage", -0.01, 10000 * STEP_M)))
+    script.said.clear()
+    script.play(procedures.carry_out(MoveAt("stage", 0.01, 25000 * STEP_M)))
+    assert [line for line in script.said if line.startswith("set")] == [
+        "set limit.min 0",
+        "set limit.max 25000",
+    ]
+
+
+def test_a_stage_that_is_beyond_the_limit_is_not_moved_back_to_it() -> None:
+    script = Script(pos=12000)
+    procedures = opened(script)
+    with pytest.raises(RejectedError, match="beyond the limit already"):
+        script.play(procedures.carry_out(MoveAt("stage", 0.01, 10000 * STEP_M)))
+    assert not [line for line in script.said if line.startswith("move")]
+
+
+def test_a_move_before_homing_says_to_home_first() -> None:
+    script = Script()
+    procedures = opened(script)
+    script.flags = "01 WR"
+    with pytest.raises(RejectedError, match="send Home first"):
+        script.play(procedures.carry_out(MoveTo("stage", 0.01, 0.01)))
+    script.play(procedures.carry_out(Home("stage")))
+    assert script.said[-1] == "home"
+
+
+def test_a_rejection_names_the_line_and_what_the_reason_means() -> None:
+    script = Script()
+    procedures = opened(script)
+    script.rejects["home"] = "DRIVERDISABLED"
+    with pytest.raises(RejectedError, match="'home' with DRIVERDISABLED: its motor driver is off"):
+        script.play(procedures.carry_out(Home("stage")))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        MoveTo("stage", 0.03, 0.01),
+        MoveTo("stage", float("nan"), 0.01),
+        MoveTo("stage", 0.01, -0.01),
+        MoveTo("stage", 0.01, float("inf")),
+        MoveAt("stage", 0.0, 0.01),
+        MoveAt("stage", 0.01, float("inf")),
+        Excite("stage", True),
+    ],
+)
+def test_a_command_that_makes_no_sense_is_refused_before_anything_is_sent(command: Command) -> None:
+    with pytest.raises(CommandError):
+        valid("stage", SETTINGS, command)
+
+
+def test_too_great_a_speed_is_clamped_and_keeps_its_direction() -> None:
+    assert valid("stage", SETTINGS, MoveAt("stage", -1.0, 0.01)) == MoveAt("stage", -0.025, 0.01)
+    assert valid("stage", SETTINGS, MoveTo("stage", 0.01, 1.0)) == MoveTo("stage", 0.01, 0.025)

@@ -1,0 +1,54 @@
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from controller.recording.reader import open_run
+
+RECORD_FOR_EVER = """
+import sys, time
+from datetime import UTC, datetime
+from pathlib import Path
+import numpy as np
+from controller.recording.recorder import Recorder
+from controller.recording.run_folder import RunFolder
+from drivers.messages import SampleBlock
+
+folder = RunFolder.create(Path(sys.argv[1]), "mock/transient", datetime.now(UTC))
+folder.write_manifest({"bench": "mock", "exit": {"status": "running"}})
+recorder = Recorder(folder, datetime.now(UTC), streams={}, factors=[], measures=[])
+recorder.begin_trial(0, {}, 0.0)
+recorder.end_trial("contact", {})
+recorder.begin_trial(1, {}, 10.0)
+start = time.monotonic()
+print(time.monotonic(), flush=True)
+while time.monotonic() - start < 20:
+    now = time.monotonic() - start
+    recorder.record([SampleBlock("board.load_cell", 0, now, np.ones((1, 1), np.int32), 1000.0)])
+    time.sleep(0.005)
+"""
+
+
+@pytest.mark.parametrize("lived_s", [1.3, 2.1])
+def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
+    root = Path(__file__).parents[2]
+    child = subprocess.Popen(
+        [sys.executable, "-c", RECORD_FOR_EVER, tmp_path], stdout=subprocess.PIPE, cwd=root
+    )
+    try:
+        start_s = float(child.stdout.readline())
+        time.sleep(lived_s)
+        child.send_signal(signal.SIGKILL)
+        killed_s = time.monotonic()
+        child.wait(10)
+    finally:
+        child.kill()
+        child.stdout.close()
+    run = open_run(next(tmp_path.iterdir()))
+    assert run.cut_off
+    assert [row["trial"] for row in run.trials] == [0]
+    last_s = run.recording(1).stream("board.load_cell").times_s[-1]
+    assert last_s > killed_s - start_s - 1.0

@@ -1,0 +1,268 @@
+"""The real driver with real pyserial on a pty, an emulated board at its far end, on the wall clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.clock import WallClock
+from drivers.errors import PortError, ProtocolError, SilentError
+from drivers.messages import Excite, Failed, Listen, Lost, SampleBlock, Sent, Status
+from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
+
+FORCE = "board.load_cell"
+ACCELERATION = "board.accelerometer"
+PERIOD = "board.period"
+
+Floats = NDArray[np.float64]
+
+
+class Serve(Protocol):
+    """The fixture `serve` of conftest.py."""
+
+    def __call__(self, device: Any) -> str: ...
+
+    def lock(self, port: str) -> Any: ...
+
+    def unplug(self, port: str) -> None: ...
+
+
+class Spec(NamedTuple):
+    name: str
+    channels: tuple[str, ...]
+    unit: str
+    scale: float
+    rate_hz: float | None
+
+
+class Source:
+    """Every stream is the true time, in seconds of the host's monotonic clock since the source was made."""
+
+    def __init__(self) -> None:
+        self.begin_s = time.monotonic()
+        self.sampled = {spec.name: 0 for spec in self.streams()}
+        self.excited = False
+        self._told_s = self._t_s = 0.0
+
+    def streams(self) -> Sequence[Spec]:
+        return (
+            Spec("accelerometer", ("z",), "m/s2", 1e-6, 1000.0),
+            Spec("load_cell", ("force",), "N", 1e-6, 1000.0),
+            Spec("period", ("period",), "s", 1e-6, None),
+        )
+
+    def advance(self, t_s: float, observe: frozenset[str]) -> None:
+        self._t_s = t_s - self.begin_s
+
+    def sample(self, stream: str, times_s: Floats) -> Floats:
+        self.sampled[stream] += len(times_s)
+        return times_s - self.begin_s
+
+    def events(self, stream: str) -> tuple[Floats, Floats]:
+        """30 a second."""
+        times_s = np.arange(np.floor(self._told_s * 30) + 1, np.floor(self._t_s * 30) + 1) / 30
+        self._told_s = self._t_s
+        return times_s + self.begin_s, times_s
+
+    def excite(self, on: bool) -> None:
+        self.excited = on
+
+    def set_tendon(self, position_m: float) -> None:
+        pass
+
+
+class Bench:
+    """An open driver, and the board and source at the far end of its port."""
+
+    def __init__(self, serve: Serve, board: dict[str, Any], driver: dict[str, Any]) -> None:
+        self.source = Source()
+        settings = EmulatedSensorBoardSettings(adc_bits={}, **board)
+        self.board = EmulatedSensorBoard(settings, self.source)
+        self.port = serve(self.board)
+        self._lock = serve.lock(self.port)
+        self.clock = WallClock()
+        self.driver = SensorBoard("board", SensorBoardSettings(port=self.port, **driver), self.clock)
+        self.info = self.driver.open()
+
+    def listen(self, *streams: str) -> None:
+        self.driver.apply(Listen("board", frozenset(streams)))
+
+    def inject(self, kind: Any, frames: int = 1) -> None:
+        with self._lock:
+            self.board.inject(kind, time.monotonic(), frames)
+
+    def run(self, seconds: float) -> tuple[list[SampleBlock], list[Status]]:
+        blocks: list[SampleBlock] = []
+        statuses: list[Status] = []
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            blocks += self.driver.read()
+            statuses += self.driver.poll()
+            time.sleep(0.002)
+        return blocks, statuses
+
+    def lateness_s(self, blocks: list[SampleBlock]) -> Floats:
+        """By how much samples are dated too late: each says itself when it was taken."""
+        true_s = np.concatenate([block.physical[:, 0] for block in blocks])
+        origin_s = self.clock.from_monotonic(self.source.begin_s)
+        return np.concatenate([block.times for block in blocks]) - (true_s + origin_s)
+
+
+@contextmanager
+def opened(serve: Serve, board: dict[str, Any] | None = None, **driver: Any) -> Iterator[Bench]:
+    patient = {"watchdog_s": 5.0, "silence_timeout_s": 2.0}  # the machine may be busy with other tests
+    bench = Bench(serve, board or {}, {**patient, **driver})
+    try:
+        yield bench
+    finally:
+        bench.driver.close()
+
+
+def of(kind: type, statuses: list[Status]) -> list[Any]:
+    return [status for status in statuses if isinstance(status, kind)]
+
+
+def test_streams_come_whole_and_dated_by_the_board(serve: Serve) -> None:
+    with opened(serve) as bench:
+        assert set(bench.info.streams) == {FORCE, ACCELERATION, PERIOD}
+        bench.listen(FORCE, ACCELERATION, PERIOD)
+        blocks, statuses = bench.run(1.2)
+        bench.listen()
+        tail, more = bench.run(0.1)
+        for stream in (FORCE, ACCELERATION):
+            mine = [block for block in blocks + tail if block.stream == stream]
+            assert sum(map(len, mine)) == bench.source.sampled[stream.partition(".")[2]] > 1000
+            assert [block.seq for block in mine] == list(np.cumsum([0, *map(len, mine)])[:-1])
+            # As late as the quickest of a second's frames at the most: the server looks every millisecond.
+            assert np.median(np.abs(bench.lateness_s(mine))) < 5e-3
+        periods = [block for block in blocks if block.stream == PERIOD]
+        assert np.median(np.abs(bench.lateness_s(periods))) < 5e-3
+        assert of(Lost, statuses + more) == of(Failed, statuses + more) == []
+
+
+def test_a_poor_clocks_drift_is_recovered_from_its_arrivals(serve: Serve) -> None:
+    """480 ppm slow, seen within 100 ppm after 2.4 s: 0.24 ms of disagreement between quickest frames."""
+    with opened(serve, {"drift_ppm": -480.0, "block_samples": 2}, max_drift_ppm=2000.0) as bench:
+        bench.listen(FORCE)
+        blocks, _ = bench.run(2.4)
+        assert bench.driver.account()["drift_ppm"] == pytest.approx(-480.0, abs=100.0)
+        assert np.median(np.abs(bench.lateness_s(blocks))) < 5e-3
+
+
+def test_the_wraps_of_counter_and_time_are_not_seen(serve: Serve) -> None:
+    with opened(serve, {"start_us": 2**32 - 300_000}) as bench:
+        bench.listen(FORCE)
+        blocks, statuses = bench.run(0.7)
+        device_s = np.array([block.device_t0_s for block in blocks], dtype=float)
+        assert device_s.min() < 2**32 * 1e-6 < device_s.max()
+        assert np.diff(device_s) == pytest.approx(0.01)
+        assert of(Lost, statuses) == []
+
+
+def test_loss_is_counted_to_the_sample_under_drops_flips_and_truncations(serve: Serve) -> None:
+    with opened(serve) as bench:
+        bench.listen(FORCE, ACCELERATION)
+        blocks, statuses = bench.run(0.2)
+        for kind in ("drop", "flip", "truncate") * 3:
+            bench.inject(kind)
+            more = bench.run(0.1)
+            blocks += more[0]
+            statuses += more[1]
+        last = bench.run(0.2)
+        bench.listen()
+        tail = bench.run(0.1)
+        blocks += last[0] + tail[0]
+        statuses += last[1] + tail[1]
+        for stream in (FORCE, ACCELERATION):
+            came = sum(len(block) for block in blocks if block.stream == stream)
+            lost = sum(status.samples for status in of(Lost, statuses) if status.stream == stream)
+            assert came + lost == bench.source.sampled[stream.partition(".")[2]]
+        # Each fault costs a frame of ten, and each lost delimiter its neighbour, unless that is a reply.
+        assert 90 <= sum(status.samples for status in of(Lost, statuses)) <= 120
+        assert of(Failed, statuses) == []
+
+
+def test_a_host_that_hangs_loses_the_excitation_and_says_so_when_it_wakes(serve: Serve) -> None:
+    with opened(serve, reply_timeout_s=0.2, watchdog_s=0.6) as bench:
+        bench.driver.apply(Excite("board", True))
+        bench.listen(FORCE)
+        _, statuses = bench.run(0.6)
+        assert bench.source.excited
+        assert [type(status) for status in statuses] == [Sent, Sent]
+        time.sleep(1.0)
+        assert not bench.source.excited
+        (failed,) = of(Failed, bench.run(0.1)[1])
+        assert "the host was away" in failed.reason
+
+
+def test_a_closed_driver_leaves_nothing_on(serve: Serve) -> None:
+    with opened(serve) as bench:
+        bench.driver.apply(Excite("board", True))
+        bench.listen(FORCE)
+        bench.run(0.1)
+        assert bench.source.excited
+    assert not bench.source.excited
+
+
+def test_a_second_run_finds_the_board_as_the_first_did(serve: Serve) -> None:
+    with opened(serve) as bench:
+        bench.listen(FORCE)
+        bench.run(0.1)
+        bench.driver.close()
+        assert bench.driver.open() == bench.info
+        bench.listen(FORCE)
+        blocks, statuses = bench.run(0.3)
+        assert sum(map(len, blocks)) > 100
+        assert of(Lost, statuses) == []
+
+
+def test_a_pulled_plug_has_failed_once(serve: Serve) -> None:
+    with opened(serve) as bench:
+        bench.listen(FORCE)
+        bench.run(0.1)
+        serve.unplug(bench.port)
+        (failed,) = of(Failed, bench.run(0.3)[1])
+        assert "the port" in failed.reason
+
+
+class Other:
+    """A device of another protocol: it answers everything with a line of text."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return b"@01 0 RJ IDLE -- BADCOMMAND\r\n"
+
+    def step(self, t_s: float) -> bytes:
+        return b""
+
+
+class Nobody(Other):
+    """A port at which nobody answers."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return b""
+
+
+@pytest.mark.parametrize(
+    ("device", "error", "words"),
+    [(Other(), ProtocolError, "none say hello"), (Nobody(), SilentError, "no reply in 0.4 s")],
+)
+def test_what_is_no_sensor_board_is_not_opened(
+    serve: Serve, device: Any, error: type[Exception], words: str
+) -> None:
+    port = serve(device)
+    board = SensorBoard("board", SensorBoardSettings(port=port, reply_timeout_s=0.1), WallClock())
+    with pytest.raises(error, match=f"{words}.* while asking who is at {port}"):
+        board.open()
+
+
+def test_an_absent_port_is_said_to_be_absent() -> None:
+    board = SensorBoard("board", SensorBoardSettings(port="/dev/ttyNONE0"), WallClock())
+    with pytest.raises(PortError, match="/dev/ttyNONE0 does not exist"):
+        board.open()

@@ -1,0 +1,124 @@
+"""Whole experiments through real serial drivers, ptys and emulated devices, and what pulls them down."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from config.assemble import Table, build_rig, plan_campaign, start_emulator
+from config.profile import load_profile
+from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD, Campaign, Outcome
+from controller.doctor import examine
+from controller.recording.reader import open_run
+from controller.rig import TrialScene
+
+QUICK = {
+    "behavior.settle_s": "1.0",
+    "detectors.contact.threshold_sigma": "8.0",  # the paper's three would end a third of the trials falsely
+    # Two busy cores starve a turn now and then; what is late here is the machine, not the bench.
+    "limits.late_s": "1.0",
+    "limits.stale_s": "0.5",
+}
+
+
+class Hand:
+    """Does something to the bench when a trial enters a state; shows nothing."""
+
+    def __init__(self, deeds: dict[str, Any]) -> None:
+        self.deeds = deeds
+        self.seen: list[str] = []
+
+    def poll(self) -> str | None:
+        return None
+
+    def state(self, name: str, t_s: float) -> None:
+        self.seen.append(name)
+        deed = self.deeds.pop(name, None)
+        if deed is not None:
+            deed()
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
+    def trial_started(self, trial: int, factors: Any) -> None: ...
+    def trial_ended(self, trial: int, outcome: str, row: Any) -> None: ...
+    def campaign_ended(self, line: str) -> None: ...
+
+
+@pytest.fixture
+def emulated():
+    """A profile and an emulator of it that outlives the run, so that one can look at the bench afterwards."""
+    profile = load_profile("emulated/transient", QUICK, table=Table())
+    emulator = start_emulator(profile)
+    yield profile, emulator
+    emulator.close()
+
+
+def run(profile: Any, emulator: Any, out: Path, deeds: dict[str, Any] | None = None) -> tuple[Outcome, Hand]:
+    hand = Hand(deeds or {})
+    trials = [trial for trial in profile.trials(1) if trial.id == 2]
+    rig = build_rig(profile, emulator.endpoints)
+    try:
+        return Campaign(plan_campaign(profile, trials, 1), rig, hand, out).run(), hand
+    finally:
+        rig.close()
+
+
+def test_an_approach_over_the_wire_ends_by_contact(emulated, tmp_path):
+    profile, emulator = emulated
+    outcome, hand = run(profile, emulator, tmp_path)
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    assert hand.seen[-1] == "DONE"
+    done = open_run(outcome.folder)
+    (row,) = done.trials
+    assert row["outcome"] == "contact"
+    assert row["onset_s"] < row["detect_s"] < row["command_s"] < row["standstill_s"]
+    # 4.843 mm/s from the onset to the detection, through the stage's own positions and the board's own clock.
+    assert row["extent_m"] == pytest.approx(0.004843 * row["delay_s"], abs=6e-5)
+    force = done.recording(2).stream("board.load_cell")
+    assert not force.gaps
+    assert done.manifest["bench"] == "emulated"
+    assert done.manifest["clock"] == "wall"
+
+
+@pytest.mark.parametrize("device", ["board", "stage"])
+def test_a_pulled_plug_stops_the_bench_and_says_which(emulated, tmp_path, device):
+    profile, emulator = emulated
+    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject(device, "unplug")})
+    assert outcome.exit_code == EXIT_DEVICE
+    assert "trial 2" in outcome.line
+    assert "\n" not in outcome.line
+    done = open_run(outcome.folder)
+    assert done.trials[0]["outcome"] == "fault"
+    failed = [event for event in done.events if event["event"] == "Failed"]
+    assert failed[0]["device"] == device
+    if device == "board":
+        assert emulator.scene()["stage_m_s"] == 0.0
+    assert len(done.recording(2).stream("board.load_cell")) > 500, "what was measured is kept"
+
+
+def test_a_board_that_falls_silent_stops_the_stage(emulated, tmp_path):
+    profile, emulator = emulated
+    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject("board", "silent")})
+    assert outcome.exit_code in (EXIT_DEVICE, EXIT_GUARD)
+    assert "board" in outcome.line
+    assert emulator.scene()["stage_m_s"] == 0.0
+
+
+def test_a_stalled_stage_ends_the_run(emulated, tmp_path):
+    profile, emulator = emulated
+    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject("stage", "stall")})
+    assert outcome.exit_code == EXIT_DEVICE
+    assert "stalled" in outcome.line, outcome.line
+
+
+def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated):
+    profile, emulator = emulated
+    rig = build_rig(profile, emulator.endpoints)
+    findings = list(examine(rig, TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))))
+    rig.close()
+    said = "\n".join(finding.line for finding in findings)
+    assert all(finding.sound for finding in findings), said
+    assert "board.load_cell" in said
+    assert "stage.position" in said
+    assert emulator.scene() == {"stage_m": 0.0, "stage_m_s": 0.0}

@@ -1,0 +1,144 @@
+"""The vendor's own library as an independent judge of the emulated stage, in native units over a pty."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+import pytest
+from zaber_motion import (
+    BadDataException,
+    DriverDisabledException,
+    MovementFailedException,
+    MovementInterruptedException,
+    RequestTimeoutException,
+)
+from zaber_motion.ascii import Axis, Connection
+
+from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
+from drivers.mock.plants.stage_axis import StageAxis
+
+TIMEOUT_MS = 200
+"""What the library waits for a reply here; its own default is a second."""
+
+
+class Serve(Protocol):
+    """The fixture `serve` of conftest.py."""
+
+    def __call__(self, device: Any) -> str: ...
+
+    def lock(self, port: str) -> threading.Lock: ...
+
+
+class Court:
+    """The judge's axis, and the emulated stage that it does not see."""
+
+    def __init__(
+        self, axis: Axis, connection: Connection, inject: Callable[[Fault], None], truth: StageAxis
+    ) -> None:
+        self.axis = axis
+        self.connection = connection
+        self.inject = inject
+        self.truth = truth
+
+    def during(self, movement: Callable[[], None], kind: Fault) -> None:
+        """Inject a fault while a movement that waits for its end is on its way."""
+        timer = threading.Timer(0.1, self.inject, [kind])
+        timer.start()
+        try:
+            movement()
+        finally:
+            timer.join()
+
+
+@pytest.fixture
+def court(serve: Serve) -> Iterator[Court]:
+    truth = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
+    stage = EmulatedZaberStage(EmulatedZaberStageSettings(), truth)
+    port = serve(stage)
+
+    def inject(kind: Fault) -> None:
+        with serve.lock(port):
+            stage.inject(kind, time.monotonic())
+
+    with Connection.open_serial_port(port) as connection:
+        connection.default_request_timeout = TIMEOUT_MS
+        (device,) = connection.detect_devices(identify_devices=False)
+        axis = device.get_axis(1)
+        axis.home()
+        yield Court(axis, connection, inject, truth)
+
+
+def test_it_is_detected_and_homed(court: Court) -> None:
+    assert court.axis.is_homed()
+    assert not court.axis.is_busy()
+    assert court.axis.get_position() == 0.0
+
+
+def test_a_move_arrives_where_it_was_sent(court: Court) -> None:
+    court.axis.move_absolute(4000)
+    assert court.axis.get_position() == 4000
+    court.axis.move_relative(-1000, velocity=41943)
+    assert court.axis.get_position() == 3000
+    assert court.truth.target_m == pytest.approx(3000 * 0.49609375e-6)
+
+
+def test_a_velocity_is_kept_and_a_stop_ends_it(court: Court) -> None:
+    court.axis.move_velocity(16384)  # 10,000 microsteps a second
+    time.sleep(0.1)
+    first, first_s = court.truth.position(time.monotonic()), time.monotonic()
+    assert court.axis.is_busy()
+    court.axis.stop()
+    assert not court.axis.is_busy()
+    assert first > 0.0
+    braked_m = (10000 * 0.49609375e-6) ** 2 / (2 * 0.5)
+    cruised_m = 10000 * 0.49609375e-6 * (court.truth.arrival_s - first_s)
+    assert first < court.truth.target_m <= first + cruised_m + braked_m
+    assert court.axis.get_position() == round(court.truth.target_m / 0.49609375e-6)
+
+
+def test_a_travel_limit_bounds_a_movement_and_rejects_what_lies_beyond(court: Court) -> None:
+    court.axis.settings.set("limit.max", 5000)
+    assert court.axis.settings.get("limit.max") == 5000
+    court.axis.move_velocity(41943)
+    court.axis.wait_until_idle()
+    assert court.axis.get_position() == 5000
+    with pytest.raises(BadDataException):
+        court.axis.move_absolute(5001)
+
+
+def test_a_stall_is_a_failed_movement(court: Court) -> None:
+    with pytest.raises(MovementFailedException, match="FS"):
+        court.during(lambda: court.axis.move_absolute(40000), "stall")
+    assert 0 < court.axis.get_position() < 40000
+    court.axis.move_absolute(0)
+    assert court.axis.warnings.get_flags() == set()
+
+
+def test_a_hand_on_the_knob_is_an_interrupted_movement(court: Court) -> None:
+    with pytest.raises(MovementInterruptedException):
+        court.during(lambda: court.axis.move_absolute(40000), "interrupt")
+
+
+@pytest.mark.parametrize("kind", ["lose", "bad_lrc", "corrupt", "late"])
+def test_a_spoilt_reply_is_a_time_out_and_the_next_call_works(court: Court, kind: Fault) -> None:
+    court.connection.default_request_timeout = 100  # below the 150 ms of a late reply
+    court.inject(kind)
+    with pytest.raises(RequestTimeoutException):
+        court.axis.get_position()
+    time.sleep(0.1)
+    assert court.axis.get_position() == 0.0
+
+
+def test_the_library_takes_the_emulated_checksums(court: Court) -> None:
+    court.connection.generic_command("set comm.checksum 1")
+    court.axis.move_absolute(500)
+    assert court.axis.get_position() == 500
+
+
+def test_a_disabled_driver_is_told(court: Court) -> None:
+    court.inject("disable")
+    with pytest.raises(DriverDisabledException):
+        court.axis.move_absolute(100)
