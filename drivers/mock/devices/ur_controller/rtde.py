@@ -1,0 +1,151 @@
+"""RTDE, the controller's real-time data exchange: packages of bytes ⇄ values. No I/O.
+
+Source: Universal Robots, "Real-Time Data Exchange (RTDE) guide", protocol version 2. A package is a
+big-endian u16 of its whole size, a u8 of its kind, and a body.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+
+from drivers.mock.plants.rigid import Array
+
+PROTOCOL_VERSION = 2
+"""The only version that is spoken here; version 1 has no recipe ids (guide)."""
+
+NOT_FOUND = "NOT_FOUND"
+IN_USE = "IN_USE"
+"""What the setup replies say in a type's place (guide)."""
+
+_HEADER = struct.Struct(">HB")
+_FREQUENCY = struct.Struct(">d")
+
+_FORMATS = {
+    "BOOL": "?",
+    "UINT8": "B",
+    "UINT32": "I",
+    "UINT64": "Q",
+    "INT32": "i",
+    "DOUBLE": "d",
+    "VECTOR3D": "3d",
+    "VECTOR6D": "6d",
+    "VECTOR6INT32": "6i",
+}
+
+Value = int | float | Sequence[int] | Sequence[float] | Array
+
+
+class Kind(IntEnum):
+    """Kinds of package (guide)."""
+
+    PROTOCOL = 86
+    CONTROLLER = 118
+    TEXT = 77
+    DATA = 85
+    OUTPUTS = 79
+    INPUTS = 73
+    START = 83
+    PAUSE = 80
+
+
+class PackageError(ValueError):
+    """Bytes that are no RTDE package."""
+
+
+class Recipe:
+    """An agreed list of variables, sent and received as one data package.
+
+    Args:
+        number: The recipe's id; outputs have one recipe in this emulation, inputs count from 1.
+        names: Variables, in order.
+        types: Their types (`DOUBLE`, `VECTOR6D`…), in order.
+    """
+
+    def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
+        self.number = number
+        self.names = tuple(names)
+        self._layout = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in types))
+        self._sizes = [struct.calcsize(">" + _FORMATS[kind]) for kind in types]
+        self._formats = [_FORMATS[kind] for kind in types]
+
+    def encode(self, values: Sequence[Value]) -> bytes:
+        """A data package with one value for each variable."""
+        flat: list[int | float] = []
+        for value in values:
+            if isinstance(value, int | float):
+                flat.append(value)
+            else:
+                flat.extend(value)
+        return encode(Kind.DATA, self._layout.pack(self.number, *flat))
+
+    def decode(self, body: bytes) -> dict[str, Value]:
+        """The values of a data package's body, recipe id included.
+
+        Raises:
+            PackageError: of another length than the recipe's.
+        """
+        if len(body) != self._layout.size:
+            raise PackageError(f"recipe {self.number} has {self._layout.size} bytes, not {len(body)}")
+        values: dict[str, Value] = {}
+        offset = 1
+        for name, size, layout in zip(self.names, self._sizes, self._formats, strict=True):
+            fields = struct.unpack_from(">" + layout, body, offset)
+            values[name] = fields[0] if len(fields) == 1 else fields
+            offset += size
+        return values
+
+
+def encode(kind: Kind, body: bytes = b"") -> bytes:
+    """A package."""
+    return _HEADER.pack(_HEADER.size + len(body), kind) + body
+
+
+def take(buffer: bytearray) -> Iterator[tuple[int, bytes]]:
+    """Take the complete packages off the front of `buffer`: kind and body of each.
+
+    Raises:
+        PackageError: a size that leaves no room for the header.
+    """
+    while len(buffer) >= _HEADER.size:
+        size, kind = _HEADER.unpack_from(buffer)
+        if size < _HEADER.size:
+            raise PackageError(f"a package of {size} bytes")
+        if len(buffer) < size:
+            return
+        body = bytes(buffer[_HEADER.size : size])
+        del buffer[:size]
+        yield kind, body
+
+
+def names(body: bytes) -> list[str]:
+    """The variables that a setup request lists; the client ends its list with a comma."""
+    return [name for name in body.decode("ascii", "replace").split(",") if name]
+
+
+def outputs_request(body: bytes) -> tuple[float, list[str]]:
+    """The rate in hertz and the variables that a setup of outputs asks for.
+
+    Raises:
+        PackageError: too short.
+    """
+    if len(body) < _FREQUENCY.size:
+        raise PackageError("a setup of outputs without a rate")
+    (rate_hz,) = _FREQUENCY.unpack_from(body)
+    return rate_hz, names(body[_FREQUENCY.size :])
+
+
+def setup_reply(kind: Kind, number: int, types: Sequence[str]) -> bytes:
+    """The answer to a setup: the recipe's id and a type for each variable."""
+    return encode(kind, bytes([number]) + ",".join(types).encode())
+
+
+def version_reply(version: Sequence[int]) -> bytes:
+    """The answer to a question for the controller's version: major, minor, bugfix, build."""
+    return encode(Kind.CONTROLLER, struct.pack(">4I", *version))
+
+
+def accepted(kind: Kind, yes: bool = True) -> bytes:
+    """The answer to a protocol, start or pause request."""
+    return encode(kind, bytes([yes]))

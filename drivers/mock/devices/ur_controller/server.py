@@ -1,0 +1,197 @@
+"""The controller on three TCP ports of a loopback address, in step with the wall clock.
+
+The server belongs in a process of its own: the client holds its interpreter's lock while it connects.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+from drivers.clock import monotonic_s
+from drivers.mock.devices.ur_controller.controller import UrController
+from drivers.mock.devices.ur_controller.dashboard import GREETING, DashboardSession
+from drivers.mock.devices.ur_controller.rtde import PackageError
+from drivers.mock.devices.ur_controller.script import STEP_S
+from drivers.mock.devices.ur_controller.session import RtdeSession, ScriptSession
+
+RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
+"""Ports of a controller; the client takes no others (script manual)."""
+
+BACKLOG_STEPS = 250
+"""Cycles that a server which was held up makes up for; beyond half a second it gives up (assumption)."""
+
+BURST_STEPS = 10
+"""Cycles made up in one go before sockets are looked at again (assumption)."""
+
+CHUNK_BYTES = 65536
+
+
+class Session(Protocol):
+    """One connection's protocol."""
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes, answer with bytes."""
+
+    def close(self) -> None:
+        """The connection is gone."""
+
+
+class UrServer:
+    """A controller that listens.
+
+    Args:
+        controller: What answers.
+
+    Attributes:
+        controller: The same.
+        deaf: True makes it accept RTDE connections and answer none.
+        streams: False makes it send no data packages.
+        silent_until_s: Host time until which nothing goes out on RTDE.
+    """
+
+    def __init__(self, controller: UrController) -> None:
+        self.controller = controller
+        self.deaf = False
+        self.streams = True
+        self.silent_until_s = 0.0
+        self._taken: set[str] = set()
+        self._listeners: dict[socket.socket, Callable[[], Session]] = {}
+        self._sessions: dict[socket.socket, Session] = {}
+        self._unsent: dict[socket.socket, bytearray] = {}
+        self._next_s = 0.0
+
+    def open(self) -> None:
+        """Listen.
+
+        Raises:
+            OSError: a port of the address is taken.
+        """
+        kinds: dict[int, Callable[[], Session]] = {
+            RTDE_PORT: lambda: RtdeSession(self.controller, self._taken),
+            SCRIPT_PORT: lambda: ScriptSession(self.controller),
+            DASHBOARD_PORT: lambda: DashboardSession(self.controller),
+        }
+        for port, kind in kinds.items():
+            listener = socket.create_server((self.controller.settings.host, port))
+            listener.setblocking(False)
+            self._listeners[listener] = kind
+        self._next_s = monotonic_s() + STEP_S
+
+    def close(self) -> None:
+        """Drop every connection and stop listening; may be called twice."""
+        for connection in list(self._sessions):
+            self._drop(connection)
+        for listener in self._listeners:
+            listener.close()
+        self._listeners.clear()
+
+    def restart(self) -> None:
+        """Switch the controller off and on: every connection is gone, and time is zero."""
+        for connection in list(self._sessions):
+            self._drop(connection)
+        self.controller = UrController(self.controller.settings, self.controller.surroundings)
+        self.deaf, self.streams, self.silent_until_s = False, True, 0.0
+
+    def service(self, until_s: float) -> None:
+        """Serve until the host's monotonic time `until_s`, at least one turn."""
+        while True:
+            self.turn(max(0.0, min(self._next_s, until_s) - monotonic_s()))
+            if monotonic_s() >= until_s:
+                return
+
+    def turn(self, wait_s: float = 0.0) -> None:
+        """Wait for something on the sockets, handle all of it, then make the cycles that are due.
+
+        A loop that has other devices to serve calls it at least once in two milliseconds.
+        """
+        # select alone waits in microseconds: epoll and poll round to 1 ms.
+        ready, writable, _ = select.select(
+            [*self._listeners, *self._sessions],
+            [connection for connection, rest in self._unsent.items() if rest],
+            [],
+            wait_s,
+        )
+        for one in ready:
+            self._accept(one) if one in self._listeners else self._receive(one)
+        for one in writable:
+            self._send(one, b"")
+        self._catch_up()
+
+    def drop(self, which: str) -> int:
+        """Close the RTDE connections of the client's "control" or "receive" interface; how many."""
+        matching = [
+            connection
+            for connection, session in self._sessions.items()
+            if isinstance(session, RtdeSession) and session.writes == (which == "control")
+        ]
+        for connection in matching:
+            self._drop(connection)
+        return len(matching)
+
+    def _catch_up(self) -> None:
+        late_steps = math.floor((monotonic_s() - self._next_s) / STEP_S) + 1
+        if late_steps > BACKLOG_STEPS:
+            self._next_s += (late_steps - BACKLOG_STEPS) * STEP_S
+        for _ in range(min(late_steps, BURST_STEPS)):
+            self._next_s += STEP_S
+            self.controller.step()
+            self._stream()
+
+    def _stream(self) -> None:
+        hushed = not self.streams or monotonic_s() < self.silent_until_s
+        for connection, session in list(self._sessions.items()):
+            if isinstance(session, RtdeSession):
+                package = session.step()
+                if package and not hushed:
+                    self._send(connection, package)
+
+    def _accept(self, listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        session = self._listeners[listener]()
+        self._sessions[connection] = session
+        self._unsent[connection] = bytearray()
+        if isinstance(session, DashboardSession):
+            self._send(connection, GREETING)
+
+    def _receive(self, connection: socket.socket) -> None:
+        if connection not in self._sessions:
+            return
+        try:
+            data = connection.recv(CHUNK_BYTES)
+            session = self._sessions[connection]
+            if data and not (self.deaf and isinstance(session, RtdeSession)):
+                self._send(connection, session.feed(data))
+        except BlockingIOError:
+            return
+        except (OSError, PackageError):
+            data = b""
+        if not data:
+            self._drop(connection)
+
+    def _send(self, connection: socket.socket, data: bytes) -> None:
+        rest = self._unsent.get(connection)
+        if rest is None:
+            return
+        rest += data
+        try:
+            while rest:
+                del rest[: connection.send(rest)]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(connection)
+
+    def _drop(self, connection: socket.socket) -> None:
+        session = self._sessions.pop(connection, None)
+        self._unsent.pop(connection, None)
+        if session is not None:
+            session.close()
+        with suppress(OSError):
+            connection.close()

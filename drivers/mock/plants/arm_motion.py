@@ -1,0 +1,312 @@
+"""An arm that moves within its limits, and what its tool may touch. Pure: time comes in steps, no I/O.
+
+The arm follows what it is told exactly; what a real one adds (following error, vibration) is not modelled.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from drivers.mock.plants import arm
+from drivers.mock.plants.rigid import IDENTITY, Array, difference, displaced, pose
+
+TOOL_SPEED_M_S = 1.5
+"""Fastest tool speed before the arm stops itself (default of the e-Series safety configuration)."""
+
+_SPEED_SLACK = 1.0 + 1e-9
+"""Rounding must not trip a speed limit."""
+
+
+class LimitError(RuntimeError):
+    """The arm was told to move as it may not: it stops itself."""
+
+
+class Surroundings(Protocol):
+    """What the tool may touch."""
+
+    def wrench(self, pose: Array, twist: Array, t_s: float) -> Sequence[float] | Array:
+        """What acts on the tool, at its point, base frame, shape (6,): N and N m.
+
+        Args:
+            pose: Of the tool, shape (6,): metres and rotation vector.
+            twist: Of the tool, shape (6,): m/s and rad/s.
+            t_s: The controller's time, which never goes back.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class StiffPlane:
+    """A plane that pushes back along its normal, without friction or damping.
+
+    Attributes:
+        height_m: Distance of the plane from the base's origin along `normal`.
+        normal: Unit vector out of the plane, base frame.
+        stiffness_n_m: Force per depth (assumption: a stiff pad on a table).
+    """
+
+    height_m: float = -math.inf
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    stiffness_n_m: float = 10_000.0
+
+    def wrench(self, pose: Array, twist: Array, t_s: float) -> Array:
+        """See `Surroundings.wrench`."""
+        depth_m = max(0.0, self.height_m - float(np.dot(self.normal, pose[:3])))
+        return np.concatenate((self.stiffness_n_m * depth_m * np.asarray(self.normal), np.zeros(3)))
+
+
+class Trapezoid:
+    """The fastest way along a distance that starts and ends at rest.
+
+    Args:
+        distance: What is to be travelled, at least 0, metres or radians.
+        speed: Never to be exceeded, per second.
+        acceleration: Never to be exceeded, per second squared.
+    """
+
+    def __init__(self, distance: float, speed: float, acceleration: float) -> None:
+        self._distance = distance
+        self._acceleration = acceleration
+        peak = min(speed, math.sqrt(distance * acceleration))
+        self._ramp_s = peak / acceleration
+        self._cruise_s = 0.0 if distance == 0.0 else distance / peak - self._ramp_s
+        self.duration_s = 2.0 * self._ramp_s + self._cruise_s
+
+    def at(self, t_s: float) -> float:
+        """What is travelled at `t_s` after the start."""
+        if t_s >= self.duration_s:
+            return self._distance
+        if t_s < self._ramp_s:
+            return 0.5 * self._acceleration * t_s**2
+        left_s = self.duration_s - t_s
+        if left_s < self._ramp_s:
+            return self._distance - 0.5 * self._acceleration * left_s**2
+        return self._acceleration * self._ramp_s * (t_s - 0.5 * self._ramp_s)
+
+
+class Motion(ABC):
+    """One thing that the arm is doing; `done` when there is nothing left of it."""
+
+    done = False
+
+    @abstractmethod
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """The joints (6,) and the tool's transform (4, 4) after `dt_s`."""
+
+
+class Arm:
+    """A UR5e.
+
+    Args:
+        joints_rad: Where it starts, shape (6,), at rest.
+
+    Attributes:
+        joints_rad: Shape (6,).
+        joint_speeds_rad_s: Shape (6,).
+        tool: Transform of the tool's point in the flange's frame, (4, 4).
+        transform: Of the tool in the base, (4, 4).
+        twist: Of the tool, base frame, shape (6,): m/s and rad/s.
+        motion: What it is doing.
+    """
+
+    def __init__(self, joints_rad: Sequence[float]) -> None:
+        self.joints_rad = np.array(joints_rad, dtype=np.float64)
+        self.joint_speeds_rad_s = np.zeros(arm.JOINTS)
+        self.tool = IDENTITY
+        self.transform = arm.forward(self.joints_rad)
+        self.twist = np.zeros(6)
+        self.motion: Motion = Still()
+
+    @property
+    def pose(self) -> Array:
+        """Of the tool in the base, shape (6,)."""
+        return pose(self.transform)
+
+    @property
+    def resting(self) -> bool:
+        """Whether nothing moves."""
+        return not (self.joint_speeds_rad_s.any() or self.twist.any())
+
+    def mount(self, tool: Array) -> None:
+        """Take another point as the tool's."""
+        self.tool = tool
+        self.transform = arm.forward(self.joints_rad, tool)
+
+    def step(self, dt_s: float) -> None:
+        """Go on for `dt_s`.
+
+        Raises:
+            LimitError: the step would break a limit of the arm. It has not been made, and the arm stands.
+        """
+        if self.resting and self.motion.done:
+            return
+        try:
+            joints, transform = self.motion.advance(self, dt_s)
+            speeds = (joints - self.joints_rad) / dt_s
+            twist = difference(self.transform, transform) / dt_s
+            _check(joints, speeds, twist)
+        except (arm.UnreachableError, LimitError) as error:
+            self.joint_speeds_rad_s, self.twist, self.motion = np.zeros(arm.JOINTS), np.zeros(6), Still()
+            raise LimitError(str(error)) from error
+        self.joints_rad, self.transform = joints, transform
+        self.joint_speeds_rad_s, self.twist = speeds, twist
+
+
+def _check(joints: Array, speeds: Array, twist: Array) -> None:
+    if float(np.abs(joints).max()) > arm.JOINT_LIMIT_RAD:
+        raise LimitError("a joint is at its limit")
+    if float(np.abs(speeds).max()) > arm.JOINT_SPEED_RAD_S * _SPEED_SLACK:
+        raise LimitError("a joint is too fast")
+    if float(np.linalg.norm(twist[:3])) > TOOL_SPEED_M_S * _SPEED_SLACK:
+        raise LimitError("the tool is too fast")
+
+
+class Still(Motion):
+    """Stands where it is."""
+
+    done = True
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `Motion.advance`."""
+        return state.joints_rad, state.transform
+
+
+class ToolSpeed(Motion):
+    """Brings the tool to a twist and keeps it there (`speedl`; `stopl` with a twist of zero).
+
+    Args:
+        twist: Shape (6,): m/s and rad/s, base frame.
+        acceleration_m_s2: For the translation, and in rad/s^2 for the rotation (the manual's default).
+    """
+
+    def __init__(self, twist: Sequence[float] | Array, acceleration_m_s2: float) -> None:
+        self._target = np.array(twist, dtype=np.float64)
+        self._acceleration = acceleration_m_s2
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `Motion.advance`."""
+        change = self._target - state.twist
+        for part in (slice(0, 3), slice(3, 6)):
+            change[part] *= _share(float(np.linalg.norm(change[part])), self._acceleration * dt_s)
+        transform = displaced(state.transform, (state.twist + change) * dt_s)
+        self.done = not (state.twist + change).any() and not self._target.any()
+        return arm.track(state.joints_rad, transform, state.tool), transform
+
+
+class JointSpeed(Motion):
+    """Brings the joints to speeds and keeps them there (`speedj`; `stopj` with zeros).
+
+    Args:
+        speeds_rad_s: Shape (6,).
+        acceleration_rad_s2: Of the joint that changes most.
+    """
+
+    def __init__(self, speeds_rad_s: Sequence[float] | Array, acceleration_rad_s2: float) -> None:
+        self._target = np.array(speeds_rad_s, dtype=np.float64)
+        self._acceleration = acceleration_rad_s2
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `Motion.advance`."""
+        change = self._target - state.joint_speeds_rad_s
+        speeds = state.joint_speeds_rad_s + change * _share(
+            float(np.abs(change).max()), self._acceleration * dt_s
+        )
+        joints = state.joints_rad + speeds * dt_s
+        self.done = not speeds.any() and not self._target.any()
+        return joints, arm.forward(joints, state.tool)
+
+
+class _Travel(Motion):
+    """A move between two places of rest; what still moves when it begins is stopped first."""
+
+    def __init__(self, speed: float, acceleration: float) -> None:
+        self._speed = speed
+        self._acceleration = acceleration
+        self._elapsed_s = 0.0
+        self._profile: Trapezoid | None = None
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `Motion.advance`."""
+        if self._profile is None:
+            if not state.resting:
+                return self._brake(state, dt_s)
+            self._profile = Trapezoid(self._begin(state), self._speed, self._acceleration)
+        self._elapsed_s += dt_s
+        left_s = self._profile.duration_s - self._elapsed_s
+        self.done = left_s <= -dt_s  # the step that ends at rest comes after the last one that moved
+        share = 1.0 if left_s <= 0.0 else self._profile.at(self._elapsed_s) / self._profile.at(math.inf)
+        return self._at(state, share)
+
+    @abstractmethod
+    def _brake(self, state: Arm, dt_s: float) -> tuple[Array, Array]: ...
+
+    @abstractmethod
+    def _begin(self, state: Arm) -> float:
+        """Take the start from `state`; the length of the way."""
+
+    @abstractmethod
+    def _at(self, state: Arm, share: float) -> tuple[Array, Array]: ...
+
+
+class ToolMove(_Travel):
+    """Carries the tool along a line (`movel`).
+
+    Args:
+        target: Transform of the tool, (4, 4).
+        speed_m_s: Of translation; of rotation in rad/s where that is the longer way (assumption).
+        acceleration_m_s2: Likewise.
+    """
+
+    def __init__(self, target: Array, speed_m_s: float, acceleration_m_s2: float) -> None:
+        super().__init__(speed_m_s, acceleration_m_s2)
+        self._target = target
+        self._start = self._way = target
+
+    def _brake(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        return ToolSpeed(np.zeros(6), self._acceleration).advance(state, dt_s)
+
+    def _begin(self, state: Arm) -> float:
+        self._start = state.transform
+        self._way = difference(self._start, self._target)
+        return max(float(np.linalg.norm(self._way[:3])), float(np.linalg.norm(self._way[3:])))
+
+    def _at(self, state: Arm, share: float) -> tuple[Array, Array]:
+        transform = displaced(self._start, self._way * share)
+        return arm.track(state.joints_rad, transform, state.tool), transform
+
+
+class JointMove(_Travel):
+    """Carries the joints to angles, all arriving together (`movej`).
+
+    Args:
+        target_rad: Shape (6,).
+        speed_rad_s: Of the joint that has farthest to go.
+        acceleration_rad_s2: Likewise.
+    """
+
+    def __init__(
+        self, target_rad: Sequence[float] | Array, speed_rad_s: float, acceleration_rad_s2: float
+    ) -> None:
+        super().__init__(speed_rad_s, acceleration_rad_s2)
+        self._target = np.array(target_rad, dtype=np.float64)
+        self._start = self._target
+
+    def _brake(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        return JointSpeed(np.zeros(arm.JOINTS), self._acceleration).advance(state, dt_s)
+
+    def _begin(self, state: Arm) -> float:
+        self._start = state.joints_rad
+        return float(np.abs(self._target - self._start).max())
+
+    def _at(self, state: Arm, share: float) -> tuple[Array, Array]:
+        joints = self._start + (self._target - self._start) * share
+        return joints, arm.forward(joints, state.tool)
+
+
+def _share(wanted: float, allowed: float) -> float:
+    return 1.0 if wanted <= allowed else allowed / wanted

@@ -1,0 +1,295 @@
+"""The arm's process: `python -m drivers.ur_arm.child FD`. It may hang, crash or be killed; the program may not.
+
+Two threads, each with the ur_rtde object that it alone uses: this one the control interface, and the listener the
+receive interface, so that no sample is missed while a command is under way. The process ends without destroying
+those objects, for their destructors wait, and some abort.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import version
+from multiprocessing.connection import Connection
+
+from drivers.clock import monotonic_s
+from drivers.messages import Home, Status, Stop
+from drivers.ur_arm.client import CONTROL_GONE, RtdeClient
+from drivers.ur_arm.controller import PLAYING, Seen, still, trouble
+from drivers.ur_arm.dashboard import Dashboard
+from drivers.ur_arm.guidance import CYCLE_S
+from drivers.ur_arm.motion import Conductor, State
+from drivers.ur_arm.pipe import Broken, BrokenError, Opened, Row
+from drivers.ur_arm.settings import UrArmSettings
+
+VARIABLES = [
+    "timestamp",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "actual_TCP_force",
+    "safety_status_bits",
+    "runtime_state",
+]
+"""What is heard of the controller in each of its cycles; a short list is cheap for the client to parse."""
+
+RATE_HZ = 500.0
+"""An e-Series controller's cycle (RTDE guide)."""
+
+LOOK_S = 0.0004
+"""Time between two looks for a new row: a fifth of the controller's cycle."""
+
+STUCK_S = 1.0
+"""How long one command may take before the client counts as blocked: a hundred times the longest (measured)."""
+
+SETTLED_S = 1.0
+"""How long the controller may take to become as expected while connecting: a program of a host that died ends by
+its watchdog, which is slower than anything else."""
+
+LAST_WORD_S = 0.1
+"""How long the last message may wait for its turn (assumption)."""
+
+LEAVE_S = 2.0
+"""How long the arm may take to stand when the host is gone (assumption)."""
+
+
+class ArmProcess:
+    """Both threads' common ground.
+
+    Args:
+        connection: To the program.
+        name: Of the device.
+        settings: Of the arm.
+    """
+
+    def __init__(self, connection: Connection, name: str, settings: UrArmSettings) -> None:
+        self._connection = connection
+        self._name = name
+        self._settings = settings
+        self._lock = threading.Lock()
+        self._beat_s = monotonic_s()
+        self._patience_s = STUCK_S
+        self._row = Row(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, 0, 0)
+        self._still_since_s = monotonic_s()
+
+    def run(self, again: bool) -> None:
+        """Connect, then obey until the program is gone.
+
+        Args:
+            again: Whether this replaces a process that died: a program that still runs is then our own.
+
+        Raises:
+            BrokenError: something is beyond repair.
+        """
+        settings = self._settings
+        realtime = _ask_for_realtime(settings.realtime_priority)
+        dashboard = Dashboard(settings.host)
+        polyscope = _checked_version(dashboard)
+        self._connect_receive()
+        self._check_readiness(dashboard, again)
+        opened = Opened(
+            model=dashboard.ask("get robot model"),
+            serial=dashboard.ask("get serial number"),
+            version=polyscope,
+            pose=self._row.pose,
+            details={"client": f"ur_rtde {version('ur_rtde')}", "realtime": realtime},
+        )
+        client = RtdeClient(settings, dashboard, lambda: self._row)
+        self._await_row(lambda row: row.runtime == PLAYING)
+        self._beat_s = monotonic_s()
+        threading.Thread(target=self._listen, args=(client,), name="listener", daemon=True).start()
+        self._send(opened)
+        self._obey(client)
+
+    # --- control ---------------------------------------------------------------------------------------
+
+    def _obey(self, client: RtdeClient) -> None:
+        conductor = Conductor(self._name, self._settings, client, monotonic_s, self._send, self._seen())
+        due_s = monotonic_s()
+        while True:
+            due_s = max(due_s + CYCLE_S, monotonic_s())
+            self._beat_s = monotonic_s()
+            try:
+                while (wait_s := due_s - monotonic_s()) > 0.0 and self._connection.poll(wait_s):
+                    command = self._connection.recv()
+                    # A recovery takes its time, within its own deadline.
+                    self._patience_s = STUCK_S + self._settings.recover_s * isinstance(command, Home)
+                    conductor.order(command)
+                    self._patience_s, self._beat_s = STUCK_S, monotonic_s()
+            except (EOFError, OSError):
+                self._leave(client, conductor)
+                return
+            if monotonic_s() - self._row.arrival_s > 2.0 * self._settings.link_timeout_s:
+                raise BrokenError("silent", "no rows come through", "is the program still listening?")
+            conductor.step(self._seen())
+
+    def _leave(self, client: RtdeClient, conductor: Conductor) -> None:
+        """The program is gone: stop, see that the arm stands, end the controller's program."""
+        conductor.order(Stop(self._name))
+        deadline_s = monotonic_s() + LEAVE_S
+        while conductor.state not in (State.STANDING, State.HALTED) and monotonic_s() < deadline_s:
+            self._beat_s = monotonic_s()
+            conductor.step(self._seen())
+            time.sleep(CYCLE_S)
+        client.leave()
+
+    def _seen(self) -> Seen:
+        return Seen(self._row, self._still_since_s)
+
+    # --- opening ---------------------------------------------------------------------------------------
+
+    def _connect_receive(self) -> None:
+        from rtde_receive import RTDEReceiveInterface
+
+        host = self._settings.host
+        try:
+            self._receive = RTDEReceiveInterface(host, RATE_HZ, VARIABLES)
+        except RuntimeError as error:
+            raise BrokenError(
+                "port", f"the client says: {error}", "is the controller on, and is the address right?"
+            ) from error
+        if not self._receive.isConnected() or self._receive.getTimestamp() == 0.0:
+            raise BrokenError(
+                "silent",
+                f"no data come from {host}",
+                "is the controller up, and RTDE switched on at the pendant?",
+            )
+        self._await_row(lambda row: True)
+
+    def _check_readiness(self, dashboard: Dashboard, again: bool) -> None:
+        if dashboard.ask("is in remote control") == "false":
+            raise BrokenError("refused", "remote control is off", "switch it on at the pendant")
+        reason = trouble(self._row._replace(runtime=PLAYING))
+        if reason:
+            raise BrokenError("refused", reason, "look at the arm, and release it at the pendant")
+        if again and self._row.runtime == PLAYING:
+            dashboard.ask("stop")
+        if not self._await_row(lambda row: row.runtime != PLAYING):
+            raise BrokenError(
+                "refused", "another program runs on the controller", "stop it at the pendant, or its host"
+            )
+
+    def _await_row(self, wanted: Callable[[Row], bool]) -> bool:
+        """Read rows until one is as wanted; False where none came in time."""
+        deadline_s = monotonic_s() + SETTLED_S
+        while not (self._read_row() and wanted(self._row)):
+            if monotonic_s() > deadline_s:
+                return False
+            time.sleep(LOOK_S)
+        return True
+
+    # --- listening -------------------------------------------------------------------------------------
+
+    def _listen(self, client: RtdeClient) -> None:
+        """Read every row, pass it on, and end the process where there are none or the control thread hangs."""
+        try:
+            while True:
+                if self._read_row():
+                    self._send(self._row)
+                else:
+                    self._check_progress(client)
+                    time.sleep(LOOK_S)
+        except BrokenError as error:
+            self.end(error.broken)
+
+    def _read_row(self) -> bool:
+        """Read a new row, if there is one that is not torn by the next."""
+        receive = self._receive
+        device_s = receive.getTimestamp()
+        if device_s == self._row.device_s:
+            return False
+        row = Row(
+            monotonic_s(),
+            device_s,
+            tuple(receive.getActualTCPPose()),
+            tuple(receive.getActualTCPSpeed()),
+            tuple(receive.getActualTCPForce()),
+            receive.getSafetyStatusBits(),
+            receive.getRuntimeState(),
+        )
+        if receive.getTimestamp() != device_s:
+            return False
+        if not still(row.twist):
+            self._still_since_s = float("inf")
+        elif self._still_since_s == float("inf"):
+            self._still_since_s = row.arrival_s
+        self._row = row
+        return True
+
+    def _check_progress(self, client: RtdeClient) -> None:
+        receiving = self._receive.isConnected()
+        if not (receiving and client.connected()):
+            reason = CONTROL_GONE if receiving else "the receive link is gone"
+            raise BrokenError("silent", reason, "is the cable in, and the controller up?")
+        silent_s = monotonic_s() - self._row.arrival_s
+        if silent_s > self._settings.link_timeout_s:
+            raise BrokenError(
+                "silent",
+                f"the controller's time has stood still for {silent_s:.2f} s",
+                "is the cable in, and the controller up?",
+            )
+        if monotonic_s() - self._beat_s > self._patience_s:
+            raise BrokenError(
+                "silent", "the client is blocked in a command", "restart the controller's program"
+            )
+
+    def _send(self, message: Status | Row | Opened) -> None:
+        # A program that is gone shows in the control thread, which has an arm to stop yet.
+        with self._lock, suppress(OSError):
+            self._connection.send(message)
+
+    def end(self, broken: Broken) -> None:
+        """Say why, and be gone. A listener that is held up by a full pipe holds up nothing here."""
+        if self._lock.acquire(timeout=LAST_WORD_S):
+            with suppress(OSError):
+                self._connection.send(broken)
+        os._exit(1)
+
+
+def _checked_version(dashboard: Dashboard) -> str:
+    found = dashboard.version()
+    major, minor = (int(part) for part in (found or "0.0").split(".")[:2])
+    if major != 5 or minor < 6:
+        raise BrokenError(
+            "refused",
+            f"PolyScope {found or 'of unknown version'} is not supported",
+            "it takes 5.6 or a later 5.x",
+        )
+    return found
+
+
+def _ask_for_realtime(priority: int) -> bool:
+    """First in, first out before all ordinary processes, with the client's threads; where it is allowed.
+
+    On a single core the client would wait for its own receiving thread, busily, and never let it run.
+    """
+    if priority == 0 or len(os.sched_getaffinity(0)) < 2:
+        return False
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        return True
+    return False
+
+
+def main() -> None:
+    """Serve the program at the other end of the file descriptor that the command line names."""
+    connection = Connection(int(sys.argv[1]))
+    name, settings, again = connection.recv()
+    process = ArmProcess(connection, name, UrArmSettings.model_validate_json(settings))
+    try:
+        process.run(again)
+    except BrokenError as error:
+        process.end(error.broken)
+    except ImportError as error:
+        process.end(Broken("refused", f"the client is missing ({error})", "pip install ur_rtde"))
+    except Exception as error:
+        # Whatever it is, the program hears of it, and goes on.
+        process.end(Broken("protocol", f"{type(error).__name__}: {error}", "report this with the recording"))
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,158 @@
+"""The ur_rtde client's control interface, as commands use it. Lives in the arm's process, in one thread.
+
+Only calls that come back within a few cycles are made: tool speeds, asynchronous moves, and the short blocking ones
+(`zeroFtSensor`, `speedStop` of an arm that stands, `setWatchdog`). Every vector has been checked before.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from drivers.clock import monotonic_s
+from drivers.ur_arm.controller import PLAYING, PROTECTIVE_STOP, trouble
+from drivers.ur_arm.dashboard import Dashboard
+from drivers.ur_arm.pipe import BrokenError, Row
+from drivers.ur_arm.settings import Pose, UrArmSettings
+
+SPEED_S = 0.002
+"""The `t` of `speedl`: after one cycle of the controller the script looks for a newer speed (control script)."""
+
+SPEED_STOP_M_S2 = 3.0
+"""Deceleration of `speedStop`; the tool stands already when it is called."""
+
+LOOK_S = 0.05
+"""Time between two looks at the controller while it recovers (assumption)."""
+
+
+CONTROL_GONE = "the control link is gone"
+
+
+class RtdeClient:
+    """The control interface of one arm; see `drivers.ur_arm.controller.Client`.
+
+    Args:
+        settings: Of the arm.
+        dashboard: A connection of our own.
+        latest: The latest row of the receive interface.
+
+    Raises:
+        BrokenError: the client does not connect, or the controller does not run its script.
+    """
+
+    def __init__(self, settings: UrArmSettings, dashboard: Dashboard, latest: Callable[[], Row]) -> None:
+        from rtde_control import RTDEControlInterface
+
+        self._settings = settings
+        self._dashboard = dashboard
+        self._latest = latest
+        self._speeds = False
+        try:
+            self._control = RTDEControlInterface(settings.host)
+        except (RuntimeError, ValueError) as error:
+            raise BrokenError("refused", f"the client says: {error}", _advice(str(error))) from error
+        self._watch()
+
+    def speed(self, twist: Pose, acceleration_m_s2: float) -> bool:
+        """See `Client.speed`."""
+        self._check_link()
+        self._speeds = True
+        return bool(self._control.speedL(list(twist), acceleration_m_s2, SPEED_S))
+
+    def end_speed(self) -> bool:
+        """See `Client.end_speed`."""
+        self._check_link()
+        self._speeds = False
+        return bool(self._control.speedStop(SPEED_STOP_M_S2))
+
+    def move(self, pose: Pose, speed_m_s: float, acceleration_m_s2: float) -> bool:
+        """See `Client.move`."""
+        self._check_link()
+        # A second mover ends the controller's program: this one call is the last to be sure.
+        assert not self._speeds, "a move while tool speeds are on"
+        return bool(self._control.moveL(list(pose), speed_m_s, acceleration_m_s2, True))
+
+    def end_move(self, deceleration_m_s2: float) -> bool:
+        """See `Client.end_move`."""
+        self._check_link()
+        self._control.stopL(deceleration_m_s2, True)
+        return True
+
+    def busy(self) -> bool:
+        """See `Client.busy`."""
+        return bool(self._control.getAsyncOperationProgressEx().isAsyncOperationRunning())
+
+    def kick(self) -> bool:
+        """See `Client.kick`."""
+        self._check_link()
+        return bool(self._control.kickWatchdog())
+
+    def zero_force(self) -> bool:
+        """See `Client.zero_force`."""
+        self._check_link()
+        return bool(self._control.zeroFtSensor())
+
+    def halt(self) -> None:
+        """See `Client.halt`."""
+        self._dashboard.ask("stop")
+
+    def recover(self) -> str:
+        """See `Client.recover`."""
+        self._check_link()
+        self._speeds = False
+        deadline_s = monotonic_s() + self._settings.recover_s
+        if reason := self._unlock(deadline_s):
+            return reason
+        if self._dashboard.ask("is in remote control") == "false":
+            return "remote control is off at the pendant"
+        # The registers outlive the program: a speed that is left in them would move the arm as soon as the
+        # script runs again. Where no program runs, this clears them.
+        self._control.kickWatchdog()
+        self._control.reuploadScript()
+        while self._latest().runtime != PLAYING:
+            if monotonic_s() > deadline_s:
+                return trouble(self._latest()) or "the controller does not run the script"
+            time.sleep(LOOK_S)
+        self._watch()
+        return ""
+
+    def connected(self) -> bool:
+        """Whether the control link stands; the one call that another thread may make too.
+
+        The client connects again by itself within milliseconds, and may crash at it: who would know of it has to
+        look often. A True of the client's says little, a False of this one is to be believed.
+        """
+        return bool(self._control.isConnected())
+
+    def leave(self) -> None:
+        """End the controller's program; the client's sockets end with the process."""
+        self._control.stopScript()
+
+    def _unlock(self, deadline_s: float) -> str:
+        while reason := _safety(self._latest()):
+            if not self._latest().safety_bits & PROTECTIVE_STOP or monotonic_s() > deadline_s:
+                return reason
+            self._dashboard.ask("close safety popup")
+            self._dashboard.ask("unlock protective stop")
+            time.sleep(LOOK_S)
+        return ""
+
+    def _watch(self) -> None:
+        if not self._control.setWatchdog(self._settings.watchdog_hz):
+            raise BrokenError("refused", "the controller takes no watchdog", "is it in remote control?")
+
+    def _check_link(self) -> None:
+        if not self.connected():
+            raise BrokenError("silent", CONTROL_GONE, "is the cable in, and the controller up?")
+
+
+def _safety(row: Row) -> str:
+    return trouble(row._replace(runtime=PLAYING))
+
+
+def _advice(error: str) -> str:
+    if "already in use" in error:
+        return "another program holds the arm; end it, or switch off the fieldbus adapters at the pendant"
+    if "start control script" in error:
+        return "is the arm in remote control, and its brakes released?"
+    return "is the controller in remote control, and nothing else connected to it?"

@@ -1,0 +1,86 @@
+"""Which commands an arm takes, and how they are clamped. Every number is checked here, before it goes anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import replace
+
+from drivers.errors import CommandError
+from drivers.messages import Command, Home, Listen, MoveAt, MoveTo, Stop, Tare, Twist
+from drivers.ur_arm.settings import UrArmSettings
+
+TWIST_MAX_S = 60.0
+"""Longest `Twist`: what takes longer is sent again (assumption)."""
+
+
+def valid(device: str, settings: UrArmSettings, streams: Collection[str], command: Command) -> Command:
+    """The command as it will be sent: too great a speed is clamped.
+
+    Args:
+        device: Name in the profile.
+        settings: Of the arm.
+        streams: What it can send.
+        command: As asked for.
+
+    Raises:
+        CommandError: not for an arm, not finite, or out of range.
+    """
+    match command:
+        case Home() | Stop():
+            return command
+        case Listen():
+            # Other devices' streams are their business: one command names them all.
+            return command
+        case Tare(stream=stream):
+            if stream != f"{device}.force":
+                reason = f"{stream} cannot be tared"
+                raise CommandError(device, "taring", reason, f"its streams are {', '.join(sorted(streams))}")
+            return command
+        case MoveAt(velocity_m_s=speed_m_s, limit_m=target_m):
+            clamped_m_s = _checked(device, settings, target_m, speed_m_s)
+            return replace(command, velocity_m_s=clamped_m_s)
+        case MoveTo(position_m=target_m, speed_m_s=speed_m_s):
+            if speed_m_s < 0.0:
+                raise _no_speed(device, target_m, speed_m_s)
+            return replace(command, speed_m_s=_checked(device, settings, target_m, speed_m_s))
+        case Twist():
+            return _checked_twist(device, settings, command)
+    raise CommandError(device, f"applying {command}", "an arm only moves", "send it to another device")
+
+
+def _checked(device: str, settings: UrArmSettings, target_m: float, speed_m_s: float) -> float:
+    if not math.isfinite(speed_m_s) or speed_m_s == 0.0:
+        raise _no_speed(device, target_m, speed_m_s)
+    if not settings.travel_min_m <= target_m <= settings.travel_max_m:
+        reason = f"its travel is {settings.travel_min_m:g} to {settings.travel_max_m:g} m"
+        raise CommandError(device, _doing(target_m, speed_m_s), reason, "choose a target inside it")
+    return math.copysign(min(abs(speed_m_s), settings.max_speed_m_s), speed_m_s)
+
+
+def _checked_twist(device: str, settings: UrArmSettings, command: Twist) -> Twist:
+    doing = f"moving with {command.twist} for {command.duration_s} s"
+    if len(command.twist) != 6 or not all(math.isfinite(part) for part in command.twist):
+        raise CommandError(device, doing, "this is no twist", "give six finite numbers: m/s and rad/s")
+    if not 0.0 < command.duration_s <= TWIST_MAX_S:
+        advice = f"choose a duration above 0 and up to {TWIST_MAX_S:g} s"
+        raise CommandError(device, doing, f"{command.duration_s} s is no duration", advice)
+    linear, angular = command.twist[:3], command.twist[3:]
+    # One factor for all six keeps the direction of the motion.
+    factor = min(
+        1.0,
+        settings.max_speed_m_s / max(math.hypot(*linear), settings.max_speed_m_s),
+        settings.max_turn_rad_s / max(math.hypot(*angular), settings.max_turn_rad_s),
+    )
+    x, y, z, rx, ry, rz = (factor * part for part in command.twist)
+    return replace(command, twist=(x, y, z, rx, ry, rz))
+
+
+def _no_speed(device: str, target_m: float, speed_m_s: float) -> CommandError:
+    return CommandError(
+        device, _doing(target_m, speed_m_s), f"{speed_m_s:g} m/s is no speed", "choose one above zero"
+    )
+
+
+def _doing(target_m: float, speed_m_s: float) -> str:
+    return f"moving to {target_m:g} m at {speed_m_s:g} m/s"

@@ -1,0 +1,258 @@
+"""The arm: a Universal Robots controller through ur_rtde, which runs in a process that can be killed and replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from drivers.clock import WallClock, monotonic_s
+from drivers.errors import DeviceError, PortError, ProtocolError, RefusedError, SilentError
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Failed,
+    Listen,
+    Refused,
+    SampleBlock,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+)
+from drivers.ur_arm.commands import valid
+from drivers.ur_arm.host import ArmHost
+from drivers.ur_arm.pipe import Broken, Opened, Row
+from drivers.ur_arm.settings import Axis, UrArmSettings
+from drivers.ur_arm.stream import Streams
+
+ERRORS: dict[str, type[DeviceError]] = {
+    "port": PortError,
+    "silent": SilentError,
+    "refused": RefusedError,
+    "protocol": ProtocolError,
+}
+
+OPEN_TURN_S = 0.005
+"""Pause between two looks at the arm's process while opening (assumption)."""
+
+SILENCE_S = 0.3
+"""How long an opened process may say nothing, beyond its own time-out: rows come every 2 ms (assumption)."""
+
+RETRY_S = 0.5
+"""Pause before the next attempt to connect (assumption)."""
+
+NOT_OPEN = "it is not open"
+
+
+class UrArm:
+    """An arm on an approach axis; implements `drivers.protocols.Device`.
+
+    The client library can block for ever, and can crash: it lives in a process of its own, which moves the arm,
+    keeps it inside its bounds, and is killed and replaced when it hangs. The link is judged by the progress of the
+    controller's time. Should that process die, the controller's watchdog stops the arm; should this program die,
+    the process stops it.
+
+    A lost link is `Stalled`, and is tried again for `reconnect_s`; then the arm has `Failed`. A protective stop, a
+    program that was stopped and a watchdog that tripped are `Stalled` too: every motion is `Refused` until `Home`
+    unlocks the arm, starts the program again and goes to `start_pose`.
+
+    Streams, at 500 Hz with the controller's time as device time: `<name>.position` (m along the axis),
+    `<name>.pose` (m and rotation vector), `<name>.force` (`actual_TCP_force`: N and N m on the tool, base frame). A
+    row that the client skipped is a jump in the sequence, and `Lost`.
+
+    Args:
+        name: Name in the profile.
+        settings: Of the arm.
+        clock: Gives bench time.
+    """
+
+    def __init__(self, name: str, settings: UrArmSettings, clock: WallClock) -> None:
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._streams = Streams(name, settings, clock.from_monotonic)
+        self._host: ArmHost | None = None
+        self._ready = False
+        self._failure = NOT_OPEN
+        self._statuses: list[Status] = []
+        self._stop: Stop | None = None  # not yet answered by a Standstill
+        self._lost_s = 0.0
+        self._retry_s = 0.0
+        self._reason = ""
+        self._turned_s = 0.0
+
+    def open(self) -> DeviceInfo:
+        """Connect, identify, set the controller's watchdog, move nothing.
+
+        Raises:
+            PortError: nobody listens there.
+            SilentError: the controller accepts the connection and says nothing.
+            ProtocolError: what answers is no controller.
+            RefusedError: remote control is off, another program or client holds the arm, it is in a protective
+                stop, or the client is not installed.
+        """
+        self.close()
+        host = ArmHost(self.name, self._settings, again=False)
+        try:
+            opened = self._opened(host)
+        except BaseException:
+            host.kill()
+            raise
+        self._host, self._ready, self._failure = host, True, ""
+        return self._info(opened)
+
+    def close(self) -> None:
+        """Stop what moves, end the process. Never raises; may be called twice."""
+        if self._host is not None:
+            self._host.close()
+        self._host, self._ready, self._failure, self._stop = None, False, NOT_OPEN, None
+        self._streams.listening = frozenset()
+
+    def apply(self, command: Command) -> Applied:
+        """Queue a command. Too great a speed is clamped.
+
+        Raises:
+            CommandError: not for an arm, not finite or out of range. Nothing was sent.
+        """
+        command = valid(self.name, self._settings, self._streams.info, command)
+        if isinstance(command, Listen):
+            self._streams.listening = command.streams & self._streams.info.keys()
+        elif isinstance(command, Stop) and not self._failure:
+            self._stop = command
+            self._send(command)
+        elif self._failure or not self._ready:
+            reason = self._failure or f"{self._reason}; connecting again"
+            self._say(Refused(self._clock.now(), self.name, command, reason))
+        else:
+            self._send(command)
+        return Applied(command, self._clock.now())
+
+    def read(self) -> Sequence[SampleBlock]:
+        """Blocks that have arrived since the last call."""
+        self._turn()
+        return self._streams.blocks()
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        self._turn()
+        statuses, self._statuses = self._statuses, []
+        return statuses
+
+    # --- opening ---------------------------------------------------------------------------------------
+
+    def _opened(self, host: ArmHost) -> Opened:
+        deadline_s = monotonic_s() + self._settings.open_timeout_s
+        while monotonic_s() < deadline_s:
+            for message in host.receive():
+                if isinstance(message, Opened):
+                    return message
+                if isinstance(message, Broken):
+                    raise ERRORS[message.kind](self.name, "opening", message.reason, message.advice)
+            if fate := host.fate():
+                raise SilentError(
+                    self.name, "opening", fate, "is anything else wrong with this installation?"
+                )
+            self._clock.wait_until(self._clock.now() + OPEN_TURN_S)
+        raise SilentError(
+            self.name,
+            "opening",
+            f"{self._settings.host} accepts the connection and then says nothing for "
+            f"{self._settings.open_timeout_s:g} s",
+            "is the controller up, and is it one?",
+        )
+
+    def _info(self, opened: Opened) -> DeviceInfo:
+        settings = self._settings
+        return DeviceInfo(
+            self.name,
+            model=opened.model,
+            serial=opened.serial,
+            version=opened.version,
+            streams=self._streams.info,
+            mover=True,
+            clock=f"{self.name} controller",
+            details={
+                **opened.details,
+                "host": settings.host,
+                "position_m": Axis(settings).position_m(opened.pose),
+                "travel_m": (settings.travel_min_m, settings.travel_max_m),
+                "max_speed_m_s": settings.max_speed_m_s,
+                "watchdog_hz": settings.watchdog_hz,
+            },
+        )
+
+    # --- every turn ------------------------------------------------------------------------------------
+
+    def _turn(self) -> None:
+        """Hear what has come; mind the process."""
+        now_s = monotonic_s()
+        host = self._host
+        if host is not None:
+            rows: list[Row] = []
+            for message in host.receive():
+                if isinstance(message, Row):
+                    rows.append(message)
+                else:
+                    self._hear(message)
+            self._statuses += self._streams.take(rows)
+        if not self._failure:
+            self._mind(now_s)
+        self._turned_s = now_s
+
+    def _hear(self, message: object) -> None:
+        match message:
+            case Opened():
+                self._ready = True
+                if self._stop is not None:
+                    self._send(self._stop)
+            case Broken(reason=reason):
+                self._lose(reason)
+            case Status():
+                if isinstance(message, Standstill):
+                    self._stop = None
+                self._say(replace(message, t_s=self._clock.from_monotonic(message.t_s)))
+
+    def _mind(self, now_s: float) -> None:
+        """Replace a process that is gone or hangs, as long as there is time for it."""
+        host = self._host
+        if not self._ready and monotonic_s() - self._lost_s >= self._settings.reconnect_s:
+            self._fail()
+        elif host is None:
+            if now_s >= self._retry_s:
+                self._host = ArmHost(self.name, self._settings, again=True)
+        elif fate := host.fate():
+            self._lose(fate)
+        elif self._ready:
+            # After a turn that took long, what came meanwhile may still be on its way to the queue.
+            punctual = now_s - self._turned_s < 0.5 * SILENCE_S
+            if punctual and now_s - host.heard_s > SILENCE_S + self._settings.link_timeout_s:
+                self._lose("the arm's process hangs")
+
+    def _lose(self, reason: str) -> None:
+        """The link is gone: end what is left of the process, and begin anew."""
+        now_s = monotonic_s()
+        if self._host is not None:
+            self._host.kill()
+            self._host = None
+        self._reason = reason
+        if self._ready:
+            self._ready, self._lost_s, self._retry_s = False, now_s, now_s
+            self._say(Stalled(self._clock.now(), self.name, f"{reason}; connecting again"))
+        else:
+            self._retry_s = now_s + RETRY_S
+
+    def _fail(self) -> None:
+        if self._host is not None:
+            self._host.kill()
+            self._host = None
+        self._failure = f"{self._reason}; is {self._settings.host} up, and the cable in?"
+        self._stop = None
+        self._say(Failed(self._clock.now(), self.name, self._failure))
+
+    def _send(self, command: Command) -> None:
+        if self._host is not None and self._ready:
+            self._host.send(command)
+
+    def _say(self, status: Status) -> None:
+        self._statuses.append(status)

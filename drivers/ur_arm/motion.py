@@ -1,0 +1,343 @@
+"""What the arm does with a command, cycle by cycle. No client, no clock, no process: they are handed in.
+
+One thing moves the arm at a time. A `MoveAt` and a `Twist` are tool speeds, sent anew in every cycle; a `MoveTo` and
+`Home` are moves that the controller plans. Whatever comes next waits until the last has come to rest, because
+a second mover ends the controller's program.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from enum import Enum, auto
+
+from drivers.messages import (
+    Command,
+    Home,
+    MoveAt,
+    MoveTo,
+    Reached,
+    Refused,
+    Sent,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+    Tare,
+    Twist,
+)
+from drivers.ur_arm.controller import Client, Seen, trouble
+from drivers.ur_arm.guidance import Guidance, way
+from drivers.ur_arm.settings import Axis, Pose, UrArmSettings
+
+STILL_S = 0.02
+"""How long nothing may have moved before the arm stands still: ten cycles of the controller (assumption)."""
+
+MISSED_M, MISSED_RAD = 2e-4, 5e-3
+"""Distance from its target at which a move has missed it (assumption: several times the repeatability of 30 um, and
+that on a wrist of 0.1 m)."""
+
+START_S = 0.05
+"""How long a move may take to begin (assumption: several times what its command takes)."""
+
+GRACE_S = 2.0
+"""What a motion may take beyond distance and speed before it has failed (assumption)."""
+
+UNHEARD_S = 0.1
+"""How long commands may be refused for no visible reason (assumption: a refusal shows in the next row)."""
+
+REST: Pose = (0.0,) * 6
+
+NOT_TAKEN = "the controller does not take it"
+
+
+class State(Enum):
+    """What the arm does."""
+
+    STANDING = auto()
+    SPEEDING = auto()
+    BRAKING = auto()
+    TRAVELLING = auto()
+    STOPPING = auto()
+    HALTED = auto()
+
+
+class Conductor:
+    """Carries commands out.
+
+    Args:
+        name: Of the device.
+        settings: Of the arm.
+        client: The arm's controller.
+        now: The host's monotonic time in seconds.
+        say: Takes each status, its time in host monotonic seconds.
+        seen: What is known of the arm at the start.
+
+    Attributes:
+        state: What the arm does.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: UrArmSettings,
+        client: Client,
+        now: Callable[[], float],
+        say: Callable[[Status], None],
+        seen: Seen,
+    ) -> None:
+        self.state = State.STANDING
+        self._name = name
+        self._settings = settings
+        self._axis = Axis(settings)
+        self._guidance = Guidance(settings)
+        self._client = client
+        self._now = now
+        self._say = say
+        self._seen = seen
+        self._goal: Command | None = None
+        self._next: Command | None = None
+        self._ending: Callable[[], Status] | None = None
+        self._halted = ""
+        self._target = seen.row.pose
+        self._since_s = self._deadline_s = now()
+        self._heard_s = now()
+
+    def order(self, command: Command) -> None:
+        """Begin with a command, or have it wait until what moves has come to rest."""
+        if isinstance(command, Stop):
+            self._stop(command)
+        elif isinstance(command, Tare):
+            self._tare(command)
+        elif self.state is State.HALTED and not self._recovered(command):
+            return
+        elif self.state is State.STANDING or (
+            self.state is State.SPEEDING and isinstance(command, MoveAt | Twist)
+        ):
+            self._begin(command)
+        else:
+            self._next = command
+            if self.state is State.SPEEDING:
+                self._brake(None)
+            elif self.state is State.TRAVELLING:
+                self._stop_travel(None)
+
+    def step(self, seen: Seen) -> None:
+        """One cycle: look at the arm, keep it going."""
+        self._seen = seen
+        reason = trouble(seen.row)
+        if reason and self.state is not State.HALTED:
+            self._halt(reason)
+        {
+            State.STANDING: self._stand,
+            State.SPEEDING: self._keep_speed,
+            State.BRAKING: self._keep_braking,
+            State.TRAVELLING: self._keep_travelling,
+            State.STOPPING: self._keep_stopping,
+            State.HALTED: self._stay_halted,
+        }[self.state]()
+
+    @property
+    def _position_m(self) -> float:
+        return self._axis.position_m(self._seen.row.pose)
+
+    # --- beginning -------------------------------------------------------------------------------------
+
+    def _begin(self, command: Command) -> None:
+        self._goal, self._since_s, self._ending = command, self._now(), None
+        match command:
+            case MoveAt():
+                self._start_speed(command, math.inf)
+            case Twist():
+                self._start_speed(command, self._now() + command.duration_s)
+            case MoveTo():
+                self._travel(command, self._axis.pose(command.position_m), command.speed_m_s)
+            case Home():
+                away_m = self._axis.away_m(self._seen.row.pose)
+                if away_m > self._settings.leash_m:
+                    reason = f"the tool is {away_m:.3f} m from start_pose, its leash is {self._settings.leash_m:g} m"
+                    self._refuse(command, reason)
+                else:
+                    self._travel(command, self._settings.start_pose, self._settings.home_speed_m_s)
+
+    def _start_speed(self, command: MoveAt | Twist, until_s: float) -> None:
+        self._deadline_s = until_s
+        self.state = State.SPEEDING
+        taken = self._keep_speed()
+        if taken or self.state is State.BRAKING:  # braking: it is over already
+            self._say(Sent(self._now(), self._name, command))
+        else:
+            self._refuse(command, trouble(self._seen.row) or NOT_TAKEN)
+            if self.state is not State.HALTED:
+                self._brake(None)
+
+    def _travel(self, command: Command, pose: Pose, speed_m_s: float) -> None:
+        self._target = pose
+        acceleration = self._settings.acceleration_m_s2
+        if not self._client.move(pose, speed_m_s, acceleration):
+            self._refuse(command, trouble(self._seen.row) or NOT_TAKEN)
+            return
+        self.state = State.TRAVELLING
+        self._say(Sent(self._now(), self._name, command))
+        # How fast the controller turns a tool is its own affair: a radian may take what a metre takes.
+        length = sum(way(self._seen.row.pose, pose))
+        self._deadline_s = self._now() + length / speed_m_s + 2.0 * speed_m_s / acceleration + GRACE_S
+
+    def _tare(self, command: Tare) -> None:
+        if self.state is not State.STANDING:
+            self._refuse(command, self._halted or "the arm is not standing still")
+        elif self._client.zero_force():
+            self._say(Sent(self._now(), self._name, command))
+        else:
+            self._refuse(command, NOT_TAKEN)
+
+    def _recovered(self, command: Command) -> bool:
+        if not isinstance(command, Home):
+            self._refuse(command, f"{self._halted}; look at the arm, then send it Home")
+            return False
+        reason = self._client.recover()
+        if reason:
+            self._refuse(command, reason)
+            return False
+        self.state, self._halted, self._heard_s = State.STANDING, "", self._now()
+        return True
+
+    # --- ending ----------------------------------------------------------------------------------------
+
+    def _stop(self, command: Stop) -> None:
+        self._next = None
+        match self.state:
+            case State.SPEEDING | State.BRAKING:
+                self._brake(self._standstill)
+            case State.TRAVELLING:
+                self._stop_travel(self._standstill)
+            case State.STANDING | State.STOPPING:
+                self._settle(self._standstill)
+            case State.HALTED:
+                self._ending, self._since_s = self._standstill, self._now()
+                return
+        self._say(Sent(self._now(), self._name, command))
+
+    def _brake(self, ending: Callable[[], Status] | None) -> None:
+        """Take the speed away; the speeds end when the tool stands."""
+        if self.state is not State.BRAKING:
+            self._since_s = self._now()
+            speed_m_s = math.hypot(*self._seen.row.twist[:3])
+            self._deadline_s = self._since_s + speed_m_s / self._settings.stop_m_s2 + GRACE_S
+        self.state, self._ending = State.BRAKING, ending
+        self._hear(self._client.speed(REST, self._settings.stop_m_s2))
+
+    def _stop_travel(self, ending: Callable[[], Status] | None) -> None:
+        self._hear(self._client.end_move(self._settings.stop_m_s2))
+        self._settle(ending)
+
+    def _settle(self, ending: Callable[[], Status] | None) -> None:
+        self.state, self._ending = State.STOPPING, ending
+        self._since_s = self._now()
+        self._deadline_s = self._since_s + GRACE_S
+
+    def _rest(self) -> None:
+        """The arm stands: say what came of the motion, and begin the next."""
+        self.state, self._goal = State.STANDING, None
+        ending, self._ending = self._ending, None
+        if ending is not None:
+            self._say(ending())
+        command, self._next = self._next, None
+        if command is not None:
+            self._begin(command)
+
+    def _halt(self, reason: str) -> None:
+        if self._next is not None:
+            self._refuse(self._next, reason)
+        if self._ending != self._standstill:
+            self._ending = None
+        self.state, self._halted, self._next, self._goal = State.HALTED, reason, None, None
+        self._since_s = self._now()
+        self._say(Stalled(self._now(), self._name, f"{reason}; look at the arm, then send it Home"))
+
+    # --- in every cycle --------------------------------------------------------------------------------
+
+    def _stand(self) -> None:
+        self._hear(self._client.kick())
+
+    def _keep_speed(self) -> bool:
+        twist = self._guided(self._goal)
+        if twist is None:
+            return False
+        taken = self._client.speed(twist, self._settings.acceleration_m_s2)
+        self._hear(taken)
+        return taken
+
+    def _keep_braking(self) -> None:
+        if self._stands():
+            self._hear(self._client.end_speed())
+            self._rest()
+        elif self._now() > self._deadline_s:
+            self._client.halt()
+        else:
+            self._hear(self._client.speed(REST, self._settings.stop_m_s2))
+
+    def _keep_travelling(self) -> None:
+        self._hear(self._client.kick())
+        if self._now() > self._deadline_s:
+            self._stop_travel(lambda: self._stalled("it takes too long to get there"))
+        elif self._now() - self._since_s > START_S and self._stands() and not self._client.busy():
+            missed_m, missed_rad = way(self._seen.row.pose, self._target)
+            words = f"it stands {missed_m * 1e3:.1f} mm and {missed_rad:.3f} rad from where it was sent"
+            reached = missed_m <= MISSED_M and missed_rad <= MISSED_RAD
+            self._ending = self._reached if reached else lambda: self._stalled(words)
+            self._rest()
+
+    def _keep_stopping(self) -> None:
+        self._hear(self._client.kick())
+        if self._stands() and not self._client.busy():
+            self._rest()
+        elif self._now() > self._deadline_s:
+            self._client.halt()
+
+    def _stay_halted(self) -> None:
+        if self._ending is not None and self._stands():
+            self._say(self._ending())
+            self._ending = None
+
+    # --- guidance --------------------------------------------------------------------------------------
+
+    def _guided(self, goal: Command | None) -> Pose | None:
+        """The twist of this cycle; None where the motion is over, and the tool brakes."""
+        if isinstance(goal, MoveAt):
+            twist = self._guidance.approach(goal, self._seen.row, self._now())
+            if twist is None:
+                self._brake(self._reached)
+            return twist
+        assert isinstance(goal, Twist)
+        if self._now() >= self._deadline_s:
+            self._brake(self._reached)
+            return None
+        if fence := self._guidance.fence(self._seen.row, self._now()):
+            self._brake(lambda: self._stalled(fence))
+            return None
+        return goal.twist
+
+    # --- words -----------------------------------------------------------------------------------------
+
+    def _stands(self) -> bool:
+        return self._now() - max(self._seen.still_since_s, self._since_s) >= STILL_S
+
+    def _hear(self, taken: bool) -> None:
+        """Note whether the controller takes commands; a reason shows in the rows, as a rule at once."""
+        if taken:
+            self._heard_s = self._now()
+        elif self._now() - self._heard_s > UNHEARD_S and self.state is not State.HALTED:
+            self._halt("the controller takes no commands")
+
+    def _refuse(self, command: Command, reason: str) -> None:
+        self._say(Refused(self._now(), self._name, command, reason))
+
+    def _reached(self) -> Status:
+        return Reached(self._now(), self._name, self._position_m)
+
+    def _standstill(self) -> Status:
+        return Standstill(self._now(), self._name, self._position_m)
+
+    def _stalled(self, reason: str) -> Status:
+        return Stalled(self._now(), self._name, reason)

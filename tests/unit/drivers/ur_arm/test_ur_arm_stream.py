@@ -1,0 +1,115 @@
+"""Rows become blocks: sequence, loss, bench time."""
+
+import numpy as np
+import pytest
+
+from drivers.ur_arm.pipe import Row
+from drivers.ur_arm.settings import UrArmSettings
+from drivers.ur_arm.stream import ControllerClock, Streams
+
+START = (0.4, 0.0, 0.2, 0.0, 3.1, 0.0)
+SETTINGS = UrArmSettings(host="127.0.0.2", start_pose=START, approach_axis=(0.0, 0.0, -1.0))
+EPOCH_S = 100.0
+"""Host time of the controller's zero, and of a row that arrives at once."""
+
+FORCE, POSITION = "arm.force", "arm.position"
+
+
+def row(cycle: int, late_s: float = 0.0, force_z: float = 0.0) -> Row:
+    device_s = cycle * 0.002
+    pose = (0.4, 0.0, 0.2 - 1e-4 * cycle, 0.0, 3.1, 0.0)
+    return Row(
+        EPOCH_S + device_s + late_s, device_s, pose, (0.0,) * 6, (0.0, 0.0, force_z, 0.0, 0.0, 0.0), 1, 2
+    )
+
+
+@pytest.fixture
+def streams() -> Streams:
+    made = Streams("arm", SETTINGS, lambda host_s: host_s - EPOCH_S)
+    made.listening = frozenset({FORCE})
+    return made
+
+
+def test_consecutive_rows_are_one_block_with_the_controller_s_time(streams: Streams) -> None:
+    assert streams.take([row(cycle, force_z=cycle) for cycle in range(5, 9)]) == []
+    (block,) = streams.blocks()
+    assert block.stream == FORCE
+    assert block.values[:, 2].tolist() == [5.0, 6.0, 7.0, 8.0]
+    assert block.device_t0_s == pytest.approx(0.010)
+    assert block.times == pytest.approx([0.010, 0.012, 0.014, 0.016])
+    assert block.arrival_s == pytest.approx(0.016)
+
+
+def test_a_row_that_was_skipped_is_a_jump_in_the_sequence_and_said(streams: Streams) -> None:
+    lost = streams.take([row(1), row(2), row(5), row(6)])
+    assert [(loss.stream, loss.samples) for loss in lost] == [(FORCE, 2)]
+    first, second = streams.blocks()
+    assert second.seq == first.seq + len(first) + 2
+
+
+def test_blocks_of_successive_reads_join(streams: Streams) -> None:
+    streams.take([row(1), row(2)])
+    (first,) = streams.blocks()
+    streams.take([row(3)])
+    (second,) = streams.blocks()
+    assert second.seq == first.seq + 2
+    assert streams.blocks() == []
+
+
+def test_each_stream_that_is_listened_to_says_its_loss(streams: Streams) -> None:
+    streams.listening = frozenset({FORCE, POSITION})
+    lost = streams.take([row(1), row(3)])
+    assert {loss.stream for loss in lost} == {FORCE, POSITION}
+
+
+def test_what_nobody_listened_to_is_not_lost(streams: Streams) -> None:
+    streams.take([row(1)])
+    (first,) = streams.blocks()
+    streams.listening = frozenset()
+    assert streams.take([row(cycle) for cycle in range(2, 50)]) == []
+    streams.listening = frozenset({FORCE})
+    streams.take([row(50)])
+    (second,) = streams.blocks()
+    assert second.seq == first.seq + 1
+
+
+def test_a_controller_that_starts_anew_begins_a_new_segment(streams: Streams) -> None:
+    streams.take([row(500), row(501)])
+    lost = streams.take([row(1), row(2)])
+    assert [loss.samples for loss in lost] == [0]
+    first, second = streams.blocks()
+    assert second.seq > first.seq + len(first)
+
+
+def test_the_position_is_the_way_along_the_axis(streams: Streams) -> None:
+    streams.listening = frozenset({POSITION})
+    streams.take([row(10), row(11)])
+    (block,) = streams.blocks()
+    assert block.values == pytest.approx(np.array([[1.0e-3], [1.1e-3]]))
+    assert block.unit == "m"
+
+
+def test_late_rows_do_not_make_late_samples(streams: Streams) -> None:
+    streams.take([row(cycle) for cycle in range(1, 10)])
+    streams.blocks()
+    streams.take([row(cycle, late_s=0.05) for cycle in range(10, 13)])
+    (block,) = streams.blocks()
+    assert block.t0_s == pytest.approx(0.020, abs=1e-4)
+
+
+def test_a_quick_row_never_turns_the_time_of_samples_back(streams: Streams) -> None:
+    streams.take([row(1, late_s=0.03), row(2, late_s=0.03)])
+    (slow,) = streams.blocks()
+    streams.take([row(3), row(4)])
+    (quick,) = streams.blocks()
+    assert quick.times[0] >= slow.times[-1]
+
+
+def test_a_controller_s_clock_that_drifts_is_followed() -> None:
+    clock = ControllerClock()
+    for cycle in range(100_000):
+        # 100 ppm slow, and every arrival 0.2 ms late but for one in ten.
+        device_s = cycle * 0.002
+        late_s = 0.0 if cycle % 10 == 0 else 2e-4
+        clock.observe(device_s, EPOCH_S + device_s * (1 + 100e-6) + late_s)
+    assert clock.host_s(200.0) == pytest.approx(EPOCH_S + 200.0 * (1 + 100e-6), abs=1e-5)
