@@ -30,29 +30,28 @@ SPEED_M_S = 0.005
 STREAM = "board.load_cell"
 
 
-class EveryNth:
-    """Finds contact in every n-th sample: what a detector decides is not what is measured here."""
+class AtRandom:
+    """Finds contact 60 to 139 samples after the last one, at random: what decides is not what is measured here."""
 
     inputs = (STREAM,)
 
-    def __init__(self, name: str, samples: int) -> None:
+    def __init__(self, name: str) -> None:
         self.name = name
-        self._samples = samples
         self.arrivals_s: list[float] = []
+        self._random = np.random.default_rng(1)
         self.reset()
 
     def reset(self) -> None:
-        """Count anew."""
-        self._left = self._samples
+        """Count anew: every place in a block and in the loop's period gets its turn."""
+        self._left = int(self._random.integers(60, 140))
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """One contact in every n samples, at whatever place of a block it falls."""
+        """One contact where the count has run down."""
         found = []
         for t_s in block.times.tolist():
             self._left -= 1
             if self._left == 0:
-                # 10 and 97 have no common factor: every place in a block of 10 gets its turn.
-                self._left = self._samples
+                self.reset()
                 assert block.arrival_s is not None
                 self.arrivals_s.append(block.arrival_s)
                 found.append(Contact(t_s, self.name, 1.0, 0.0))
@@ -85,7 +84,7 @@ class BackAndForth(Behavior):
 
     def __init__(self, stops: int) -> None:
         states = self.States
-        listening = StatePlan(10.0, frozenset({"every"}))
+        listening = StatePlan(10.0, frozenset({"at_random"}))
         self._left = stops
         self._forward = True
         super().__init__(
@@ -120,7 +119,7 @@ def measure(stops: int) -> tuple[dict[str, list[float]], int]:
     """Run the stops; returns seconds from sample to command, by stage of the way, and late turns."""
     profile = load_profile("emulated/transient", {}, table=assemble.Table())
     rig = assemble.build_rig(profile)
-    detector = EveryNth("every", 97)
+    detector = AtRandom("at_random")
     behavior = BackAndForth(stops)
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -132,7 +131,7 @@ def measure(stops: int) -> tuple[dict[str, list[float]], int]:
             rig.clock.restart()
             rig.begin_trial(TrialScene(1, 1, {}, _plant(profile)))
             loop = Loop(rig, infos, Guard(profile.limits), recorder, Silent(), profile.loop)  # type: ignore[arg-type]
-            account = loop.run(behavior, {"every": detector})
+            account = loop.run(behavior, {"at_random": detector})
             recorder.close()
         finally:
             for device in rig.devices.values():

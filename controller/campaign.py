@@ -140,8 +140,8 @@ class Campaign:
     def run(self) -> Outcome:
         """Run every trial.
 
-        Whatever ends the run, the bench stands still and the recording is closed when this returns. Errors of devices, guard
-        and disk come back as a line and an exit code, a fault of the program itself as the outcome's `error`.
+        Whatever ends the run, the bench stands still and the recording is closed when this returns. Errors of
+        devices, guard and disk come back as a line and an exit code, a fault of the program itself as `error`.
 
         Raises:
             RecordingError: no run folder can be made.

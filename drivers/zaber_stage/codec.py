@@ -1,6 +1,7 @@
 """Zaber ASCII: lines of bytes ⇄ messages, and microsteps ⇄ metres. No I/O.
 
-Source: Zaber's ASCII protocol manual. A command is `/device axis [id] words[:LRC]`; a reply is
+Source: the Zaber ASCII protocol, as the vendor's own library speaks it.
+A command is `/device axis [id] words[:LRC]`; a reply is
 `@dd a [id] OK|RJ BUSY|IDLE WW data[:LRC]`; an alert `!dd a BUSY|IDLE WW [data]` and an info line
 `#dd a [id] text` come without being asked for.
 """
@@ -11,19 +12,19 @@ import re
 from dataclasses import dataclass
 
 IDS = 100
-"""Message ids are 0 to 99 (manual)."""
+"""Message ids are 0 to 99 (Zaber ASCII protocol)."""
 
 MAX_LINE = 160
-"""Longest line that is kept, in bytes: twice the 80 that the manual allows (assumption)."""
+"""Longest line that is kept, in bytes: far more than any line that was seen (assumption)."""
 
 MICROSTEP_M = 0.49609375e-6
-"""Metres per microstep of the bench's stage (its data sheet)."""
+"""Metres per microstep of the bench's stage: 5,120 microsteps/s are 2.54 mm/s, as found on the bench."""
 
 VELOCITY_SCALE = 1.6384
-"""Velocity data is microsteps per second times this (manual)."""
+"""Velocity data is microsteps per second times this (Zaber ASCII protocol)."""
 
 ACCELERATION_SCALE = 1.6384e-4
-"""Acceleration data is microsteps per second squared times this (manual)."""
+"""Acceleration data is microsteps per second squared times this (Zaber ASCII protocol)."""
 
 NO_FLAG = "--"
 
@@ -37,7 +38,7 @@ FLAGS = {
     "NC": "it is under manual control",
     "NI": "its movement was interrupted",
 }
-"""Warning flags and what they say of the device, most severe first (manual)."""
+"""Warning flags and what they say of the device, most severe first (Zaber ASCII protocol)."""
 
 UNHOMED = frozenset({"WH", "WR"})
 """Flags of a device that does not know where it is."""
@@ -48,7 +49,7 @@ REJECTIONS = {
     "DRIVERDISABLED": "its motor driver is off, see its lamps, then switch it off and on",
     "STATUSBUSY": "it is moving",
 }
-"""Reasons of a rejection, and what they mean (manual)."""
+"""Reasons of a rejection, and what they mean (Zaber ASCII protocol)."""
 
 _TAIL = re.compile(rb":([0-9A-Fa-f]{2})$")
 _LINE_END = re.compile(rb"[\r\n]+")

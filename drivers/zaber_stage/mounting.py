@@ -24,11 +24,11 @@ class ZaberStageSettings(Settings):
     port: str
     """Serial port, `/dev/serial/by-id/...` or a pty."""
     baud: int = Field(default=115200, ge=9600, le=921600)
-    """Line speed in bits per second (manual: factory default)."""
+    """Line speed in bits per second (assumption: the factory default)."""
     address: int = Field(default=1, ge=1, le=99)
-    """Device number on the line (manual: factory default)."""
+    """Device number on the line (assumption: the factory default)."""
     microstep_m: float = Field(default=codec.MICROSTEP_M, gt=0.0, le=1e-4)
-    """Metres per microstep (data sheet)."""
+    """Metres per microstep (`codec.MICROSTEP_M`)."""
     forward: Literal[1, -1] = 1
     """1 where the approach axis points away from the home end, -1 where it points towards it."""
     origin_m: float = Field(default=0.0, ge=0.0, le=3.0)

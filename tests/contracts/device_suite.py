@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,7 @@ class DeviceContract:
         bench.turn(0.4)
         blocks = bench.heard("board.load_cell")
         assert sum(len(block) for block in blocks) > 250
-        for before, after in zip(blocks, blocks[1:], strict=False):
+        for before, after in pairwise(blocks):
             assert after.seq == before.seq + len(before)
             assert after.t0_s > before.t0_s
         info = bench.infos["board"].streams["board.load_cell"]

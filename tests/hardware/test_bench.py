@@ -1,0 +1,26 @@
+"""The real bench, by invitation: TOUCHBENCH_PROFILE=hardware/transient .venv/bin/python -m pytest tests/hardware."""
+
+import os
+
+import pytest
+
+from config.assemble import Table, build_rig
+from config.profile import load_profile
+from controller.doctor import examine
+from controller.rig import TrialScene
+
+PROFILE = os.environ.get("TOUCHBENCH_PROFILE")
+
+pytestmark = [
+    pytest.mark.hardware,
+    pytest.mark.skipif(PROFILE is None, reason="set TOUCHBENCH_PROFILE to a profile of a real bench"),
+]
+
+
+def test_every_device_of_the_bench_answers_and_every_sensor_sends():
+    rig = build_rig(load_profile(PROFILE, {}, table=Table()))
+    try:
+        findings = list(examine(rig, TrialScene(0, 0, {})))
+    finally:
+        rig.close()
+    assert all(finding.sound for finding in findings), "\n".join(finding.line for finding in findings)
