@@ -7,7 +7,9 @@ BIN := .venv/bin
 .PHONY: run test check format bench lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
-	$(BIN)/python run.py run mock/transient
+	$(BIN)/python run.py run mock/transient --no-report
+	$(BIN)/python run.py run mock/transient_study --no-report
+	$(BIN)/python run.py report latest:mock/transient_study latest:mock/transient
 
 test: .venv/dev.stamp           ## the tests
 	$(BIN)/python -m pytest -n 2 --dist loadgroup

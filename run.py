@@ -103,6 +103,9 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
 )
 @out_option
 @click.option(
+    "--report/--no-report", "reported", default=True, help="Write the report as well.", show_default=True
+)
+@click.option(
     "--endpoints",
     type=click.Path(path_type=Path),
     help="Join the emulator whose line `run.py emulate` printed into this file.",
@@ -114,6 +117,7 @@ def run(
     csv: Path | None,
     numbers: Sequence[int],
     out: Path,
+    reported: bool,
     endpoints: Path | None,
 ) -> int:
     """Run the experiment of a PROFILE and write a run folder with its report.
@@ -142,7 +146,8 @@ def run(
         outcome = Campaign(plan, rig, _console(operator), out).run()
     (complain if outcome.exit_code else click.echo)(outcome.line)
     try:
-        _report([outcome.folder])
+        if reported:
+            _report([outcome.folder])
     except Exception as error:
         if not outcome.exit_code:
             raise
@@ -230,11 +235,13 @@ def replay(
 def report(runs: Sequence[str], out: Path) -> None:
     """Write the report of a RUN, or of several together, from the recordings alone.
 
-    RUN is a run folder, a part of its name, or `latest`. A run that was cut off is reported as far as it came.
+    RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`. The page goes into the last one's folder. A
+    run that was cut off is reported as far as it came.
 
     \b
     Example:
       run.py report latest
+      run.py report latest:mock/transient_study latest:mock/transient
     """
     from controller.recording.reader import open_run
 

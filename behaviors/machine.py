@@ -25,11 +25,14 @@ class StatePlan:
         detectors: Names of the detectors that it listens to. What no state listens to is not computed.
         measures: Streams (`device.stream`) that the trial wants recorded in it, heard by a detector or not.
         deadline_s: Longest stay; then the trigger `deadline` fires.
+        prompt: Whether a decision in it may not wait; where nothing moves and nothing is urgent, the loop may turn
+            more slowly.
     """
 
     deadline_s: float
     detectors: frozenset[str] = frozenset()
     measures: frozenset[str] = frozenset()
+    prompt: bool = True
 
 
 class Behavior:

@@ -134,7 +134,9 @@ class Static(Behavior):
                 states.SETTLING: StatePlan(settings.settle_s),
                 states.PLACING: StatePlan(motion),
                 states.RESTING: StatePlan(settings.rest_s),
-                states.RECORDING: StatePlan(settings.record_s, frozenset(), frozenset(settings.measures)),
+                states.RECORDING: StatePlan(
+                    settings.record_s, frozenset(), frozenset(settings.measures), prompt=False
+                ),
                 states.RETRACTING: StatePlan(motion),
             }
         )

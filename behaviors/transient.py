@@ -172,11 +172,11 @@ class Transient(Behavior):
                 states.HOMING: StatePlan(settings.home_timeout_s),
                 states.STARTING: StatePlan(motion),
                 states.SETTLING: StatePlan(settings.settle_s),
-                states.BASELINE: StatePlan(settings.baseline_timeout_s, detectors, measured),
+                states.BASELINE: StatePlan(settings.baseline_timeout_s, detectors, measured, prompt=False),
                 # The device ends the approach at its limit; the deadline is for one that does not say so.
                 states.APPROACH: StatePlan(travel_s + motion, detectors, measured),
                 states.STOPPING: StatePlan(motion, frozenset(), measured),
-                states.HOLDING: StatePlan(settings.hold_s, frozenset(), measured),
+                states.HOLDING: StatePlan(settings.hold_s, frozenset(), measured, prompt=False),
                 states.RETRACTING: StatePlan(motion),
             }
         )

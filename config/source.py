@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +21,9 @@ PROFILES = Path(__file__).resolve().parent / "profiles"
 Bench = Literal["mock", "emulated", "hardware"]
 Table = dict[str, Any]
 KeyPath = tuple[str, ...]
+
+ABSENT = "none"
+"""What a device is that a bench does not have, though one that it extends has it."""
 
 _VARIANTS = {("devices",): "driver", ("detectors",): "kind", (): "kind"}
 """Where a table's settings belong to a driver or kind that a key in it names: those tables start afresh when
@@ -110,7 +113,16 @@ def read_source(name_or_path: str | Path, overrides: Mapping[str, str] | None = 
     )
     for file, table in files.items():
         source = source.joined({key: table[key] for key in table if key != "extends"}, _shown(file))
-    return source.joined(_nested(overrides or {}), "--set")
+    return _without_absent(source.joined(_nested(overrides or {}), "--set"))
+
+
+def _without_absent(source: Source) -> Source:
+    """The source without the devices that are "none": a bench that another one extends leaves them out."""
+    devices = source.data.get("devices")
+    if not isinstance(devices, dict):
+        return source
+    kept = {name: table for name, table in devices.items() if table != ABSENT}
+    return replace(source, data={**source.data, "devices": kept})
 
 
 def bench_of(data: Mapping[str, Any]) -> Bench:

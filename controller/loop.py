@@ -44,10 +44,10 @@ class LoopSettings(Settings):
     """How often the loop turns."""
 
     rate_hz: float = Field(default=200.0, ge=1.0, le=2000.0)
-    """Turns a second while something moves or is heard."""
+    """Turns a second while something moves, or is heard in a state whose decisions may not wait."""
 
-    idle_rate_hz: float = Field(default=20.0, ge=1.0, le=2000.0)
-    """Turns a second on the wall clock otherwise; virtual time jumps to the next deadline instead."""
+    idle_rate_hz: float = Field(default=50.0, ge=1.0, le=2000.0)
+    """Turns a second otherwise. Where nobody listens at all, virtual time jumps to the next deadline instead."""
 
 
 class Witness(Protocol):
@@ -61,9 +61,6 @@ class Witness(Protocol):
 
     def event(self, event: Event, *, state: str, next_state: str, commands: Sequence[Command]) -> None:
         """Keep one event and what followed from it."""
-
-    def flush(self) -> None:
-        """Put what is kept where a crash does not reach it."""
 
 
 class Operator(Protocol):
@@ -161,7 +158,7 @@ class Loop:
         return self.account
 
     def halt(self) -> None:
-        """Stop every mover, see that it stands still, hear nothing more, flush. Each step runs whatever fails."""
+        """Stop every mover, see that it stands still, hear nothing more. Each step runs whatever fails."""
         for name in self._movers:
             with suppress(DeviceError):
                 self._rig.devices[name].apply(Stop(name))
@@ -181,23 +178,20 @@ class Loop:
             self._listen(frozenset())
         for stream, since_s in self._silent_since.items():
             self._witness.skip(stream, since_s, self._clock.now())
-        self._witness.flush()
 
     # time
 
     def _next(self, turn: int) -> int:
         """Number of the next turn; turn k is due at k / rate."""
         rate_hz = self._settings.rate_hz
-        if self._moving or self._heard:
+        if self._moving or (self._heard and self._behavior.plan.prompt):
             following = turn + 1
-        elif self._clock.virtual and self._paused_s is None:
-            following = (
-                math.ceil(self._behavior.wake_s * rate_hz - 1e-9)
-                if math.isfinite(self._behavior.wake_s)
-                else 0
-            )
+        elif self._heard or not self._clock.virtual or self._paused_s is not None:
+            stride = max(1, round(rate_hz / self._settings.idle_rate_hz))
+            following = (turn // stride + 1) * stride
         else:
-            following = turn + max(1, round(rate_hz / self._settings.idle_rate_hz))
+            wake_s = self._behavior.wake_s
+            following = math.ceil(wake_s * rate_hz - 1e-9) if math.isfinite(wake_s) else 0
         if not self._clock.virtual:
             # A turn that comes late is not made up for by a burst of turns.
             following = max(following, math.floor(self._clock.now() * rate_hz))

@@ -27,8 +27,10 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
     begun_s = evidence.entered_s.get("RECORDING")
     if begun_s is None:
         return outcome, row
+    # The guard hears the load cell while the probe retracts: that is no part of the sample.
+    ended_s = evidence.entered_s.get("RETRACTING", math.inf)
     accelerometer, load_cell, period = settings.measures
-    times_s, acceleration_m_s2 = evidence.series(accelerometer, begun_s)
+    times_s, acceleration_m_s2 = evidence.series(accelerometer, begun_s, ended_s)
     if len(times_s) > 1:
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
         frequency_hz = dominant_frequency(acceleration_m_s2, rate_hz)
@@ -38,10 +40,10 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
             amplitude_m_s2=amplitude_m_s2,
             amplitude_m=amplitude_m_s2 / (2.0 * math.pi * frequency_hz) ** 2,
         )
-    _, periods_s = evidence.series(period, begun_s)
+    _, periods_s = evidence.series(period, begun_s, ended_s)
     if len(periods_s) > 1:
         row["frequency_sd_hz"] = float(np.std(1.0 / periods_s, ddof=1))
-    _, force_n = evidence.series(load_cell, begun_s)
+    _, force_n = evidence.series(load_cell, begun_s, ended_s)
     if len(force_n):
         row.update(force_n=float(force_n.mean()), force_peak_n=float(force_n.max()))
     return outcome, row

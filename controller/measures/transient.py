@@ -79,8 +79,9 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
 def _tared(
     evidence: TrialEvidence, stream: str, begun_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Load cell since the approach began, less its mean over the baseline before."""
-    times_s, force_n = evidence.series(stream, evidence.entered_s.get("BASELINE", -math.inf))
+    """Load cell of approach, stop and hold, less its mean over the baseline before."""
+    baseline_s = evidence.entered_s.get("BASELINE", -math.inf)
+    times_s, force_n = evidence.series(stream, baseline_s, evidence.entered_s.get("RETRACTING", math.inf))
     before = times_s < begun_s
     zero_n = float(force_n[before].mean()) if before.any() else 0.0
     return times_s[~before], force_n[~before] - zero_n

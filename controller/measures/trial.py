@@ -32,11 +32,11 @@ class TrialEvidence:
     truth: Sequence[tuple[float, bool]] | None = None
 
     def series(
-        self, stream: str, since_s: float = -np.inf
+        self, stream: str, since_s: float = -np.inf, until_s: float = np.inf
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times (n,) in seconds and values (n,) of a stream's first channel, in its unit, from `since_s` on."""
+        """Times (n,) in seconds and values (n,) of a stream's first channel, in its unit, within a span."""
         series = self.recording.stream(stream)
-        wanted = series.times_s >= since_s
+        wanted = (series.times_s >= since_s) & (series.times_s <= until_s)
         return series.times_s[wanted], series.values[wanted, 0]
 
     def first(self, kind: type[Event], **wanted: object) -> Any:

@@ -87,7 +87,9 @@ class RunFolder:
 
     @classmethod
     def find(cls, text: str | Path, root: Path = Path("runs")) -> RunFolder:
-        """The run at a path, or the one under `root` whose name contains `text`; `latest` is the newest.
+        """The run at a path, or the one under `root` whose name contains `text`.
+
+        `latest` is the newest of all, `latest:mock/transient` the newest of that profile.
 
         Raises:
             RunFolderError: none, several, or no run.
@@ -100,7 +102,13 @@ class RunFolder:
             folder.read_manifest()
             return folder
         runs = sorted(manifest.parent for manifest in root.glob(f"*/{MANIFEST}"))
-        matches = runs[-1:] if str(text) == "latest" else [run for run in runs if str(text) in run.name]
+        word, _, profile = str(text).partition(":")
+        if word == "latest":
+            matches = [
+                run for run in runs if not profile or _profile_of(run.name) == profile.replace("/", "-")
+            ][-1:]
+        else:
+            matches = [run for run in runs if str(text) in run.name]
         if len(matches) == 1:
             return cls.find(matches[0])
         if matches:
@@ -161,3 +169,8 @@ def _plain(value: object) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | bool | int) else str(value)
+
+
+def _profile_of(name: str) -> str:
+    """The profile's part of a run folder's name."""
+    return name.partition("_")[2].rpartition("_")[0]

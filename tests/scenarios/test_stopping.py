@@ -17,7 +17,7 @@ def when(run_profile, state, **settings):
 
 
 def stands_still(bench):
-    axis = bench.stage._bench.axis
+    axis = bench.stage.axis
     return not axis.moving(bench.rig.clock.now())
 
 
@@ -108,7 +108,7 @@ def test_an_exception_anywhere_stops_flushes_and_keeps_the_row(run_profile, tmp_
     assert bench.outcome.exit_code == (EXIT_FAILED if bug else EXIT_DEVICE)
     assert bench.outcome.error is (error if bug else None)
     assert bench.run.manifest["exit"]["reason"] == bench.outcome.line
-    axis = rigs[0].devices["stage"]._bench.axis
+    axis = rigs[0].devices["stage"].axis
     assert not axis.moving(rigs[0].clock.now())
     ledgers = [(folder / "trials.csv").read_text() for folder in (tmp_path / "runs").iterdir()]
     assert sum(",fault," in ledger for ledger in ledgers) == 1
