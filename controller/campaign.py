@@ -244,9 +244,13 @@ class Campaign:
             evidence.events, evidence.entered_s = loop.events, loop.entered_s
             if self._rig.truth is not None:
                 evidence.truth = self._rig.truth()
-            outcome, row = trial.measure(evidence, verdict or trial.behavior.outcome)
             self._account(loop)
-            recorder.end_trial(outcome, row)
+            outcome: str = verdict or trial.behavior.outcome
+            row: dict[str, Any] = {}
+            try:
+                outcome, row = trial.measure(evidence, outcome)
+            finally:
+                recorder.end_trial(outcome, row)
         return outcome, trial.behavior.reason, row, self._rig.clock.now()
 
     # the manifest

@@ -17,6 +17,7 @@ SPEED_TOLERANCE = 0.005
 """How near a trial's speed must be to a row's to belong to it, relative: half of Table I's last digit but one."""
 
 NOISE, SAMPLE_HZ = "plant.noise_scale", "detectors.contact.sample_hz"
+BASELINE_S = "detectors.contact.baseline_s"
 """Factors of the study of what the paper does not print."""
 
 
@@ -44,6 +45,7 @@ class Approach:
     threshold_hz: float | None
     noise_scale: float | None
     sample_hz: float | None
+    baseline_s: float | None
 
     @property
     def detected(self) -> bool:
@@ -53,7 +55,7 @@ class Approach:
     @property
     def plain(self) -> bool:
         """Whether nothing but speed and location was varied."""
-        return self.noise_scale is None and self.sample_hz is None
+        return self.noise_scale is None and self.sample_hz is None and self.baseline_s is None
 
 
 def read_approaches(runs: Iterable[Run]) -> list[Approach]:
@@ -65,6 +67,7 @@ def read_approaches(runs: Iterable[Run]) -> list[Approach]:
             values: dict[str, object] = {name: row[name] for name in names}
             values["false_contacts"] = int(row.get("false_contacts") or 0)
             values |= {"noise_scale": row.get(NOISE), "sample_hz": row.get(SAMPLE_HZ), "run": run}
+            values["baseline_s"] = row.get(BASELINE_S)
             values.setdefault("location", "f")
             missing = dict.fromkeys(set(Approach.__dataclass_fields__) - set(values))
             approaches.append(Approach(**values, **missing))  # type: ignore[arg-type]  # cells are typed by column
@@ -237,26 +240,27 @@ def _trend(
 
 @dataclass(frozen=True, slots=True)
 class StudyCell:
-    """The trials of one noise scale and one rate of frequency samples."""
+    """The trials of one noise scale, one rate of frequency samples and one length of the baseline."""
 
     noise_scale: float
     sample_hz: float
+    baseline_s: float
     delay_s: Mean
     false_contacts: int
     n: int
 
 
 def study_cells(approaches: Sequence[Approach]) -> list[StudyCell]:
-    """Delay and false contacts by noise and rate, sorted; empty where no run varied them."""
+    """Delay and false contacts by baseline, noise and rate, sorted; empty where no run varied them."""
     varied = [approach for approach in approaches if not approach.plain]
 
-    def key(approach: Approach) -> tuple[float, float]:
-        return approach.noise_scale or 1.0, approach.sample_hz or math.nan
+    def key(approach: Approach) -> tuple[float, float, float]:
+        return approach.baseline_s or 1.0, approach.noise_scale or 1.0, approach.sample_hz or math.nan
 
     cells = []
-    for (noise_scale, sample_hz), group in groupby(sorted(varied, key=key), key=key):
+    for (baseline_s, noise_scale, sample_hz), group in groupby(sorted(varied, key=key), key=key):
         members = list(group)
         delay = mean_of(member.delay_s for member in members if member.detected)
         false = sum(member.false_contacts for member in members)
-        cells.append(StudyCell(noise_scale, sample_hz, delay, false, len(members)))
+        cells.append(StudyCell(noise_scale, sample_hz, baseline_s, delay, false, len(members)))
     return cells

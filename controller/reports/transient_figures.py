@@ -240,6 +240,8 @@ def _name_places(axes: Axes, papers: Sequence[PaperRow], along: Callable[[PaperR
 
 def draw_study(figures: Figures, cells: Sequence[StudyCell]) -> str:
     """Delay and false contacts against noise, one line for each rate of frequency samples."""
+    shortest_s = min(cell.baseline_s for cell in cells)
+    cells = [cell for cell in cells if cell.baseline_s == shortest_s]
     rates = sorted({cell.sample_hz for cell in cells})
     colours = dict(zip(rates, (OURS, FALSE, GOOD, PAPER, INK), strict=False))
     with figures.figure(2.7, columns=2) as drawing:

@@ -98,7 +98,7 @@ def test_an_approach_that_meets_nothing_says_so(run_profile):
     bench = run_profile(trials=(1,), plant__surface_m="0.05", detectors__contact__threshold_sigma="50.0")
     row = row_of(bench)
     assert row["outcome"] == "no_contact"
-    assert bench.stage._bench.axis.target_m == 0.0
+    assert bench.stage.axis.target_m == 0.0
 
 
 def test_a_recording_holds_what_the_row_was_measured_from(run_profile):

@@ -38,7 +38,9 @@ class _Modes:
         self.fastest = float(max(abs(mp.im(value)) for value in self.values))
         self.stiffest = float(max(abs(value) for value in self.values))
 
-    def start(self, x: Sequence[mpf], p0: list[mpf], p1: list[mpf], p2: list[mpf]) -> Callable[[mpf], list[mpf]]:
+    def start(
+        self, x: Sequence[mpf], p0: list[mpf], p1: list[mpf], p2: list[mpf]
+    ) -> Callable[[mpf], list[mpf]]:
         """The solution from `x` at time 0 on."""
         q2 = -(self.inverse * mp.matrix(p2))
         q1 = self.inverse * (2 * q2 - mp.matrix(p1))
@@ -49,7 +51,9 @@ class _Modes:
         def at(t: mpf) -> list[mpf]:
             powers = [amplitudes[j] * mp.exp(self.values[j] * t) for j in range(size)]
             return [
-                mp.re(mp.fsum(self.right[i, j] * powers[j] for j in range(size))) + q0[i] + t * (q1[i] + t * q2[i])
+                mp.re(mp.fsum(self.right[i, j] * powers[j] for j in range(size)))
+                + q0[i]
+                + t * (q1[i] + t * q2[i])
                 for i in range(size)
             ]
 
@@ -82,21 +86,42 @@ def modal(
         excited: Whether the drive is on.
     """
     with mp.workdps(digits):
-        return _modal(s, pieces, gap_m, until_s, samples_s, location, start_s, excited)
+        reference = _Reference(s, pieces, gap_m, location, start_s, excited)
+        wanted, thetas, switches = [mpf(t) for t in samples_s], [], []
+        while reference.now < until_s:
+            at, guards, limit = reference.piece(mpf(until_s))
+            elapsed, name = _first(at, guards, limit, reference.modes[reference.mode == "touching"])
+            inside = [t for t in wanted if t <= reference.now + elapsed]
+            thetas += [float(at(t - reference.now)[TH]) for t in inside]
+            wanted = wanted[len(inside) :]
+            reference.go(at, elapsed)
+            switch = reference.switched(name)
+            if switch:
+                switches.append((float(reference.now), switch))
+        return switches, thetas
 
 
-def _modal(s, pieces, gap_m, until_s, samples_s, location, start_s, excited):  # type: ignore[no-untyped-def]
-    arm, k2 = (mpf(number) for number in arm_and_stiffness(s, location))
-    c2, inertia, base_inertia = mpf(s.contact_n_s_m), mpf(s.inertia_kg_m2), mpf(s.base_inertia_kg_m2)
-    fa, fh = 2 * mp.pi * mpf(s.accelerometer_hz), 2 * mp.pi * mpf(s.high_pass_hz)
-    fr, quality, lever = 2 * mp.pi * mpf(s.loop_hz), mpf(s.high_pass_quality), mpf(s.accelerometer_arm_m)
-    f0, f1, level = mpf(s.oscillator_lowest_hz), mpf(s.oscillator_range_hz), mpf(s.hysteresis_m_s2)
+class _Reference:
+    """The finger in many digits: where it stands, and what the piece under way is."""
 
-    def matrix(touching: bool) -> list[list[mpf]]:
+    def __init__(self, s, pieces, gap_m, location, start_s, excited):  # type: ignore[no-untyped-def]
+        self.s, self.excited, self.gap = s, excited, mpf(gap_m)
+        self.arm, self.k2 = (mpf(number) for number in arm_and_stiffness(s, location))
+        self.c2 = mpf(s.contact_n_s_m)
+        self.fr = 2 * mp.pi * mpf(s.loop_hz)
+        self.pieces = [tuple(mpf(number) for number in piece) for piece in pieces]
+        self.modes = {touching: _Modes(self._matrix(touching)) for touching in (False, True)}
+        self.x = [mpf(0)] * 7 + [mpf(1) / 2]
+        self.phase, self.now = mpf(0), mpf(start_s)
+        self.mode, self.comparator, self.drive = "free", 0, 0
+
+    def _matrix(self, touching: bool) -> list[list[mpf]]:
+        s = self.s
+        inertia, base_inertia = mpf(s.inertia_kg_m2), mpf(s.base_inertia_kg_m2)
+        fa, fh = 2 * mp.pi * mpf(s.accelerometer_hz), 2 * mp.pi * mpf(s.high_pass_hz)
         m = [[mpf(0)] * 8 for _ in range(8)]
         m[TH][OM] = m[B][BE] = mpf(1)
-        for state, size in ((TH, mpf(s.joint_n_m_rad)), (OM, mpf(s.joint_n_m_s_rad))):
-            other = B if state == TH else BE
+        for state, other, size in ((TH, B, mpf(s.joint_n_m_rad)), (OM, BE, mpf(s.joint_n_m_s_rad))):
             m[OM][state] -= size / inertia
             m[OM][other] += size / inertia
             m[BE][state] += size / base_inertia
@@ -104,55 +129,48 @@ def _modal(s, pieces, gap_m, until_s, samples_s, location, start_s, excited):  #
         m[BE][B] -= mpf(s.base_n_m_rad) / base_inertia
         m[BE][BE] -= mpf(s.base_n_m_s_rad) / base_inertia
         if touching:
-            m[OM][TH] -= k2 * arm**2 / inertia
-            m[OM][OM] -= c2 * arm**2 / inertia
+            m[OM][TH] -= self.k2 * self.arm**2 / inertia
+            m[OM][OM] -= self.c2 * self.arm**2 / inertia
         for j in range(4):
-            m[A][j] = -fa * lever * m[BE][j]
+            m[A][j] = -fa * mpf(s.accelerometer_arm_m) * m[BE][j]
         m[A][A] = -fa
-        m[G1][A], m[G1][G1], m[G1][G2] = fh, -fh / quality, -fh
+        m[G1][A], m[G1][G1], m[G1][G2] = fh, -fh / mpf(s.high_pass_quality), -fh
         m[G2][G1] = fh
-        m[V][V] = -fr
+        m[V][V] = -self.fr
         return m
 
-    modes = {touching: _Modes(matrix(touching)) for touching in (False, True)}
-    x = [mpf(0)] * 8
-    x[V] = mpf(1) / 2
-    phase, now, end = mpf(0), mpf(start_s), mpf(until_s)
-    mode, comparator, drive = "free", 0, 0
-    corners = [mpf(piece[0]) for piece in pieces]
-    wanted = [mpf(t) for t in samples_s]
-    thetas: list[float] = []
-    switches: list[Switch] = []
-    while now < end:
-        present = max(i for i, corner in enumerate(corners) if corner <= now)
-        since = now - corners[present]
-        _, p, v, a = (mpf(number) for number in pieces[present])
+    def piece(self, end: mpf):  # type: ignore[no-untyped-def]
+        """The solution from now on, what can end it, and how long it lasts at most."""
+        s, mode = self.s, self.mode
+        present = max(i for i, piece in enumerate(self.pieces) if piece[0] <= self.now)
+        corner, p, v, a = self.pieces[present]
+        since = self.now - corner
         position, velocity = p + v * since + a * since**2 / 2, v + a * since
-        touching = mode == "touching"
-        torque = (mpf(s.drive_n_m) if drive else -mpf(s.drive_n_m)) if excited else mpf(0)
+        inertia, detected = mpf(s.inertia_kg_m2), mpf(self.comparator ^ self.drive)
         p0, p1, p2 = ([mpf(0)] * 8 for _ in range(3))
-        p0[OM] = torque / inertia
-        if touching:
-            p0[OM] += arm * (k2 * (position - mpf(gap_m)) + c2 * velocity) / inertia
-            p1[OM] = arm * (k2 * velocity + c2 * a) / inertia
-            p2[OM] = arm * k2 * a / 2 / inertia
-        detected = mpf(comparator ^ drive)
-        p0[V] = fr * detected
-        at = modes[touching].start(x, p0, p1, p2)
-        control = x[V] - detected
+        if self.excited:
+            p0[OM] = (mpf(s.drive_n_m) if self.drive else -mpf(s.drive_n_m)) / inertia
+        if mode == "touching":
+            p0[OM] += self.arm * (self.k2 * (position - self.gap) + self.c2 * velocity) / inertia
+            p1[OM] = self.arm * (self.k2 * velocity + self.c2 * a) / inertia
+            p2[OM] = self.arm * self.k2 * a / 2 / inertia
+        p0[V] = self.fr * detected
+        phase, control, comparator = self.phase, self.x[V] - detected, self.comparator
+        f0, f1 = mpf(s.oscillator_lowest_hz), mpf(s.oscillator_range_hz)
 
         def depth(t, y):  # type: ignore[no-untyped-def]
-            return position + velocity * t + a * t * t / 2 - mpf(gap_m) - arm * y[TH]  # noqa: B023
+            return position + velocity * t + a * t * t / 2 - self.gap - self.arm * y[TH]
 
         def push(t, y):  # type: ignore[no-untyped-def]
-            return k2 * depth(t, y) + c2 * (velocity + a * t - arm * y[OM])  # noqa: B023
+            return self.k2 * depth(t, y) + self.c2 * (velocity + a * t - self.arm * y[OM])
 
         def turned(t, y):  # type: ignore[no-untyped-def]
-            return phase + (f0 + f1 * detected) * t + f1 * control * (1 - mp.exp(-fr * t)) / fr - mpf(1) / 2  # noqa: B023
+            charged = control * (1 - mp.exp(-self.fr * t)) / self.fr
+            return phase + (f0 + f1 * detected) * t + f1 * charged - mpf(1) / 2
 
         def compared(t, y):  # type: ignore[no-untyped-def]
-            output = y[A] - y[G1] / quality - y[G2]
-            return (-output if comparator else output) - level  # noqa: B023
+            output = y[A] - y[G1] / mpf(s.high_pass_quality) - y[G2]
+            return (-output if comparator else output) - mpf(s.hysteresis_m_s2)
 
         guards = {"compared": compared, "turned": turned}
         if mode == "free":
@@ -162,37 +180,40 @@ def _modal(s, pieces, gap_m, until_s, samples_s, location, start_s, excited):  #
         else:
             guards["apart"] = lambda t, y: -depth(t, y)
             guards["made"] = push
-        limit = min([end, *(corner for corner in corners if corner > now)]) - now
-        elapsed, name = _first(at, guards, limit, modes[touching])
-        later = [t for t in wanted if t <= now + elapsed]
-        thetas += [float(at(t - now)[TH]) for t in later]
-        wanted = wanted[len(later) :]
-        x_new = at(elapsed)
-        phase = turned(elapsed, x_new) + mpf(1) / 2
-        x, now = x_new, now + elapsed
+        self._turned = turned
+        limit = min([end, *(piece[0] for piece in self.pieces if piece[0] > self.now)]) - self.now
+        return self.modes[mode == "touching"].start(self.x, p0, p1, p2), guards, limit
+
+    def go(self, at, elapsed: mpf) -> None:  # type: ignore[no-untyped-def]
+        """On to the end of the piece."""
+        self.x = at(elapsed)
+        self.phase = self._turned(elapsed, self.x) + mpf(1) / 2
+        self.now += elapsed
+
+    def switched(self, name: str) -> str:
+        """Do what the end of a piece asks for; its name as a switch, or nothing."""
         if name == "compared":
-            comparator ^= 1
-            switches.append((now, "comparator_up" if comparator else "comparator_down"))
-        elif name == "turned":
-            drive ^= 1
-            phase = mpf(0)
-            switches.append((now, "drive_up" if drive else "drive_down"))
-        elif name == "made":
-            mode = "touching"
-            switches.append((now, "made"))
+            self.comparator ^= 1
+            return "comparator_up" if self.comparator else "comparator_down"
+        if name == "turned":
+            self.drive ^= 1
+            self.phase = mpf(0)
+            return "drive_up" if self.drive else "drive_down"
+        if name == "made":
+            self.mode = "touching"
         elif name == "lost":
-            mode = "clipped" if c2 > 0 else "free"
-            switches.append((now, "lost"))
+            self.mode = "clipped" if self.c2 > 0 else "free"
         elif name == "apart":
-            mode = "free"
-    return [(float(t), kind) for t, kind in switches], thetas
+            self.mode = "free"
+        return name if name in ("made", "lost") else ""
 
 
 def _first(at, guards, limit, modes):  # type: ignore[no-untyped-def]
     """Scan for the first guard that rises through zero: steps that grow from the fastest time scale, then bisection."""
     tiny = mpf(10) ** -20
     fine = mpf("0.15") / modes.fastest if modes.fastest else limit
-    step = min(mpf("0.05") / modes.stiffest, fine)
+    # flights after a bounce can be very short, and begin at the level itself
+    step = min(mpf("0.05") / modes.stiffest, mpf("1e-8"))
     coarse = min(fine, mpf("1e-3"))
     t = mpf(0)
     before = {name: guard(t, at(t)) for name, guard in guards.items()}
@@ -232,7 +253,12 @@ def _bisect(at, guard, low, high):  # type: ignore[no-untyped-def]
 
 @njit
 def _naive_steps(
-    q: NDArray[np.float64], plan: NDArray[np.float64], steps: int, dt: float, every: int, theta_out: NDArray[np.float64]
+    q: NDArray[np.float64],
+    plan: NDArray[np.float64],
+    steps: int,
+    dt: float,
+    every: int,
+    theta_out: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     inertia, joint, c1, base_inertia, kb, cb, drive, arm, gap, k2, c2 = q[:11]
     fa, lever, fh, quality, level, fr, f0, f1 = q[11:19]

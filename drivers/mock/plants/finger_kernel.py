@@ -44,7 +44,7 @@ from drivers.mock.plants.finger_scene import (
     Moment,
     Motion,
 )
-from drivers.mock.plants.piecewise import DEGREE, SPAN, degree_for, parts_for, rising
+from drivers.mock.plants.piecewise import DEGREE, SPAN, degree_for, parts_for, rising, value_slope
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -56,14 +56,14 @@ DEPTH, SPEED, PUSH, COMPARED, TURNED = range(GUARDS)
 STREAM_ACCELEROMETER, STREAM_WANDER, STREAM_LOAD_CELL = range(3)
 """Streams of the noise."""
 
-DONE, SWITCHES_FULL, RECORDS_FULL, STUCK, NOT_FINITE = range(5)
+ACCELEROMETER, FORCE, ALL_SWITCHES = 1, 2, 4
+"""Bits of what a run is wanted to write down."""
+
+DONE, SWITCHES_FULL, RECORDS_FULL, ENDLESS, NOT_FINITE = range(5)
 """Why `run` came back."""
 
 _FAR = 10.0
 """An oscillator's edge more than this many pieces away is not looked at."""
-
-PATIENCE = 1000
-"""Pieces of no length in a row after which a run gives up: contact at its worst gives fewer than ten."""
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -80,11 +80,13 @@ def _wander(finger: Finger, moment: Moment, step: int) -> float:
         moment.wander_step[0] += 1
         innovation = normal(finger.seed, finger.trial, STREAM_WANDER, moment.wander_step[0])
         moment.wander[0] = keep * moment.wander[0] + innovation
-    return finger.wander * math.sqrt(1.0 - keep * keep) * moment.wander[0]
+    return finger.wander * math.sqrt(1.0 - keep * keep) * float(moment.wander[0])
 
 
 @njit(cache=True, fastmath={"contract"})
-def probe_at(motion: Motion, piece: int, whole: int, fraction: float, rest: float) -> tuple[float, float, float]:
+def probe_at(
+    motion: Motion, piece: int, whole: int, fraction: float, rest: float
+) -> tuple[float, float, float]:
     """Position, velocity and acceleration of the probe."""
     elapsed = (whole - motion.whole[piece]) + (fraction - motion.fraction[piece]) + rest
     acceleration = motion.acceleration[piece]
@@ -182,35 +184,108 @@ def _expand(
 
 @njit(cache=True, fastmath={"contract"})
 def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
-    """The state at `u`, written to `x`."""
-    for i in range(STATES):
-        x[i] = series[degree, i]
-    for k in range(degree - 1, -1, -1):
-        for i in range(STATES):
-            x[i] = x[i] * u + series[k, i]
+    """The state at `u`, written to `x`. One name for each state: a loop over them would pass through memory."""
+    theta = omega = b = beta = a = g1 = g2 = v = phi = 0.0
+    for k in range(degree, -1, -1):
+        theta = theta * u + series[k, THETA]
+        omega = omega * u + series[k, OMEGA]
+        b = b * u + series[k, BASE]
+        beta = beta * u + series[k, BASE_RATE]
+        a = a * u + series[k, FILTERED]
+        g1 = g1 * u + series[k, HIGH_1]
+        g2 = g2 * u + series[k, HIGH_2]
+        v = v * u + series[k, CONTROL]
+        phi = phi * u + series[k, PHASE]
+    x[THETA] = theta
+    x[OMEGA] = omega
+    x[BASE] = b
+    x[BASE_RATE] = beta
+    x[FILTERED] = a
+    x[HIGH_1] = g1
+    x[HIGH_2] = g2
+    x[CONTROL] = v
+    x[PHASE] = phi
+
+
+# The helpers of `run` are handed arrays and numbers, not the tuples that hold them: a tuple is passed field by field,
+# and that costs more than the work.
+
+
+@njit(cache=True)
+def _to_corner(
+    starts: Ints, fractions: Floats, flags: Ints, whole: int, fraction: float, rest: float
+) -> float:
+    """Seconds to the next corner of the probe's plan, or infinity; corners that have passed are left behind."""
+    while flags[PIECE] + 1 < starts.size:
+        following = flags[PIECE] + 1
+        ahead = (starts[following] - whole) + (fractions[following] - fraction) - rest
+        if ahead > 0.0:
+            return float(ahead)
+        flags[PIECE] = following
+    return math.inf
 
 
 @njit(cache=True, fastmath={"contract"})
-def _next_mode(finger: Finger, mode: int, guards: Floats, degree: int, parts: int) -> tuple[float, int]:
+def _next_mode(mode: int, damped: bool, guards: Floats, degree: int, parts: int) -> tuple[float, int]:
     """When the present mode ends, as a fraction of the piece, and the mode that follows."""
     if mode == FREE:
         return rising(guards[DEPTH], degree, parts, 1.0, 0.0), TOUCHING
     if mode == TOUCHING:
         # without a damper the force ends where the overlap does
-        return rising(guards[PUSH], degree, parts, -1.0, 0.0), (CLIPPED if finger.contact_damping > 0.0 else FREE)
+        return rising(guards[PUSH], degree, parts, -1.0, 0.0), (CLIPPED if damped else FREE)
     apart = rising(guards[DEPTH], degree, parts, -1.0, 0.0)
     pressed = rising(guards[PUSH], degree, parts, 1.0, 0.0)
     return (apart, FREE) if apart <= pressed else (pressed, TOUCHING)
 
 
+@njit(cache=True, fastmath={"contract"})
+def _first_end(
+    flags: Ints, damped: bool, hysteresis: float, guards: Floats, degree: int, parts: int
+) -> tuple[float, int, int]:
+    """What ends the piece: when, as a fraction of its length; which flag changes, `PIECE` for none; the next mode."""
+    end, next_mode = _next_mode(flags[MODE], damped, guards, degree, parts)
+    cause = MODE
+    compared = rising(guards[COMPARED], degree, parts, -1.0 if flags[COMPARATOR] else 1.0, hysteresis)
+    if compared < end:
+        end, cause = compared, COMPARATOR
+    turned = rising(guards[TURNED], degree, 1, 1.0, 0.5)
+    if turned < end:
+        end, cause = turned, OSCILLATOR
+    return (end, cause, next_mode) if end <= 1.0 else (1.0, PIECE, next_mode)
+
+
 @njit(cache=True)
-def _add(fraction: Floats, step: float) -> None:
-    """Add to a double-double: its rounding does not grow with the number of pieces."""
-    total = fraction[0] + step
-    shift = total - fraction[0]
-    rest = fraction[1] + ((fraction[0] - (total - shift)) + (step - shift))
-    fraction[0] = total + rest
-    fraction[1] = rest - (fraction[0] - total)
+def _go_on(whole: Ints, fraction: Floats, seconds: float, grid: float) -> None:
+    """Put the clock forward, in double-double, or to an instant of the noise's grid: rounding does not pile up."""
+    if grid >= 0.0:
+        fraction[0], fraction[1] = grid, 0.0
+    else:
+        total = fraction[0] + seconds
+        shift = total - fraction[0]
+        rest = fraction[1] + ((fraction[0] - (total - shift)) + (seconds - shift))
+        fraction[0] = total + rest
+        fraction[1] = rest - (fraction[0] - total)
+    if fraction[0] >= 1.0:
+        whole[0] += 1
+        fraction[0] -= 1.0
+
+
+@njit(cache=True)
+def _change(x: Floats, flags: Ints, cause: int, next_mode: int) -> int:
+    """Do what the end of a piece asks for; the switch that this was, or -1."""
+    if cause == MODE:
+        mode, flags[MODE] = flags[MODE], next_mode
+        if next_mode == TOUCHING:
+            return MADE
+        return LOST if mode == TOUCHING else -1
+    if cause == COMPARATOR:
+        flags[COMPARATOR] ^= 1
+        return COMPARATOR_UP if flags[COMPARATOR] else COMPARATOR_DOWN
+    if cause == OSCILLATOR:
+        flags[OSCILLATOR] ^= 1
+        x[PHASE] = 0.0
+        return DRIVE_UP if flags[OSCILLATOR] else DRIVE_DOWN
+    return -1
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -221,7 +296,8 @@ def run(
     until_whole: int,
     until_fraction: float,
     settle: bool,
-    channel: int,
+    wanted: int,
+    most: int,
     books: Books,
 ) -> int:
     """Advance to an instant.
@@ -234,7 +310,9 @@ def run(
         moment: Changed.
         until_whole, until_fraction: The instant, seconds.
         settle: Move the state to the instant itself, for something is about to change there.
-        channel: Sum of 1 to record the accelerometer and 2 to record the force.
+        wanted: Sum of `ACCELEROMETER` and `FORCE`, to record them, and `ALL_SWITCHES`, to write down more than contacts
+            and rising edges of the drive.
+        most: Pieces after which it gives up.
         books: Written.
 
     Returns:
@@ -244,31 +322,23 @@ def run(
     series = np.empty((DEGREE + 1, STATES))
     guards = np.empty((GUARDS, DEGREE + 1))
     noisy = finger.noise > 0.0 or finger.wander > 0.0
+    recording = wanted & (ACCELEROMETER | FORCE)
     noise, joint = 0.0, finger.joint
-    idle = 0
-    while True:
+    for _ in range(most):
         whole, fraction, rest = moment.whole[0], moment.fraction[0], moment.fraction[1]
         if books.filled[0] >= books.switch.size:
             return SWITCHES_FULL
-        if channel and books.filled[1] >= books.record_whole.size:
+        if recording and books.filled[1] >= books.record_whole.size:
             return RECORDS_FULL
-        # the longest the piece can be
-        mode = flags[MODE]
-        radius = finger.touching_radius if mode == TOUCHING else finger.free_radius
-        frequency = finger.touching_frequency if mode == TOUCHING else finger.free_frequency
-        length = SPAN / radius
-        while flags[PIECE] + 1 < motion.whole.size:
-            following = flags[PIECE] + 1
-            ahead = (motion.whole[following] - whole) + (motion.fraction[following] - fraction) - rest
-            if ahead > 0.0:
-                length = min(length, ahead)
-                break
-            flags[PIECE] = following
-        # parts of equal length up to the oscillator's next edge: no series is longer than it need be
+        touching = flags[MODE] == TOUCHING
+        radius = finger.touching_radius if touching else finger.free_radius
+        frequency = finger.touching_frequency if touching else finger.free_frequency
+        length = min(SPAN / radius, _to_corner(motion.whole, motion.fraction, flags, whole, fraction, rest))
+        # equal parts up to the oscillator's next edge: no series is longer than it need be
         turn = 1.02 * (0.5 - x[PHASE]) / (finger.lowest_hz + finger.range_hz * x[CONTROL])
-        length = turn / math.ceil(turn / length) if 0.0 < turn < _FAR * length else length
-        on_grid = False
-        tick = 0
+        if 0.0 < turn < _FAR * length:
+            length = turn / math.ceil(turn / length)
+        grid = -1.0
         if noisy:
             tick = int(fraction * NOISE_HZ)
             index = whole * NOISE_HZ + tick
@@ -276,82 +346,41 @@ def run(
             joint = finger.joint * (1.0 + _wander(finger, moment, index // WANDER_EVERY))
             ahead = (tick + 1) / NOISE_HZ - fraction - rest
             if ahead <= length:
-                length, on_grid = ahead, True
-        degree = degree_for(length * radius)
-        parts = parts_for(length * frequency)
+                length, grid = ahead, (tick + 1) / NOISE_HZ
+        degree, parts = degree_for(length * radius), parts_for(length * frequency)
         probe = probe_at(motion, flags[PIECE], whole, fraction, rest)
         _expand(finger, joint, noise, probe, flags, length, degree, x, series, guards)
-        if channel:
-            record = books.filled[1]
-            books.record_whole[record] = whole
-            books.record_fraction[record] = fraction
-            books.record_length[record] = length
-            books.record_degree[record] = degree
-            if channel & 1:
-                books.record_terms[record, 0, : degree + 1] = series[: degree + 1, FILTERED]
-            if channel & 2:
-                if mode == TOUCHING:
-                    books.record_terms[record, 1, : degree + 1] = guards[PUSH, : degree + 1]
-                else:
-                    books.record_terms[record, 1, : degree + 1] = 0.0
-        # what ends it
-        end, next_mode = _next_mode(finger, mode, guards, degree, parts)
-        cause = MODE
-        sign = -1.0 if flags[COMPARATOR] else 1.0
-        switch = rising(guards[COMPARED], degree, parts, sign, finger.hysteresis)
-        if switch < end:
-            end, cause = switch, COMPARATOR
-        switch = rising(guards[TURNED], degree, 1, 1.0, 0.5)
-        if switch < end:
-            end, cause = switch, OSCILLATOR
-        if end > 1.0:
-            end, cause = 1.0, PIECE
+        damped = finger.contact_damping > 0.0
+        end, cause, next_mode = _first_end(flags, damped, finger.hysteresis, guards, degree, parts)
         elapsed = end * length
         remaining = (until_whole - whole) + (until_fraction - fraction) - rest
+        if recording and (elapsed > 0.0 or elapsed > remaining):
+            record = books.filled[1]
+            books.record_whole[record], books.record_fraction[record] = whole, fraction
+            books.record_length[record], books.record_degree[record] = length, degree
+            for k in range(degree + 1):
+                if wanted & ACCELEROMETER:
+                    books.record_terms[record, 0, k] = series[k, FILTERED]
+                if wanted & FORCE:
+                    books.record_terms[record, 1, k] = guards[PUSH, k] if touching else 0.0
+            books.filled[1] += 1
         if elapsed > remaining:
-            if channel:
-                books.filled[1] += 1
             if settle:
                 _state(series, degree, remaining / length, x)
                 moment.whole[0] = until_whole
                 moment.fraction[0], moment.fraction[1] = until_fraction, 0.0
             return DONE
-        if channel and elapsed > 0.0:
-            books.filled[1] += 1
-        # on to its end
         _state(series, degree, end, x)
         if not math.isfinite(x[THETA] + x[BASE] + x[FILTERED] + x[PHASE]):
             return NOT_FINITE
-        if cause == PIECE and on_grid:
-            # the grid's instants are exact in binary: no drift of rounding
-            moment.fraction[0], moment.fraction[1] = (tick + 1) / NOISE_HZ, 0.0
-        else:
-            _add(moment.fraction, elapsed)
-        if moment.fraction[0] >= 1.0:
-            moment.whole[0] += 1
-            moment.fraction[0] -= 1.0
-        switch_made = -1
-        if cause == MODE:
-            flags[MODE] = next_mode
-            if next_mode == TOUCHING:
-                switch_made = MADE
-            elif mode == TOUCHING:
-                switch_made = LOST
-        elif cause == COMPARATOR:
-            flags[COMPARATOR] ^= 1
-            switch_made = COMPARATOR_UP if flags[COMPARATOR] else COMPARATOR_DOWN
-        elif cause == OSCILLATOR:
-            flags[OSCILLATOR] ^= 1
-            x[PHASE] = 0.0
-            switch_made = DRIVE_UP if flags[OSCILLATOR] else DRIVE_DOWN
-        if switch_made >= 0:
+        _go_on(moment.whole, moment.fraction, elapsed, grid if cause == PIECE else -1.0)
+        switch = _change(x, flags, cause, next_mode)
+        if switch >= 0 and (switch <= LOST or switch == DRIVE_UP or wanted & ALL_SWITCHES):
             place = books.filled[0]
             books.switch_whole[place], books.switch_fraction[place] = moment.whole[0], moment.fraction[0]
-            books.switch[place] = switch_made
+            books.switch[place] = switch
             books.filled[0] += 1
-        idle = idle + 1 if elapsed < 1e-15 else 0
-        if idle > PATIENCE:
-            return STUCK
+    return ENDLESS
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -366,17 +395,18 @@ def read(books: Books, which: int, times: Floats, out: Floats) -> None:
     """
     record, count = 0, books.filled[1]
     for i in range(times.size):
-        whole = math.floor(times[i])
-        rest = times[i] - whole
         while (
             record + 1 < count
-            and (whole - books.record_whole[record + 1]) + (rest - books.record_fraction[record + 1]) >= 0.0
+            and _since(times[i], books.record_whole[record + 1], books.record_fraction[record + 1]) >= 0.0
         ):
             record += 1
-        elapsed = (whole - books.record_whole[record]) + (rest - books.record_fraction[record])
-        u = elapsed / books.record_length[record]
-        terms = books.record_terms[record, which]
-        total = 0.0
-        for k in range(books.record_degree[record], -1, -1):
-            total = total * u + terms[k]
-        out[i] = total
+        elapsed = _since(times[i], books.record_whole[record], books.record_fraction[record])
+        terms, degree = books.record_terms[record, which], books.record_degree[record]
+        out[i] = value_slope(terms, degree, elapsed / books.record_length[record])[0]
+
+
+@njit(cache=True, fastmath={"contract"})
+def _since(t: float, whole: int, fraction: float) -> float:
+    """Seconds from an instant in whole seconds and a fraction to a time."""
+    floor = math.floor(t)
+    return (floor - whole) + ((t - floor) - fraction)

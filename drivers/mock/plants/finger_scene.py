@@ -87,8 +87,8 @@ class Motion(NamedTuple):
 class Moment(NamedTuple):
     """Where the plant stands: state, switches and time at the start of the piece under way. Changed in place.
 
-    The time is `whole` seconds and a `fraction` in double-double, shape (2,). `wander` holds the wander's present value and
-    `wander_step` its step, -1 before the first.
+    The time is `whole` seconds and a `fraction` in double-double, shape (2,). `wander` holds the wander's present value
+    and `wander_step` its step, -1 before the first.
     """
 
     x: Floats

@@ -25,7 +25,7 @@ LOCATIONS: Mapping[str, tuple[str, float]] = {
 class FingerSettings(Settings):
     """Every number of the finger, its electronics and its noise."""
 
-    inertia_kg_m2: float = Field(default=1.2e-4, gt=0.0, le=1.0)
+    inertia_kg_m2: float = Field(default=1.2e-4, ge=1e-9, le=1.0)
     """I, the distal link about its joint, kg m^2. Paper II."""
 
     joint_n_m_rad: float = Field(default=2.5, gt=0.0, le=1e6)
@@ -34,7 +34,7 @@ class FingerSettings(Settings):
     joint_n_m_s_rad: float = Field(default=1.2e-3, ge=0.0, le=1e6)
     """c1, damping of the distal joint, N m s/rad. Assumption."""
 
-    base_inertia_kg_m2: float = Field(default=2.99e-4, gt=0.0, le=1.0)
+    base_inertia_kg_m2: float = Field(default=2.99e-4, ge=1e-9, le=1.0)
     """J, of what the distal joint is mounted on: proximal link, tendon and motor, kg m^2. Fit: 28 Hz in free air."""
 
     base_n_m_rad: float = Field(default=0.0775, ge=0.0, le=1e6)
@@ -44,7 +44,7 @@ class FingerSettings(Settings):
     """c_b, its damping, N m s/rad. Assumption: a tenth of critical; with more, light contact is not erratic."""
 
     flexion_1_m: float = Field(default=30.0, ge=0.0, le=1e4)
-    """How much the joint stiffens with the tendon's position, 1/m. Assumption: flexing raises the resonance (paper V.C)."""
+    """How much the joint stiffens with the tendon's position, 1/m. Assumption; that flexing stiffens: paper V.C."""
 
     drive_n_m: float = Field(default=2.324e-3, gt=0.0, le=1e3)
     """U, amplitude of the square-wave drive's torque, N m. Fit: 0.9 degrees peak to peak in free air."""
@@ -89,7 +89,7 @@ class FingerSettings(Settings):
     """From there to its frequency at full control, Hz. Fit."""
 
     wander: float = Field(default=0.01, ge=0.0, le=0.1)
-    """Standard deviation of the joint's stiffness, relative. Assumption, for the resonance's slow oscillations (paper IV.B)."""
+    """Standard deviation of the joint's stiffness, relative. Assumption; that the resonance wanders: paper IV.B."""
 
     wander_s: float = Field(default=1.0, gt=0.0, le=1e3)
     """Correlation time of the wander, s. Assumption."""

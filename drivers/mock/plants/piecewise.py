@@ -6,6 +6,9 @@ A plant writes the recursion for its series; every quantity that can end a piece
 
 Time inside a piece is a fraction u in [0, 1] of the piece's length, so that coefficient k is the k-th term itself: sums
 of coefficients are values at the end, sums of their magnitudes are bounds.
+
+Kernels that call into this file are compiled with it and cached by their own file's date: after a change here, remove
+`__pycache__/*.nb?`.
 """
 
 from __future__ import annotations
@@ -16,11 +19,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-SPAN = 2.5
-"""Longest piece times the spectral radius of A: longer ones lose digits to terms that cancel."""
+SPAN = 3.2
+"""Longest piece times the spectral radius of A: longer ones would lose digits to terms that cancel."""
 
-DEGREE = 27
-"""Highest of the series: the first term left out at `SPAN` is 2.5^28 / 28! = 5e-19 of the state."""
+DEGREE = 30
+"""Highest of the series: the first term left out at `SPAN` is 3.2^31 / 31! = 6e-19 of the state."""
 
 BRACKET = 0.8
 """A search proceeds in steps of this many radians of the fastest oscillation: at most one extremum in each."""
@@ -62,7 +65,7 @@ def pace(matrix: Floats) -> tuple[float, float]:
 @njit(cache=True, fastmath={"contract"})
 def degree_for(reach: float) -> int:
     """Degree of the series for a piece whose length times the spectral radius is `reach`, at most `SPAN`."""
-    return _DEGREES[int(reach * _RESOLUTION)]
+    return int(_DEGREES[int(reach * _RESOLUTION)])
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -92,7 +95,9 @@ def _slope_bend(terms: Floats, degree: int, u: float) -> tuple[float, float]:
 
 
 @njit(cache=True, fastmath={"contract"})
-def _root(terms: Floats, degree: int, sign: float, level: float, low: float, high: float, start: float) -> float:
+def _root(
+    terms: Floats, degree: int, sign: float, level: float, low: float, high: float, start: float
+) -> float:
     """Where `sign` times a polynomial, below `level` at `low` and above it at `high`, is `level`: bracketed Newton."""
     u = start
     for _ in range(100):
@@ -139,10 +144,10 @@ def _extremum(terms: Floats, degree: int, sign: float, low: float, high: float) 
 def rising(terms: Floats, degree: int, parts: int, sign: float, level: float) -> float:
     """First u in [0, 1] at which `sign` times a polynomial rises through `level`, or infinity.
 
-    A start above the level that does not fall is a crossing at 0: the piece began with its end already due; one that falls
-    is due when it stops falling, unless it comes below the level before. A start at the level, within rounding, that
-    falls is none: this is how the piece before ended. Extrema are found to the last bit, so that a graze counts if
-    and only if its top is above the level.
+    A start above the level that does not fall is a crossing at 0: the piece began with its end already due; one that
+    falls is due when it stops falling, unless it comes below the level before. A start at the level, within rounding,
+    that falls is none: this is how the piece before ended. Extrema are found to the last bit, so that a graze counts
+    if and only if its top is above the level.
 
     Args:
         terms: Of the polynomial, shape (degree + 1,) or more.
@@ -177,11 +182,11 @@ def rising(terms: Floats, degree: int, parts: int, sign: float, level: float) ->
                 if g >= 0.0:
                     return u
             armed = min(g, g_v) < 0.0
-        if armed and g < 0.0 < g_v:
-            return _root(terms, degree, sign, level, u, v, u + (v - u) * g / (g - g_v))
-        if armed and rate > 0.0 > rate_v:
+        top, g_top = v, g_v
+        if armed and g_v <= 0.0 and rate > 0.0 > rate_v:
             top = _extremum(terms, degree, -sign, u, v)
-            if sign * value_slope(terms, degree, top)[0] > level:
-                return _root(terms, degree, sign, level, u, top, 0.5 * (u + top))
+            g_top = sign * value_slope(terms, degree, top)[0] - level
+        if armed and g < 0.0 < g_top:
+            return _root(terms, degree, sign, level, u, top, u + (top - u) * g / (g - g_top))
         u, g, rate = v, g_v, rate_v
     return math.inf

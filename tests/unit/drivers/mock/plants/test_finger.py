@@ -49,7 +49,7 @@ def test_a_free_finger_oscillates_at_28_hz_through_0_9_degrees(plant):
     swing = []
     for i in range(100):
         plant.advance(14.0 + i * 5e-4, PERIOD)
-        present = plant._present().x
+        present = plant.state()
         swing.append(present[0] - present[2])
     assert math.degrees(np.ptp(swing)) == pytest.approx(0.9, abs=0.05)
 

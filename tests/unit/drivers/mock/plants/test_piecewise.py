@@ -34,7 +34,9 @@ def test_sign_and_level_look_at_the_same_polynomial_from_below():
     assert rising(-terms, DEGREE, 3, -1.0, 0.6) == rising(terms, DEGREE, 3, 1.0, 0.6)
 
 
-@pytest.mark.parametrize(("height", "touches"), [(1e-14, True), (1e-15, True), (-1e-15, False), (-1e-14, False)])
+@pytest.mark.parametrize(
+    ("height", "touches"), [(1e-14, True), (1e-15, True), (-1e-15, False), (-1e-14, False)]
+)
 def test_a_graze_counts_if_and_only_if_its_top_is_above(height, touches):
     terms = sine(-1.0 + height, 1.0, 0.4, 2.4)
     u = rising(terms, DEGREE, 4, 1.0, 0.0)
