@@ -128,7 +128,7 @@ def run(
     \b
     Example:
       run.py run mock/transient
-      run.py run mock/transient --only 16 --set plant.noise_scale=0.5
+      run.py run mock/transient --only 1 --set plant.noise_scale=0.5
       run.py run hardware/transient --trials my_trials.csv
 
     Exit codes: 0 done, 1 the experiment failed, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130
@@ -190,9 +190,15 @@ def emulate(profile: str, overrides: Mapping[str, str]) -> None:
 @set_option
 @click.option("--column", help="Column of a CSV or NPZ file; channel of a WAV file, from 0.")
 @click.option(
-    "--rate", "rate_hz", type=float, metavar="HZ", help="Sample rate of a file without a column t_s."
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="HZ",
+    help="Sample rate of a file without a column t_s.",
 )
-@click.option("--baseline", callback=span, metavar="T0:T1", help="Learn from these seconds of the recording.")
+@click.option(
+    "--baseline", callback=span, metavar="T0:T1", help="Hear from T0 on; learn for T1 - T0 seconds."
+)
 @click.option("--trial", type=int, help="Trial of a run folder; its first one otherwise.")
 def replay(
     recording: Path,
@@ -225,8 +231,13 @@ def replay(
     blocks = read_blocks(recording, heard.inputs[0], column=column, rate_hz=rate_hz, trial=trial)
     if baseline is not None:
         blocks = between(blocks, baseline[0])
+    silent = True
     for event in replayed(blocks, heard):
         click.echo(json.dumps(as_line(event, detector)))
+        silent = False
+    if silent:
+        samples = sum(len(block) for block in blocks)
+        complain(f"{detector} found nothing in {samples} samples: not even a baseline")
 
 
 @cli.command(cls=Verb, short_help="Write the report of one or more runs.")

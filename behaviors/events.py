@@ -46,6 +46,16 @@ class ContactLost(Detected):
 
 
 @dataclass(frozen=True, slots=True)
+class SlipStarted(Detected):
+    """A fingertip began to slip."""
+
+
+@dataclass(frozen=True, slots=True)
+class SlipEnded(Detected):
+    """It holds again."""
+
+
+@dataclass(frozen=True, slots=True)
 class GuardStopped:
     """The guard stopped every mover at `t_s`."""
 
@@ -61,10 +71,17 @@ class Tick:
 
 
 @dataclass(frozen=True, slots=True)
+class Paused:
+    """The operator paused the trial: every mover was told to stop."""
+
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Resumed:
     """The operator let a paused trial go on."""
 
     t_s: float
 
 
-Event = Detected | Status | GuardStopped | Tick | Resumed
+Event = Detected | Status | GuardStopped | Tick | Paused | Resumed

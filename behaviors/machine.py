@@ -104,7 +104,8 @@ class Behavior:
         """Hear one event; returns the commands that follow from it, in order."""
         self._event = event
         if isinstance(event, Tick):
-            if event.t_s >= self.wake_s:
+            # The turn at the deadline is the first one not before it, whatever the last bit of the sum.
+            if event.t_s >= self.wake_s - 1e-9:
                 self._fire("deadline")
         else:
             self._fire(trigger_of(event))
@@ -122,16 +123,22 @@ class Behavior:
     def say_why(self) -> None:
         """Before a transition on a failure: a device or detector could not go on."""
         self.outcome = "fault"
-        self.reason = f"{trigger_of(self.event).replace('_', ' ')}: {getattr(self.event, 'reason', '')}"
+        who = getattr(self.event, "device", getattr(self.event, "detector", ""))
+        self.reason = f"{who} {trigger_of(self.event).replace('_', ' ')}: {getattr(self.event, 'reason', '')}"
 
     def say_guard(self) -> None:
         """Before a transition on the guard's stop."""
         self.outcome, self.reason = "guard", getattr(self.event, "reason", "")
 
     def say_late(self) -> None:
-        """Before a transition on a deadline that should not have passed."""
+        """Before a transition on a deadline: what was waited for did not come, and nothing is wrong with the bench."""
         self.outcome = "aborted"
         self.reason = f"{self.state.name} took longer than {self.plan.deadline_s:.6g} s"
+
+    def say_stuck(self) -> None:
+        """Before a transition on the deadline of a motion: a device did not do its part."""
+        self.say_late()
+        self.outcome = "fault"
 
     def _fire(self, trigger: str) -> None:
         if trigger in self._machine.events:

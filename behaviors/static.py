@@ -23,8 +23,14 @@ class StaticSettings(Settings):
     exciter: str = "board"
     """Device that switches the finger's excitation."""
 
-    measures: tuple[str, ...] = ("board.accelerometer", "board.load_cell", "board.period")
-    """Streams that the trial needs for its figures."""
+    accelerometer_stream: str = "board.accelerometer"
+    """The finger's waveform (m/s2)."""
+
+    load_cell_stream: str = "board.load_cell"
+    """Force behind the probe (N)."""
+
+    period_stream: str = "board.period"
+    """Period counts of the excitation (s)."""
 
     settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
     """Wait after power-on (III.B: 90 s)."""
@@ -60,7 +66,7 @@ class StaticFactors(Settings):
     condition: Condition
     """Which of the three contacts."""
 
-    location: str = Field(default="f", pattern="^[a-h]$")
+    location: Literal["a", "b", "c", "d", "e", "f", "g", "h"] = "f"
     """Where the probe touches (Fig. 6); set by hand on a real bench."""
 
 
@@ -115,13 +121,16 @@ class Static(Behavior):
             "trigger": "deadline",
             "source": [States.HOMING, States.STARTING, States.PLACING, States.RETRACTING],
             "dest": States.FAILED,
-            "before": "say_late",
+            "before": "say_stuck",
         },
     )
 
     def __init__(self, settings: StaticSettings, factors: StaticFactors, detectors: frozenset[str]) -> None:
         states = self.States
         motion = settings.motion_timeout_s
+        measured = frozenset(
+            (settings.accelerometer_stream, settings.load_cell_stream, settings.period_stream)
+        )
         self.settings = settings
         self.factors = factors
         self.position_m = {"none": settings.none_m, "light": settings.light_m, "full": settings.full_m}[
@@ -134,9 +143,7 @@ class Static(Behavior):
                 states.SETTLING: StatePlan(settings.settle_s),
                 states.PLACING: StatePlan(motion),
                 states.RESTING: StatePlan(settings.rest_s),
-                states.RECORDING: StatePlan(
-                    settings.record_s, frozenset(), frozenset(settings.measures), prompt=False
-                ),
+                states.RECORDING: StatePlan(settings.record_s, frozenset(), measured, prompt=False),
                 states.RETRACTING: StatePlan(motion),
             }
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum, auto
+from typing import Literal
 
 from pydantic import Field
 
@@ -24,8 +25,14 @@ class TransientSettings(Settings):
     detector: str = "contact"
     """Detector whose contact stops the approach; the profile's others listen and are recorded."""
 
-    measures: tuple[str, ...] = ("board.load_cell", "board.period", "stage.position")
-    """Streams that the trial needs for its figures."""
+    load_cell_stream: str = "board.load_cell"
+    """The reference: force behind the probe (N)."""
+
+    period_stream: str = "board.period"
+    """Period counts of the excitation (s)."""
+
+    position_stream: str = "stage.position"
+    """Where the mover is (m)."""
 
     settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
     """Wait after power-on (III.B: 90 s)."""
@@ -58,7 +65,7 @@ class TransientFactors(Settings):
     speed_m_s: float = Field(gt=0.0, le=1.0)
     """Speed of the approach."""
 
-    location: str = Field(default="f", pattern="^[a-h]$")
+    location: Literal["a", "b", "c", "d", "e", "f", "g", "h"] = "f"
     """Where the probe touches (Fig. 6); set by hand on a real bench."""
 
 
@@ -112,11 +119,20 @@ class Transient(Behavior):
             "conditions": "all_ready",
             "label": "all detectors",
         },
+        {
+            "trigger": "contact",
+            "source": States.BASELINE,
+            "dest": States.RETRACTING,
+            "conditions": "acting",
+            "before": "say_contact",
+            "label": "while another detector still learns",
+        },
         {"trigger": "contact", "source": States.APPROACH, "dest": States.STOPPING, "conditions": "acting"},
         {
             "trigger": "reached",
             "source": States.APPROACH,
             "dest": States.RETRACTING,
+            "conditions": "from_mover",
             "before": "say_no_contact",
         },
         {
@@ -135,11 +151,15 @@ class Transient(Behavior):
         {"trigger": "reached", "source": States.RETRACTING, "dest": States.DONE, "conditions": "from_mover"},
         {
             "trigger": "resumed",
-            "source": [States.STARTING, States.BASELINE, States.APPROACH, States.STOPPING],
+            "source": [States.STARTING, States.BASELINE, States.APPROACH],
             "dest": States.STARTING,
         },
         {"trigger": "resumed", "source": States.HOMING, "dest": States.HOMING},
-        {"trigger": "resumed", "source": [States.HOLDING, States.RETRACTING], "dest": States.RETRACTING},
+        {
+            "trigger": "resumed",
+            "source": [States.STOPPING, States.HOLDING, States.RETRACTING],
+            "dest": States.RETRACTING,
+        },
         {
             "trigger": "baseline_refused",
             "source": States.BASELINE,
@@ -149,17 +169,18 @@ class Transient(Behavior):
         *failures(_alive, States.FAILED),
         {
             "trigger": "deadline",
-            "source": [States.HOMING, States.STARTING, States.BASELINE, States.STOPPING, States.RETRACTING],
+            "source": [States.HOMING, States.STARTING, States.STOPPING, States.RETRACTING],
             "dest": States.FAILED,
-            "before": "say_late",
+            "before": "say_stuck",
         },
+        {"trigger": "deadline", "source": States.BASELINE, "dest": States.FAILED, "before": "say_late"},
     )
 
     def __init__(
         self, settings: TransientSettings, factors: TransientFactors, detectors: frozenset[str]
     ) -> None:
         states = self.States
-        measured = frozenset(settings.measures)
+        measured = frozenset((settings.load_cell_stream, settings.period_stream, settings.position_stream))
         motion = settings.motion_timeout_s
         self.settings = settings
         self.factors = factors
@@ -202,6 +223,10 @@ class Transient(Behavior):
         return isinstance(self.event, Contact) and self.event.detector == self.settings.detector
 
     # what is said of the outcome
+
+    def say_contact(self) -> None:
+        """The acting detector spoke before the approach began: the measure will call it false."""
+        self.conclude("contact")
 
     def say_no_contact(self) -> None:
         """The approach ended at its limit."""

@@ -1,4 +1,8 @@
-"""From the sample that decides to the stop command on the wire: real drivers, real ptys, emulated devices."""
+"""From the sample that decides to the stop command on the wire, and to standstill: real drivers, emulated devices.
+
+The stage is at a pty, the arm behind ur_rtde and TCP on loopback. What the arm does with a command that it has is the
+behaviour of an emulated controller: no real one was at hand.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +27,13 @@ from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
 from controller.rig import TrialScene
 from drivers.clock import utc_now
-from drivers.messages import Home, MoveAt, SampleBlock, Sent, Stop
+from drivers.messages import Home, MoveAt, SampleBlock, Sent, Standstill, Stop
 
-STOPS = 600
+PROFILES = {"stage": "emulated/transient", "arm": "emulated/transient_arm"}
+"""By the mover's name."""
+
+STOPS = {"stage": 600, "arm": 200}
+QUICK_STOPS = 60
 SPEED_M_S = 0.005
 STREAM = "board.load_cell"
 
@@ -82,8 +90,9 @@ class BackAndForth(Behavior):
         {"trigger": "deadline", "source": _alive, "dest": States.FAILED, "before": "say_late"},
     )
 
-    def __init__(self, stops: int) -> None:
+    def __init__(self, mover: str, stops: int) -> None:
         states = self.States
+        self._mover = mover
         listening = StatePlan(10.0, frozenset({"at_random"}))
         self._left = stops
         self._forward = True
@@ -96,31 +105,31 @@ class BackAndForth(Behavior):
         return self._left == 0
 
     def enter_HOMING(self) -> None:
-        """Know where the stage is."""
-        self.command(Home("stage"))
+        """Know where the mover is."""
+        self.command(Home(self._mover))
 
     def enter_MOVING(self) -> None:
         """Away, then back."""
         velocity_m_s = SPEED_M_S if self._forward else -SPEED_M_S
-        self.command(MoveAt("stage", velocity_m_s, 0.010 if self._forward else 0.0))
+        self.command(MoveAt(self._mover, velocity_m_s, 0.010 if self._forward else 0.0))
         self._forward = not self._forward
 
     def enter_STOPPING(self) -> None:
         """Stop at once."""
         self._left -= 1
-        self.command(Stop("stage"))
+        self.command(Stop(self._mover))
 
     def enter_FAILED(self) -> None:
         """Stop as well."""
-        self.command(Stop("stage"))
+        self.command(Stop(self._mover))
 
 
-def measure(stops: int) -> tuple[dict[str, list[float]], int]:
-    """Run the stops; returns seconds from sample to command, by stage of the way, and late turns."""
-    profile = load_profile("emulated/transient", {}, table=assemble.Table())
+def measure(mover: str, stops: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
+    """Run the stops; returns seconds from the sample on, by part of the way, and how loop and link did."""
+    profile = load_profile(PROFILES[mover], {}, table=assemble.Table())
     rig = assemble.build_rig(profile)
     detector = AtRandom("at_random")
-    behavior = BackAndForth(stops)
+    behavior = BackAndForth(mover, stops)
     with tempfile.TemporaryDirectory() as folder:
         try:
             infos = {name: device.open() for name, device in rig.devices.items()}
@@ -133,13 +142,20 @@ def measure(stops: int) -> tuple[dict[str, list[float]], int]:
             loop = Loop(rig, infos, Guard(profile.limits), recorder, Silent(), profile.loop)  # type: ignore[arg-type]
             account = loop.run(behavior, {"at_random": detector})
             recorder.close()
+            link = dict(rig.devices[mover].account())
         finally:
             for device in rig.devices.values():
                 device.close()
             rig.close()
     if behavior.state is not BackAndForth.States.DONE:
         raise SystemExit(f"stop latency: {behavior.reason}")
-    return _latencies(loop.events, detector.arrivals_s), account.overruns
+    how = {
+        "overruns": account.overruns,
+        "worst_late_s": account.worst_late_s,
+        "lost": account.lost,
+        "link": link,
+    }
+    return _latencies(loop.events, detector.arrivals_s), how
 
 
 def _plant(profile: Any) -> dict[str, Any]:
@@ -150,7 +166,13 @@ def _plant(profile: Any) -> dict[str, Any]:
 def _latencies(events: Sequence[Event], arrivals_s: Sequence[float]) -> dict[str, list[float]]:
     decided: Event | None = None
     arrivals = iter(arrivals_s)
-    found: dict[str, list[float]] = {"sample to host": [], "host to wire": [], "sample to wire": []}
+    found: dict[str, list[float]] = {
+        "sample to host": [],
+        "host to wire": [],
+        "sample to wire": [],
+        "wire to standstill": [],
+        "sample to standstill": [],
+    }
     for event in events:
         if isinstance(event, Contact):
             arrival_s = next(arrivals)
@@ -160,25 +182,32 @@ def _latencies(events: Sequence[Event], arrivals_s: Sequence[float]) -> dict[str
             found["sample to host"].append(arrived_s - decided.t_s)
             found["host to wire"].append(event.t_s - arrived_s)
             found["sample to wire"].append(event.t_s - decided.t_s)
+            sent_s = event.t_s
+        elif isinstance(event, Standstill) and decided is not None:
+            found["wire to standstill"].append(event.t_s - sent_s)
+            found["sample to standstill"].append(event.t_s - decided.t_s)
             decided = None
     return found
 
 
-def main(quick: bool = False) -> None:
+def main(quick: bool = False, movers: Sequence[str] = tuple(PROFILES)) -> None:
     """Measure, print, save."""
-    stops = 60 if quick else STOPS
-    latencies, overruns = measure(stops)
-    rows = []
-    result: dict[str, Any] = {"stops": stops, "overruns": overruns, "block_samples": 10, "loop_hz": 200}
-    for way, seconds in latencies.items():
-        ms = np.array(seconds) * 1e3
-        p50, p99 = np.percentile(ms, [50, 99])
-        rows.append([way, f"{p50:.2f}", f"{p99:.2f}", f"{ms.max():.2f}", len(ms)])
-        result[way] = {"p50_ms": p50, "p99_ms": p99, "max_ms": float(ms.max()), "n": len(ms)}
-    print(table(["way", "p50 ms", "p99 ms", "max ms", "n"], rows))
-    if not quick:
-        save("stop_latency", result)
+    for mover in movers:
+        stops = QUICK_STOPS if quick else STOPS[mover]
+        latencies, how = measure(mover, stops)
+        rows = []
+        result: dict[str, Any] = {"stops": stops, **how, "block_samples": 10, "loop_hz": 200}
+        for way, seconds in latencies.items():
+            ms = np.array(seconds) * 1e3
+            p50, p99 = np.percentile(ms, [50, 99])
+            rows.append([way, f"{p50:.2f}", f"{p99:.2f}", f"{ms.max():.2f}", len(ms)])
+            result[way] = {"p50_ms": p50, "p99_ms": p99, "max_ms": float(ms.max()), "n": len(ms)}
+        print(table([f"{mover}: way", "p50 ms", "p99 ms", "max ms", "n"], rows))
+        print(f"late turns {how['overruns']}, lost {how['lost'] or 'nothing'}, link {how['link']}\n")
+        if not quick:
+            save("stop_latency" if mover == "stage" else f"stop_latency_{mover}", result)
 
 
 if __name__ == "__main__":
-    main("--quick" in sys.argv)
+    asked = [name for name in sys.argv[1:] if name in PROFILES]
+    main("--quick" in sys.argv, asked or tuple(PROFILES))

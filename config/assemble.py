@@ -56,6 +56,11 @@ DRIVERS: Mapping[str, DriverEntry] = {
         "drivers.sensor_board.driver:SensorBoard",
         "drivers.mock.sensor_board:MockSensorBoard",
     ),
+    "ur_arm": DriverEntry(
+        "Universal Robots arm on an approach axis: ur_rtde over the network",
+        "drivers.ur_arm.driver:UrArm",
+        "drivers.mock.ur_arm:MockUrArm",
+    ),
 }
 
 DETECTORS: Mapping[str, KindEntry] = {
@@ -90,7 +95,7 @@ EXPERIMENTS: Mapping[str, ExperimentEntry] = {
 
 PLANTS: Mapping[str, KindEntry] = {
     "finger": KindEntry(
-        "the resonant finger, its probe and its stage",
+        "the resonant finger and the probe that meets it",
         "drivers.mock.finger_bench:FingerBench",
         "drivers.mock.finger_bench:FingerBenchSettings",
     ),
@@ -238,7 +243,10 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
             "settings": profile.plant.settings.model_dump(mode="json"),
         },
         "devices": {
-            name: {"made": f"drivers.mock.devices.wiring:{entry.driver}", "settings": {}}
+            name: {
+                "made": f"drivers.mock.devices.wiring:{entry.driver}",
+                "settings": entry.settings.model_dump(mode="json"),
+            }
             for name, entry in profile.devices.items()
         },
         "faults": [fault.model_dump(mode="json") for fault in profile.faults],

@@ -13,7 +13,7 @@ from typing import Any
 
 from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable
 from config.hints import did_you_mean, near_or_all
-from config.sections import Sections
+from config.sections import ADDRESS, Sections
 from config.source import Bench, KeyPath, ProfileError, Source, Table, nest, read_source
 from config.trials import Trial, TrialsSettings, combinations, in_order, trials_from
 from config.validation import as_table, validated
@@ -69,7 +69,7 @@ class Profile:
             "description": self.description,
             "experiment": self.experiment,
             "devices": {
-                name: {"driver": entry.driver, "port": entry.port, **as_table(entry.settings)}
+                name: {"driver": entry.driver, "port": entry.port, **_own(entry.settings)}
                 for name, entry in self.devices.items()
             },
             "detectors": {
@@ -150,6 +150,11 @@ class Profile:
             return f"{self.source.origin(('trials', 'grid'))}: [trials.grid] {factor}"
         place = f"{self.source.origin(('trials', 'list'))}: [trials] list row {row + 1}"
         return f"{place}: {factor}" if factor else place
+
+
+def _own(settings: Settings) -> Table:
+    """A driver's settings, without the address that its port is."""
+    return {key: value for key, value in as_table(settings).items() if key != ADDRESS}
 
 
 def load_profile(

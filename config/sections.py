@@ -33,6 +33,9 @@ NO_PLANT = "none"
 """The kind of plant of a real bench."""
 
 
+ADDRESS = "host"
+"""Setting of a driver that a profile gives as the device's `port`."""
+
 _NAMED_ABOVE = ("driver", "port", "kind")
 """Keys that choose the settings class, so most classes do not have them as fields."""
 
@@ -98,17 +101,26 @@ class Sections:
             driver = self._name(path, table, "driver", self._table.drivers)
             port = table.get("port")
             if not isinstance(port, str) or not port:
-                hint = 'write "mock", "emulated", or a path such as "/dev/ttyUSB0"'
+                hint = 'write "mock", "emulated", a path such as "/dev/ttyUSB0", or an address'
                 self._say(
                     path, "port", f" = {shown(port)}: {hint}" if "port" in table else f" is missing: {hint}"
                 )
             elif driver is not None:
-                settings = self._settings(self._table.driver_settings(driver, port), table, path)
+                model = self._table.driver_settings(driver, port)
+                settings = self._settings(model, self._with_address(model, table, path, port), path)
                 if settings:
                     entries[name] = DeviceEntry(driver, port, settings)
         if not self._table_of("devices"):
             self._say((), "devices", " is missing: a bench has at least one device")
         return entries
+
+    def _with_address(self, model: type[Settings], table: Table, path: KeyPath, port: str) -> Table:
+        """A device that is reached over a network has its address for a port."""
+        if ADDRESS not in model.model_fields:
+            return table
+        if ADDRESS in table:
+            self._say(path, ADDRESS, f' = {shown(table[ADDRESS])}: goes into port = "…"')
+        return {**table, ADDRESS: port}
 
     def detectors(self) -> dict[str, DetectorEntry]:
         """The detectors that are sound."""

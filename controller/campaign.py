@@ -136,6 +136,7 @@ class Campaign:
         self._rig = rig
         self._console = console
         self._runs = runs
+        self._unstill: list[str] = []
 
     def run(self) -> Outcome:
         """Run every trial.
@@ -154,7 +155,7 @@ class Campaign:
         try:
             code, status, line = self._on_bench(folder, started)
         except (Aborted, KeyboardInterrupt):
-            code, status, line = EXIT_INTERRUPTED, "aborted", "interrupted: the bench is still"
+            code, status, line = EXIT_INTERRUPTED, "aborted", "interrupted"
         except GuardRefusal as refusal:
             code, status, line = EXIT_GUARD, "guard", f"guard: {refusal}"
         except DeviceError as error:
@@ -163,6 +164,10 @@ class Campaign:
             code, status, line = EXIT_FAILED, "failed", str(error)
         except Exception as error:
             code, status, line, fault = EXIT_FAILED, "failed", f"{type(error).__name__}: {error}", error
+        if self._unstill:
+            line = f"{line}; NOT seen standing still: {', '.join(self._unstill)}: look at the bench"
+        elif status == "aborted":
+            line = f"{line}: the bench is still"
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
         with suppress(RecordingError):
             folder.write_manifest(self._manifest)
@@ -188,12 +193,20 @@ class Campaign:
             finally:
                 recorder.close()
         finally:
-            for name, device in self._rig.devices.items():
-                if name in self._manifest["devices"]:
-                    self._manifest["devices"][name]["link"] = dict(device.account())
+            self._close()
+
+    def _close(self) -> None:
+        """Let go of every device, then of the bench; each whatever became of the others."""
+        for device in self._rig.devices.values():
+            with suppress(Exception):
                 device.close()
+        for name, device in self._rig.devices.items():
+            if name in self._manifest["devices"]:
+                with suppress(Exception):
+                    self._manifest["devices"][name]["link"] = dict(device.account())
+        with suppress(Exception):
             self._manifest["plant"] = dict(self._rig.account())
-            self._rig.close()
+        self._rig.close()
 
     def _trials(
         self, folder: RunFolder, recorder: Recorder, infos: Mapping[str, DeviceInfo]
@@ -215,6 +228,10 @@ class Campaign:
                 line = f"trial {trial.trial}: {reason}"
                 if outcome != "aborted":  # nothing on the bench moves after an error
                     break
+            if self._unstill:
+                code, status = EXIT_DEVICE, "fault"
+                line = line or f"trial {trial.trial}"
+                break
         self._manifest["outcomes"] = counts
         said = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in sorted(counts.items()))
         return code, status, f"{line} ({said})" if line else said
@@ -224,12 +241,12 @@ class Campaign:
     ) -> tuple[str, str, dict[str, Any], float]:
         """Run one trial; its row is on the disk when this returns or raises."""
         self._rig.clock.restart()
-        self._rig.begin_trial(trial.scene)
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
         evidence = TrialEvidence(trial.factors, recording)
         verdict: str | None = None
         try:
+            self._rig.begin_trial(trial.scene)
             loop.run(trial.behavior, trial.detectors)
         except (Aborted, KeyboardInterrupt):
             verdict = "aborted"
@@ -257,6 +274,7 @@ class Campaign:
 
     def _account(self, loop: Loop) -> None:
         account = loop.account
+        self._unstill = list(dict.fromkeys([*self._unstill, *account.unstill]))
         total = self._manifest["loop"]
         total["turns"] += account.turns
         total["overruns"] += account.overruns

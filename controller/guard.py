@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.messages import Command, MoveAt, MoveTo, SampleBlock
+from drivers.messages import MOTION, Command, Grip, Home, MoveAt, MoveTo, Release, SampleBlock, Twist
 from drivers.settings import Settings
 
 
@@ -36,6 +37,9 @@ class GuardSettings(Settings):
 
     speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
     """Fastest motion that may be asked for."""
+
+    grip_n: float = Field(default=80.0, gt=0.0, le=500.0)
+    """Hardest grip that may be asked for. Source: the SSG-48's own range ends at 80 N."""
 
     stale_s: float = Field(default=0.1, gt=0.0, le=10.0)
     """A watched stream silent for longer than this, while something moves, stops it."""
@@ -66,80 +70,100 @@ class Guard:
             if wanted and stream is not None
         )
         """Streams that must be alive while anything moves."""
-        self.reset(0.0)
+        self.reset()
 
-    def reset(self, t_s: float) -> None:
-        """Begin a trial at bench time `t_s`: empty the filter, forget how old each stream is."""
+    def reset(self) -> None:
+        """Begin a trial: empty the filter, forget how old each stream is."""
         self._tail: NDArray[np.float64] = np.empty(0)
-        self._seen_s = dict.fromkeys(self.inputs, t_s)
-        self._watching = False
+        self._seen_s: dict[str, float] = {}
 
     def admit(self, command: Command) -> Command:
         """Let a command through, or say why not.
 
         Raises:
-            GuardRefusal: not finite, too fast, or beyond the travel.
+            GuardRefusal: not finite, too fast, beyond the travel, or a motion that no limit is known for.
         """
-        settings = self.settings
-        if isinstance(command, MoveAt):
-            numbers = {"velocity_m_s": command.velocity_m_s, "limit_m": command.limit_m}
-            speed_m_s, target_m = abs(command.velocity_m_s), command.limit_m
-        elif isinstance(command, MoveTo):
-            numbers = {"position_m": command.position_m, "speed_m_s": command.speed_m_s}
-            speed_m_s, target_m = command.speed_m_s, command.position_m
-        else:
-            return command
         what = f"{type(command).__name__}({command.device})"
-        for name, number in numbers.items():
-            if not math.isfinite(number):
-                raise GuardRefusal(f"{what}: {name} is {number}")
-        if speed_m_s > settings.speed_m_s:
-            raise GuardRefusal(
-                f"{what}: {speed_m_s:.6g} m/s is beyond limits.speed_m_s = {settings.speed_m_s:.6g}"
-            )
-        if not settings.travel_min_m <= target_m <= settings.travel_m:
-            raise GuardRefusal(
-                f"{what}: {target_m:.6g} m is outside limits.travel_min_m .. travel_m"
-                f" = {settings.travel_min_m:.6g} .. {settings.travel_m:.6g}"
-            )
+        for field in fields(command):
+            value = getattr(command, field.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, float) and not math.isfinite(number):
+                    raise GuardRefusal(f"{what}: {field.name} is {number}")
+        if isinstance(command, MoveAt):
+            self._admit_speed(what, abs(command.velocity_m_s))
+            self._admit_target(what, command.limit_m)
+        elif isinstance(command, MoveTo):
+            self._admit_speed(what, command.speed_m_s)
+            self._admit_target(what, command.position_m)
+        elif isinstance(command, Twist):
+            self._admit_speed(what, math.hypot(*command.twist[:3]))
+        elif isinstance(command, Grip | Release):
+            self._admit_speed(what, command.speed_m_s)
+            limit_n = self.settings.grip_n
+            if isinstance(command, Grip) and not 0.0 < command.force_n <= limit_n:
+                raise GuardRefusal(
+                    f"{what}: {command.force_n:.6g} N is outside 0 .. limits.grip_n = {limit_n:.6g}"
+                )
+        elif isinstance(command, MOTION) and not isinstance(command, Home):
+            raise GuardRefusal(f"{what}: no limit is known for this motion")
         return command
 
+    def _admit_speed(self, what: str, speed_m_s: float) -> None:
+        limit_m_s = self.settings.speed_m_s
+        if speed_m_s > limit_m_s:
+            raise GuardRefusal(f"{what}: {speed_m_s:.6g} m/s is beyond limits.speed_m_s = {limit_m_s:.6g}")
+
+    def _admit_target(self, what: str, target_m: float) -> None:
+        least_m, most_m = self.settings.travel_min_m, self.settings.travel_m
+        if not least_m <= target_m <= most_m:
+            raise GuardRefusal(
+                f"{what}: {target_m:.6g} m is outside limits.travel_min_m .. travel_m = {least_m:.6g} .. {most_m:.6g}"
+            )
+
     def watch(
-        self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
+        self,
+        t_s: float,
+        blocks: Iterable[SampleBlock],
+        moving: bool,
+        late_s: float = 0.0,
+        decisive: frozenset[str] = frozenset(),
     ) -> str | None:
         """See one turn of the loop.
+
+        Force and travel count whether anything moves or not; a silent stream and a late loop count while it does.
 
         Args:
             t_s: Bench time of the turn.
             blocks: What arrived in it.
             moving: Whether any mover may be moving.
             late_s: How much later than planned the turn began.
+            decisive: Streams that the armed detectors hear: a motion that ends by them needs them alive.
 
         Returns:
             Why every mover must stop now, or None.
         """
         settings = self.settings
         reasons: list[str] = []
+        # A stream that was not watched before the motion began is not stale, it is about to start.
+        watched = (self.inputs | decisive) if moving else frozenset()
+        self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(watched)}
         for block in blocks:
-            if block.stream not in self._seen_s or not len(block):
+            if not len(block):
                 continue
-            self._seen_s[block.stream] = max(self._seen_s[block.stream], block.last_s)
+            if block.stream in self._seen_s:
+                # A time stamp from the future keeps nothing alive.
+                self._seen_s[block.stream] = max(self._seen_s[block.stream], min(block.last_s, t_s))
             if block.stream == settings.force_stream and settings.force_n is not None:
                 reasons += self._force(block)
             if block.stream == settings.position_stream:
                 reasons += self._position(block)
-        if moving and not self._watching:
-            # A stream that was not listened to before the motion began is not stale, it is about to start.
-            self._seen_s = {stream: max(seen_s, t_s) for stream, seen_s in self._seen_s.items()}
-        self._watching = moving
-        if not moving:
-            return None
         for stream, seen_s in self._seen_s.items():
             if t_s - seen_s > settings.stale_s:
+                silence_s = t_s - seen_s
                 reasons.append(
-                    f"{stream} is silent for {t_s - seen_s:.3f} s (limits.stale_s = {settings.stale_s:g})"
+                    f"{stream} is silent for {silence_s:.3f} s (limits.stale_s = {settings.stale_s:g})"
                 )
-        if late_s > settings.late_s:
+        if moving and late_s > settings.late_s:
             reasons.append(f"the loop is {late_s:.3f} s late (limits.late_s = {settings.late_s:g})")
         return reasons[0] if reasons else None
 

@@ -10,18 +10,18 @@ from typing import Protocol
 
 from pydantic import Field
 
-from behaviors.events import Detected, Event, GuardStopped, Resumed, Tick
+from behaviors.events import Detected, Event, GuardStopped, Paused, Resumed, Tick
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector
-from controller.guard import Guard, GuardRefusal
+from controller.guard import Guard
 from controller.rig import Rig
 from drivers.clock import rest
-from drivers.errors import DeviceError
 from drivers.messages import (
     MOTION,
     Command,
     DeviceInfo,
     Failed,
+    Gripped,
     Listen,
     Lost,
     Reached,
@@ -87,6 +87,7 @@ class LoopAccount:
         worst_late_s: The latest of them.
         lost: Samples lost, by stream.
         paused_s: Time spent paused.
+        unstill: Movers that were not seen standing still at the end.
     """
 
     turns: int = 0
@@ -94,6 +95,7 @@ class LoopAccount:
     worst_late_s: float = 0.0
     paused_s: float = 0.0
     lost: dict[str, int] = field(default_factory=dict)
+    unstill: list[str] = field(default_factory=list)
 
 
 class Loop:
@@ -125,6 +127,9 @@ class Loop:
         self._witness = witness
         self._operator = operator
         self._settings = settings
+        self.account = LoopAccount()
+        self.events: list[Event] = []
+        self.entered_s: dict[str, float] = {}
 
     def run(self, behavior: Behavior, detectors: Mapping[str, Detector]) -> LoopAccount:
         """Run one trial to its end; every mover stands still when this returns or raises.
@@ -137,46 +142,51 @@ class Loop:
         self._behavior = behavior
         self._detectors = detectors
         self._armed: frozenset[str] = frozenset()
+        self._inputs: frozenset[str] = frozenset()
         self._heard: frozenset[str] = frozenset()
         self._silent_since = dict.fromkeys(self._streams, 0.0)
         self._moving: set[str] = set()
         self._paused_s: float | None = None
-        self.account = LoopAccount()
-        self.events: list[Event] = []
-        self.entered_s: dict[str, float] = {}
-        self._guard.reset(self._clock.now())
+        self._resuming = False
+        self._guard.reset()
         try:
             self._hear_operator_first()
             self._begin()
             turn = 0
             while not behavior.done:
-                turn = self._next(turn)
-                late_s = self._wait(turn)
+                turn, late_s = self._wait(self._next(turn))
                 self._turn(self._clock.now(), late_s)
         finally:
             self.halt()
         return self.account
 
     def halt(self) -> None:
-        """Stop every mover, see that it stands still, hear nothing more. Each step runs whatever fails."""
-        for name in self._movers:
-            with suppress(DeviceError):
-                self._rig.devices[name].apply(Stop(name))
+        """Stop every mover, see that it stands still, hear nothing more.
+
+        Each step runs for each device whatever fails; a mover that was not seen standing still is named in
+        `account.unstill`.
+        """
+        self._stop_all()
         pending = set(self._movers)
         give_up_s = self._clock.now() + STANDSTILL_TIMEOUT_S
         while pending and self._clock.now() < give_up_s:
             self._clock.wait_until(self._clock.now() + 1.0 / self._settings.rate_hz)
-            with suppress(DeviceError):
-                blocks, statuses = self._gather()
-                self._witness.record(blocks)
-                for status in statuses:
-                    self._note(status)
-                    self._keep(status, self._behavior.state.name, self._behavior.state.name, ())
-                    if isinstance(status, Standstill | Failed):
-                        pending.discard(status.device)
-        with suppress(DeviceError):
+            for name in self._rig.devices:
+                with suppress(Exception):
+                    blocks, statuses = self._gather((name,))
+                    self._witness.record(blocks)
+                    for status in statuses:
+                        self._note(status)
+                        self._keep(status, self._behavior.state.name, self._behavior.state.name, ())
+                        if isinstance(status, Standstill):
+                            pending.discard(status.device)
+                        elif isinstance(status, Failed) and status.device in pending:
+                            pending.discard(status.device)
+                            self.account.unstill.append(status.device)
+        self.account.unstill += sorted(pending)
+        with suppress(Exception):
             self._listen(frozenset())
-        for stream, since_s in self._silent_since.items():
+        for stream, since_s in sorted(self._silent_since.items()):
             self._witness.skip(stream, since_s, self._clock.now())
 
     # time
@@ -192,20 +202,20 @@ class Loop:
         else:
             wake_s = self._behavior.wake_s
             following = math.ceil(wake_s * rate_hz - 1e-9) if math.isfinite(wake_s) else 0
-        if not self._clock.virtual:
-            # A turn that comes late is not made up for by a burst of turns.
-            following = max(following, math.floor(self._clock.now() * rate_hz))
         return max(following, turn + 1)
 
-    def _wait(self, turn: int) -> float:
-        due_s = turn / self._settings.rate_hz
-        self._clock.wait_until(due_s)
-        late_s = self._clock.now() - due_s
+    def _wait(self, planned: int) -> tuple[int, float]:
+        """Wait for a turn; returns the number of the one that it has become, and how late it is."""
+        rate_hz = self._settings.rate_hz
+        self._clock.wait_until(planned / rate_hz)
+        now_s = self._clock.now()
+        late_s = now_s - planned / rate_hz
         self.account.turns += 1
-        if late_s > 1.0 / self._settings.rate_hz:
+        if late_s > 1.0 / rate_hz:
             self.account.overruns += 1
             self.account.worst_late_s = max(self.account.worst_late_s, late_s)
-        return late_s
+        # What was missed meanwhile is not made up for by a burst of turns.
+        return max(planned, math.floor(now_s * rate_hz)), late_s
 
     # one turn
 
@@ -225,41 +235,44 @@ class Loop:
         commands = self._behavior.begin(t_s)
         self.entered_s[self._behavior.state.name] = t_s
         self._operator.state(self._behavior.state.name, t_s)
-        self._arrange(commands)
-        self._apply(commands)
+        self._obey(commands)
 
     def _turn(self, t_s: float, late_s: float) -> None:
-        self._attend(t_s)
-        blocks, statuses = self._gather()
+        blocks, statuses = self._gather(self._rig.devices)
         self._witness.record(blocks)
         for status in statuses:
             self._note(status)
-        events: list[Event] = [*statuses]
-        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s)
+        self._attend(t_s)
+        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s, self._inputs)
         if reason is not None:
             self._stop_all()
+        events: list[Event] = [*statuses, *self._detect(blocks)]
+        events.sort(key=lambda event: event.t_s)
+        if reason is not None:
             events.insert(0, GuardStopped(t_s, reason))
-        if self._paused_s is not None:
-            # Still watched, nothing decided: only what ends the trial is let through.
-            events = [event for event in events if isinstance(event, GuardStopped | Failed | Stalled)]
-        else:
-            events += self._detect(blocks)
-            events.append(Tick(t_s))
-        for event in events:
-            if self._behavior.done:
-                break
-            self._handle(event)
+        for event in [*events, Tick(t_s)]:
+            if self._heeds(event):
+                self._handle(event)
+            elif not isinstance(event, Tick):
+                self._keep(event, self._behavior.state.name, self._behavior.state.name, ())
 
-    def _gather(self) -> tuple[list[SampleBlock], list[Status]]:
+    def _heeds(self, event: Event) -> bool:
+        """Whether the behavior is told: never after its end, and while paused only of what ends the trial."""
+        if self._behavior.done:
+            return False
+        return self._paused_s is None or isinstance(event, GuardStopped | Failed | Stalled)
+
+    def _gather(self, names: Iterable[str]) -> tuple[list[SampleBlock], list[Status]]:
         blocks: list[SampleBlock] = []
         statuses: list[Status] = []
-        for device in self._rig.devices.values():
+        for name in names:
+            device = self._rig.devices[name]
             blocks += device.read()
             statuses += device.poll()
         return blocks, statuses
 
     def _note(self, status: Status) -> None:
-        if isinstance(status, Reached | Standstill | Stalled | Failed):
+        if isinstance(status, Reached | Standstill | Gripped | Stalled | Failed):
             self._moving.discard(status.device)
         elif isinstance(status, Lost):
             self.account.lost[status.stream] = self.account.lost.get(status.stream, 0) + status.samples
@@ -278,14 +291,21 @@ class Loop:
         before = self._behavior.state
         commands = self._behavior.handle(event)
         after = self._behavior.state
-        # The arrangement may have changed even where a state follows itself.
-        if commands or after is not before:
+        changed = bool(commands) or after is not before
+        try:
+            if changed:
+                self._obey(commands)
+        finally:
+            if changed or not isinstance(event, Tick):
+                self._keep(event, before.name, after.name, commands)
             if after is not before:
                 self._operator.state(after.name, event.t_s)
-            self._arrange(commands)
-            self._apply(commands)
-        if commands or after is not before or not isinstance(event, Tick):
-            self._keep(event, before.name, after.name, commands)
+
+    def _obey(self, commands: Sequence[Command]) -> None:
+        """Stop first, then hear what the new state hears, then the rest in order."""
+        self._apply([command for command in commands if isinstance(command, Stop)])
+        self._arrange(commands)
+        self._apply([command for command in commands if not isinstance(command, Stop)])
 
     def _keep(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
         self.events.append(event)
@@ -301,9 +321,8 @@ class Loop:
         for name in plan.detectors - self._armed:
             self._detectors[name].reset()
         self._armed = plan.detectors
-        heard = set(plan.measures)
-        for name in plan.detectors:
-            heard.update(self._detectors[name].inputs)
+        self._inputs = frozenset(stream for name in plan.detectors for stream in self._detectors[name].inputs)
+        heard = set(plan.measures) | self._inputs
         if self._moving or any(isinstance(command, MOTION) for command in commands):
             heard |= self._guard.inputs
         self._listen(frozenset(heard))
@@ -317,7 +336,7 @@ class Loop:
             present = frozenset(stream for stream in self._heard if stream.partition(".")[0] == name)
             if wanted != present:
                 device.apply(Listen(name, wanted))
-        for stream in heard - self._heard:
+        for stream in sorted(heard - self._heard):
             self._witness.skip(stream, self._silent_since.pop(stream, now_s), now_s)
         for stream in self._heard - heard:
             self._silent_since[stream] = now_s
@@ -332,7 +351,8 @@ class Loop:
 
     def _stop_all(self) -> None:
         for name in self._movers:
-            with suppress(DeviceError):
+            # Whatever is wrong with one mover, the next one is stopped too.
+            with suppress(Exception):
                 self._rig.devices[name].apply(Stop(name))
 
     def _attend(self, t_s: float) -> None:
@@ -346,13 +366,16 @@ class Loop:
             raise Aborted
         if word == "pause" and self._paused_s is None:
             self._paused_s = t_s
+            self._resuming = False
             self._stop_all()
+            name = self._behavior.state.name
+            self._keep(Paused(t_s), name, name, ())
             self._operator.state("PAUSED", t_s)
-        elif word == "resume" and self._paused_s is not None:
+        elif word == "resume":
+            self._resuming = True
+        # A mover that is still braking would answer the next command with the old one's standstill.
+        if self._paused_s is not None and self._resuming and not self._moving:
             self.account.paused_s += t_s - self._paused_s
             self._paused_s = None
             self._operator.state(self._behavior.state.name, t_s)
             self._handle(Resumed(t_s))
-
-
-__all__ = ["Aborted", "GuardRefusal", "Loop", "LoopAccount", "LoopSettings", "Operator", "Witness"]

@@ -15,8 +15,8 @@ from controller.detectors.protocol import Detector
 from controller.recording.reader import open_run
 from drivers.messages import SampleBlock
 
-UNITS = {"_hz": "Hz", "_s": "s", "_n": "N", "_m_s2": "m/s2", "_v": "V", "_m": "m"}
-"""Units that a column's name ends in; longest first decides. A column without one is a plain waveform."""
+UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_hz": "Hz", "_s": "s", "_n": "N", "_v": "V", "_m": "m"}
+"""Units that a column's name ends in; the first that fits decides. A column without one is a plain waveform."""
 
 
 class ReplayError(ValueError):
@@ -42,7 +42,7 @@ def as_line(event: Detected, kind: str) -> dict[str, Any]:
 
     line = {
         "t_s": round(float(event.t_s), 9),
-        "detector": kind.partition(".")[0],
+        "detector": kind,
         "event": type(event).__name__,
         "value": plain(event.value),
         "threshold": plain(event.threshold),
@@ -171,7 +171,9 @@ def _read_wav(path: Path, column: str | None) -> tuple[str, NDArray[np.float64],
     if column is not None and not (column.isdecimal() and int(column) < channels.shape[1]):
         raise ReplayError(f"{path}: no channel {column}; there are 0 to {channels.shape[1] - 1}")
     chosen = channels[:, int(column or 0)].astype(np.float64)
-    if np.issubdtype(samples.dtype, np.integer):
+    if samples.dtype == np.uint8:  # 8-bit WAV is unsigned, silence is 128
+        chosen = (chosen - 128.0) / 128.0
+    elif np.issubdtype(samples.dtype, np.integer):
         chosen = chosen / float(np.iinfo(samples.dtype).max + 1)
     return f"channel {column or 0}", chosen, float(rate_hz)
 

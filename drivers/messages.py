@@ -136,6 +136,31 @@ class Stop(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class Grip(Command):
+    """Move the jaws towards an opening, pressing no harder than a force; answered by `Gripped`.
+
+    What is in their way they hold. A newer `Grip` replaces an older one: more force on the way to the same
+    opening tightens what is held.
+
+    Attributes:
+        width_m: Opening to go to: less than the object's width grips it from outside, more from inside.
+        speed_m_s: How fast the opening changes.
+        force_n: How hard the jaws press at the most.
+    """
+
+    width_m: float
+    speed_m_s: float
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class Release(Command):
+    """Open the jaws as far as they go; answered by `Reached`, where the position is the opening."""
+
+    speed_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Excite(Command):
     """Switch the finger's excitation."""
 
@@ -163,7 +188,7 @@ class Listen(Command):
     streams: frozenset[str]
 
 
-MOTION = (Home, MoveAt, MoveTo, Twist)
+MOTION = (Home, MoveAt, MoveTo, Twist, Grip, Release)
 """Commands after which a device may be moving."""
 
 
@@ -208,6 +233,18 @@ class Standstill(Status):
 
 
 @dataclass(frozen=True, slots=True)
+class Gripped(Status):
+    """The jaws stand still after a `Grip`: on an object, or where they were sent.
+
+    One that follows with `object` False says that the object is gone.
+    """
+
+    object: bool
+    width_m: float
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
 class Refused(Status):
     """A device would not do what it was asked."""
 
@@ -228,6 +265,14 @@ class Lost(Status):
 
     stream: str
     samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Saturated(Status):
+    """A stream left the range in which its sensor tells the truth, at `value` of its unit; told once each time."""
+
+    stream: str
+    value: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,6 +123,7 @@ class ResonanceDetector:
             return False
         if t_s - self._last_s > self.settings.max_gap_s:
             self._window.clear()
+            self._baseline.clear()  # a baseline half of before the silence is none
         self._last_s = t_s
         if self.settings.sample_hz is None:
             return True

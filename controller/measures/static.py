@@ -6,10 +6,13 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from behaviors.static import StaticSettings
 from controller.measures.trial import TrialEvidence
 from controller.signals.spectrum import dominant_frequency
+
+Samples = NDArray[np.float64]
 
 COLUMNS = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
 
@@ -29,8 +32,9 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
         return outcome, row
     # The guard hears the load cell while the probe retracts: that is no part of the sample.
     ended_s = evidence.entered_s.get("RETRACTING", math.inf)
-    accelerometer, load_cell, period = settings.measures
-    times_s, acceleration_m_s2 = evidence.series(accelerometer, begun_s, ended_s)
+    times_s, acceleration_m_s2 = _longest_stretch(
+        *evidence.series(settings.accelerometer_stream, begun_s, ended_s)
+    )
     if len(times_s) > 1:
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
         frequency_hz = dominant_frequency(acceleration_m_s2, rate_hz)
@@ -40,10 +44,21 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
             amplitude_m_s2=amplitude_m_s2,
             amplitude_m=amplitude_m_s2 / (2.0 * math.pi * frequency_hz) ** 2,
         )
-    _, periods_s = evidence.series(period, begun_s, ended_s)
+    _, periods_s = evidence.series(settings.period_stream, begun_s, ended_s)
     if len(periods_s) > 1:
         row["frequency_sd_hz"] = float(np.std(1.0 / periods_s, ddof=1))
-    _, force_n = evidence.series(load_cell, begun_s, ended_s)
+    _, force_n = evidence.series(settings.load_cell_stream, begun_s, ended_s)
     if len(force_n):
         row.update(force_n=float(force_n.mean()), force_peak_n=float(force_n.max()))
     return outcome, row
+
+
+def _longest_stretch(times_s: Samples, values: Samples) -> tuple[Samples, Samples]:
+    """The longest part without a lost sample: a gap that is closed up would shift every frequency."""
+    if len(times_s) < 2:
+        return times_s, values
+    steps_s = np.diff(times_s)
+    breaks = np.flatnonzero(steps_s > 1.5 * np.median(steps_s)) + 1
+    parts = np.split(np.arange(len(times_s)), breaks)
+    longest = max(parts, key=len)
+    return times_s[longest], values[longest]

@@ -45,21 +45,24 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         The outcome, with a false contact told from a true one, and the row's columns; what was not seen is None.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
-    load_cell, _, position = settings.measures
+    position = settings.position_stream
     begun_s = evidence.entered_s.get("APPROACH")
     ready = evidence.last(BaselineReady, detector=settings.detector)
     if ready is not None:
         row.update(baseline_hz=ready.value, threshold_hz=ready.threshold)
+    contact = evidence.last(Contact, detector=settings.detector)
     if begun_s is None:
+        if contact is not None:  # before the approach there is nothing to touch
+            row.update(detect_s=contact.t_s, false_contacts=1)
+            outcome = "false_contact" if outcome == "contact" else outcome
         return outcome, row
-    times_s, force_n = _tared(evidence, load_cell, begun_s)
+    times_s, force_n = _tared(evidence, settings.load_cell_stream, begun_s)
     above = np.flatnonzero(force_n >= ONSET_N)
     onset_s = float(times_s[above[0]]) if len(above) else None
     touched_s = None
     if evidence.truth is not None:
         touched_s = next((t_s for t_s, made in evidence.truth if made and t_s >= begun_s), None)
     row.update(onset_s=onset_s, truth_contact_s=touched_s, force_peak_n=_largest(force_n), false_contacts=0)
-    contact = evidence.last(Contact, detector=settings.detector)
     if contact is None or contact.t_s < begun_s:
         return outcome, row
     detect_s = contact.t_s
@@ -68,7 +71,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     if reference_s is None or detect_s < reference_s:
         row["false_contacts"] = 1
         return ("false_contact" if outcome == "contact" else outcome), row
-    row["force_n"] = _mean_over_oscillation(times_s, force_n, detect_s, contact.value)
+    row["force_n"] = _mean_over_oscillation(times_s, force_n, detect_s, _period(evidence, settings, detect_s))
     if onset_s is not None:
         row["delay_s"] = detect_s - onset_s
         at = _positions(evidence, position, (onset_s, detect_s))
@@ -91,11 +94,17 @@ def _largest(force_n: NDArray[np.float64]) -> float | None:
     return float(force_n.max()) if len(force_n) else None
 
 
+def _period(evidence: TrialEvidence, settings: TransientSettings, until_s: float) -> float:
+    """The last whole period before an instant, in seconds; that of 28 Hz (IV.A) where none was counted."""
+    _, periods_s = evidence.series(settings.period_stream, until_s=until_s)
+    return float(periods_s[-1]) if len(periods_s) else 1.0 / 28.0
+
+
 def _mean_over_oscillation(
-    times_s: NDArray[np.float64], force_n: NDArray[np.float64], end_s: float, frequency_hz: float
+    times_s: NDArray[np.float64], force_n: NDArray[np.float64], end_s: float, period_s: float
 ) -> float | None:
     """Mean force over the one oscillation that ends at `end_s`."""
-    within = (times_s > end_s - 1.0 / frequency_hz) & (times_s <= end_s)
+    within = (times_s > end_s - period_s) & (times_s <= end_s)
     return float(force_n[within].mean()) if within.any() else None
 
 

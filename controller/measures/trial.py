@@ -39,17 +39,8 @@ class TrialEvidence:
         wanted = (series.times_s >= since_s) & (series.times_s <= until_s)
         return series.times_s[wanted], series.values[wanted, 0]
 
-    def first(self, kind: type[Event], **wanted: object) -> Any:
-        """First event of a kind whose attributes are as wanted, or None."""
-        for event in self.events:
-            if isinstance(event, kind) and all(
-                getattr(event, name) == value for name, value in wanted.items()
-            ):
-                return event
-        return None
-
     def last(self, kind: type[Event], **wanted: object) -> Any:
-        """Last such event, or None."""
+        """Last event of a kind whose attributes are as wanted, or None."""
         for event in reversed(self.events):
             if isinstance(event, kind) and all(
                 getattr(event, name) == value for name, value in wanted.items()

@@ -85,6 +85,9 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
         run.notes.append("The run was cut off: its manifest still says that it is running.")
     if row_cut:
         run.notes.append("The last line of trials.csv is incomplete and was left out.")
+    ended = sum((manifest.get("outcomes") or {}).values())
+    if ended > len(trials):
+        run.notes.append(f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.")
     if event_cut:
         run.notes.append("The last line of events.jsonl is incomplete and was left out.")
     if index.cut:

@@ -101,8 +101,12 @@ class Figures:
                 alpha=0.9,
             )
         self._folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(self._folder / f"{name}.pdf", metadata={"CreationDate": None})
-        figure.savefig(self._folder / f"{name}.png", dpi=300)
+        # Drawn in memory first: a full disk is then one plain error, not one from the inside of a writer.
+        page, picture = io.BytesIO(), io.BytesIO()
+        figure.savefig(page, format="pdf", metadata={"CreationDate": None})
+        (self._folder / f"{name}.pdf").write_bytes(page.getvalue())
+        figure.savefig(picture, format="png", dpi=300)
+        (self._folder / f"{name}.png").write_bytes(picture.getvalue())
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None})
         text = buffer.getvalue()

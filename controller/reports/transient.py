@@ -137,8 +137,8 @@ def _not_the_papers(runs: Sequence[Run]) -> list[str]:
         said.insert(
             0,
             "The model is fitted to the paper's static facts and to one compliance, at location f at 2.54, 6.435 and "
-            "11.997 mm/s. The other eleven rows of Table I set no number; they were not blind, though: the slow wander of the "
-            "stiffness, an assumption that the delays depend on, was chosen with the whole table in view.",
+            "11.997 mm/s. The other eleven rows of Table I set no number. They were not blind, though: the slow "
+            "wander of the stiffness, an assumption that the delays depend on, was chosen with the table in view.",
         )
     for run in runs:
         settle_s = setting_of(run, "behavior", "settle_s")

@@ -1,7 +1,8 @@
 """One process that holds a profile's plant and all its emulated devices, in real time.
 
 Run as `python -m drivers.mock.emulator` it reads its scene as one line of JSON on standard input, answers
-with one line of JSON that says where the devices are, and ends when that input ends. A control port on
+with one line of JSON that says where the devices are, or why there are none ({"refused": …}), and ends when that
+input ends. A control port on
 loopback takes one JSON line a request: {"trial": …} puts the plant into a trial's scene, {"account": true} asks
 what the plant did, {"fault": …} injects one now; each answer has the plant's account and where things stand.
 """
@@ -9,109 +10,44 @@ what the plant did, {"fault": …} injects one now; each answer has the plant's 
 from __future__ import annotations
 
 import contextlib
-import errno
 import json
 import os
-import pty
 import select
 import socket
 import sys
-import tty
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 from drivers.clock import WallClock
+from drivers.errors import DeviceError
+from drivers.mock.far_ends import READ_BYTES, FarEnd, Network
 from drivers.mock.faults import Fault, FaultSchedule
 
 STEP_S = 0.001
 """How often plants and devices are stepped: a tenth of the shortest frame period of the board."""
 
-READ_BYTES = 4096
+PASS_S = 0.02
+"""How much time may pass at once: an emulator that was held up lives through what it missed in small steps, all of its
+devices together. Otherwise an arm would obey in a past that the sensors have left behind (assumption)."""
 
+BACKLOG_S = 2.0
+"""How much time is made up for (assumption: longer than a busy machine holds up a process)."""
 
-class EmulatedDevice(Protocol):
-    """A device made of software, at the far end of a serial line."""
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes from the host; returns what is answered at once."""
-
-    def step(self, t_s: float) -> bytes:
-        """What the device says by `t_s` without being asked."""
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something of the device's own (a stall, a refusal)."""
-
-
-class _Line:
-    """A pty with an emulated device at its far end, and the faults of the wire."""
-
-    def __init__(self, name: str, device: EmulatedDevice, faults: FaultSchedule) -> None:
-        self.name = name
-        self.device = device
-        self.faults = faults
-        self._far, near = pty.openpty()
-        tty.setraw(near)
-        os.set_blocking(self._far, False)
-        self.port = os.ttyname(near)
-        # One end stays open here, so that the line survives a host that closes and opens it again.
-        self._near: int | None = near
-
-    @property
-    def endpoint(self) -> int | None:
-        """What to select on, or None once the plug is pulled."""
-        return self._far if self._near is not None else None
-
-    def unplug(self) -> None:
-        """Pull the plug: the host sees its port vanish."""
-        if self._near is not None:
-            os.close(self._near)
-            os.close(self._far)
-            self._near = None
-
-    def exchange(self, readable: bool, t_s: float) -> None:
-        """Carry bytes both ways."""
-        if self._near is None:
-            return
-        out = b""
-        if readable:
-            with contextlib.suppress(OSError):
-                out = self.device.receive(os.read(self._far, READ_BYTES), t_s)
-        out += self.device.step(t_s)
-        if out and not self.faults.active(t_s, "silent"):
-            self._write(self._corrupted(out, t_s))
-
-    def _corrupted(self, out: bytes, t_s: float) -> bytes:
-        if self.faults.active(t_s, "lose"):
-            return b""
-        if self.faults.active(t_s, "corrupt"):
-            return bytes(byte ^ 0x10 if place % 7 == 3 else byte for place, byte in enumerate(out))
-        return out
-
-    def _write(self, out: bytes) -> None:
-        try:
-            os.write(self._far, out)
-        except OSError as error:
-            # Nobody reads: a real board's bytes fall on the floor as well.
-            if error.errno not in (errno.EAGAIN, errno.EIO):
-                raise
-
-    def fail(self, t_s: float) -> None:
-        """Let the faults happen that have begun."""
-        if self.faults.begun(t_s, "unplug"):
-            self.unplug()
-        for kind in ("stall", "refuse"):
-            if self.faults.begun(t_s, kind) is not None:
-                with contextlib.suppress(ValueError):  # a board cannot stall: then it does not
-                    self.device.inject(kind, t_s)
+REALTIME_PRIORITY = 5
+"""SCHED_FIFO priority for a controller that keeps its time, where the system allows it: below the arm's process, which
+a busy emulator would keep from its watchdog (measured with two pairs on two cores)."""
 
 
 class Emulator:
-    """Plant, devices and ptys of one profile.
+    """Plant, devices and their far ends of one profile.
 
     Args:
         scene: `{"plant": {"made": "module:Class", "settings": {…}}, "devices": {name: {"made": "module:function",
-            "settings": {…}}}, "faults": […]}`; a device is made by calling its function with settings and bench.
+            "settings": {…}}}, "faults": […]}`; a far end is made by calling its function with settings and bench.
+
+    Raises:
+        DeviceError: the devices do not go together.
     """
 
     def __init__(self, scene: Mapping[str, Any]) -> None:
@@ -119,16 +55,18 @@ class Emulator:
         plant = scene["plant"]
         made = _found(plant["made"])
         self._bench = made(_found(plant["settings_class"]).model_validate(plant["settings"]))
-        faults = [Fault.model_validate(fault) for fault in scene.get("faults", ())]
-        self._lines = [
-            _Line(
-                name,
-                _found(device["made"])(device["settings"], self._bench),
-                FaultSchedule([fault for fault in faults if fault.device == name]),
-            )
+        self._ends: dict[str, FarEnd] = {
+            name: _found(device["made"])(device["settings"], self._bench)
             for name, device in scene["devices"].items()
-        ]
+        }
         self._bench.warm_up()
+        faults = [Fault.model_validate(fault) for fault in scene.get("faults", ())]
+        self._faults = {
+            name: FaultSchedule([fault for fault in faults if fault.device == name]) for name in self._ends
+        }
+        for name, end in self._ends.items():
+            end.open(self._faults[name], self._clock)
+        self._t_s = self._clock.now()
         self._trial_origin_s = 0.0
         self._control = socket.create_server(("127.0.0.1", 0))
         self._control.setblocking(False)
@@ -139,24 +77,30 @@ class Emulator:
         """Where everything is, as `run.py emulate` prints it."""
         host, port = self._control.getsockname()
         return {
-            "devices": {line.name: {"port": line.port} for line in self._lines},
+            "devices": {name: dict(end.endpoint) for name, end in self._ends.items()},
             "control": {"host": host, "port": port},
         }
 
     def serve(self, ended: Callable[[], bool]) -> None:
         """Run until `ended()`, which is asked once a step."""
+        ends = self._ends.values()
+        if any(isinstance(end, Network) and end.realtime for end in ends):
+            with contextlib.suppress(OSError):
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
         try:
             while not ended():
-                waited: list[Any] = [line.endpoint for line in self._lines if line.endpoint is not None]
-                readable, _, _ = select.select([*waited, self._control, *self._clients], [], [], STEP_S)
-                t_s = self._clock.now()
-                self._attend(readable)
-                for line in self._lines:
-                    line.fail(t_s - self._trial_origin_s)
-                    line.exchange(line.endpoint in readable, t_s)
+                waited = [one for end in ends for one in end.waited()]
+                due_s = min(self._t_s + STEP_S, *(end.due_s() for end in ends))
+                wait_s = max(0.0, due_s - self._clock.now())
+                ready, _, _ = select.select([*waited, self._control, *self._clients], [], [], wait_s)
+                now_s = self._clock.now()
+                self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
+                self._attend(ready)
+                for end in ends:
+                    end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s)
         finally:
-            for line in self._lines:
-                line.unplug()
+            for end in ends:
+                end.unplug()
             for client in [*self._clients, self._control]:
                 client.close()
 
@@ -180,18 +124,17 @@ class Emulator:
                 client.sendall(json.dumps(self._answer(json.loads(request))).encode() + b"\n")
 
     def _answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        t_s = self._clock.now()
+        t_s = self._t_s
         if "trial" in request:
             trial = int(request["trial"])
             self._trial_origin_s = t_s
             self._bench.begin(t_s, int(request["seed"]), trial, request["factors"], request["plant"])
-            for line in self._lines:
-                line.faults.restart(trial)
+            for faults in self._faults.values():
+                faults.restart(trial)
         if "fault" in request:
             fault = Fault.model_validate(request["fault"])
-            for line in self._lines:
-                if line.name == fault.device:
-                    line.faults.add(fault)
+            if fault.device in self._faults:
+                self._faults[fault.device].add(fault)
         return {"account": dict(self._bench.account()), "scene": dict(self._bench.scene(t_s))}
 
 
@@ -202,7 +145,17 @@ def _found(name: str) -> Any:
 
 def main() -> None:
     """Serve the scene on standard input until that input ends."""
-    emulator = Emulator(json.loads(sys.stdin.readline()))
+    try:
+        emulator = Emulator(json.loads(sys.stdin.readline()))
+    except DeviceError as error:
+        reason = {
+            "device": error.device,
+            "doing": error.doing,
+            "reason": error.reason,
+            "advice": error.advice,
+        }
+        sys.stdout.write(json.dumps({"refused": reason}) + "\n")
+        return
     sys.stdout.write(json.dumps(emulator.endpoints) + "\n")
     sys.stdout.flush()
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import PortError, SilentError
+from drivers.errors import PortError, RefusedError, SilentError
 
 START_TIMEOUT_S = 90.0
 """Longest start: the first one after an installation compiles the plant."""
@@ -31,6 +31,7 @@ class EmulatorProcess:
 
     Raises:
         SilentError: it does not come up.
+        RefusedError: it cannot make this bench.
     """
 
     def __init__(self, scene: Mapping[str, Any]) -> None:
@@ -57,6 +58,9 @@ class EmulatorProcess:
                 "start it by itself to see why: run.py emulate PROFILE",
             )
         self.endpoints: dict[str, Any] = json.loads(line)
+        if "refused" in self.endpoints:
+            self.close()
+            raise RefusedError(**self.endpoints["refused"])
         self._control = EmulatorControl(self.endpoints)
         self.begin_trial = self._control.begin_trial
         self.account = self._control.account

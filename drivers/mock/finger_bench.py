@@ -1,16 +1,17 @@
-"""Finger, probe and stage on one table: what mock drivers and emulated devices of this bench share."""
+"""Finger and probe on one table: what mock drivers and emulated devices of this bench share."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from drivers.errors import RefusedError
 from drivers.mock.plants.finger import FingerPlant, FingerSettings
-from drivers.mock.plants.stage_axis import StageAxis
+from drivers.mock.plants.stage_axis import AxisMotion, Piece
 
 
 class StreamSpec(NamedTuple):
@@ -37,32 +38,46 @@ class FingerBenchSettings(FingerSettings):
     """The plant section of a profile: the finger's own parameters, and where things stand."""
 
     surface_m: float = Field(default=0.003, gt=0.0, le=0.1)
-    """Where the resting finger's surface is, on the stage's axis. Assumption: a 3 mm gap at the start."""
+    """Where the resting finger's surface is, on the approach axis. Assumption: a 3 mm gap at the start."""
 
-    stage_acceleration_m_s2: float = Field(default=0.5, gt=0.0, le=100.0)
-    """Of the stage. Assumption: 12 mm/s in 24 ms, ordinary for a small lead-screw stage."""
 
-    stage_max_speed_m_s: float = Field(default=0.026, gt=0.0, le=1.0)
-    """Of the stage. Assumption: a small lead-screw stage."""
+class Carrier(Protocol):
+    """What carries the probe: its motion along the approach axis, which grows towards the finger."""
+
+    def place(self, t_s: float, position_m: float) -> None:
+        """Stand still at a position from `t_s` on, and forget what was before."""
+
+    def position(self, t_s: float) -> float:
+        """Position in metres."""
+
+    def velocity(self, t_s: float) -> float:
+        """Velocity in m/s."""
+
+    def pieces(self, t_s: float) -> Sequence[Piece]:
+        """The motion from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
 
 
 class FingerBench:
-    """The finger plant with a probe that the stage's axis carries.
+    """The finger plant with a probe that a mover carries.
 
     Its time is that of the devices, continuous from trial to trial; the plant's begins anew with each.
 
     Args:
         settings: Of the plant.
+
+    Attributes:
+        t_s: How far time has passed here, on the devices' clock.
+        key: Seed of the run and number of the trial, which key every noise.
+        contacts: The truth: when contact began (True) and ended (False) in this trial.
     """
 
     def __init__(self, settings: FingerBenchSettings) -> None:
-        self.axis = StageAxis(
-            acceleration_m_s2=settings.stage_acceleration_m_s2, max_speed_m_s=settings.stage_max_speed_m_s
-        )
+        self._carrier: Carrier | None = None
         self._settings = settings
         self._plant = FingerPlant(settings)
         self._origin_s = 0.0
         self._observe: frozenset[str] = frozenset()
+        self._felt: frozenset[str] = frozenset()
         self._period_times_s: NDArray[np.float64] = np.empty(0)
         self._periods_s: NDArray[np.float64] = np.empty(0)
         self.contacts: list[tuple[float, bool]] = []
@@ -76,19 +91,33 @@ class FingerBench:
         for stream in STREAMS:
             if stream.rate_hz is not None:
                 bench.sample(stream.name, np.array([0.005]))
-        bench.axis.move_to(0.01, 0.001, 0.005)
+        carrier = AxisMotion()
+        bench.mount(carrier)
+        carrier.replace(0.01, [Piece(0.01, 0.0, 0.005, 0.0)])
         bench.on_plan(0.01)
         bench.advance(0.02, frozenset())
 
+    def mount(self, carrier: Carrier) -> None:
+        """Fix the probe to what carries it.
+
+        Raises:
+            RefusedError: something carries it already.
+        """
+        if self._carrier is not None:
+            advice = 'leave one mover on this bench: devices.NAME = "none" takes another away'
+            raise RefusedError("probe", "being mounted", "another mover carries it already", advice)
+        self._carrier = carrier
+
     def restart(self) -> None:
-        """Time begins anew: the stage stands at zero."""
+        """Time begins anew: the probe stands at zero."""
         self._origin_s = 0.0
-        self.axis.place(0.0, 0.0)
+        if self._carrier is not None:
+            self._carrier.place(0.0, 0.0)
 
     def begin(
         self, t_s: float, seed: int, trial: int, factors: Mapping[str, Any], plant: Mapping[str, Any]
     ) -> None:
-        """Put the bench into a trial's scene at time `t_s`: the finger at rest, the stage where it stands.
+        """Put the bench into a trial's scene at time `t_s`: the finger at rest, the probe where it is.
 
         Args:
             t_s: Present time of the devices.
@@ -101,23 +130,36 @@ class FingerBench:
         if settings != self._settings:
             self._settings = settings
             self._plant = FingerPlant(settings)
-        self.axis.place(t_s, self.axis.position(t_s))
         self._origin_s = t_s
         self._begin((seed, trial), str(factors.get("location", "f")))
         self.on_plan(t_s)
 
     def _begin(self, key: tuple[int, int], location: str) -> None:
         self._plant.begin(key=key, location=location, gap_m=self._settings.surface_m)
+        self.t_s = self._origin_s
+        self.key = key
         self._observe = frozenset()
         self._period_times_s = self._periods_s = np.empty(0)
         self.contacts = []
 
-    # what the stage tells
+    # what the mover tells and feels
 
     def on_plan(self, t_s: float) -> None:
-        """The axis has a new plan from `t_s` on."""
-        self.advance(t_s, self._observe)
-        self._plant.move_probe([(piece[0] - self._origin_s, *piece[1:]) for piece in self.axis.pieces(t_s)])
+        """The probe's motion changes at `t_s`, or changed there already where time has passed it."""
+        if self._carrier is None:
+            return
+        self.advance(t_s)
+        pieces = self._carrier.pieces(self.t_s)
+        self._plant.move_probe([(piece[0] - self._origin_s, *piece[1:]) for piece in pieces])
+
+    def feel(self, on: bool) -> None:
+        """Whether the mover's own sensor feels the contact force: then `sample` has the load cell as well."""
+        self._felt = frozenset({"load_cell"}) if on else frozenset()
+
+    @property
+    def force_n(self) -> float:
+        """What the finger presses against the probe with at `t_s`, without noise, compression positive."""
+        return self._plant.force_n
 
     # what the board is wired to
 
@@ -133,15 +175,17 @@ class FingerBench:
         """Set the tendon, from the plant's present time on."""
         self._plant.set_tendon(position_m)
 
-    def advance(self, t_s: float, observe: frozenset[str]) -> None:
-        """Let time pass until `t_s`; `observe` names the streams that somebody hears."""
+    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
+        """Let time pass until `t_s`; `observe` names the streams that somebody hears, None those of last time."""
         until_s = t_s - self._origin_s
-        self._observe = observe
+        if observe is not None:
+            self._observe = observe
         if until_s <= self._plant.t_s:
             return
-        self._plant.advance(until_s, observe)
+        self._plant.advance(until_s, self._observe | self._felt)
+        self.t_s = t_s
         ends_s, periods_s = self._plant.periods()
-        if "period" in observe:
+        if "period" in self._observe:
             self._period_times_s = np.concatenate([self._period_times_s, ends_s + self._origin_s])
             self._periods_s = np.concatenate([self._periods_s, periods_s])
         self.contacts += [(t + self._origin_s, made) for t, made in self._plant.contacts()]
@@ -159,7 +203,9 @@ class FingerBench:
 
     def scene(self, t_s: float) -> Mapping[str, float]:
         """Where things stand: what a person at the bench would see."""
-        return {"stage_m": self.axis.position(t_s), "stage_m_s": self.axis.velocity(t_s)}
+        if self._carrier is None:
+            return {}
+        return {"probe_m": self._carrier.position(t_s), "probe_m_s": self._carrier.velocity(t_s)}
 
     def account(self) -> Mapping[str, Any]:
         """What the plant did: tiers, what was skipped."""

@@ -14,6 +14,7 @@ from drivers.messages import (
     Applied,
     Command,
     DeviceInfo,
+    Failed,
     Home,
     Listen,
     MoveAt,
@@ -30,6 +31,7 @@ from drivers.messages import (
 )
 from drivers.mock.faults import Fault, FaultSchedule
 from drivers.mock.finger_bench import FingerBench
+from drivers.mock.plants.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
 from drivers.settings import Settings
 from drivers.zaber_stage.codec import MICROSTEP_M
 
@@ -43,16 +45,25 @@ class MockZaberStageSettings(Settings):
     travel_m: float = Field(default=0.0254, gt=0.0, le=1.0)
     """The device's own travel limit. Source: a stage of one inch, as the paper's micrometer positions need."""
 
+    acceleration_m_s2: float = Field(default=STAGE_M_S2, gt=0.0, le=100.0)
+    """Of every motion."""
+
+    max_speed_m_s: float = Field(default=STAGE_M_S, gt=0.0, le=1.0)
+    """No command makes it faster."""
+
 
 class MockZaberStage:
-    """Moves the bench's axis; obeys its own travel limit, can be told to fail.
+    """An axis that carries the bench's probe; obeys its own travel limit, can be told to fail.
 
     Args:
         name: In the profile.
         settings: Of the stage.
         clock: Bench time.
-        bench: What the axis carries.
+        bench: Where the probe is that the axis carries.
         faults: What goes wrong, and when.
+
+    Attributes:
+        axis: Its motion.
     """
 
     def __init__(
@@ -66,7 +77,11 @@ class MockZaberStage:
         self.name = name
         self._settings = settings
         self._clock = clock
+        self.axis = StageAxis(
+            acceleration_m_s2=settings.acceleration_m_s2, max_speed_m_s=settings.max_speed_m_s
+        )
         self._bench = bench
+        bench.mount(self.axis)
         self._faults = faults or FaultSchedule()
         self._stream = f"{name}.position"
         self.restart()
@@ -77,6 +92,7 @@ class MockZaberStage:
         self._next_sample = 0
         self._seq = 0
         self._target: type[Status] | None = None
+        self._commanded_s = 0.0
         self._statuses: list[Status] = []
         self._faults.restart()
 
@@ -94,7 +110,7 @@ class MockZaberStage:
 
     def close(self) -> None:
         """Nothing to let go of; the axis stops."""
-        self._bench.axis.stop(self._clock.now())
+        self.axis.stop(self._clock.now())
 
     def apply(self, command: Command) -> Applied:
         """Change the axis's plan from now on.
@@ -108,6 +124,10 @@ class MockZaberStage:
                 self._next_sample = last_tick(now_s, self._settings.position_hz) + 1
             self._listening = bool(command.streams)
             return Applied(command, now_s)
+        if self._faults.active(now_s, "unplug"):
+            # The cable is out: the axis goes on to where its own controller lets it, and says nothing.
+            self._statuses.append(Failed(now_s, self.name, "the link is gone"))
+            return Applied(command, now_s)
         if self._faults.active(now_s, "silent"):
             return Applied(command, now_s)
         self._move(command, now_s)
@@ -115,7 +135,8 @@ class MockZaberStage:
         return Applied(command, now_s)
 
     def _move(self, command: Command, now_s: float) -> None:
-        axis = self._bench.axis
+        self._commanded_s = now_s
+        axis = self.axis
         if isinstance(command, MoveAt | MoveTo):
             target_m = command.limit_m if isinstance(command, MoveAt) else command.position_m
             speed_m_s = abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
@@ -164,7 +185,7 @@ class MockZaberStage:
             return ()
         times_s = np.arange(self._next_sample, last + 1) / rate_hz
         self._next_sample = last + 1
-        counts = [round(self._bench.axis.position(t_s) / MICROSTEP_M) for t_s in times_s.tolist()]
+        counts = [round(self.axis.position(t_s) / MICROSTEP_M) for t_s in times_s.tolist()]
         block = SampleBlock(
             self._stream,
             self._seq,
@@ -192,16 +213,17 @@ class MockZaberStage:
         failed = self._faults.failure(now_s, self.name)
         if failed is not None:
             self._statuses.append(failed)
-        axis = self._bench.axis
-        if self._target is not None and not axis.moving(now_s) and not self._faults.active(now_s, "silent"):
-            at_s = max(axis.arrival_s, 0.0)
+        axis = self.axis
+        deaf = self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
+        if self._target is not None and not axis.moving(now_s) and not deaf:
+            at_s = max(axis.arrival_s, self._commanded_s)
             self._statuses.append(self._target(at_s, self.name, axis.target_m))  # type: ignore[call-arg]
             self._target = None
         taken, self._statuses = self._statuses, []
         return taken
 
     def _stall(self, fault: Fault, now_s: float) -> None:
-        self._bench.axis.stall(now_s)
+        self.axis.stall(now_s)
         self._bench.on_plan(now_s)
         self._target = None
         self._statuses.append(

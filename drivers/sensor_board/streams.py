@@ -9,8 +9,8 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.clock_model import ClockModel, Timeline
 from drivers.messages import SampleBlock, StreamInfo
-from drivers.sensor_board.clock_model import ClockModel, Timeline
 from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS, CodecError, Samples, Times
 
 FUTURE_S: Final = 5.0

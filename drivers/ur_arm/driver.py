@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from drivers.clock import WallClock, monotonic_s
@@ -81,6 +81,7 @@ class UrArm:
         self._retry_s = 0.0
         self._reason = ""
         self._turned_s = 0.0
+        self._links_lost = 0
 
     def open(self) -> DeviceInfo:
         """Connect, identify, set the controller's watchdog, move nothing.
@@ -138,6 +139,14 @@ class UrArm:
         self._turn()
         statuses, self._statuses = self._statuses, []
         return statuses
+
+    def account(self) -> Mapping[str, object]:
+        """Rows that came since it was made, rows that did not, and how often the link was lost."""
+        return {
+            "rows": self._streams.rows,
+            "rows_lost": self._streams.missed,
+            "links_lost": self._links_lost,
+        }
 
     # --- opening ---------------------------------------------------------------------------------------
 
@@ -238,6 +247,7 @@ class UrArm:
         self._reason = reason
         if self._ready:
             self._ready, self._lost_s, self._retry_s = False, now_s, now_s
+            self._links_lost += 1
             self._say(Stalled(self._clock.now(), self.name, f"{reason}; connecting again"))
         else:
             self._retry_s = now_s + RETRY_S

@@ -29,6 +29,14 @@ CHANNELS = {
 }
 
 
+def infos(name: str) -> dict[str, StreamInfo]:
+    """The streams of an arm, by `device.stream`."""
+    return {
+        f"{name}.{short}": StreamInfo(f"{name}.{short}", CHANNELS[short], unit, rate_hz=RATE_HZ)
+        for short, unit in UNITS.items()
+    }
+
+
 class ControllerClock:
     """Host time of a controller time, by the quickest arrival: no row arrives before it was taken.
 
@@ -70,14 +78,15 @@ class Streams:
     Attributes:
         info: What can be listened to, by `device.stream`.
         listening: Which streams are sent.
+        rows: How many rows have come.
+        missed: How many the controller took that did not come.
     """
 
     def __init__(self, name: str, settings: UrArmSettings, bench_s: Callable[[float], float]) -> None:
-        self.info = {
-            f"{name}.{short}": StreamInfo(f"{name}.{short}", CHANNELS[short], unit, rate_hz=RATE_HZ)
-            for short, unit in UNITS.items()
-        }
+        self.info = infos(name)
         self.listening: frozenset[str] = frozenset()
+        self.rows = 0
+        self.missed = 0
         self._name = name
         self._axis = Axis(settings)
         self._bench_s = bench_s
@@ -97,9 +106,11 @@ class Streams:
         for row in rows:
             steps = 1 if self._last is None else round((row.device_s - self._last.device_s) * RATE_HZ)
             self._clock.observe(row.device_s, row.arrival_s)
+            self.rows += 1
             if steps != 1:
                 t_s = self._bench_s(self._clock.host_s(row.device_s))
                 missed = max(0, steps - 1)
+                self.missed += missed
                 lost += [Lost(t_s, self._name, stream, missed) for stream in sorted(self.listening)]
             self._last = row
             if self.listening:

@@ -8,15 +8,23 @@ from controller.rig import TrialScene
 from tests.contracts.device_suite import Bench, DeviceContract
 
 
-@pytest.fixture
-def bench():
-    profile = load_profile("mock/transient", {}, table=Table())
-    rig = build_rig(profile)
-    rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
-    opened = Bench(rig)
-    yield opened
-    opened.close()
+class _MockBench:
+    profile = "mock/transient"
+
+    @pytest.fixture
+    def bench(self):
+        profile = load_profile(self.profile, {}, table=Table())
+        rig = build_rig(profile)
+        rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
+        opened = Bench(rig)
+        yield opened
+        opened.close()
 
 
-class TestMockDevices(DeviceContract):
+class TestMockDevices(_MockBench, DeviceContract):
     pass
+
+
+class TestMockArm(_MockBench, DeviceContract):
+    profile = "mock/transient_arm"
+    mover = "arm"

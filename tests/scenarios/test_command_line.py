@@ -221,7 +221,7 @@ def test_a_recording_is_replayed_one_json_line_an_event(verb, recorded):
     assert code == 0
     assert [event["event"] for event in events][:2] == ["BaselineReady", "Contact"]
     assert set(events[0]) == {"t_s", "detector", "event", "value", "threshold"}
-    assert events[0]["detector"] == "resonance"
+    assert events[0]["detector"] == "resonance.paper"
 
 
 def test_a_report_is_written_anew_from_the_recording_alone(verb, recorded):

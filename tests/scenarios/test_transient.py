@@ -36,7 +36,7 @@ def test_one_seed_gives_one_file_to_the_last_byte(run_profile):
     assert first.csv != other.csv
 
 
-@pytest.mark.parametrize("samples", ["1", "7", "1000"])
+@pytest.mark.parametrize("samples", ["1", "2", "7"])
 def test_block_sizes_change_no_row(run_profile, samples):
     usual = run_profile(trials=(2, 33))
     other = run_profile(trials=(2, 33), devices__board__block_samples=samples)

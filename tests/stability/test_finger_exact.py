@@ -72,6 +72,31 @@ def test_closed_loop_contact_is_exact_from_soft_to_rigid(stiffness_n_m, damping_
     assert {"made", "comparator_up", "drive_up"} <= {kind for _, kind in switches}
 
 
+def test_a_contact_that_is_clipped_for_microseconds_is_made_again():
+    # P falls through zero and is back 19 us later, deep inside the 6 ms that a piece of the clipped mode may last, and
+    # falls again before these end: two turns in less than half a radian of the fastest oscillation
+    s = FingerSettings(noise_scale=0.0, pad_n_m=1e9, contact_n_s_m=1e4)
+    switches = agree(
+        s, pieces=[(0.0, 0.0, 0.02, 0.0)], gap_m=1e-4, until_s=0.0375, samples_s=[0.0368, 0.037, 0.0375]
+    )
+    contacts = [(t, kind) for t, kind in switches if kind in ("made", "lost")]
+    assert [kind for _, kind in contacts[-2:]] == ["lost", "made"]
+    assert 1e-5 < contacts[-1][0] - contacts[-2][0] < 2e-5
+
+
+def test_a_force_that_fades_away_ends_at_its_instant():
+    # P ends at some 10 N/s: 1e-19 m of overlap lost to the rounding of theta would be 1e-10 N here, and 1e-11 s
+    s = FingerSettings(
+        noise_scale=0.0,
+        pad_n_m=1e9,
+        contact_n_s_m=1e4,
+        oscillator_lowest_hz=28.0,
+        oscillator_range_hz=1e-12,
+    )
+    switches = agree(s, pieces=[(0.0, 0.0, 0.02, 0.0)], gap_m=1e-4, until_s=0.045, samples_s=[0.02, 0.045])
+    assert max(t for t, kind in switches if kind == "lost") > 0.04
+
+
 @pytest.mark.parametrize(("stiffness_n_m", "damping_n_s_m"), [(1e4, 2.0), (1e9, 0.0), (1e3, 1e6)])
 def test_open_loop_contact_is_exact(stiffness_n_m, damping_n_s_m):
     # an oscillator without range is a drive of fixed frequency

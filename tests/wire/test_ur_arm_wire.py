@@ -37,6 +37,8 @@ from drivers.messages import (
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings
 
+pytestmark = pytest.mark.usefixtures("one_arm")
+
 FORCE, POSITION = "arm.force", "arm.position"
 
 

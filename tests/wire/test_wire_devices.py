@@ -1,6 +1,9 @@
-"""The real drivers keep the devices' promises, over ptys to emulated devices in another process."""
+"""The real drivers keep the devices' promises, over ptys and loopback to emulated devices in another process."""
+
+from typing import ClassVar
 
 import pytest
+from wire_campaign import PATIENT
 
 from config.assemble import Table, build_rig
 from config.profile import load_profile
@@ -8,20 +11,32 @@ from controller.rig import TrialScene
 from tests.contracts.device_suite import Bench, DeviceContract
 
 
-@pytest.fixture
-def bench():
-    profile = load_profile("emulated/transient", {}, table=Table())
-    rig = build_rig(profile)
-    try:
-        rig.clock.restart()
-        rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
-        opened = Bench(rig)
-    except BaseException:
-        rig.close()
-        raise
-    yield opened
-    opened.close()
+class _WireBench:
+    profile = "emulated/transient"
+    settings: ClassVar[dict[str, str]] = {}
+
+    @pytest.fixture
+    def bench(self):
+        profile = load_profile(self.profile, self.settings, table=Table())
+        rig = build_rig(profile)
+        try:
+            rig.clock.restart()
+            rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
+            opened = Bench(rig)
+        except BaseException:
+            rig.close()
+            raise
+        yield opened
+        opened.close()
 
 
-class TestWireDevices(DeviceContract):
+class TestWireDevices(_WireBench, DeviceContract):
     pass
+
+
+@pytest.mark.usefixtures("one_arm")
+class TestWireArm(_WireBench, DeviceContract):
+    profile = "emulated/transient_arm"
+    settings = PATIENT
+    mover = "arm"
+    reach_m = 1e-4  # `MoveAt` is content 50 um before its limit

@@ -2,47 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import pytest
+from wire_campaign import QUICK, run
 
-from config.assemble import Table, build_rig, plan_campaign, start_emulator
+from config.assemble import Table, build_rig, start_emulator
 from config.profile import load_profile
-from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD, Campaign, Outcome
+from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
-
-QUICK = {
-    "behavior.settle_s": "1.0",
-    "detectors.contact.threshold_sigma": "8.0",  # the paper's three would end a third of the trials falsely
-    # Two busy cores starve a turn now and then; what is late here is the machine, not the bench.
-    "limits.late_s": "1.0",
-    "limits.stale_s": "0.5",
-}
-
-
-class Hand:
-    """Does something to the bench when a trial enters a state; shows nothing."""
-
-    def __init__(self, deeds: dict[str, Any]) -> None:
-        self.deeds = deeds
-        self.seen: list[str] = []
-
-    def poll(self) -> str | None:
-        return None
-
-    def state(self, name: str, t_s: float) -> None:
-        self.seen.append(name)
-        deed = self.deeds.pop(name, None)
-        if deed is not None:
-            deed()
-
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
-    def trial_started(self, trial: int, factors: Any) -> None: ...
-    def trial_ended(self, trial: int, outcome: str, row: Any) -> None: ...
-    def campaign_ended(self, line: str) -> None: ...
 
 
 @pytest.fixture
@@ -52,16 +20,6 @@ def emulated():
     emulator = start_emulator(profile)
     yield profile, emulator
     emulator.close()
-
-
-def run(profile: Any, emulator: Any, out: Path, deeds: dict[str, Any] | None = None) -> tuple[Outcome, Hand]:
-    hand = Hand(deeds or {})
-    trials = [trial for trial in profile.trials(1) if trial.id == 2]
-    rig = build_rig(profile, emulator.endpoints)
-    try:
-        return Campaign(plan_campaign(profile, trials, 1), rig, hand, out).run(), hand
-    finally:
-        rig.close()
 
 
 def test_an_approach_over_the_wire_ends_by_contact(emulated, tmp_path):
@@ -93,7 +51,7 @@ def test_a_pulled_plug_stops_the_bench_and_says_which(emulated, tmp_path, device
     failed = [event for event in done.events if event["event"] == "Failed"]
     assert failed[0]["device"] == device
     if device == "board":
-        assert emulator.scene()["stage_m_s"] == 0.0
+        assert emulator.scene()["probe_m_s"] == 0.0
     assert len(done.recording(2).stream("board.load_cell")) > 500, "what was measured is kept"
 
 
@@ -102,7 +60,7 @@ def test_a_board_that_falls_silent_stops_the_stage(emulated, tmp_path):
     outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject("board", "silent")})
     assert outcome.exit_code in (EXIT_DEVICE, EXIT_GUARD)
     assert "board" in outcome.line
-    assert emulator.scene()["stage_m_s"] == 0.0
+    assert emulator.scene()["probe_m_s"] == 0.0
 
 
 def test_a_stalled_stage_ends_the_run(emulated, tmp_path):
@@ -121,4 +79,4 @@ def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated):
     assert all(finding.sound for finding in findings), said
     assert "board.load_cell" in said
     assert "stage.position" in said
-    assert emulator.scene() == {"stage_m": 0.0, "stage_m_s": 0.0}
+    assert emulator.scene() == {"probe_m": 0.0, "probe_m_s": 0.0}

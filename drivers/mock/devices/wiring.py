@@ -1,20 +1,57 @@
-"""Emulated devices on the bench that they share, as an emulator makes them: settings and bench in, device out."""
+"""Emulated devices on the bench that they share, as an emulator makes them: settings and bench in, far end out.
+
+The settings are those that the profile has for the driver; what a device does not know of its driver is ignored.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from drivers.errors import RefusedError
+from drivers.mock.arm_carrier import ArmCarrier
 from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
+from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from drivers.mock.far_ends import Line, Network
 from drivers.mock.finger_bench import FingerBench
+from drivers.mock.plants import arm, rigid
+from drivers.mock.plants.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
+from drivers.ur_arm.settings import Axis, UrArmSettings
+
+JOGGED_M = -0.005
+"""Where the arm's tool is before anybody sends it home, on the approach axis (assumption: jogged near the start)."""
 
 
-def zaber_stage(settings: Mapping[str, Any], bench: FingerBench) -> EmulatedZaberStage:
-    """The stage that carries the bench's probe."""
-    return EmulatedZaberStage(EmulatedZaberStageSettings.model_validate(settings), bench.axis, bench.on_plan)
+def zaber_stage(settings: Mapping[str, Any], bench: FingerBench) -> Line:
+    """The stage, with the bench's probe on it."""
+    axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
+    bench.mount(axis)
+    return Line(EmulatedZaberStage(EmulatedZaberStageSettings(), axis, bench.on_plan))
 
 
-def sensor_board(settings: Mapping[str, Any], bench: FingerBench) -> EmulatedSensorBoard:
+def sensor_board(settings: Mapping[str, Any], bench: FingerBench) -> Line:
     """The board that is wired to the bench's sensors and drive."""
-    return EmulatedSensorBoard(EmulatedSensorBoardSettings.model_validate(settings), bench)
+    return Line(EmulatedSensorBoard(EmulatedSensorBoardSettings(), bench))
+
+
+def ur_arm(settings: Mapping[str, Any], bench: FingerBench) -> Network:
+    """The controller and its arm, with the bench's probe in the arm's tool.
+
+    Raises:
+        RefusedError: the arm does not reach there.
+    """
+    host = UrArmSettings.model_validate(settings)
+    axis = Axis(host)
+    usual = UrControllerSettings.model_validate({})
+    try:
+        joints_rad = arm.solve(rigid.matrix(axis.pose(JOGGED_M)), usual.joints_rad)
+    except arm.UnreachableError as error:
+        raise RefusedError(
+            "arm", "being set up", f"{error} at start_pose", "choose a start_pose that a UR5e reaches"
+        ) from error
+    carrier = ArmCarrier(axis, bench)
+    bench.mount(carrier)
+    there = usual.model_copy(update={"joints_rad": tuple(joints_rad.tolist())})
+    return Network(UrServer(UrController(there, carrier)), realtime=host.realtime_priority > 0)

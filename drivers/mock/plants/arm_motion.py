@@ -36,7 +36,7 @@ class Surroundings(Protocol):
         Args:
             pose: Of the tool, shape (6,): metres and rotation vector.
             twist: Of the tool, shape (6,): m/s and rad/s.
-            t_s: The controller's time, which never goes back.
+            t_s: Time of the surroundings at the end of this cycle; it never goes back.
         """
 
 

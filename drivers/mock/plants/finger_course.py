@@ -56,6 +56,7 @@ class Course:
         """Give the probe another plan, shape (n, 4), where the course is settled."""
         self.motion = scene.motion_of(table)
         self.moment.flags[scene.PIECE] = 0
+        self.moment.depth[0] = math.nan
 
     def begin_span(self) -> None:
         """What was recorded becomes the span before; what was recorded before that is forgotten."""
@@ -164,12 +165,11 @@ class Course:
         moment, finger = self.present(now_s), self.finger
         if moment.flags[scene.MODE] != scene.TOUCHING:
             return 0.0
-        position, velocity, _ = kernel.probe_at(
+        _, velocity, _ = kernel.probe_at(
             self.motion, moment.flags[scene.PIECE], moment.whole[0], moment.fraction[0], moment.fraction[1]
         )
-        depth = position - finger.gap - finger.arm * moment.x[scene.THETA]
         speed = velocity - finger.arm * moment.x[scene.OMEGA]
-        return float(finger.contact * depth + finger.contact_damping * speed)
+        return float(finger.contact * moment.depth[0] + finger.contact_damping * speed)
 
     def probe_rests(self, from_s: float, until_s: float) -> float | None:
         """Where the probe rests between two times, or None where it moves; of several places the farthest."""

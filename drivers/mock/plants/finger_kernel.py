@@ -66,7 +66,7 @@ _FAR = 10.0
 """An oscillator's edge more than this many pieces away is not looked at."""
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _wander(finger: Finger, moment: Moment, step: int) -> float:
     """The joint's relative wander at a step: a stationary Ornstein-Uhlenbeck process, from its innovations alone.
 
@@ -83,7 +83,7 @@ def _wander(finger: Finger, moment: Moment, step: int) -> float:
     return finger.wander * math.sqrt(1.0 - keep * keep) * float(moment.wander[0])
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def probe_at(
     motion: Motion, piece: int, whole: int, fraction: float, rest: float
 ) -> tuple[float, float, float]:
@@ -95,12 +95,13 @@ def probe_at(
     return position, velocity + acceleration * elapsed, acceleration
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _expand(
     finger: Finger,
     joint: float,
     noise: float,
     probe: tuple[float, float, float],
+    depth: float,
     flags: Ints,
     length: float,
     degree: int,
@@ -115,6 +116,7 @@ def _expand(
         joint: K, with the present wander.
         noise: n, held in this piece.
         probe: Position, velocity and acceleration at its start.
+        depth: Overlap there.
         flags: Switches.
         length: Of the piece in seconds.
         degree: Highest order wanted.
@@ -125,39 +127,40 @@ def _expand(
     theta, omega, b, beta = x[THETA], x[OMEGA], x[BASE], x[BASE_RATE]
     a, g1, g2, v, phi = x[FILTERED], x[HIGH_1], x[HIGH_2], x[CONTROL], x[PHASE]
     series[0] = x
-    # (1) and (2), gathered by state: fewer operations wait for one another
+    # (1) and (2), gathered by state: fewer operations wait for one another. Spring and damper act through the overlap
+    # and its rate: theta is a million times an overlap in stiff contact, and its rounding would be force.
     push_arm = finger.arm if flags[MODE] == TOUCHING else 0.0
-    k_theta = -(joint + push_arm * finger.contact * finger.arm) / finger.inertia
+    k_theta = -joint / finger.inertia
     c_omega = -(finger.joint_damping + push_arm * finger.contact_damping * finger.arm) / finger.inertia
     k_b, c_beta = joint / finger.inertia, finger.joint_damping / finger.inertia
     base_k_theta, base_c_omega = joint / finger.base_inertia, finger.joint_damping / finger.base_inertia
     base_k_b = -(joint + finger.base) / finger.base_inertia
     base_c_beta = -(finger.joint_damping + finger.base_damping) / finger.base_inertia
     inverse_quality = 1.0 / finger.quality
-    # what comes from outside: terms 0, 1, 2 of the probe's overlap, and of the angular acceleration
-    surface, surface_1, surface_2 = probe[0] - finger.gap, probe[1] * length, 0.5 * probe[2] * length * length
+    # what comes from outside: terms 0 and 1 of the probe's velocity, and of the angular acceleration
     speed, speed_1 = probe[1], probe[2] * length
     drive = 0.0
     if flags[EXCITED]:
         drive = finger.drive if flags[OSCILLATOR] else -finger.drive
     push_lever = push_arm / finger.inertia
-    kick = drive / finger.inertia + push_lever * (finger.contact * surface + finger.contact_damping * speed)
-    kick_1 = push_lever * (finger.contact * surface_1 + finger.contact_damping * speed_1)
-    kick_2 = push_lever * finger.contact * surface_2
+    k_depth = push_lever * finger.contact
+    kick = drive / finger.inertia + push_lever * finger.contact_damping * speed
+    kick_1 = push_lever * finger.contact_damping * speed_1
     detected = float(flags[COMPARATOR] ^ flags[OSCILLATOR])
     lowest = finger.lowest_hz
     for k in range(degree + 1):
         compared = a - inverse_quality * g1 - g2
-        guards[DEPTH, k] = surface - finger.arm * theta
-        guards[SPEED, k] = speed - finger.arm * omega
+        depth_rate = speed - finger.arm * omega
+        guards[DEPTH, k] = depth
+        guards[SPEED, k] = depth_rate
         guards[COMPARED, k] = compared
         guards[TURNED, k] = phi
         if k == degree:
             break
-        omega_rate = (k_theta * theta + k_b * b + kick) + (c_omega * omega + c_beta * beta)
+        omega_rate = (k_depth * depth + kick + k_theta * theta + k_b * b) + (c_omega * omega + c_beta * beta)
         beta_rate = (base_k_theta * theta + base_k_b * b) + (base_c_omega * omega + base_c_beta * beta)
         step = length / (k + 1)
-        theta, b = step * omega, step * beta
+        theta, b, depth = step * omega, step * beta, step * depth_rate
         omega, beta = step * omega_rate, step * beta_rate
         a = step * finger.filter_rad_s * (noise - finger.lever * beta_rate - a)
         g2 = step * finger.high_rad_s * g1
@@ -174,15 +177,14 @@ def _expand(
         series[k + 1, CONTROL] = v
         series[k + 1, PHASE] = phi
         noise = detected = lowest = 0.0
-        kick, kick_1, kick_2 = kick_1, kick_2, 0.0
-        surface, surface_1, surface_2 = surface_1, surface_2, 0.0
+        kick, kick_1 = kick_1, 0.0
         speed, speed_1 = speed_1, 0.0
     # (3)
     for k in range(degree + 1):
         guards[PUSH, k] = finger.contact * guards[DEPTH, k] + finger.contact_damping * guards[SPEED, k]
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
     """The state at `u`, written to `x`. One name for each state: a loop over them would pass through memory."""
     theta = omega = b = beta = a = g1 = g2 = v = phi = 0.0
@@ -225,7 +227,7 @@ def _to_corner(
     return math.inf
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _next_mode(mode: int, damped: bool, guards: Floats, degree: int, parts: int) -> tuple[float, int]:
     """When the present mode ends, as a fraction of the piece, and the mode that follows."""
     if mode == FREE:
@@ -238,7 +240,7 @@ def _next_mode(mode: int, damped: bool, guards: Floats, degree: int, parts: int)
     return (apart, FREE) if apart <= pressed else (pressed, TOUCHING)
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _first_end(
     flags: Ints, damped: bool, hysteresis: float, guards: Floats, degree: int, parts: int
 ) -> tuple[float, int, int]:
@@ -288,7 +290,7 @@ def _change(x: Floats, flags: Ints, cause: int, next_mode: int) -> int:
     return -1
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def run(
     finger: Finger,
     motion: Motion,
@@ -333,6 +335,7 @@ def run(
         touching = flags[MODE] == TOUCHING
         radius = finger.touching_radius if touching else finger.free_radius
         frequency = finger.touching_frequency if touching else finger.free_frequency
+        piece = flags[PIECE]
         length = min(SPAN / radius, _to_corner(motion.whole, motion.fraction, flags, whole, fraction, rest))
         # equal parts up to the oscillator's next edge: no series is longer than it need be
         turn = 1.02 * (0.5 - x[PHASE]) / (finger.lowest_hz + finger.range_hz * x[CONTROL])
@@ -349,7 +352,9 @@ def run(
                 length, grid = ahead, (tick + 1) / NOISE_HZ
         degree, parts = degree_for(length * radius), parts_for(length * frequency)
         probe = probe_at(motion, flags[PIECE], whole, fraction, rest)
-        _expand(finger, joint, noise, probe, flags, length, degree, x, series, guards)
+        if flags[MODE] == FREE or flags[PIECE] != piece or math.isnan(moment.depth[0]):
+            moment.depth[0] = probe[0] - finger.gap - finger.arm * x[THETA]
+        _expand(finger, joint, noise, probe, moment.depth[0], flags, length, degree, x, series, guards)
         damped = finger.contact_damping > 0.0
         end, cause, next_mode = _first_end(flags, damped, finger.hysteresis, guards, degree, parts)
         elapsed = end * length
@@ -367,10 +372,13 @@ def run(
         if elapsed > remaining:
             if settle:
                 _state(series, degree, remaining / length, x)
+                moment.depth[0] = value_slope(guards[DEPTH], degree, remaining / length)[0]
                 moment.whole[0] = until_whole
                 moment.fraction[0], moment.fraction[1] = until_fraction, 0.0
             return DONE
         _state(series, degree, end, x)
+        if flags[MODE] != FREE or cause == MODE:
+            moment.depth[0] = value_slope(guards[DEPTH], degree, end)[0]
         if not math.isfinite(x[THETA] + x[BASE] + x[FILTERED] + x[PHASE]):
             return NOT_FINITE
         _go_on(moment.whole, moment.fraction, elapsed, grid if cause == PIECE else -1.0)
@@ -383,7 +391,7 @@ def run(
     return ENDLESS
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def read(books: Books, which: int, times: Floats, out: Floats) -> None:
     """Sample recorded pieces at ascending times; an instant between two pieces belongs to the later one.
 
@@ -405,7 +413,7 @@ def read(books: Books, which: int, times: Floats, out: Floats) -> None:
         out[i] = value_slope(terms, degree, elapsed / books.record_length[record])[0]
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _since(t: float, whole: int, fraction: float) -> float:
     """Seconds from an instant in whole seconds and a fraction to a time."""
     floor = math.floor(t)

@@ -88,10 +88,12 @@ class Moment(NamedTuple):
     """Where the plant stands: state, switches and time at the start of the piece under way. Changed in place.
 
     The time is `whole` seconds and a `fraction` in double-double, shape (2,). `wander` holds the wander's present value
-    and `wander_step` its step, -1 before the first.
+    and `wander_step` its step, -1 before the first. `depth` is the overlap, carried along while there is one, because
+    the state has it as a difference of what is far larger; NaN where the state alone says it.
     """
 
     x: Floats
+    depth: Floats
     flags: Ints
     whole: Ints
     fraction: Floats
@@ -107,6 +109,7 @@ class Moment(NamedTuple):
         """The same moment in arrays of its own."""
         return Moment(
             self.x.copy(),
+            self.depth.copy(),
             self.flags.copy(),
             self.whole.copy(),
             self.fraction.copy(),
@@ -235,7 +238,8 @@ def _pace(a: Floats) -> tuple[float, float]:
 def at_rest() -> Moment:
     """Time 0: all at rest, the excitation off, the loop's control voltage in its middle."""
     whole, step = np.zeros(1, dtype=np.int64), np.full(1, -1, dtype=np.int64)
-    moment = Moment(np.zeros(STATES), np.zeros(FLAGS, dtype=np.int64), whole, np.zeros(2), np.zeros(1), step)
+    depth, flags = np.full(1, math.nan), np.zeros(FLAGS, dtype=np.int64)
+    moment = Moment(np.zeros(STATES), depth, flags, whole, np.zeros(2), np.zeros(1), step)
     moment.x[CONTROL] = 0.5
     return moment
 

@@ -26,7 +26,7 @@ DEGREE = 30
 """Highest of the series: the first term left out at `SPAN` is 3.2^31 / 31! = 6e-19 of the state."""
 
 BRACKET = 0.8
-"""A search proceeds in steps of this many radians of the fastest oscillation: at most one extremum in each."""
+"""A search begins with steps of this many radians of the fastest oscillation; it halves those that prove too long."""
 
 ROUNDING = 4e-15
 """A quantity that starts this close to zero, against the sum of its terms, starts at zero."""
@@ -62,19 +62,19 @@ def pace(matrix: Floats) -> tuple[float, float]:
     return float(np.max(np.abs(eigenvalues))), float(np.max(np.abs(eigenvalues.imag)))
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def degree_for(reach: float) -> int:
     """Degree of the series for a piece whose length times the spectral radius is `reach`, at most `SPAN`."""
     return int(_DEGREES[int(reach * _RESOLUTION)])
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def parts_for(reach: float) -> int:
     """Into how many steps a search divides a piece whose length times the largest angular frequency is `reach`."""
     return int(reach / BRACKET) + 1
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def value_slope(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     """A polynomial and its derivative at `u`."""
     total, rate = terms[degree], 0.0
@@ -84,7 +84,26 @@ def value_slope(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     return total, rate
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
+def _look(terms: Floats, degree: int, v: float) -> tuple[float, float, float, float, float, float]:
+    """A polynomial and two derivatives at `v`; bounds of its second, third and fourth in all of [0, v]."""
+    last = terms[degree]
+    total, rate, bend = last, 0.0, 0.0
+    size, first, second, third, fourth = abs(last), 0.0, 0.0, 0.0, 0.0
+    for k in range(degree - 1, -1, -1):
+        term = terms[k]
+        bend = bend * v + rate
+        rate = rate * v + total
+        total = total * v + term
+        fourth = fourth * v + third
+        third = third * v + second
+        second = second * v + first
+        first = first * v + size
+        size = size * v + abs(term)
+    return total, rate, 2.0 * bend, 2.0 * second, 6.0 * third, 24.0 * fourth
+
+
+@njit(cache=True)
 def _slope_bend(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     """The first two derivatives of a polynomial at `u`."""
     rate, bend = degree * terms[degree], 0.0
@@ -94,7 +113,7 @@ def _slope_bend(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     return rate, bend
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _root(
     terms: Floats, degree: int, sign: float, level: float, low: float, high: float, start: float
 ) -> float:
@@ -118,7 +137,7 @@ def _root(
     return u
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
 def _extremum(terms: Floats, degree: int, sign: float, low: float, high: float) -> float:
     """Where `sign` times the derivative of a polynomial rises through zero: bracketed Newton."""
     u = 0.5 * (low + high)
@@ -140,7 +159,55 @@ def _extremum(terms: Floats, degree: int, sign: float, low: float, high: float) 
     return u
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True)
+def _search(
+    terms: Floats, degree: int, parts: int, sign: float, level: float, armed: bool, nothing: float
+) -> float:
+    """What `rising` asks for, step by step; `armed`: begins below the level; `nothing`: what rounding may hide.
+
+    No frequency says how far apart extrema are: a sum of exponentials and a parabola can turn twice in no time. So a
+    step counts when it is proved to hold one at most, or nothing above the level, and is halved until it is. The proof:
+    a function is no further from its chord than the step squared times an eighth of the bound of its second derivative.
+    """
+    g, rate, bend = sign * terms[0] - level, sign * terms[1], 2.0 * sign * terms[2]
+    u, longest = 0.0, 1.0 / parts
+    step = longest
+    while u < 1.0:
+        v = u + step if u + step < 1.0 - 0.5 * step else 1.0
+        g_v, rate_v, bend_v, second, third, fourth = _look(terms, degree, v)
+        g_v, rate_v, bend_v = sign * g_v - level, sign * rate_v, sign * bend_v
+        eighth = 0.125 * (v - u) * (v - u)
+        if not (armed and max(g, g_v) + eighth * second < 0.0):
+            if not (
+                max(rate, rate_v) < -eighth * third
+                or min(rate, rate_v) > eighth * third
+                or max(bend, bend_v) < -eighth * fourth
+                or min(bend, bend_v) > eighth * fourth
+                or eighth * third * (v - u) <= nothing
+            ):
+                step = 0.5 * (v - u)
+                continue
+            if not armed:
+                if rate >= 0.0 and g_v > 0.0:
+                    return u
+                if rate < 0.0 < rate_v:
+                    # leaves downwards: what comes after the bottom of the dip can be a crossing
+                    u = _extremum(terms, degree, sign, u, v)
+                    g, rate = sign * value_slope(terms, degree, u)[0] - level, 0.0
+                    if g >= 0.0:
+                        return u
+                armed = min(g, g_v) < 0.0
+            top, g_top = v, g_v
+            if armed and g_v <= 0.0 and rate > 0.0 > rate_v:
+                top = _extremum(terms, degree, -sign, u, v)
+                g_top = sign * value_slope(terms, degree, top)[0] - level
+            if armed and g < 0.0 < g_top:
+                return _root(terms, degree, sign, level, u, top, u + (top - u) * g / (g - g_top))
+        u, g, rate, bend, step = v, g_v, rate_v, bend_v, min(2.0 * step, longest)
+    return math.inf
+
+
+@njit(cache=True)
 def rising(terms: Floats, degree: int, parts: int, sign: float, level: float) -> float:
     """First u in [0, 1] at which `sign` times a polynomial rises through `level`, or infinity.
 
@@ -151,42 +218,27 @@ def rising(terms: Floats, degree: int, parts: int, sign: float, level: float) ->
 
     Args:
         terms: Of the polynomial, shape (degree + 1,) or more.
-        degree: Highest term that counts.
-        parts: Steps of the search, from `parts_for`.
+        degree: Highest term that counts, 2 or more.
+        parts: Steps with which the search begins, from `parts_for`.
         sign: 1 or -1.
         level: What is crossed.
     """
-    size = 0.0
+    g = sign * terms[0] - level
+    # in [0, 1] a polynomial is a weighted mean of its partial sums
+    size, turning, partial, highest = 0.0, 0.0, g, g
     for k in range(1, degree + 1):
         size += abs(terms[k])
-    g = sign * terms[0] - level
-    if g + size < 0.0:
+        turning += k * abs(terms[k])
+        partial += sign * terms[k]
+        highest = max(highest, partial)
+    if highest < -ROUNDING * size:
         return math.inf
     rate = sign * terms[1]
     nothing = ROUNDING * (size + abs(level))
     armed = g < -nothing
     if not armed and rate >= 0.0 and (g > 0.0 or rate > nothing):
         return 0.0
-    u = 0.0
-    for part in range(parts):
-        v = (part + 1) / parts
-        g_v, rate_v = value_slope(terms, degree, v)
-        g_v, rate_v = sign * g_v - level, sign * rate_v
-        if not armed:
-            if rate >= 0.0 and g_v > 0.0:
-                return u
-            if rate < 0.0 < rate_v:
-                # leaves downwards: what comes after the bottom of the dip can be a crossing
-                u = _extremum(terms, degree, sign, u, v)
-                g, rate = sign * value_slope(terms, degree, u)[0] - level, 0.0
-                if g >= 0.0:
-                    return u
-            armed = min(g, g_v) < 0.0
-        top, g_top = v, g_v
-        if armed and g_v <= 0.0 and rate > 0.0 > rate_v:
-            top = _extremum(terms, degree, -sign, u, v)
-            g_top = sign * value_slope(terms, degree, top)[0] - level
-        if armed and g < 0.0 < g_top:
-            return _root(terms, degree, sign, level, u, top, u + (top - u) * g / (g - g_top))
-        u, g, rate = v, g_v, rate_v
-    return math.inf
+    if armed and 2.0 * rate > turning:
+        # the slope outweighs all that could change it: one crossing at most
+        return _root(terms, degree, sign, level, 0.0, 1.0, g / (g - partial)) if partial > 0.0 else math.inf
+    return _search(terms, degree, parts, sign, level, armed, nothing)

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 HISTORY_PIECES = 64
 """Pieces remembered, present plan included: the last dozen commands (at most 5 pieces each)."""
+
+STAGE_M_S2 = 0.5
+"""Acceleration of the bench's stage. Assumption: 12 mm/s in 24 ms, ordinary for a small lead-screw stage."""
+
+STAGE_M_S = 0.026
+"""Fastest speed of the bench's stage. Assumption: a small lead-screw stage."""
 
 
 class Piece(NamedTuple):
@@ -28,11 +35,66 @@ class Piece(NamedTuple):
         return self.velocity_m_s + self.acceleration_m_s2 * (t_s - self.t_start_s)
 
 
-class StageAxis:
+class AxisMotion:
+    """How something moves along one axis: pieces, with a memory of the last dozen changes.
+
+    Changes come in order of time; the motion before the last of them can still be asked for.
+
+    Args:
+        t_s: The earliest time that will be spoken of.
+        position_m: Where it stands until the first change.
+    """
+
+    def __init__(self, t_s: float = 0.0, position_m: float = 0.0) -> None:
+        self._pieces: deque[Piece] = deque(maxlen=HISTORY_PIECES)
+        self.place(t_s, position_m)
+
+    @property
+    def arrival_s(self) -> float:
+        """Time from which the last piece holds."""
+        return self._pieces[-1].t_start_s
+
+    @property
+    def target_m(self) -> float:
+        """Where the last piece begins."""
+        return self._pieces[-1].position_m
+
+    def place(self, t_s: float, position_m: float) -> None:
+        """Stand still at a position from `t_s` on, and forget what was before: a new trial, a new zero."""
+        self._pieces.clear()
+        self._pieces.append(Piece(t_s, _finite("position_m", position_m), 0.0, 0.0))
+
+    def replace(self, t_s: float, plan: Sequence[Piece]) -> None:
+        """Move by these pieces from `t_s` on, where the first of them begins."""
+        while self._pieces and self._pieces[-1].t_start_s >= t_s:
+            self._pieces.pop()
+        self._pieces.extend(plan)
+
+    def position(self, t_s: float) -> float:
+        """Position in metres."""
+        return self._piece(t_s).position(t_s)
+
+    def velocity(self, t_s: float) -> float:
+        """Velocity in m/s."""
+        return self._piece(t_s).velocity(t_s)
+
+    def pieces(self, t_s: float) -> list[Piece]:
+        """The motion from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
+        present = self._piece(t_s)
+        first = Piece(t_s, present.position(t_s), present.velocity(t_s), present.acceleration_m_s2)
+        return [first, *(piece for piece in self._pieces if piece.t_start_s > t_s)]
+
+    def _piece(self, t_s: float) -> Piece:
+        for piece in reversed(self._pieces):
+            if piece.t_start_s <= t_s:
+                return piece
+        raise ValueError(f"t_s = {t_s!r} is before the motion that is remembered")
+
+
+class StageAxis(AxisMotion):
     """An axis that accelerates at a fixed rate, cruises, brakes, and stands exactly on its target.
 
-    A command replaces the plan from its time on; the axis keeps position and velocity through it. Commands
-    come in order of time; the motion before the last of them can still be asked for.
+    A command replaces the plan from its time on; the axis keeps position and velocity through it.
 
     Args:
         acceleration_m_s2: Magnitude of every acceleration and braking.
@@ -44,33 +106,15 @@ class StageAxis:
     def __init__(
         self, *, acceleration_m_s2: float, max_speed_m_s: float, position_m: float = 0.0, t_s: float = 0.0
     ) -> None:
+        super().__init__(t_s, position_m)
         self.acceleration_m_s2 = _positive("acceleration_m_s2", acceleration_m_s2)
         self.max_speed_m_s = _positive("max_speed_m_s", max_speed_m_s)
-        self._pieces: deque[Piece] = deque(maxlen=HISTORY_PIECES)
-        self.place(t_s, position_m)
-
-    @property
-    def arrival_s(self) -> float:
-        """Time from which the present plan stands still."""
-        return self._pieces[-1].t_start_s
-
-    @property
-    def target_m(self) -> float:
-        """Where the present plan ends."""
-        return self._pieces[-1].position_m
-
-    def place(self, t_s: float, position_m: float) -> None:
-        """Stand still at a position from `t_s` on, and forget what was before: a new trial, a new zero."""
-        self._pieces.clear()
-        self._pieces.append(Piece(t_s, _finite("position_m", position_m), 0.0, 0.0))
 
     def move_to(self, t_s: float, target_m: float, speed_m_s: float) -> None:
         """Go to a target at a speed; it brakes first where it is too fast or goes the other way."""
         _finite("target_m", target_m)
         speed_m_s = min(_positive("speed_m_s", speed_m_s), self.max_speed_m_s)
-        piece = self._piece(t_s)
-        start = Piece(t_s, piece.position(t_s), piece.velocity(t_s), 0.0)
-        self._replace(t_s, _trapezoid(start, target_m, speed_m_s, self.acceleration_m_s2))
+        self.replace(t_s, _trapezoid(self._start(t_s), target_m, speed_m_s, self.acceleration_m_s2))
 
     def move_at(self, t_s: float, velocity_m_s: float, limit_m: float) -> None:
         """Go at a signed velocity as far as the limit, and stand there; one already beyond it stops."""
@@ -81,44 +125,22 @@ class StageAxis:
         else:
             self.move_to(t_s, limit_m, abs(velocity_m_s))
 
-    def stop(self, t_s: float) -> None:
-        """Brake to a standstill."""
-        piece = self._piece(t_s)
-        start = Piece(t_s, piece.position(t_s), piece.velocity(t_s), 0.0)
-        self._replace(t_s, _brake(start, self.acceleration_m_s2))
+    def stop(self, t_s: float, deceleration_m_s2: float | None = None) -> None:
+        """Brake to a standstill, at the axis's own rate or at another."""
+        slowing = self.acceleration_m_s2 if deceleration_m_s2 is None else deceleration_m_s2
+        self.replace(t_s, _brake(self._start(t_s), slowing))
 
     def stall(self, t_s: float) -> None:
         """Stand still at once, wherever it is: a motor that has lost its way."""
-        self._replace(t_s, [Piece(t_s, self.position(t_s), 0.0, 0.0)])
-
-    def position(self, t_s: float) -> float:
-        """Position in metres."""
-        return self._piece(t_s).position(t_s)
-
-    def velocity(self, t_s: float) -> float:
-        """Velocity in m/s."""
-        return self._piece(t_s).velocity(t_s)
+        self.replace(t_s, [Piece(t_s, self.position(t_s), 0.0, 0.0)])
 
     def moving(self, t_s: float) -> bool:
         """True until the present plan stands still."""
         return t_s < self.arrival_s
 
-    def pieces(self, t_s: float) -> list[Piece]:
-        """The plan from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
-        present = self._piece(t_s)
-        first = Piece(t_s, present.position(t_s), present.velocity(t_s), present.acceleration_m_s2)
-        return [first, *(piece for piece in self._pieces if piece.t_start_s > t_s)]
-
-    def _piece(self, t_s: float) -> Piece:
-        for piece in reversed(self._pieces):
-            if piece.t_start_s <= t_s:
-                return piece
-        raise ValueError(f"t_s = {t_s!r} is before the motion that is remembered")
-
-    def _replace(self, t_s: float, plan: list[Piece]) -> None:
-        while self._pieces and self._pieces[-1].t_start_s >= t_s:
-            self._pieces.pop()
-        self._pieces.extend(plan)
+    def _start(self, t_s: float) -> Piece:
+        piece = self._piece(t_s)
+        return Piece(t_s, piece.position(t_s), piece.velocity(t_s), 0.0)
 
 
 def _trapezoid(start: Piece, target_m: float, speed_m_s: float, acceleration_m_s2: float) -> list[Piece]:

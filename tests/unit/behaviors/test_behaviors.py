@@ -83,6 +83,7 @@ def test_a_failure_in_any_state_stops_the_mover_and_ends_the_trial(state, event,
     assert behavior.done
     assert behavior.outcome == outcome
     assert event.reason in behavior.reason
+    assert getattr(event, "device", "") in behavior.reason
 
 
 @pytest.mark.parametrize("behavior", [found(entry.behavior) for entry in EXPERIMENTS.values()])
@@ -132,15 +133,34 @@ def test_a_state_that_outlives_its_deadline_ends_the_trial_and_says_which():
     behavior = to(STATES.STOPPING)
     assert behavior.handle(Tick(94.0 + 30.0)) == [Stop("stage"), Excite("board", False)]
     assert behavior.reason == "STOPPING took longer than 30 s"
+    assert behavior.outcome == "fault", "a mover that does not stop is no matter of the experiment"
 
 
-@pytest.mark.parametrize("state", [STATES.BASELINE, STATES.APPROACH, STATES.STOPPING])
+@pytest.mark.parametrize("state", [STATES.BASELINE, STATES.APPROACH])
 def test_after_a_pause_it_goes_back_and_takes_a_new_baseline(state):
     behavior = to(state)
     assert behavior.handle(Resumed(100.0)) == [MoveTo("stage", 0.0, 0.01)]
     behavior.handle(Reached(101.0, "stage", 0.0))
     assert behavior.state is STATES.BASELINE, "the finger has settled already"
     assert behavior.handle(ready(103.0)) == [MoveAt("stage", 0.005, 0.01)]
+
+
+@pytest.mark.parametrize("state", [STATES.STOPPING, STATES.HOLDING, STATES.RETRACTING])
+def test_a_contact_that_was_found_stands_after_a_pause(state):
+    behavior = to(state)
+    assert behavior.handle(Resumed(100.0)) == [MoveTo("stage", 0.0, 0.01)]
+    behavior.handle(Reached(101.0, "stage", 0.0))
+    assert behavior.done
+    assert behavior.outcome == "contact"
+
+
+def test_a_contact_while_another_detector_learns_starts_no_approach():
+    behavior = transient(detectors=("contact", "shadow"))
+    behavior.begin(0.0)
+    for event in (Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(91.0), ready(93.0)):
+        behavior.handle(event)
+    assert behavior.handle(contact(95.0)) == [MoveTo("stage", 0.0, 0.01)]
+    assert behavior.state is STATES.RETRACTING
 
 
 def test_what_no_state_listens_to_is_named_by_none():

@@ -19,6 +19,11 @@ class WireSettings(Settings):
     baud: int = Field(default=115200, ge=1200)
 
 
+class NetworkSettings(Settings):
+    host: str = Field(min_length=1)
+    patience_s: float = 1.0
+
+
 class ResonanceSettings(Settings):
     input: str = "stage.position"
     average_samples: int = Field(default=10, ge=1)
@@ -66,12 +71,14 @@ class FaultSettings(Settings):
 
 @dataclass(frozen=True)
 class FakeTable:
-    drivers: tuple[str, ...] = ("zaber_stage", "sensor_board")
+    drivers: tuple[str, ...] = ("zaber_stage", "sensor_board", "ur_arm")
     detectors: tuple[str, ...] = ("resonance", "resonance.paper", "level")
     experiments: tuple[str, ...] = ("touch",)
     plants: tuple[str, ...] = ("finger",)
 
     def driver_settings(self, driver: str, port: str) -> type[Settings]:
+        if driver == "ur_arm":
+            return NetworkSettings
         return StageSettings if port == "mock" else WireSettings
 
     def detector_settings(self, kind: str) -> type[Settings]:

@@ -187,6 +187,27 @@ def test_the_port_chooses_the_settings_class(write, table):
     assert profile.devices["stage"].settings.baud == 115200
 
 
+ARM = {"devices.stage.driver": "ur_arm", "devices.stage.port": "192.0.2.10", "plant.kind": "none"}
+
+
+def test_a_device_on_a_network_has_its_address_for_a_port(write, table):
+    profile = load_profile("touch.toml", ARM, table=table)
+    assert profile.devices["stage"].settings.host == "192.0.2.10"
+    assert profile.bench == "hardware"
+    assert profile.resolved["devices"]["stage"] == {
+        "driver": "ur_arm",
+        "port": "192.0.2.10",
+        "patience_s": 1.0,
+    }
+    assert load_resolved("manifest.json", profile.resolved, table=table).hash == profile.hash
+
+
+def test_an_address_beside_the_port_is_refused(write, table):
+    assert refusal(table, overrides={**ARM, "devices.stage.host": "192.0.2.11"}) == (
+        '--set: [devices.stage] host = "192.0.2.11": goes into port = "…"',
+    )
+
+
 def test_a_real_bench_has_neither_plant_nor_faults(write, table):
     write("real.toml", 'extends = "touch"\n[devices.stage]\nport = "/dev/ttyUSB0"')
     assert refusal(table, "real.toml")[0].startswith(

@@ -47,6 +47,12 @@ def test_a_table_goes_on_where_a_later_file_names_the_same_kind(write):
     assert read_source("top.toml").data["detectors"]["contact"]["threshold_sigma"] == 3.0
 
 
+def test_a_device_that_is_none_is_taken_off_the_bench(write):
+    write("arm.toml", 'extends = "touch"\n[devices]\nstage = "none"\n[devices.arm]\nport = "mock"')
+    assert read_source("arm.toml").data["devices"] == {"arm": {"port": "mock"}}
+    assert read_source("touch.toml", {"devices.stage": "none"}).data["devices"] == {}
+
+
 def test_overrides_are_toml_values_or_plain_words_and_come_last(write):
     source = read_source("touch.toml", {"limits.force_n": "1.5", "title": "another one", "trials.list": "[]"})
     assert source.data["limits"] == {"force_n": 1.5}

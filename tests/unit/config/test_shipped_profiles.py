@@ -46,7 +46,7 @@ def test_a_bench_is_there_to_be_extended_and_says_so(name):
 
 
 @pytest.mark.parametrize("bench", ["emulated", "hardware"])
-@pytest.mark.parametrize("experiment", ["static", "transient"])
+@pytest.mark.parametrize("experiment", ["static", "transient", "transient_arm"])
 def test_other_benches_differ_in_ports_plant_settling_and_trials_alone(bench, experiment):
     """The drivers' own settings follow from the ports; all that is asked of detectors and limits is the same."""
     mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
@@ -89,6 +89,18 @@ def test_the_emulated_transient_is_three_trials_with_shortened_settling():
     assert len(profile.trials(0)) == 3
     assert profile.behavior.settle_s < 90.0
     assert "settling shortened" in profile.title
+
+
+@pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
+def test_with_the_arm_only_the_bench_changes(bench):
+    stage, arm = read_source(f"{bench}/transient").data, read_source(f"{bench}/transient_arm").data
+    assert "stage" not in arm["devices"]
+    assert arm["devices"]["board"] == stage["devices"]["board"]
+    for section in ("experiment", "detectors", "trials", "plant"):
+        assert arm[section] == stage[section]
+    carried = {"mover": "arm", "position_stream": "arm.position"}
+    assert arm["behavior"] == {**stage["behavior"], **carried}
+    assert arm["limits"] == {**stage["limits"], "position_stream": "arm.position", "travel_min_m": -0.02}
 
 
 def test_static_has_the_three_conditions_of_figure_4():

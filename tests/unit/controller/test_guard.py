@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.guard import Guard, GuardRefusal, GuardSettings
-from drivers.messages import MoveAt, MoveTo, SampleBlock, Stop
+from drivers.messages import Grip, MoveAt, MoveTo, Release, SampleBlock, Stop, Twist
 
 
 def guard(**changes):
@@ -81,6 +81,28 @@ def test_a_late_loop_stops_what_moves():
     assert guard().watch(0.0, blocks, moving=False, late_s=0.3) is None
 
 
+def test_force_counts_while_nothing_moves_as_well():
+    assert guard().watch(0.02, [force(np.full(20, 2.5))], moving=False)
+
+
+def test_a_stream_that_a_detector_decides_by_is_watched_like_the_guards_own():
+    watched, decisive = guard(), frozenset({"board.period"})
+    both = [force(np.zeros(5)), position([0.0])]
+    assert watched.watch(0.0, both, moving=True, decisive=decisive) is None
+    late = [force(np.zeros(5), start=200), position([0.0], t0_s=0.2)]
+    reason = watched.watch(0.2, late, moving=True, decisive=decisive)
+    assert reason is not None
+    assert reason.startswith("board.period is silent")
+
+
+def test_a_time_stamp_from_the_future_keeps_no_stream_alive():
+    watched = guard()
+    watched.watch(0.0, [force(np.zeros(5), start=30_000), position([0.0])], moving=True)
+    reason = watched.watch(0.3, [position([0.0], t0_s=0.3)], moving=True)
+    assert reason is not None
+    assert reason.startswith("board.load_cell is silent")
+
+
 def test_travel_beyond_the_limit_stops_the_bench():
     reason = guard().watch(0.0, [force([0.0]), position([0.0119, 0.0121])], moving=True)
     assert reason is not None
@@ -96,6 +118,10 @@ def test_travel_beyond_the_limit_stops_the_bench():
         (MoveTo("stage", -0.01, 0.01), "-0.01 m is outside"),
         (MoveTo("stage", math.nan, 0.01), "position_m is nan"),
         (MoveAt("stage", math.inf, 0.01), "velocity_m_s is inf"),
+        (Twist("arm", (0.03, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1), "0.03 m/s is beyond limits.speed_m_s"),
+        (Twist("arm", (0.0, 0.0, math.nan, 0.0, 0.0, 0.0), 0.1), "twist is nan"),
+        (Grip("gripper", 0.01, 0.01, 90.0), "90 N is outside"),
+        (Release("gripper", 0.03), "0.03 m/s is beyond"),
     ],
 )
 def test_what_is_unsafe_is_refused_with_the_reason(command, said):

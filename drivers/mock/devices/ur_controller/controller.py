@@ -100,6 +100,7 @@ class UrController:
         arm: The arm.
         t_s: The controller's time: steps of 2 ms since it was made.
         surroundings: What the tool may touch.
+        epoch_s: The surroundings' time at which `t_s` was zero.
         inputs: Integer and double input registers by RTDE name.
         outputs: Integer and double output registers by RTDE name.
         safety: Why it would not move, or NORMAL.
@@ -122,6 +123,7 @@ class UrController:
         self.obeyed: Counter[int] = Counter()
         self.payload: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
         self.surroundings = surroundings or StiffPlane()
+        self.epoch_s = 0.0
         self._noise = np.random.Generator(np.random.Philox(settings.seed))
         self._sigma = np.array([settings.force_noise_n] * 3 + [settings.torque_noise_n_m] * 3)
         self._steps = 0
@@ -265,8 +267,9 @@ class UrController:
         self.arm.motion = ToolSpeed(np.zeros(6), self.settings.halt_m_s2)
 
     def _feel(self) -> None:
-        pose = self.arm.pose
-        self._touch = np.asarray(self.surroundings.wrench(pose, self.arm.twist, self.t_s), dtype=np.float64)
+        now_s = self.epoch_s + self.t_s
+        wrench = self.surroundings.wrench(self.arm.pose, self.arm.twist, now_s)
+        self._touch = np.asarray(wrench, dtype=np.float64)
         self._measured = self._touch + self._sigma * self._noise.standard_normal(6)
         self._history.append(_Instant(self.arm.joints_rad, (self._touch - self._zero)[:3]))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import select
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
@@ -52,6 +52,9 @@ class UrServer:
         deaf: True makes it accept RTDE connections and answer none.
         streams: False makes it send no data packages.
         silent_until_s: Host time until which nothing goes out on RTDE.
+        host: The address that it listens on.
+        next_s: Host time of the controller's next cycle.
+        bench_s: The surroundings' time of a host time.
     """
 
     def __init__(self, controller: UrController) -> None:
@@ -59,28 +62,51 @@ class UrServer:
         self.deaf = False
         self.streams = True
         self.silent_until_s = 0.0
+        self.host = controller.settings.host
+        self.next_s = 0.0
+        self.bench_s: Callable[[float], float] = lambda host_s: host_s
         self._taken: set[str] = set()
         self._listeners: dict[socket.socket, Callable[[], Session]] = {}
         self._sessions: dict[socket.socket, Session] = {}
         self._unsent: dict[socket.socket, bytearray] = {}
-        self._next_s = 0.0
 
-    def open(self) -> None:
+    @property
+    def sockets(self) -> list[socket.socket]:
+        """What to select on."""
+        return [*self._listeners, *self._sessions]
+
+    def open(self, hosts: Sequence[str] = ()) -> None:
         """Listen.
 
+        Args:
+            hosts: Addresses to choose from: the first with all three ports free. None: that of the settings.
+
         Raises:
-            OSError: a port of the address is taken.
+            OSError: a port of every address is taken.
         """
+        *others, last = hosts or (self.host,)
+        for host in others:
+            with suppress(OSError):
+                self._listen(host)
+                return
+        self._listen(last)
+
+    def _listen(self, host: str) -> None:
         kinds: dict[int, Callable[[], Session]] = {
             RTDE_PORT: lambda: RtdeSession(self.controller, self._taken),
             SCRIPT_PORT: lambda: ScriptSession(self.controller),
             DASHBOARD_PORT: lambda: DashboardSession(self.controller),
         }
-        for port, kind in kinds.items():
-            listener = socket.create_server((self.controller.settings.host, port))
-            listener.setblocking(False)
-            self._listeners[listener] = kind
-        self._next_s = monotonic_s() + STEP_S
+        try:
+            for port, kind in kinds.items():
+                listener = socket.create_server((host, port))
+                listener.setblocking(False)
+                self._listeners[listener] = kind
+        except OSError:
+            self.close()
+            raise
+        self.host = host
+        self.next_s = monotonic_s() + STEP_S
 
     def close(self) -> None:
         """Drop every connection and stop listening; may be called twice."""
@@ -100,18 +126,22 @@ class UrServer:
     def service(self, until_s: float) -> None:
         """Serve until the host's monotonic time `until_s`, at least one turn."""
         while True:
-            self.turn(max(0.0, min(self._next_s, until_s) - monotonic_s()))
+            self.turn(max(0.0, min(self.next_s, until_s) - monotonic_s()))
             if monotonic_s() >= until_s:
                 return
 
-    def turn(self, wait_s: float = 0.0) -> None:
+    def turn(self, wait_s: float = 0.0, now_s: float | None = None) -> None:
         """Wait for something on the sockets, handle all of it, then make the cycles that are due.
 
         A loop that has other devices to serve calls it at least once in two milliseconds.
+
+        Args:
+            wait_s: Longest wait.
+            now_s: Host time up to which cycles are due; None is the present.
         """
         # select alone waits in microseconds: epoll and poll round to 1 ms.
         ready, writable, _ = select.select(
-            [*self._listeners, *self._sessions],
+            self.sockets,
             [connection for connection, rest in self._unsent.items() if rest],
             [],
             wait_s,
@@ -120,7 +150,7 @@ class UrServer:
             self._accept(one) if one in self._listeners else self._receive(one)
         for one in writable:
             self._send(one, b"")
-        self._catch_up()
+        self._catch_up(monotonic_s() if now_s is None else now_s)
 
     def drop(self, which: str) -> int:
         """Close the RTDE connections of the client's "control" or "receive" interface; how many."""
@@ -133,12 +163,14 @@ class UrServer:
             self._drop(connection)
         return len(matching)
 
-    def _catch_up(self) -> None:
-        late_steps = math.floor((monotonic_s() - self._next_s) / STEP_S) + 1
+    def _catch_up(self, now_s: float) -> None:
+        late_steps = math.floor((now_s - self.next_s) / STEP_S) + 1
         if late_steps > BACKLOG_STEPS:
-            self._next_s += (late_steps - BACKLOG_STEPS) * STEP_S
+            self.next_s += (late_steps - BACKLOG_STEPS) * STEP_S
         for _ in range(min(late_steps, BURST_STEPS)):
-            self._next_s += STEP_S
+            # The arm moves in a world whose time does not begin with the controller's.
+            self.controller.epoch_s = self.bench_s(self.next_s) - self.controller.t_s - STEP_S
+            self.next_s += STEP_S
             self.controller.step()
             self._stream()
 

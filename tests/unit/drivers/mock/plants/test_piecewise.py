@@ -62,6 +62,41 @@ def test_rest_at_zero_followed_by_acceleration_is_a_crossing_at_the_start():
     assert rising(np.array([0.0, 0.0, 0.5, 0.0]), 3, 1, 1.0, 0.0) == 0.0
 
 
+def product(*roots: float) -> np.ndarray:
+    """Terms of the product of (u - root)."""
+    return np.polynomial.polynomial.polyfromroots(roots)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+@pytest.mark.parametrize("width", [0.4, 1e-2, 1e-4])
+def test_a_rise_is_found_however_soon_the_fall_after_it(parts, width):
+    # three crossings within one step, which no sign at its ends shows: falls, rises, falls
+    low = 0.0123
+    terms = -product(low - 0.01, low, low + width)
+    assert rising(terms, 3, parts, 1.0, 0.0) == pytest.approx(low, abs=1e-14)
+    assert rising(-terms, 3, parts, -1.0, 0.0) == rising(terms, 3, parts, 1.0, 0.0)
+
+
+def test_a_start_at_zero_that_dips_and_returns_is_found_before_it_falls_again():
+    terms = -product(0.0, 0.003, 0.4)
+    assert rising(terms, 3, 2, 1.0, 0.0) == pytest.approx(0.003, abs=1e-15)
+
+
+@given(roots=st.lists(st.integers(1, 99), min_size=2, max_size=7, unique=True), parts=st.integers(1, 4))
+def test_the_first_of_many_crossings_is_the_one_that_is_found(roots, parts):
+    roots = sorted(roots)
+    terms = product(*(root / 100.0 for root in roots))
+    upwards = roots[0 if len(roots) % 2 else 1]
+    if len(roots) % 2 == 0:
+        # begins above and falls: armed by the first root, due at the second
+        assert terms[0] > 0.0 > terms[1]
+    slope = np.prod([(upwards - root) / 100.0 for root in roots if root != upwards])
+    rounding = 1e-15 * np.abs(terms).sum() / slope
+    assert rising(terms, len(roots), parts, 1.0, 0.0) == pytest.approx(
+        upwards / 100.0, abs=1e-14 + 10 * rounding
+    )
+
+
 @given(
     offset=st.floats(-1.2, 1.2),
     phase=st.floats(0.0, 2 * math.pi),

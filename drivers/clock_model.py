@@ -1,4 +1,4 @@
-"""From the board's microseconds to the host's monotonic seconds, by the lower envelope of arrivals.
+"""From a device's microseconds to the host's monotonic seconds, by the lower envelope of arrivals.
 
 A block arrives when its last sample was taken, plus a delay that is never negative, mostly tiny and sometimes
 long. A least-squares line through arrivals leans on the long ones; the line *under* them all that is nearest
@@ -62,7 +62,7 @@ class ClockModel:
 
     @property
     def drift_ppm(self) -> float:
-        """By how much the board's clock runs faster than the host's, in ppm; 0 until it is known."""
+        """By how much the device's clock runs faster than the host's, in ppm; 0 until it is known."""
         return -self._slope / (1.0 + self._slope) * 1e6
 
     def observe(self, device_us: int, arrival_s: float) -> None:
@@ -134,7 +134,7 @@ class Timeline:
     """Host times of one stream: a model that thinks better of the past never turns them back.
 
     Args:
-        model: The model of the board's clock.
+        model: The model of the device's clock.
     """
 
     def __init__(self, model: ClockModel) -> None:
@@ -152,6 +152,6 @@ class Timeline:
         self._floor_us, self._floor_s = device_us, host_s
 
     def restart(self, model: ClockModel) -> None:
-        """The board counts from anew, by another model; host time goes on."""
+        """The device counts from anew, by another model; host time goes on."""
         self._model = model
         self._floor_us = 0

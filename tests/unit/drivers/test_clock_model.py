@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.sensor_board.clock_model import BUCKET_S, WINDOW_S, ClockModel, Timeline
+from drivers.clock_model import BUCKET_S, WINDOW_S, ClockModel, Timeline
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -1,0 +1,1 @@
+"""The finger torques of a BarrettHand on a CAN bus."""

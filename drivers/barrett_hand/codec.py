@@ -1,0 +1,131 @@
+"""BarrettHand: CAN frames ⇄ questions, settings and replies. No I/O.
+
+Source: the bench's interface page. An identifier is `sender << 5 | receiver`, with bit 0x400 where the receiver
+is a group. A question is `[property]`, a setting `[0x80 | property, 0, i32]`, a reply, which goes to group 6,
+`[0x80 | property, 0, i16 or i32]`; numbers are little-endian.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+from drivers.can_frame import CanFrame
+
+HOST: Final = 0
+"""Node of the host (interface page: a finger's reply is to a group, so it need not be said)."""
+
+FINGERS: Final = (11, 12, 13)
+SPREAD: Final = 14
+"""Nodes of the hand (interface page)."""
+
+HAND: Final = 5
+REPLIES: Final = 6
+"""Groups: all of the hand, and those who hear replies (interface page)."""
+
+GROUP_BIT: Final = 0x400
+REPLY_BIT: Final = 0x80
+
+COUNTS_MAX: Final = 4095
+"""Strain gauges are read with 12 bits (interface page)."""
+
+UNLOADED_COUNTS: Final = 2000
+"""About what an unloaded finger reads (interface page)."""
+
+NEWTON_PER_COUNT: Final = 2.0 * 9.80665 / 2048.0
+"""Force at the fingertip for each count: "roughly +-2 kg" over the range (interface page)."""
+
+SAFE_COUNTS: Final = (667, 3460)
+"""Outside these the hand protects itself (interface page)."""
+
+
+class Property(IntEnum):
+    """What a node has (interface page)."""
+
+    MODE = 8
+    STRAIN = 25
+    COMMAND = 29
+    TARGET = 42
+    POSITION = 48
+
+
+class CodecError(ValueError):
+    """A frame that is none of the hand's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Get:
+    """Asks a node, or a group, for a property."""
+
+    receiver: int
+    property: int
+    group: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Set:
+    """Sets a property of a node or a group."""
+
+    receiver: int
+    property: int
+    value: int
+    group: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """A node's property."""
+
+    sender: int
+    property: int
+    value: int
+
+
+def encode_request(request: Get | Set) -> CanFrame:
+    """A question or a setting as the frame on the wire."""
+    identifier = HOST << 5 | request.receiver | GROUP_BIT * request.group
+    if isinstance(request, Get):
+        return CanFrame(identifier, bytes([request.property]))
+    return CanFrame(identifier, struct.pack("<BBi", REPLY_BIT | request.property, 0, request.value))
+
+
+def decode_request(frame: CanFrame) -> Get | Set:
+    """What a node makes of a frame.
+
+    Raises:
+        CodecError: neither a question nor a setting.
+    """
+    group, receiver, data = bool(frame.id & GROUP_BIT), frame.id & 0x1F, frame.data
+    if not frame.remote and len(data) == 1 and not data[0] & REPLY_BIT:
+        return Get(receiver, data[0], group)
+    if not frame.remote and len(data) == 6 and data[0] & REPLY_BIT:
+        (value,) = struct.unpack_from("<i", data, 2)
+        return Set(receiver, data[0] & ~REPLY_BIT, value, group)
+    raise CodecError(f"no request: {frame}")
+
+
+def reply_id(sender: int) -> int:
+    """Identifier of a node's replies."""
+    return GROUP_BIT | sender << 5 | REPLIES
+
+
+def encode_reply(reply: Reply) -> CanFrame:
+    """A reply as the frame on the wire: 16 bits where the value fits, else 32."""
+    kind = "<BBh" if -(2**15) <= reply.value < 2**15 else "<BBi"
+    return CanFrame(reply_id(reply.sender), struct.pack(kind, REPLY_BIT | reply.property, 0, reply.value))
+
+
+def decode_reply(frame: CanFrame) -> Reply:
+    """What a host makes of a frame.
+
+    Raises:
+        CodecError: no reply.
+    """
+    data = frame.data
+    to_replies = frame.id & (GROUP_BIT | 0x1F) == GROUP_BIT | REPLIES
+    if frame.remote or not to_replies or len(data) not in (4, 6) or not data[0] & REPLY_BIT:
+        raise CodecError(f"no reply: {frame}")
+    value = int.from_bytes(data[2:], "little", signed=True)
+    return Reply(frame.id >> 5 & 0x1F, data[0] & ~REPLY_BIT, value)

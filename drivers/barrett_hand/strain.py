@@ -1,0 +1,89 @@
+"""One finger's strain gauge: raw readings → blocks in newtons, zero, saturation. Pure."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from drivers.barrett_hand import codec
+from drivers.messages import SampleBlock, Saturated, StreamInfo
+from drivers.settings import Settings
+
+TARE_SAMPLES = 50
+"""Readings that a new zero is the mean of: 50 ms at 1 kHz (assumption)."""
+
+
+class StrainSettings(Settings):
+    """What a strain gauge reads."""
+
+    newton_per_count: float = Field(default=codec.NEWTON_PER_COUNT, gt=0.0, le=1.0)
+    """Force at the fingertip for each count; roughly, until it is calibrated."""
+    zero_counts: int = Field(default=codec.UNLOADED_COUNTS, ge=0, le=codec.COUNTS_MAX)
+    """What an unloaded finger reads, until it is tared."""
+
+
+class Strain:
+    """The gauge of one finger.
+
+    Values are raw counts less the zero, so that a force is value times scale; the zero is a whole count.
+
+    Args:
+        device: Name in the profile.
+        finger: Node of the finger.
+        rate_hz: Of the readings.
+        settings: Of the gauge.
+
+    Attributes:
+        info: Its stream, `<device>.strain_<finger>`.
+        zero: Raw counts that are called no force.
+    """
+
+    def __init__(self, device: str, finger: int, rate_hz: float, settings: StrainSettings) -> None:
+        name = f"{device}.strain_{finger}"
+        self.info = StreamInfo(name, ("force",), "N", settings.newton_per_count, rate_hz)
+        self.zero = settings.zero_counts
+        self._device = device
+        self._recent: deque[int] = deque(maxlen=TARE_SAMPLES)
+        self._saturated = False
+
+    def forget(self) -> None:
+        """What comes next has nothing to do with what came before."""
+        self._recent.clear()
+        self._saturated = False
+
+    def tare(self) -> bool:
+        """Take the mean of the latest readings as zero; False where there are none."""
+        if not self._recent:
+            return False
+        self.zero = round(sum(self._recent) / len(self._recent))
+        return True
+
+    def block(self, seq: int, t0_s: float, raw: NDArray[np.int64], arrival_s: float) -> SampleBlock:
+        """Consecutive readings, shape (n,), the first of them number `seq` at bench time `t0_s`."""
+        self._recent.extend(raw[-TARE_SAMPLES:].tolist())
+        info = self.info
+        return SampleBlock(
+            info.name,
+            seq,
+            t0_s,
+            (raw - self.zero)[:, None],
+            rate_hz=info.rate_hz,
+            unit=info.unit,
+            scale=info.scale,
+            arrival_s=arrival_s,
+        )
+
+    def saturation(self, block: SampleBlock) -> list[Saturated]:
+        """Where this block leaves the range in which the hand works; each excursion is told once."""
+        lowest, highest = codec.SAFE_COUNTS
+        raw = block.values[:, 0] + self.zero
+        told = []
+        for place in np.flatnonzero(np.diff((raw < lowest) | (raw > highest), prepend=self._saturated)):
+            self._saturated = not self._saturated
+            if self._saturated:
+                value_n = float(block.physical[place, 0])
+                told.append(Saturated(float(block.times[place]), self._device, self.info.name, value_n))
+        return told

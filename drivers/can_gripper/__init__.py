@@ -1,0 +1,1 @@
+"""A parallel gripper on a CAN bus: Source Robotics SSG-48."""

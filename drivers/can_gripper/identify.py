@@ -1,0 +1,88 @@
+"""Who is at the other end of the bus, and how it is: what `open` asks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeVar
+
+from drivers.can_gripper.brackets import CanGripperSettings
+from drivers.can_gripper.codec import CodecError, decode_answer, encode_order
+from drivers.can_gripper.words import Answer, Ask, Code, Errors, Info, Number, Order, Poll, State
+from drivers.can_link import CanLink, Heard
+from drivers.clock import monotonic_s, rest
+from drivers.errors import PortError, ProtocolError, SilentError
+
+TURN_S = 0.001
+"""Pause between two looks at the bus (assumption: several frames long)."""
+
+ATTEMPTS = 4
+"""How often a question is asked (assumption: three frames may be lost)."""
+
+T = TypeVar("T")
+
+
+class Identity(NamedTuple):
+    """What a gripper says of itself."""
+
+    info: Info
+    errors: Errors
+    temperature_c: float
+    supply_v: float
+    state: State
+
+
+def identify(name: str, settings: CanGripperSettings, link: CanLink) -> Identity:
+    """Ask who it is, and how; nothing moves.
+
+    Raises:
+        PortError: the bus was taken away.
+        SilentError: nothing came.
+        ProtocolError: what came is none of this gripper's.
+    """
+
+    def answer(order: Order, kind: type[T]) -> T:
+        return _answer(name, settings, link, order, kind)
+
+    return Identity(
+        answer(Ask(Code.INFO), Info),
+        answer(Ask(Code.ERRORS), Errors),
+        float(answer(Ask(Code.TEMPERATURE), Number).value),
+        answer(Ask(Code.VOLTAGE), Number).value * 1e-3,
+        answer(Poll(), State),
+    )
+
+
+def heard_from(node: int, heard: Heard) -> tuple[Answer, bool] | None:
+    """What this node says, and whether it has a fault; None where it is not this gripper that speaks."""
+    try:
+        sender, fault, answer = decode_answer(heard.frame)
+    except CodecError:
+        return None
+    return (answer, fault) if sender == node else None
+
+
+def _answer(name: str, settings: CanGripperSettings, link: CanLink, order: Order, kind: type[T]) -> T:
+    strangers = 0
+    for _ in range(ATTEMPTS):
+        link.send(encode_order(settings.node, order))
+        until_s = monotonic_s() + settings.reply_timeout_s
+        while monotonic_s() < until_s and link.fault is None:
+            for heard in link.receive():
+                said = heard_from(settings.node, heard)
+                strangers += said is None
+                if said is not None and isinstance(said[0], kind) and _fits(order, said[0]):
+                    return said[0]
+            rest(TURN_S)
+    doing = f"asking who is at {settings.port}"
+    if link.fault is not None:
+        raise PortError(name, doing, link.fault, "is the adapter plugged in?")
+    where = f"node {settings.node}, and the bus at {settings.bitrate} bit/s?"
+    if strangers or link.malformed:
+        reason = f"{strangers} frames of others and {link.malformed} malformed ones came, and no answer"
+        raise ProtocolError(name, doing, reason, f"is the gripper {where}")
+    waited_s = ATTEMPTS * settings.reply_timeout_s
+    raise SilentError(name, doing, f"no answer in {waited_s:g} s", f"is it powered with 24 V, {where}")
+
+
+def _fits(order: Order, answer: object) -> bool:
+    """A temperature is no voltage: numbers bear the code that was asked for."""
+    return not (isinstance(order, Ask) and isinstance(answer, Number)) or answer.code is order.code

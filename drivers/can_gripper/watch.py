@@ -1,0 +1,139 @@
+"""What became of a command, read from one state of the gripper after the other. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.can_gripper.brackets import Brackets
+from drivers.can_gripper.words import Finding, State
+from drivers.messages import Command, Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
+
+CALIBRATION_S = 32.0
+"""Longest calibration: the gripper itself gives up after 30 s (interface page)."""
+
+STILL_S = 0.05
+"""A position that does not change for this long stands still, where no finding says so (assumption)."""
+
+FAULTS = {
+    "over_temperature": "it is too hot",
+    "watchdog": "its watchdog heard nothing of the host in time",
+    "estop": "its emergency stop is up",
+}
+"""Faults in a state, and what they mean."""
+
+
+class Watch:
+    """Follows the last command of one gripper.
+
+    A state counts only where it was asked for after the command was sent. The jaws have an object when
+    something holds them for `hold_s`; the bits of its direction are not trusted.
+
+    Args:
+        device: Name in the profile.
+        brackets: Of the gripper.
+        hold_s: How long something must hold the jaws.
+
+    Attributes:
+        busy: Whether an answer to the last command is still due.
+        faulty: Whether the last state had a fault.
+    """
+
+    def __init__(self, device: str, brackets: Brackets, hold_s: float) -> None:
+        self.faulty = False
+        self._device = device
+        self._brackets = brackets
+        self._hold_s = hold_s
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing has been commanded."""
+        self.busy = False
+        self._command: Command | None = None
+        self._sent_s = -math.inf
+        self._held_s: float | None = None  # since when something holds the jaws
+        self._gripped: bool | None = None  # what the last `Gripped` said
+        self._still_s = math.inf
+        self._state: State | None = None
+
+    def begin(self, command: Command, sent_s: float) -> None:
+        """A command has been sent at bench time `sent_s`; what came of an older one is told no more."""
+        self.forget()
+        self._command, self._sent_s, self.busy = command, sent_s, True
+
+    @property
+    def resting(self) -> bool:
+        """Whether a `Stop` has nothing to stop: the jaws hold an object or a position, or the drive sleeps."""
+        lost = isinstance(self._command, Grip) and self._state is not None and not _held(self._state)
+        return not self.busy and not lost
+
+    def push(self, asked_s: float, state: State, fault: bool) -> list[Status]:
+        """What a state means that was asked for at bench time `asked_s`."""
+        newly_faulty, self.faulty = fault and not self.faulty, fault
+        fresh, stops = asked_s > self._sent_s, isinstance(self._command, Stop)
+        told = []
+        if newly_faulty or (fresh and fault and self.busy and not stops):
+            told.append(self._broken(asked_s, state))
+            if not stops:
+                self.forget()
+        before = self._state
+        if not fresh:
+            return told
+        self._state = state
+        if stops:
+            return told + self._stopping(asked_s, before, state, fault)
+        follow = {Home: self._homing, Grip: self._gripping, Release: self._releasing}.get(type(self._command))
+        return told if follow is None else follow(asked_s, state)
+
+    def _broken(self, t_s: float, state: State) -> Status:
+        reasons = [words for name, words in FAULTS.items() if getattr(state, name)]
+        reason = " and ".join(reasons) or "it reports a fault of its motor or supply"
+        return Stalled(t_s, self._device, f"{reason}, and whatever it held is loose; send Home")
+
+    def _homing(self, t_s: float, state: State) -> list[Status]:
+        if self.busy and state.calibrated:
+            self.busy = False
+            return [Reached(t_s, self._device, self._brackets.width_m(state.position))]
+        if self.busy and t_s - self._sent_s > CALIBRATION_S:
+            self.busy = False
+            reason = "it gave up its calibration; are its jaws free, and is it supplied with 24 V?"
+            return [Stalled(t_s, self._device, reason)]
+        return []
+
+    def _gripping(self, t_s: float, state: State) -> list[Status]:
+        found = self._found(t_s, state)
+        if found is None or found is self._gripped:
+            return []
+        self._gripped, self.busy = found, False
+        width_m, force_n = self._brackets.width_m(state.position), self._brackets.force_n(state.current_ma)
+        return [Gripped(t_s, self._device, found, width_m, force_n)]
+
+    def _releasing(self, t_s: float, state: State) -> list[Status]:
+        found = self._found(t_s, state)
+        if found is None or not self.busy:
+            return []
+        self.busy = False
+        width_m = self._brackets.width_m(state.position)
+        if found:
+            return [Stalled(t_s, self._device, f"something holds its jaws at {width_m * 1e3:.1f} mm")]
+        return [Reached(t_s, self._device, width_m)]
+
+    def _stopping(self, t_s: float, before: State | None, state: State, fault: bool) -> list[Status]:
+        if before is None or state.position != before.position:
+            self._still_s = t_s
+        there = self._found(t_s, state) is not None and not fault
+        if not self.busy or not (there or t_s - self._still_s >= STILL_S):
+            return []
+        self.busy = False
+        return [Standstill(t_s, self._device, self._brackets.width_m(state.position))]
+
+    def _found(self, t_s: float, state: State) -> bool | None:
+        """Whether an object stopped the jaws; None while nothing has."""
+        if not state.object:
+            self._held_s = None
+            return False if state.finding is Finding.AT_POSITION else None
+        self._held_s = t_s if self._held_s is None else self._held_s
+        return True if t_s - self._held_s >= self._hold_s else None
+
+
+def _held(state: State) -> bool:
+    return state.finding is not Finding.MOVING

@@ -1,0 +1,186 @@
+"""SSG-48: what host and gripper say to each other, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+
+class Code(IntEnum):
+    """Command numbers, 6 bits (interface page)."""
+
+    ESTOP = 0
+    CLEAR_ERROR = 1
+    HEARTBEAT = 9
+    PING = 10
+    IDLE = 12
+    WATCHDOG = 15
+    TEMPERATURE = 23
+    VOLTAGE = 24
+    INFO = 25
+    ERRORS = 26
+    CURRENT = 27
+    ENCODER = 28
+    HEARTBEAT_PERIOD = 30
+    STATE = 60
+    DRIVE = 61
+    CALIBRATE = 62
+
+
+ASKED: Final = frozenset(
+    {Code.PING, Code.TEMPERATURE, Code.VOLTAGE, Code.INFO, Code.ERRORS, Code.CURRENT, Code.ENCODER}
+)
+"""What a remote frame can ask for; the answer bears the same number."""
+
+PLAIN: Final = frozenset({Code.ESTOP, Code.CLEAR_ERROR, Code.IDLE, Code.CALIBRATE})
+"""Orders without data and without an answer."""
+
+
+# --- what the host says --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Plain:
+    """An order without data: one of `PLAIN`."""
+
+    code: Code
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A remote frame: one of `ASKED`."""
+
+    code: Code
+
+
+@dataclass(frozen=True, slots=True)
+class Poll:
+    """Asks for `State` and feeds the watchdog."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Go to a position; answered by `State`.
+
+    Attributes:
+        position: 0 open to 255 closed.
+        speed: 0 to 255.
+        current_ma: Limit.
+        activate: Wake the drive.
+        go: Move; else it sleeps.
+        estop: Raise the emergency stop; it stays up until an order without it, and a `CLEAR_ERROR`.
+    """
+
+    position: int
+    speed: int
+    current_ma: int
+    activate: bool = True
+    go: bool = True
+    estop: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Watchdog:
+    """Fault where nothing comes for a while; 0 is never. The action is stored and never used (firmware)."""
+
+    period_ms: int
+    action: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class HeartbeatPeriod:
+    """How often it says that it lives, where it says nothing else; 0 is never."""
+
+    period_ms: int
+
+
+Order = Plain | Ask | Poll | Drive | Watchdog | HeartbeatPeriod
+
+
+# --- what the gripper says -----------------------------------------------------------------------
+
+
+class Finding(IntEnum):
+    """What the firmware makes of a motion; on the wire with its bits exchanged."""
+
+    MOVING = 0
+    OBJECT_CLOSING = 1
+    OBJECT_OPENING = 2
+    AT_POSITION = 3
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """How the gripper is.
+
+    Attributes:
+        position: 0 open to 255 closed; means nothing before calibration.
+        current_ma: Measured; negative closes, positive opens (firmware).
+        finding: What became of the motion.
+        activated: As the last `Drive` had it.
+        going: As the last `Drive` had it.
+        over_temperature: Fault.
+        watchdog: Fault.
+        estop: Fault raised by a `Drive`; that of an `ESTOP` order is seen in `Errors` alone.
+        calibrated: It knows its ends.
+    """
+
+    position: int
+    current_ma: int
+    finding: Finding
+    activated: bool
+    going: bool
+    over_temperature: bool
+    watchdog: bool
+    estop: bool
+    calibrated: bool
+
+    @property
+    def object(self) -> bool:
+        """Something holds the jaws."""
+        return self.finding in (Finding.OBJECT_CLOSING, Finding.OBJECT_OPENING)
+
+
+@dataclass(frozen=True, slots=True)
+class Beat:
+    """The answer to a ping, or a heartbeat: it lives."""
+
+    code: Code
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A temperature in degrees Celsius, a voltage in mV or a current in mA."""
+
+    code: Code
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class Info:
+    """Who it is."""
+
+    hardware: int
+    batch: int
+    software: int
+    serial: int
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Active faults by name, and whether the motor is calibrated (by the maker; not the jaws)."""
+
+    active: frozenset[str]
+    motor_calibrated: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """Motor position in ticks and speed in ticks per second; positive opens."""
+
+    position: int
+    speed: int
+
+
+Answer = State | Beat | Number | Info | Errors | Encoder

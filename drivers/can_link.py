@@ -1,0 +1,272 @@
+"""What CAN drivers share: a bus of python-can's, and one thread that hears it and may ask at a steady beat."""
+
+from __future__ import annotations
+
+import math
+import select
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from pydantic import Field
+
+from drivers.can_frame import CanFrame
+from drivers.clock import monotonic_s, rest
+from drivers.errors import PortError
+from drivers.links import JOIN_TIMEOUT_S, open_serial
+from drivers.settings import Settings
+
+if TYPE_CHECKING:
+    import can
+
+HEAR_S = 0.05
+"""Longest wait for a frame while nobody asks: how long closing may take (assumption)."""
+
+SERIAL_WAIT_S = 0.005
+"""Longest wait of slcan for one byte: python-can's 1 ms would wake an idle thread a thousand times a second."""
+
+SEND_TIMEOUT_S = 0.02
+"""A port that takes no byte for this long is blocked. Assumption: twenty frames at 115,200 baud."""
+
+
+class CanPort(Settings):
+    """Where a CAN bus is; settings of drivers on one are derived from these."""
+
+    port: str = Field(min_length=1)
+    """Serial port of a slcan adapter, or name of the interface (`can0`) or of the virtual bus."""
+    interface: Literal["slcan", "socketcan", "virtual"] = "slcan"
+    """Which of python-can's interfaces."""
+    bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
+    """Bits per second on the bus; a socketcan interface has its own (`ip link set can0 type can bitrate …`)."""
+    tty_baud: int = Field(default=115_200, ge=9_600, le=4_000_000)
+    """Line speed to a slcan adapter in bits per second; USB adapters pay no heed to it."""
+
+
+def _slcan(port: CanPort) -> dict[str, Any]:
+    return {
+        "bitrate": port.bitrate,
+        "tty_baudrate": port.tty_baud,
+        "sleep_after_open": 0.0,
+        "timeout": SERIAL_WAIT_S,
+    }
+
+
+_OPTIONS: Mapping[str, Callable[[CanPort], dict[str, Any]]] = {
+    "slcan": _slcan,
+    "socketcan": lambda port: {},
+    "virtual": lambda port: {},
+}
+"""What each of python-can's interfaces is told beside its channel."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beat:
+    """A question that is asked again and again.
+
+    Beat k is due at `period_s` times k after the first. It is asked when the answers to the one before are in,
+    or have had `answer_s`; one that is late by more than half a period is passed over, so that a sample is
+    never farther than that from its due time.
+
+    Attributes:
+        frame: The question.
+        answers: Identifiers of the frames that answer it.
+        period_s: Time between two beats.
+        answer_s: How long an answer may take.
+    """
+
+    frame: CanFrame
+    answers: frozenset[int]
+    period_s: float
+    answer_s: float
+
+
+class Heard(NamedTuple):
+    """A frame and when it was in hand, in monotonic seconds.
+
+    `beat` and `due_s` are the number and the due time of the beat that it answers, None where it answers none.
+    """
+
+    frame: CanFrame
+    arrival_s: float
+    beat: int | None = None
+    due_s: float | None = None
+
+
+def open_can(device: str, port: CanPort) -> CanLink:
+    """Open a CAN bus.
+
+    Args:
+        device: Name in the profile, for errors.
+        port: Where it is.
+
+    Raises:
+        PortError: absent, busy, forbidden, or no such interface: one line with what to do.
+    """
+    if port.interface == "slcan":
+        # python-can says neither which error it was nor that another program holds the port.
+        open_serial(device, port.port, port.tty_baud).close()
+    import can
+
+    options = _OPTIONS[port.interface](port)
+    try:
+        # A configuration file of python-can's own must not have a say in what a profile does.
+        bus = can.Bus(interface=port.interface, channel=port.port, ignore_config=True, **options)
+    except (can.CanError, OSError, ValueError) as error:
+        raise PortError(
+            device,
+            "opening its bus",
+            f"{port.interface} {port.port} cannot be opened ({error})",
+            f"is it up? see: ip link show {port.port}"
+            if port.interface == "socketcan"
+            else "see: ls /dev/serial/by-id",
+        ) from error
+    if port.interface == "slcan":
+        with suppress(OSError, ValueError, NotImplementedError):  # ptys refuse
+            bus.serialPortOrig.set_low_latency_mode(True)  # type: ignore[attr-defined]
+        with suppress(OSError):  # who comes next is told that it is held
+            bus.serialPortOrig.exclusive = True  # type: ignore[attr-defined]
+    return CanLink(device, bus)
+
+
+class CanLink:
+    """An open bus with its own thread.
+
+    The thread fills a queue with the frames that arrive, and when; between them it asks the beat's question,
+    for the loop that owns this turns too slowly for that. It raises nothing. Malformed lines, truncated
+    frames and those of other kinds (extended, error, FD) are counted and passed over. What an adapter refuses
+    is never told (python-can drops its BEL): whoever asks sees it by the answer that does not come.
+
+    `send`, `receive` and `ask` never wait; they belong to one thread, the loop's.
+
+    Attributes:
+        fault: Why the bus is gone, in a few words, or None while it stands.
+        malformed: Lines and frames passed over.
+    """
+
+    def __init__(self, device: str, bus: can.BusABC) -> None:
+        self.fault: str | None = None
+        self.malformed = 0
+        self._bus = bus
+        self._sending = threading.Lock()
+        self._arrived: deque[Heard] = deque()
+        self._beat: Beat | None = None
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name=f"{device}-can", daemon=True)
+        self._thread.start()
+
+    def send(self, frame: CanFrame) -> float | None:
+        """Hand a frame to the adapter.
+
+        Returns:
+            The monotonic time in seconds at which it was taken, or None where the bus is gone (`fault` says why).
+        """
+        import can
+
+        if self.fault is not None or self._closing:
+            return None
+        message = can.Message(
+            arbitration_id=frame.id, data=frame.data, is_remote_frame=frame.remote, is_extended_id=False
+        )
+        try:
+            with self._sending:
+                self._bus.send(message, timeout=SEND_TIMEOUT_S)
+        except (can.CanError, OSError) as error:
+            self.fault = self.fault or f"the bus takes no frame ({error})"
+            return None
+        return monotonic_s()
+
+    def receive(self) -> list[Heard]:
+        """What has arrived since the last call, in order."""
+        heard = []
+        with suppress(IndexError):
+            while True:
+                heard.append(self._arrived.popleft())
+        return heard
+
+    def ask(self, beat: Beat | None) -> None:
+        """Ask a question at its beat from now on, or no more; beats count from 0 each time."""
+        self._beat = beat
+
+    def close(self) -> None:
+        """Let go of the bus and wait for the thread. Never raises; may be called twice."""
+        self._closing = True
+        self._thread.join(JOIN_TIMEOUT_S)
+        with suppress(Exception):  # whatever an adapter that is gone makes of it
+            self._bus.shutdown()
+        with suppress(AttributeError, OSError):  # slcan leaves its port open where it cannot say goodbye
+            self._bus.serialPortOrig.close()  # type: ignore[attr-defined]
+
+    def _run(self) -> None:
+        while not self._closing and self.fault is None:
+            beat = self._beat
+            if beat is None:
+                self._hear(HEAR_S)
+            else:
+                self._keep(beat)
+
+    def _keep(self, beat: Beat) -> None:
+        """Ask until the loop wants something else."""
+        origin_s = monotonic_s()
+        number = 0
+        while beat is self._beat and not self._closing and self.fault is None:
+            due_s = origin_s + number * beat.period_s
+            rest(max(0.0, due_s - monotonic_s()))
+            # A late answer would pass for one to this question, and each that follows for one to the next.
+            self._hear_out(beat.answer_s)
+            self.send(beat.frame)
+            waiting = set(beat.answers)
+            until_s = monotonic_s() + beat.answer_s
+            while waiting and self.fault is None and (left_s := until_s - monotonic_s()) > 0.0:
+                for heard in self._hear(left_s, waiting, number, due_s):
+                    waiting.discard(heard.frame.id)
+            number = max(number + 1, math.ceil((monotonic_s() - origin_s) / beat.period_s - 0.5))
+
+    def _hear_out(self, limit_s: float) -> None:
+        """Hear all that has come already, at most for a while."""
+        import can
+
+        until_s = monotonic_s() + limit_s
+        # A virtual bus has nothing to select on, and nothing that could be late.
+        with suppress(NotImplementedError, can.CanError, OSError, ValueError):
+            while self.fault is None and select.select([self._bus.fileno()], [], [], 0.0)[0]:
+                self._hear(0.0)
+                if monotonic_s() > until_s:
+                    break
+
+    def _hear(
+        self,
+        wait_s: float,
+        waiting: frozenset[int] | set[int] = frozenset(),
+        beat: int | None = None,
+        due_s: float | None = None,
+    ) -> list[Heard]:
+        """At most one frame, put into the queue; `waiting` are the answers to this beat that are not in yet."""
+        import can
+
+        try:
+            message = self._bus.recv(wait_s)
+        except (ValueError, IndexError):  # a line that is no slcan
+            self.malformed += 1
+            return []
+        except (can.CanError, OSError, TypeError) as error:  # TypeError: the port went while it was read
+            if isinstance(error.__cause__, UnicodeDecodeError):
+                self.malformed += 1
+                with suppress(can.CanError):  # python-can would keep the noise before every other line
+                    self._bus.flush()  # type: ignore[attr-defined]
+            elif not self._closing:
+                self.fault = self.fault or f"the bus was taken away ({error})"
+            return []
+        arrival_s = monotonic_s()
+        if message is None:
+            return []
+        truncated = not message.is_remote_frame and len(message.data) != message.dlc
+        if truncated or message.is_extended_id or message.is_error_frame or message.is_fd:
+            self.malformed += 1
+            return []
+        frame = CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
+        heard = Heard(frame, arrival_s, *((beat, due_s) if frame.id in waiting else (None, None)))
+        self._arrived.append(heard)
+        return [heard]

@@ -1,0 +1,276 @@
+"""Tactile matrices behind a DSACON32-M on a serial line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from pydantic import Field
+
+from drivers.clock import WallClock, monotonic_s
+from drivers.dsa_matrix import codec
+from drivers.dsa_matrix.frames import Frames
+from drivers.dsa_matrix.identify import Identity, identify
+from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
+from drivers.errors import CommandError, RefusedError
+from drivers.links import SerialLink, open_serial
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Failed,
+    Listen,
+    SampleBlock,
+    Sent,
+    Status,
+    StreamInfo,
+)
+from drivers.settings import Settings
+
+BITS_PER_BYTE = 10
+"""On the line: 8 data bits, a start and a stop bit."""
+
+OVERHEAD_BYTES = 13
+"""Of a frame beside its texels: preamble, id, length, time, flags, CRC (interface page: 153 bytes for 70 cells)."""
+
+
+class DsaMatrixSettings(Settings):
+    """Tactile matrices."""
+
+    port: str = Field(min_length=1)
+    """Path of the serial port."""
+    baud: int = Field(default=115_200, ge=9_600, le=921_600)
+    """Line speed in bits per second (interface page)."""
+    frame_hz: int = Field(default=100, ge=1, le=1000)
+    """Frames that are asked for, a second (the paper, 5.4: 10 ms between samples)."""
+    rle: bool = True
+    """Frames run-length encoded: without, 70 cells fit the line 75 times a second at the most (interface page)."""
+    threshold_counts: int | None = Field(default=None, ge=0, le=codec.TEXEL_MAX)
+    """Texels below this are told as 0 by the controller; None leaves it as it is."""
+    power_up_s: float = Field(default=12.0, gt=0.0, le=60.0)
+    """How long a controller that does not answer is waited for: after power-up it is deaf for about 8 s."""
+    reply_timeout_s: float = Field(default=0.5, gt=0.0, le=10.0)
+    """How long an answer may take. Assumption: three raw frames of 210 cells are ahead of it on the line."""
+    silence_timeout_s: float = Field(default=1.0, gt=0.0, le=60.0)
+    """Silence after which the matrices have failed (assumption: a hundred frames)."""
+    max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
+    """Bound on the drift between the controller's clock and the host's. Assumption: two crystals of 100 ppm."""
+
+
+@dataclass(slots=True)
+class _Order:
+    """An order without an answer yet, and when it counts as lost."""
+
+    request: codec.Request
+    due_s: float
+    repeated: bool = False
+
+
+class DsaMatrix:
+    """Tactile matrices whose texels are heard; implements `drivers.protocols.Device`. It moves nothing.
+
+    Which matrices there are and how many cells they have they say themselves. The stream `<name>.taxels` has one
+    channel for each cell, `m<matrix>.r<row>.c<column>`, raw counts of about a millivolt; frame k stands on the
+    controller's own clock (`clock_model`), which counts milliseconds. A gap in it is loss, told as `Lost`: the
+    controller drops the frames that the line is too slow for. A texel at its end is told as `Saturated`.
+
+    Args:
+        name: Name in the profile.
+        settings: Of the matrices.
+        clock: Gives bench time.
+    """
+
+    def __init__(self, name: str, settings: DsaMatrixSettings, clock: WallClock) -> None:
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._stream = f"{name}.taxels"
+        self._link: SerialLink | None = None
+        self._decoder = PacketDecoder()
+        self._frames: Frames | None = None
+        self._statuses: list[Status] = []
+        self._forget()
+
+    def _forget(self) -> None:
+        self._failed = False
+        self._listening = False
+        self._order: _Order | None = None
+        self._heard_s = 0.0
+
+    def open(self) -> DeviceInfo:
+        """Connect, stop whatever an earlier host has left on, ask what there is; wait for one that is powering up.
+
+        Raises:
+            PortError: the port is absent, busy or was taken away.
+            SilentError: nothing answers.
+            ProtocolError: what answers is no DSACON32-M.
+            RefusedError: it has no matrix, refuses a setting, or the line is too slow for what is asked.
+        """
+        s = self._settings
+        self.close()
+        self._forget()
+        self._decoder = PacketDecoder()
+        self._link = open_serial(self.name, s.port, s.baud)
+        try:
+            found = identify(self.name, s.port, self._link, self._decoder, s.power_up_s, s.reply_timeout_s)
+            if s.threshold_counts is not None:
+                found.set_threshold(s.threshold_counts)
+            info = self._stream_info(found)
+        except BaseException:
+            self.close()
+            raise
+        self._frames = Frames(self.name, info, self._clock, s.max_drift_ppm)
+        return DeviceInfo(
+            self.name,
+            model="DSACON32-M",
+            serial=str(found.controller.serial),
+            version=str(found.controller.software),
+            streams={info.name: info},
+            clock=f"{self.name} milliseconds",
+            details={
+                "port": s.port,
+                "sensor_serial": found.sensor.serial,
+                "matrices": [
+                    {
+                        "rows": matrix.cells_y,
+                        "columns": matrix.cells_x,
+                        "texel_m": (matrix.texel_width_mm * 1e-3, matrix.texel_height_mm * 1e-3),
+                        "uid": matrix.uid.hex(),
+                    }
+                    for matrix in found.matrices
+                ],
+                "raw_limit_hz": self._raw_limit_hz(len(info.channels)),
+            },
+        )
+
+    def close(self) -> None:
+        """Stop the frames, let go of the port. Never raises; may be called twice."""
+        link, self._link = self._link, None
+        if link is not None:
+            link.send(encode_packet(codec.encode_request(self._acquire(False))))
+            link.close()
+
+    def apply(self, command: Command) -> Applied:
+        """Listen to the texels, or no more.
+
+        Raises:
+            CommandError: not for these matrices. Nothing was sent.
+        """
+        doing = f"applying {type(command).__name__}"
+        if not isinstance(command, Listen):
+            raise CommandError(self.name, doing, "it has no such command", "matrices can Listen")
+        unknown = sorted(command.streams - {self._stream})
+        if unknown:
+            raise CommandError(self.name, doing, f"it has no stream {unknown[0]}", f"it has: {self._stream}")
+        wanted = bool(command.streams)
+        if wanted != self._listening and self._link is not None and not self._failed:
+            self._turn()
+            self._listening = wanted
+            if wanted and self._frames is not None:
+                self._frames.begin()
+            self._say(self._link, self._acquire(wanted))
+            self._statuses.append(Sent(self._clock.now(), self.name, command))
+        return Applied(command, self._clock.now())
+
+    def read(self) -> Sequence[SampleBlock]:
+        """Frames that have arrived since the last call."""
+        self._turn()
+        return () if self._frames is None else self._frames.take_blocks()
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        self._turn()
+        statuses, self._statuses = self._statuses, []
+        return statuses
+
+    def account(self) -> Mapping[str, object]:
+        """What came of the bytes on the line, and the drift of the controller's clock, for the manifest."""
+        frames, counts = self._frames, self._decoder.counts
+        if frames is None:
+            return {}
+        return {
+            "packets": counts.good,
+            "bad_crc": counts.bad_crc,
+            "bytes_passed_over": counts.passed_over,
+            "frames_wrong": frames.wrong,
+            "frames_lost": frames.lost,
+            "drift_ppm": frames.model.drift_ppm,
+        }
+
+    def _acquire(self, run: bool) -> codec.Acquire:
+        return codec.Acquire(run, self._settings.rle, self._settings.frame_hz if run else 0)
+
+    def _raw_limit_hz(self, cells: int) -> float:
+        return self._settings.baud / BITS_PER_BYTE / (OVERHEAD_BYTES + 2 * cells)
+
+    def _stream_info(self, found: Identity) -> StreamInfo:
+        """What the texels' stream is.
+
+        Raises:
+            RefusedError: there is no cell, or the line cannot carry raw frames at the rate that is asked for.
+        """
+        channels = codec.channel_names((matrix.cells_y, matrix.cells_x) for matrix in found.matrices)
+        if not channels:
+            raise RefusedError(self.name, "opening", "it has no matrix", "is the sensor plugged into it?")
+        limit_hz, s = self._raw_limit_hz(len(channels)), self._settings
+        if not s.rle and s.frame_hz > limit_hz:
+            reason = f"{len(channels)} cells at {s.frame_hz} frames/s do not fit {s.baud} baud"
+            raise RefusedError(
+                self.name, "opening", reason, f"set rle = true, or frame_hz to {int(limit_hz)} at the most"
+            )
+        return StreamInfo(self._stream, channels, "V", codec.VOLT_PER_COUNT, float(s.frame_hz))
+
+    def _say(self, link: SerialLink, request: codec.Request) -> None:
+        link.send(encode_packet(codec.encode_request(request)))
+        now_s = self._heard_s = monotonic_s()
+        self._order = _Order(request, now_s + self._settings.reply_timeout_s)
+
+    def _turn(self) -> None:
+        """Hear what has come; notice what has not."""
+        link, frames = self._link, self._frames
+        if link is None or frames is None or self._failed:
+            return
+        for arrival_s, data in link.receive():
+            self._heard_s = arrival_s
+            for packet in self._decoder.feed(data):
+                try:
+                    answer = codec.decode_answer(packet)
+                except codec.CodecError:
+                    frames.wrong += 1
+                    continue
+                if isinstance(answer, codec.Frame) and self._listening:
+                    frames.push(answer, arrival_s)
+                elif isinstance(answer, codec.Done):
+                    self._settle(answer)
+        self._statuses += frames.take_statuses()
+        fault = link.fault or self._overdue(link) or self._silent()
+        if fault is not None:
+            self._fail(fault)
+
+    def _settle(self, done: codec.Done) -> None:
+        if done.id is codec.Id.ACQUIRE:
+            self._order = None
+        if done.error:
+            self._fail(f"it refuses to send frames: {codec.meaning(done.error)}")
+
+    def _overdue(self, link: SerialLink) -> str | None:
+        """Say an order again that has no answer, once."""
+        order, now_s = self._order, monotonic_s()
+        if order is None or now_s < order.due_s:
+            return None
+        if order.repeated:
+            return f"no answer to an order, said twice in {2 * self._settings.reply_timeout_s:g} s"
+        self._say(link, order.request)
+        self._order = _Order(order.request, now_s + self._settings.reply_timeout_s, repeated=True)
+        return None
+
+    def _silent(self) -> str | None:
+        silence_s = self._settings.silence_timeout_s
+        if not self._listening or monotonic_s() - self._heard_s <= silence_s:
+            return None
+        return f"no frame in {silence_s:g} s; is the controller powered?"
+
+    def _fail(self, reason: str) -> None:
+        if not self._failed:
+            self._failed = True
+            self._statuses.append(Failed(self._clock.now(), self.name, reason))

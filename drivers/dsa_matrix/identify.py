@@ -1,0 +1,135 @@
+"""Who the controller is and what is connected to it: what `open` asks, through its power-up if need be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from drivers.clock import monotonic_s, rest
+from drivers.dsa_matrix import codec
+from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
+from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
+from drivers.links import SerialLink
+
+TURN_S = 0.002
+"""Pause between two looks at the port (assumption: twenty bytes at 115,200 baud)."""
+
+ATTEMPTS = 3
+"""How often a question is asked of a controller that has answered before (assumption)."""
+
+T = TypeVar("T", bound=codec.Answer)
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What there is.
+
+    Attributes:
+        controller: Who it is.
+        sensor: What is connected.
+        matrices: The same, one by one.
+        set_threshold: Sets the threshold of all matrices and reads it back.
+    """
+
+    controller: codec.ControllerInfo
+    sensor: codec.SensorInfo
+    matrices: tuple[codec.MatrixInfo, ...]
+    set_threshold: Callable[[int], None]
+
+
+def identify(
+    name: str, port: str, link: SerialLink, decoder: PacketDecoder, power_up_s: float, timeout_s: float
+) -> Identity:
+    """Stop the frames of an earlier host, then ask who is there and what there is.
+
+    Args:
+        name: Of the device, for errors.
+        port: Its port, for errors.
+        link: To the port.
+        decoder: Left in step with the line.
+        power_up_s: How long to wait for the first answer.
+        timeout_s: How long any other may take.
+
+    Raises:
+        PortError: the port was taken away.
+        SilentError: nothing came.
+        ProtocolError: what came is no answer of a DSACON32-M.
+        RefusedError: it answers with an error.
+    """
+    dialogue = _Dialogue(name, port, link, decoder, timeout_s)
+    attempts = max(ATTEMPTS, round(power_up_s / timeout_s))
+    dialogue.ask(codec.Acquire(run=False, rle=True, frames_per_s=0), codec.Done, attempts)
+    controller = dialogue.ask(codec.Ask(codec.Id.CONTROLLER), codec.ControllerInfo)
+    sensor = dialogue.ask(codec.Ask(codec.Id.SENSOR), codec.SensorInfo)
+    matrices = tuple(
+        dialogue.ask(codec.AskMatrix(codec.Id.MATRIX, number), codec.MatrixInfo)
+        for number in range(sensor.matrices)
+    )
+
+    def set_threshold(counts: int) -> None:
+        dialogue.ask(codec.SetThreshold(counts), codec.Done)
+        for number in range(sensor.matrices):
+            held = dialogue.ask(codec.AskMatrix(codec.Id.THRESHOLD, number), codec.Threshold).counts
+            if held != counts:
+                reason = f"matrix {number} was told threshold {counts} and holds {held}"
+                raise RefusedError(name, "setting it up", reason, "is its firmware older than release 268?")
+
+    return Identity(controller, sensor, matrices, set_threshold)
+
+
+class _Dialogue:
+    """Questions, one at a time."""
+
+    def __init__(
+        self, name: str, port: str, link: SerialLink, decoder: PacketDecoder, timeout_s: float
+    ) -> None:
+        self._name = name
+        self._doing = f"asking who is at {port}"
+        self._link = link
+        self._decoder = decoder
+        self._timeout_s = timeout_s
+
+    def ask(self, request: codec.Request, kind: type[T], attempts: int = ATTEMPTS) -> T:
+        """Ask until this packet's answer comes."""
+        packet = codec.encode_request(request)
+        for _ in range(attempts):
+            self._link.send(encode_packet(packet))
+            until_s = monotonic_s() + self._timeout_s
+            while monotonic_s() < until_s and self._link.fault is None:
+                answer = self._heard(packet.id, kind)
+                if answer is not None:
+                    return answer
+                rest(TURN_S)
+            self._decoder.flush()
+        raise self._error(attempts)
+
+    def _heard(self, number: int, kind: type[T]) -> T | None:
+        found: T | None = None
+        for _, data in self._link.receive():
+            for packet in self._decoder.feed(data):
+                if packet.id == number:
+                    found = self._decoded(packet, kind) or found
+        return found
+
+    def _decoded(self, packet: Packet, kind: type[T]) -> T | None:
+        try:
+            answer = codec.decode_answer(packet)
+        except codec.CodecError as error:
+            raise ProtocolError(self._name, self._doing, str(error), "is it a DSACON32-M?") from error
+        refusal = getattr(answer, "error", 0)
+        if refusal:
+            reason = f"it answers with an error: {codec.meaning(refusal)}"
+            raise RefusedError(self._name, self._doing, reason, "is its sensor plugged in?")
+        return answer if isinstance(answer, kind) else None
+
+    def _error(self, attempts: int) -> Exception:
+        if self._link.fault is not None:
+            return PortError(self._name, self._doing, self._link.fault, "is it plugged in and powered?")
+        waited_s = attempts * self._timeout_s
+        noise = self._decoder.noise.replace(codec.POWER_UP_NOISE, b"")
+        if noise or self._decoder.counts.good:
+            reason = f"only {noise!r} in {waited_s:g} s" if noise else f"no answer in {waited_s:g} s"
+            advice = "is another device at this port, or the baud rate wrong?"
+            return ProtocolError(self._name, self._doing, reason, advice)
+        return SilentError(self._name, self._doing, f"no answer in {waited_s:g} s", "is it powered?")

@@ -1,0 +1,209 @@
+"""Where emulated devices meet the host: a serial line or a network, and the faults of either."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+import os
+import pty
+import tty
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Protocol
+
+from drivers.clock import WallClock
+from drivers.mock.devices.ur_controller.server import UrServer
+from drivers.mock.faults import FaultSchedule
+
+READ_BYTES = 4096
+
+HOSTS = tuple(f"127.0.0.{number}" for number in range(2, 255))
+"""Loopback addresses for networked devices: the first that is free. The ports of a controller are fixed."""
+
+
+class EmulatedDevice(Protocol):
+    """A device made of software, at the far end of a serial line."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host; returns what is answered at once."""
+
+    def step(self, t_s: float) -> bytes:
+        """What the device says by `t_s` without being asked."""
+
+    def inject(self, kind: Any, t_s: float) -> None:
+        """Break something of the device's own: "stall" or "refuse".
+
+        Raises:
+            ValueError: it cannot break in that way.
+        """
+
+
+class FarEnd(Protocol):
+    """One device's end of the wire."""
+
+    @property
+    def endpoint(self) -> Mapping[str, str]:
+        """Where the host finds it: settings of its driver."""
+
+    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+        """Be there for the host; times come from `clock`, what goes wrong from `faults`."""
+
+    def waited(self) -> Sequence[Any]:
+        """What to select on."""
+
+    def due_s(self) -> float:
+        """When it has something to do by itself that is worth waking up for."""
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """Carry bytes both ways, and let the faults happen that have begun.
+
+        Args:
+            ready: What of `waited` can be read.
+            t_s: Present time.
+            trial_s: Present time since the trial began, as faults count it.
+        """
+
+    def unplug(self) -> None:
+        """Be gone; may be called twice."""
+
+
+class Line:
+    """A pty with an emulated device at its far end.
+
+    Args:
+        device: What answers.
+    """
+
+    def __init__(self, device: EmulatedDevice) -> None:
+        self._device = device
+        self._faults = FaultSchedule()
+        self._far, near = pty.openpty()
+        tty.setraw(near)
+        os.set_blocking(self._far, False)
+        self.endpoint = {"port": os.ttyname(near)}
+        # One end stays open here, so that the line survives a host that closes and opens it again.
+        self._near: int | None = near
+
+    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+        """See `FarEnd.open`; the line itself is there from the start."""
+        self._faults = faults
+
+    def waited(self) -> Sequence[int]:
+        """See `FarEnd.waited`."""
+        return [self._far] if self._near is not None else []
+
+    def due_s(self) -> float:
+        """See `FarEnd.due_s`: it does with being stepped as often as all are."""
+        return math.inf
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """See `FarEnd.exchange`."""
+        self._fail(t_s, trial_s)
+        if self._near is None:
+            return
+        out = b""
+        if self._far in ready:
+            with contextlib.suppress(OSError):
+                out = self._device.receive(os.read(self._far, READ_BYTES), t_s)
+        out += self._device.step(t_s)
+        if out and not self._faults.active(trial_s, "silent"):
+            self._write(self._corrupted(out, trial_s))
+
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: the host sees its port vanish."""
+        if self._near is not None:
+            os.close(self._near)
+            os.close(self._far)
+            self._near = None
+
+    def _fail(self, t_s: float, trial_s: float) -> None:
+        if self._faults.begun(trial_s, "unplug"):
+            self.unplug()
+        for kind in ("stall", "refuse"):
+            if self._faults.begun(trial_s, kind) is not None:
+                with contextlib.suppress(ValueError):  # a board that cannot stall does not
+                    self._device.inject(kind, t_s)
+
+    def _corrupted(self, out: bytes, trial_s: float) -> bytes:
+        if self._faults.active(trial_s, "lose"):
+            return b""
+        if self._faults.active(trial_s, "corrupt"):
+            return bytes(byte ^ 0x10 if place % 7 == 3 else byte for place, byte in enumerate(out))
+        return out
+
+    def _write(self, out: bytes) -> None:
+        try:
+            os.write(self._far, out)
+        except OSError as error:
+            # Nobody reads: a real board's bytes fall on the floor as well.
+            if error.errno not in (errno.EAGAIN, errno.EIO):
+                raise
+
+
+class Network:
+    """An emulated controller on a loopback address of its own.
+
+    TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come. A stall is a
+    protective stop; a refusal is somebody at the pendant who takes the arm into local control.
+
+    Args:
+        server: What answers.
+        realtime: Whether its host asks for real-time scheduling, and so it does too.
+
+    Attributes:
+        realtime: The same.
+    """
+
+    def __init__(self, server: UrServer, realtime: bool) -> None:
+        self.realtime = realtime
+        self._server = server
+        self._faults = FaultSchedule()
+        self._clock = WallClock()
+
+    @property
+    def endpoint(self) -> Mapping[str, str]:
+        """See `FarEnd.endpoint`."""
+        return {"host": self._server.host}
+
+    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+        """See `FarEnd.open`.
+
+        Raises:
+            OSError: no address is free.
+        """
+        self._faults = faults
+        self._clock = clock
+        self._server.bench_s = clock.from_monotonic
+        self._server.open(HOSTS)
+
+    def waited(self) -> Sequence[Any]:
+        """See `FarEnd.waited`."""
+        return self._server.sockets
+
+    def due_s(self) -> float:
+        """See `FarEnd.due_s`: the controller's next cycle."""
+        return self._clock.from_monotonic(self._server.next_s)
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """See `FarEnd.exchange`."""
+        self._fail(trial_s)
+        silent = self._faults.active(trial_s, "silent")
+        self._server.deaf = silent
+        self._server.streams = not (
+            silent or self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
+        )
+        self._server.turn(now_s=t_s - self._clock.from_monotonic(0.0))
+
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: the host sees its connections end, and nobody answers any more."""
+        self._server.close()
+
+    def _fail(self, trial_s: float) -> None:
+        controller = self._server.controller
+        if self._faults.begun(trial_s, "unplug"):
+            self.unplug()
+        if self._faults.begun(trial_s, "stall"):
+            controller.protective_stop("injected")
+        if self._faults.begun(trial_s, "refuse"):
+            controller.remote = False
+            controller.stop_program("local control")

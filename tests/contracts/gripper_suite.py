@@ -1,0 +1,229 @@
+"""What every gripper promises: run for the mock driver in virtual time, for the real one on a pty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.errors import CommandError
+from drivers.messages import (
+    Command,
+    Excite,
+    Grip,
+    Gripped,
+    Home,
+    Listen,
+    MoveTo,
+    Reached,
+    Refused,
+    Release,
+    SampleBlock,
+    Sent,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+)
+from drivers.mock.plants.jaws import GripObject, JawsSettings
+from drivers.mock.plants.jaws_drive import JawsDrive
+
+TURN_S = 0.005
+
+SCENE = JawsSettings(closed_width_m=0.020, objects={"mug": GripObject(width_m=0.040)})
+
+GRIP = Grip("gripper", 0.030, 0.1, 20.0)
+
+
+def calibrated_jaws() -> JawsDrive:
+    """Jaws that know their ends and stand open, at rest."""
+    drive = JawsDrive(SCENE)
+    drive.advance(0.0)
+    drive.calibrate()
+    drive.advance(3.0)
+    drive.go(0.0, 20_000.0, 300.0)
+    drive.advance(6.0)
+    drive.restart()
+    return drive
+
+
+class GripperBench:
+    """A gripper called `gripper`, open, with a hand to turn the loop's crank.
+
+    `change(scene)` calls `scene(drive)` where nothing else touches the jaws.
+    """
+
+    def __init__(
+        self, device: Any, clock: Any, change: Callable[[Callable[[JawsDrive], object]], None]
+    ) -> None:
+        self.device = device
+        self.clock = clock
+        self.change = change
+        self.info = device.open()
+        self.blocks: list[SampleBlock] = []
+        self.statuses: list[Status] = []
+
+    def turn(self, seconds: float) -> None:
+        end_s = self.clock.now() + seconds
+        while self.clock.now() < end_s:
+            self.clock.wait_until(self.clock.now() + TURN_S)
+            self.blocks += self.device.read()
+            self.statuses += self.device.poll()
+
+    def until(self, kind: type[Status], seconds: float = 10.0) -> Any:
+        end_s = self.clock.now() + seconds
+        while self.clock.now() < end_s:
+            self.turn(TURN_S)
+            for status in self.statuses:
+                if isinstance(status, kind):
+                    self.statuses.remove(status)
+                    return status
+        raise AssertionError(f"no {kind.__name__} in {seconds} s, but {self.statuses}")
+
+    def place(self, name: str | None) -> None:
+        def scene(drive: JawsDrive) -> None:
+            drive.jaws.place(name)
+            drive.disturb()
+
+        self.change(scene)
+
+    def force_n(self) -> float:
+        """How hard the jaws really press."""
+        forces: list[float] = []
+        self.change(lambda drive: forces.append(drive.jaws.contact_n))
+        return forces[0]
+
+
+class GripperContract:
+    """Subclasses give a fixture `bench` whose jaws know their ends, stand open and are `SCENE`'s."""
+
+    def test_it_has_a_width_and_a_force_and_moves(self, bench: GripperBench) -> None:
+        assert bench.info.mover
+        assert {name: stream.unit for name, stream in bench.info.streams.items()} == {
+            "gripper.width": "m",
+            "gripper.force": "N",
+        }
+        assert bench.info.details["open_width_m"] == pytest.approx(0.068)
+
+    def test_homing_ends_at_a_reached_position(self, bench: GripperBench) -> None:
+        bench.device.apply(Home("gripper"))
+        assert bench.until(Reached).position_m == pytest.approx(0.068, abs=0.2e-3)
+
+    def test_an_object_is_gripped_held_tightened_and_released(self, bench: GripperBench) -> None:
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        sent = bench.until(Sent)
+        gripped = bench.until(Gripped)
+        assert gripped.object
+        assert gripped.force_n == pytest.approx(20.0, abs=0.05)
+        assert gripped.width_m == pytest.approx(0.039, abs=0.3e-3)
+        assert gripped.t_s - sent.t_s > 0.2, "28 mm at 100 mm/s"
+        assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+        bench.device.apply(Grip("gripper", 0.030, 0.1, 40.0))
+        assert bench.until(Gripped).force_n == pytest.approx(40.0, abs=0.05)
+        assert bench.force_n() == pytest.approx(40.0, abs=0.6)
+        bench.device.apply(Release("gripper", 0.1))
+        assert bench.until(Reached).position_m == pytest.approx(0.068, abs=0.2e-3)
+        assert bench.force_n() == 0.0
+
+    def test_jaws_that_meet_nothing_say_so(self, bench: GripperBench) -> None:
+        bench.device.apply(Grip("gripper", 0.050, 0.1, 20.0))
+        gripped = bench.until(Gripped)
+        assert not gripped.object
+        assert gripped.width_m == pytest.approx(0.050, abs=0.3e-3)
+
+    def test_an_object_that_is_lost_is_told(self, bench: GripperBench) -> None:
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        assert bench.until(Gripped).object
+        bench.place(None)
+        assert not bench.until(Gripped).object
+
+    def test_stop_holds_and_is_answered(self, bench: GripperBench) -> None:
+        bench.device.apply(Grip("gripper", 0.030, 0.05, 20.0))
+        bench.turn(0.2)
+        bench.device.apply(Stop("gripper"))
+        still = bench.until(Standstill)
+        assert 0.035 < still.position_m < 0.067
+        assert not [status for status in bench.statuses if isinstance(status, Gripped)]
+        bench.device.apply(Stop("gripper"))
+        assert bench.until(Standstill).position_m == pytest.approx(still.position_m, abs=0.3e-3)
+
+    def test_stop_keeps_what_is_held(self, bench: GripperBench) -> None:
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        bench.until(Gripped)
+        bench.device.apply(Stop("gripper"))
+        bench.until(Standstill)
+        assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+
+    def test_jaws_that_jam_while_they_open_have_stalled(self, bench: GripperBench) -> None:
+        bench.device.apply(Grip("gripper", 0.050, 0.1, 20.0))
+        bench.until(Gripped)
+        bench.change(lambda drive: drive.jam())
+        bench.device.apply(Release("gripper", 0.1))
+        assert "something holds its jaws" in bench.until(Stalled).reason
+
+    def test_width_and_force_come_while_somebody_listens(self, bench: GripperBench) -> None:
+        bench.turn(0.1)
+        assert bench.blocks == []
+        bench.device.apply(Listen("gripper", frozenset({"gripper.width", "gripper.force"})))
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        bench.until(Gripped)
+        bench.turn(0.1)
+        for stream, value in (("gripper.width", 0.039), ("gripper.force", 20.0)):
+            blocks = [block for block in bench.blocks if block.stream == stream]
+            times_s = np.concatenate([block.times for block in blocks])
+            assert len(times_s) > 20
+            assert (np.diff(times_s) > 0.0).all()
+            assert blocks[-1].physical[-1, 0] == pytest.approx(value, rel=0.01)
+        bench.device.apply(Listen("gripper", frozenset()))
+        bench.turn(0.05)
+        bench.blocks.clear()
+        bench.turn(0.1)
+        assert bench.blocks == []
+
+    @pytest.mark.parametrize(
+        "command",
+        [
+            Grip("gripper", math.nan, 0.05, 20.0),
+            Grip("gripper", 0.019, 0.05, 20.0),
+            Grip("gripper", 0.030, 0.05, math.inf),
+            Grip("gripper", 0.030, 0.05, 5.0),
+            Grip("gripper", 0.030, -0.05, 20.0),
+            Release("gripper", 0.0),
+            MoveTo("gripper", 0.03, 0.01),
+            Excite("gripper", True),
+        ],
+    )
+    def test_a_command_that_makes_no_sense_is_refused_in_one_line(
+        self, bench: GripperBench, command: Command
+    ) -> None:
+        with pytest.raises(CommandError) as error:
+            bench.device.apply(command)
+        assert "\n" not in str(error.value)
+        assert str(error.value).startswith("gripper: ")
+
+    def test_closing_twice_is_no_error_and_keeps_what_is_held(self, bench: GripperBench) -> None:
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        bench.until(Gripped)
+        bench.device.close()
+        bench.device.close()
+        assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+
+
+class FreshGripperContract:
+    """Subclasses give a fixture `fresh` whose jaws do not know their ends."""
+
+    def test_nothing_is_gripped_before_homing(self, fresh: GripperBench) -> None:
+        fresh.device.apply(GRIP)
+        assert "send Home first" in fresh.until(Refused).reason
+
+    def test_homing_finds_the_ends_and_ends_closed(self, fresh: GripperBench) -> None:
+        fresh.device.apply(Home("gripper"))
+        assert fresh.until(Reached).position_m == pytest.approx(0.020, abs=0.2e-3)

@@ -1,0 +1,150 @@
+"""What every hand promises: run for the mock driver in virtual time, for the real one on a pty."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.errors import CommandError
+from drivers.messages import (
+    Command,
+    Home,
+    Listen,
+    Lost,
+    Refused,
+    SampleBlock,
+    Saturated,
+    Sent,
+    Status,
+    Tare,
+)
+
+FORCES_N = {11: 1.0, 12: -2.0, 13: 18.0}
+"""On the fingers; the third is beyond the range in which the hand works."""
+
+F1, F2, F3 = (f"hand.strain_{finger}" for finger in FORCES_N)
+
+
+class HandBench:
+    """A hand called `hand`, open, with a hand to turn the loop's crank."""
+
+    def __init__(self, device: Any, clock: Any) -> None:
+        self.device = device
+        self.clock = clock
+        self.info = device.open()
+        self.blocks: list[SampleBlock] = []
+        self.statuses: list[Status] = []
+
+    def turn(self, seconds: float) -> None:
+        end_s = self.clock.now() + seconds
+        while self.clock.now() < end_s:
+            self.clock.wait_until(self.clock.now() + 0.005)
+            self.blocks += self.device.read()
+            self.statuses += self.device.poll()
+
+    def listen(self, *streams: str) -> None:
+        self.device.apply(Listen("hand", frozenset(streams)))
+
+    def heard(self, stream: str) -> list[SampleBlock]:
+        return [block for block in self.blocks if block.stream == stream]
+
+    def of(self, kind: type[Status]) -> list[Any]:
+        return [status for status in self.statuses if isinstance(status, kind)]
+
+
+class HandContract:
+    """Subclasses give a fixture `bench` whose fingers feel `FORCES_N`."""
+
+    def test_each_finger_has_a_stream_in_newtons(self, bench: HandBench) -> None:
+        assert {name: (stream.unit, len(stream.channels)) for name, stream in bench.info.streams.items()} == {
+            F1: ("N", 1),
+            F2: ("N", 1),
+            F3: ("N", 1),
+        }
+        assert not bench.info.mover
+
+    def test_nothing_is_sent_that_nobody_listens_to(self, bench: HandBench) -> None:
+        bench.turn(0.05)
+        assert bench.blocks == []
+
+    def test_the_forces_on_the_fingers_are_read(self, bench: HandBench) -> None:
+        bench.listen(F1, F2, F3)
+        bench.turn(0.3)
+        for stream, force_n in zip((F1, F2, F3), FORCES_N.values(), strict=True):
+            assert bench.heard(stream)[-1].physical[-1, 0] == pytest.approx(force_n, abs=0.005)
+
+    def test_one_finger_can_be_heard_alone(self, bench: HandBench) -> None:
+        bench.listen(F2)
+        bench.turn(0.2)
+        assert {block.stream for block in bench.blocks} == {F2}
+        assert sum(map(len, bench.blocks)) > 20
+
+    def test_samples_stand_on_one_grid_and_what_is_missing_is_told(self, bench: HandBench) -> None:
+        bench.listen(F1, F2)
+        bench.turn(0.4)
+        bench.listen()
+        bench.turn(0.05)
+        blocks = bench.heard(F1)
+        rate_hz = bench.info.streams[F1].rate_hz
+        gaps = 0
+        for before, after in pairwise(blocks):
+            steps = after.seq - before.seq
+            gaps += steps - len(before)
+            assert steps >= len(before)
+            assert after.t0_s - before.t0_s == pytest.approx(steps / rate_hz, abs=1e-6)
+        assert gaps == sum(lost.samples for lost in bench.of(Lost) if lost.stream == F1)
+        assert all(block.rate_hz == rate_hz for block in blocks)
+        assert all(np.issubdtype(block.values.dtype, np.integer) for block in blocks), "raw counts"
+
+    def test_a_stream_ends_when_nobody_listens_any_more_and_begins_anew(self, bench: HandBench) -> None:
+        bench.listen(F1)
+        bench.turn(0.1)
+        bench.listen()
+        bench.turn(0.1)
+        last = bench.blocks[-1]
+        lost = len(bench.of(Lost))
+        bench.blocks.clear()
+        bench.turn(0.1)
+        assert bench.blocks == []
+        bench.listen(F1)
+        bench.turn(0.1)
+        assert bench.blocks[0].seq >= last.seq + len(last)
+        assert len(bench.of(Lost)) - lost <= 1 + sum(map(len, bench.blocks)) // 10, (
+            "the pause itself is not lost"
+        )
+
+    def test_a_finger_beyond_its_range_is_told_once(self, bench: HandBench) -> None:
+        bench.listen(F1, F3)
+        bench.turn(0.3)
+        (saturated,) = bench.of(Saturated)
+        assert saturated.stream == F3
+        assert saturated.value == pytest.approx(18.0, abs=0.005)
+
+    def test_a_tare_makes_the_present_reading_zero(self, bench: HandBench) -> None:
+        bench.device.apply(Tare("hand", F1))
+        bench.turn(0.02)
+        assert "listen to it first" in bench.of(Refused)[0].reason
+        bench.listen(F1)
+        bench.turn(0.2)
+        bench.device.apply(Tare("hand", F1))
+        bench.turn(0.2)
+        assert len(bench.of(Sent)) == 1
+        assert bench.heard(F1)[-1].physical[-1, 0] == pytest.approx(0.0, abs=0.01)
+
+    @pytest.mark.parametrize(
+        "command", [Home("hand"), Tare("hand", "hand.strain_14"), Listen("hand", frozenset({"hand.palm"}))]
+    )
+    def test_a_command_that_makes_no_sense_is_refused_in_one_line(
+        self, bench: HandBench, command: Command
+    ) -> None:
+        with pytest.raises(CommandError) as error:
+            bench.device.apply(command)
+        assert "\n" not in str(error.value)
+        assert str(error.value).startswith("hand: ")
+
+    def test_closing_twice_is_no_error(self, bench: HandBench) -> None:
+        bench.device.close()
+        bench.device.close()

@@ -1,0 +1,114 @@
+"""What tactile matrices promise: run for the mock driver in virtual time, for the real one on a pty."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.errors import CommandError
+from drivers.messages import Command, Excite, Listen, Lost, SampleBlock, Saturated, Status
+from drivers.mock.devices.dsa_matrix import Matrix, SteadyTexels
+
+SHAPES = (Matrix(2, 3, 0.0034), Matrix(1, 2, 0.0034))
+
+TEXELS_V = np.array([0.0, 0.25, 1.5, 4.0, 0.0, 0.001, 5.0, 0.0])
+"""What each cell reads; the seventh is beyond its end."""
+
+TEXELS = "dsa.taxels"
+
+
+def steady() -> SteadyTexels:
+    return SteadyTexels(SHAPES, TEXELS_V)
+
+
+class MatrixBench:
+    """Matrices called `dsa`, open, with a hand to turn the loop's crank."""
+
+    def __init__(self, device: Any, clock: Any) -> None:
+        self.device = device
+        self.clock = clock
+        self.info = device.open()
+        self.blocks: list[SampleBlock] = []
+        self.statuses: list[Status] = []
+
+    def turn(self, seconds: float) -> None:
+        end_s = self.clock.now() + seconds
+        while self.clock.now() < end_s:
+            self.clock.wait_until(self.clock.now() + 0.005)
+            self.blocks += self.device.read()
+            self.statuses += self.device.poll()
+
+    def listen(self, *streams: str) -> None:
+        self.device.apply(Listen("dsa", frozenset(streams)))
+
+    def of(self, kind: type[Status]) -> list[Any]:
+        return [status for status in self.statuses if isinstance(status, kind)]
+
+
+class MatrixContract:
+    """Subclasses give a fixture `bench` whose texels are `steady()`."""
+
+    def test_each_cell_of_each_matrix_is_a_channel(self, bench: MatrixBench) -> None:
+        info = bench.info.streams[TEXELS]
+        assert info.channels == (
+            *("m0.r0.c0", "m0.r0.c1", "m0.r0.c2", "m0.r1.c0", "m0.r1.c1", "m0.r1.c2"),
+            *("m1.r0.c0", "m1.r0.c1"),
+        )
+        assert (info.unit, info.scale) == ("V", 1e-3)
+
+    def test_nothing_is_sent_that_nobody_listens_to(self, bench: MatrixBench) -> None:
+        bench.turn(0.1)
+        assert bench.blocks == []
+
+    def test_the_texels_are_read(self, bench: MatrixBench) -> None:
+        bench.listen(TEXELS)
+        bench.turn(0.4)
+        assert sum(map(len, bench.blocks)) > 20
+        expected = np.array([0.0, 0.25, 1.5, 4.0, 0.0, 0.001, 4.095, 0.0])
+        for block in bench.blocks:
+            assert block.physical == pytest.approx(np.tile(expected, (len(block), 1)))
+            assert np.issubdtype(block.values.dtype, np.integer)
+            assert block.device_t0_s is not None
+            assert block.arrival_s is not None
+
+    def test_blocks_follow_one_another_and_what_is_missing_is_told(self, bench: MatrixBench) -> None:
+        bench.listen(TEXELS)
+        bench.turn(0.5)
+        gaps = sum(after.seq - before.seq - len(before) for before, after in pairwise(bench.blocks))
+        assert gaps == sum(lost.samples for lost in bench.of(Lost))
+        assert all(after.t0_s > before.t0_s for before, after in pairwise(bench.blocks))
+
+    def test_a_stream_ends_when_nobody_listens_any_more_and_begins_anew(self, bench: MatrixBench) -> None:
+        bench.listen(TEXELS)
+        bench.turn(0.2)
+        bench.listen()
+        bench.turn(0.3)
+        last = bench.blocks[-1]
+        bench.blocks.clear()
+        bench.turn(0.2)
+        assert bench.blocks == []
+        bench.listen(TEXELS)
+        bench.turn(0.2)
+        assert bench.blocks[0].seq >= last.seq + len(last)
+
+    def test_a_texel_at_its_end_is_told_once(self, bench: MatrixBench) -> None:
+        bench.listen(TEXELS)
+        bench.turn(0.3)
+        (saturated,) = bench.of(Saturated)
+        assert (saturated.stream, saturated.value) == (TEXELS, pytest.approx(4.095))
+
+    @pytest.mark.parametrize("command", [Excite("dsa", True), Listen("dsa", frozenset({"dsa.force"}))])
+    def test_a_command_that_makes_no_sense_is_refused_in_one_line(
+        self, bench: MatrixBench, command: Command
+    ) -> None:
+        with pytest.raises(CommandError) as error:
+            bench.device.apply(command)
+        assert "\n" not in str(error.value)
+        assert str(error.value).startswith("dsa: ")
+
+    def test_closing_twice_is_no_error(self, bench: MatrixBench) -> None:
+        bench.device.close()
+        bench.device.close()

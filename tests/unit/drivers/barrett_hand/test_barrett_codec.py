@@ -1,0 +1,86 @@
+"""Frames of the BarrettHand against bytes written by hand from its interface page."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.barrett_hand.codec import (
+    CodecError,
+    Get,
+    Property,
+    Reply,
+    Set,
+    decode_reply,
+    decode_request,
+    encode_reply,
+    encode_request,
+    reply_id,
+)
+from drivers.can_frame import CanFrame
+
+REQUESTS = [
+    (Get(11, Property.STRAIN), "00B", "19"),
+    (Get(5, Property.STRAIN, group=True), "405", "19"),
+    (Get(14, Property.POSITION), "00E", "30"),
+    (Set(11, Property.MODE, 5), "00B", "88 00 05 00 00 00"),
+    (Set(5, Property.COMMAND, -2, group=True), "405", "9D 00 FE FF FF FF"),
+    (Set(13, Property.TARGET, 66_000), "00D", "AA 00 D0 01 01 00"),
+]
+
+REPLIES = [
+    (Reply(11, Property.STRAIN, 2000), "566", "99 00 D0 07"),
+    (Reply(12, Property.STRAIN, 4095), "586", "99 00 FF 0F"),
+    (Reply(13, Property.MODE, 0), "5A6", "88 00 00 00"),
+    (Reply(14, Property.POSITION, -3), "5C6", "B0 00 FD FF"),
+    (Reply(11, Property.POSITION, 66_000), "566", "B0 00 D0 01 01 00"),
+]
+
+
+@pytest.mark.parametrize(("request_", "identifier", "data"), REQUESTS)
+def test_requests_are_the_bytes_of_the_interface_page(
+    request_: Get | Set, identifier: str, data: str
+) -> None:
+    frame = CanFrame(int(identifier, 16), bytes.fromhex(data))
+    assert encode_request(request_) == frame
+    assert decode_request(frame) == request_
+
+
+@pytest.mark.parametrize(("reply", "identifier", "data"), REPLIES)
+def test_replies_are_the_bytes_of_the_interface_page(reply: Reply, identifier: str, data: str) -> None:
+    frame = CanFrame(int(identifier, 16), bytes.fromhex(data))
+    assert encode_reply(reply) == frame
+    assert decode_reply(frame) == reply
+    assert reply_id(reply.sender) == frame.id
+
+
+def test_a_reply_of_four_bytes_may_stand_for_a_small_value() -> None:
+    assert decode_reply(CanFrame(0x566, bytes.fromhex("99 00 D0 07 00 00"))).value == 2000
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        CanFrame(0x566, b"\x99\x00\xd0"),  # truncated
+        CanFrame(0x566, b"\x19\x00\xd0\x07"),  # a question's byte
+        CanFrame(0x166, b"\x99\x00\xd0\x07"),  # to a node
+        CanFrame(0x565, b"\x99\x00\xd0\x07"),  # to the hand
+        CanFrame(0x566, remote=True),
+    ],
+)
+def test_what_is_no_reply_is_refused(frame: CanFrame) -> None:
+    with pytest.raises(CodecError):
+        decode_reply(frame)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        CanFrame(0x00B),
+        CanFrame(0x00B, b"\x88\x00\x05"),
+        CanFrame(0x00B, b"\x99"),
+        CanFrame(0x00B, remote=True),
+    ],
+)
+def test_what_is_no_request_is_refused(frame: CanFrame) -> None:
+    with pytest.raises(CodecError):
+        decode_request(frame)

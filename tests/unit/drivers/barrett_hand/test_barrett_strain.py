@@ -1,0 +1,89 @@
+"""A gauge's readings in newtons, its zero, its saturation; the numbers of its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.barrett_hand.numbering import Numbered, Numbering
+from drivers.barrett_hand.strain import Strain, StrainSettings
+from drivers.messages import SampleBlock, Saturated
+
+
+@pytest.fixture
+def strain() -> Strain:
+    return Strain("hand", 11, 1000.0, StrainSettings(newton_per_count=0.01, zero_counts=2000))
+
+
+def block(strain: Strain, *counts: int, t0_s: float = 1.0) -> SampleBlock:
+    return strain.block(7, t0_s, np.array(counts, dtype=np.int64), 2.0)
+
+
+def test_a_force_is_counts_less_the_zero_times_the_scale(strain: Strain) -> None:
+    made = block(strain, 2000, 2100, 1950)
+    assert made.stream == strain.info.name == "hand.strain_11"
+    assert made.physical[:, 0] == pytest.approx([0.0, 1.0, -0.5])
+    assert (made.seq, made.rate_hz, made.unit) == (7, 1000.0, "N")
+    assert np.issubdtype(made.values.dtype, np.integer)
+
+
+def test_a_new_zero_is_the_mean_of_the_latest_readings(strain: Strain) -> None:
+    block(strain, *[9] * 60, *[2010, 2012] * 25)
+    assert strain.tare()
+    assert strain.zero == 2011
+    assert block(strain, 2021).physical[0, 0] == pytest.approx(0.1)
+
+
+def test_without_readings_there_is_no_new_zero(strain: Strain) -> None:
+    assert not strain.tare()
+    block(strain, 2100)
+    strain.forget()
+    assert not strain.tare()
+    assert strain.zero == 2000
+
+
+@pytest.mark.parametrize(
+    ("counts", "saturated"), [(667, 0), (666, 1), (3460, 0), (3461, 1), (0, 1), (4095, 1)]
+)
+def test_the_range_is_that_of_the_interface_page(strain: Strain, counts: int, saturated: int) -> None:
+    assert len(strain.saturation(block(strain, 2000, counts))) == saturated
+
+
+def test_each_excursion_is_told_once_with_its_time_and_force(strain: Strain) -> None:
+    assert strain.saturation(block(strain, 2000, 3500, 3600)) == [
+        Saturated(pytest.approx(1.001), "hand", "hand.strain_11", pytest.approx(15.0))
+    ]
+    assert strain.saturation(block(strain, 3700, 3800)) == []
+    assert strain.saturation(block(strain, 3700, 2000, 600, 2000, 500)) == [
+        Saturated(pytest.approx(1.002), "hand", "hand.strain_11", pytest.approx(-14.0)),
+        Saturated(pytest.approx(1.004), "hand", "hand.strain_11", pytest.approx(-15.0)),
+    ]
+
+
+def test_a_new_zero_does_not_move_the_range(strain: Strain) -> None:
+    block(strain, 3000)
+    strain.tare()
+    assert strain.saturation(block(strain, 3400)) == []
+    assert len(strain.saturation(block(strain, 3500))) == 1
+
+
+def test_a_beat_without_an_answer_is_a_lost_sample() -> None:
+    numbering = Numbering(1000.0)
+    assert numbering.number(0, 50.000) == Numbered(0, 0, True)
+    assert numbering.number(1, 50.001) == Numbered(1, 0, False)
+    assert numbering.number(5, 50.005) == Numbered(5, 3, False)
+
+
+def test_another_question_begins_a_segment_whose_numbers_jump() -> None:
+    numbering = Numbering(1000.0)
+    numbering.number(0, 50.0)
+    numbering.number(1, 50.001)
+    assert numbering.number(0, 51.0013) == Numbered(1002, 0, True)
+    assert numbering.number(1, 51.0023) == Numbered(1003, 0, False)
+
+
+def test_a_segment_that_follows_at_once_never_looks_like_a_continuation() -> None:
+    numbering = Numbering(1000.0)
+    numbering.number(41, 50.0)
+    seq, lost, begins = numbering.number(0, 50.0004)
+    assert (seq >= 43, lost, begins) == (True, 0, True)

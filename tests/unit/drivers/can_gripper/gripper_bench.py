@@ -1,0 +1,123 @@
+"""The real driver on an emulated gripper, in virtual time: a link without a bus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.can_frame import CanFrame
+from drivers.can_gripper.brackets import CanGripperSettings
+from drivers.can_gripper.driver import CanGripper
+from drivers.can_link import Beat, CanPort, Heard
+from drivers.messages import Command, DeviceInfo, SampleBlock, Status
+from drivers.mock.devices.can_gripper import EmulatedCanGripper
+from drivers.mock.plants.jaws_drive import JawsDrive
+
+TURN_S = 0.005
+DELAY_S = 0.0002
+"""From a question to its answer: what a slcan adapter was measured to take."""
+
+FRAME_S = 0.0001
+"""How long a frame is on the bus: some hundred bits at 1 Mbit/s."""
+
+
+class Host:
+    """Time, and the far end of the link."""
+
+    def __init__(self, gripper: EmulatedCanGripper, begin_s: float) -> None:
+        self.gripper = gripper
+        self.now_s = begin_s
+        self.sent: list[CanFrame] = []
+        self.spoil: Callable[[CanFrame], CanFrame | None] = lambda frame: frame
+        self.fault: str | None = None
+        self.malformed = 0
+        self.closed = False
+        self._due: list[Heard] = []
+
+    def open(self, name: str, port: CanPort) -> Host:
+        self.closed = False
+        return self
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def rest(self, seconds: float) -> None:
+        self.advance(seconds)
+
+    def advance(self, seconds: float) -> None:
+        self.now_s += seconds
+        self._keep(self.gripper.step(self.now_s))
+
+    def send(self, frame: CanFrame) -> float | None:
+        if self.fault is not None:
+            return None
+        self.sent.append(frame)
+        self.now_s += FRAME_S
+        self._keep(self.gripper.receive(frame, self.now_s))
+        return self.now_s
+
+    def receive(self) -> list[Heard]:
+        heard = [one for one in self._due if one.arrival_s <= self.now_s]
+        self._due = [one for one in self._due if one.arrival_s > self.now_s]
+        return heard
+
+    def ask(self, beat: Beat | None) -> None:
+        raise AssertionError("the gripper asks at no beat")
+
+    def close(self) -> None:
+        self.closed = True
+
+    def _keep(self, frames: list[CanFrame]) -> None:
+        for frame in frames:
+            spoilt = self.spoil(frame)
+            if spoilt is not None:
+                self._due.append(Heard(spoilt, self.now_s + DELAY_S))
+
+
+class HostClock:
+    """Bench time that begins with the host's."""
+
+    virtual = False
+
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        self._origin_s = host.now_s
+
+    def now(self) -> float:
+        return self._host.now_s - self._origin_s
+
+    def from_monotonic(self, monotonic_s: float) -> float:
+        return monotonic_s - self._origin_s
+
+
+class Bench:
+    """Driver, emulated gripper, jaws."""
+
+    def __init__(self, host: Host, drive: JawsDrive, settings: CanGripperSettings) -> None:
+        self.host = host
+        self.drive = drive
+        self.clock = HostClock(host)
+        self.driver = CanGripper("gripper", settings, self.clock)  # type: ignore[arg-type]
+        self.blocks: list[SampleBlock] = []
+        self.statuses: list[Status] = []
+
+    def open(self) -> DeviceInfo:
+        return self.driver.open()
+
+    def apply(self, command: Command) -> None:
+        self.driver.apply(command)
+
+    def turn(self, seconds: float) -> None:
+        until_s = self.host.now_s + seconds
+        while self.host.now_s < until_s:
+            self.host.advance(TURN_S)
+            self.blocks += self.driver.read()
+            self.statuses += self.driver.poll()
+
+    def take(self, kind: type[Status]) -> list[Status]:
+        found = [status for status in self.statuses if isinstance(status, kind)]
+        self.statuses = [status for status in self.statuses if not isinstance(status, kind)]
+        return found
+
+    def place(self, name: str | None) -> None:
+        self.drive.jaws.place(name)
+        self.drive.disturb()

@@ -1,0 +1,93 @@
+"""Widths, speeds and forces against the data sheet's figures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from pydantic import ValidationError
+
+from drivers.can_gripper import units
+from drivers.can_gripper.brackets import FORCE_MAX_N, FORCE_MIN_N, Brackets, CanGripperSettings, valid
+from drivers.errors import CommandError
+from drivers.messages import Command, Excite, Grip, MoveTo, Release
+
+BRACKETS = Brackets(closed_width_m=0.020)
+GRIP = Grip("gripper", 0.030, 0.05, 20.0)
+
+
+def checked(command: Command) -> Command:
+    return valid("gripper", BRACKETS, 0.1, FORCE_MAX_N, command)
+
+
+def test_the_travel_is_48_mm_from_the_closed_width_on() -> None:
+    assert BRACKETS.width_m(255) == pytest.approx(0.020)
+    assert BRACKETS.width_m(0) == pytest.approx(0.068)
+    assert BRACKETS.position(0.044) in (127, 128)
+
+
+def test_a_count_is_less_than_a_fifth_of_a_millimetre() -> None:
+    assert BRACKETS.width_m(100) - BRACKETS.width_m(101) == pytest.approx(0.19e-3, rel=0.02)
+
+
+def test_the_fastest_jaw_moves_at_the_data_sheets_speed() -> None:
+    """v = omega r with 80,000 ticks/s of 16,384 and r = 6 mm, for one jaw of two."""
+    assert units.speed_m_s(255) / 2 == pytest.approx(80_000 / 16_384 * 2 * math.pi * 0.006)
+    assert units.speed_ticks_s(0) == 40.0
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0005, 0.01, 0.0503, 0.1, 0.36])
+def test_no_speed_is_greater_than_what_was_asked_for(speed_m_s: float) -> None:
+    count = units.speed_count(speed_m_s)
+    assert units.speed_m_s(count) <= speed_m_s * (1 + 1e-12)
+    assert units.speed_m_s(count + 1) > speed_m_s
+
+
+def test_force_is_linear_in_current_and_rounded_down() -> None:
+    assert BRACKETS.current_ma(20.0) == 432  # 20 / 0.0462 = 432.9
+    assert BRACKETS.force_n(-432) == pytest.approx(432 * 0.0462)
+
+
+def test_the_forces_that_may_be_asked_for_are_those_of_150_to_1300_ma() -> None:
+    assert BRACKETS.current_ma(FORCE_MIN_N) == 150
+    assert BRACKETS.current_ma(FORCE_MAX_N) == 1300
+
+
+def test_a_grip_comes_back_as_the_gripper_will_do_it() -> None:
+    sent = checked(replace(GRIP, speed_m_s=9.0))
+    assert isinstance(sent, Grip)
+    assert sent.width_m == pytest.approx(0.030, abs=0.1e-3)
+    assert sent.speed_m_s <= 0.1
+    assert 19.95 < sent.force_n <= 20.0
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        (replace(GRIP, width_m=0.019), "brackets let it open 20 to 68 mm"),
+        (replace(GRIP, width_m=0.069), "brackets let it open 20 to 68 mm"),
+        (replace(GRIP, width_m=math.nan), "brackets let it open 20 to 68 mm"),
+        (replace(GRIP, force_n=5.0), "5 N is out of range"),
+        (replace(GRIP, force_n=80.0), "80 N is out of range"),
+        (replace(GRIP, force_n=math.nan), "nan N is out of range"),
+        (replace(GRIP, speed_m_s=0.0), "0 m/s is no speed"),
+        (Release("gripper", math.inf), "inf m/s is no speed"),
+        (MoveTo("gripper", 0.03, 0.01), "no such command"),
+        (Excite("gripper", on=True), "no such command"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(command: Command, reason: str) -> None:
+    with pytest.raises(CommandError, match=reason) as error:
+        checked(command)
+    assert "\n" not in str(error.value)
+
+
+def test_brackets_that_reach_too_far_are_refused() -> None:
+    with pytest.raises(ValidationError):
+        CanGripperSettings(port="can0", closed_width_m=0.0375)
+
+
+def test_a_watchdog_that_one_lost_answer_would_trip_is_refused() -> None:
+    with pytest.raises(ValidationError, match="one lost answer would open the grip"):
+        CanGripperSettings(port="can0", watchdog_s=0.25)

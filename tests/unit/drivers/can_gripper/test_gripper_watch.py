@@ -1,0 +1,94 @@
+"""What a watch makes of one state after the other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from drivers.can_gripper.brackets import Brackets
+from drivers.can_gripper.watch import Watch
+from drivers.can_gripper.words import Finding, State
+from drivers.messages import Grip, Gripped, Release, Stalled, Standstill, Status, Stop
+
+GRIP = Grip("gripper", 0.02, 0.1, 20.0)
+MOVING = State(100, -400, Finding.MOVING, True, True, False, False, False, True)
+CLOSING = replace(MOVING, finding=Finding.OBJECT_CLOSING)
+OPENING = replace(MOVING, finding=Finding.OBJECT_OPENING)
+THERE = replace(MOVING, finding=Finding.AT_POSITION)
+
+
+@pytest.fixture
+def watch() -> Watch:
+    made = Watch("gripper", Brackets(0.010), hold_s=0.03)
+    made.begin(GRIP, 1.0)
+    return made
+
+
+def pushed(watch: Watch, *states: State, begin_s: float = 1.01, fault: bool = False) -> list[Status]:
+    """States 10 ms apart."""
+    return [
+        status
+        for number, state in enumerate(states)
+        for status in watch.push(begin_s + 0.01 * number, state, fault)
+    ]
+
+
+def test_what_holds_the_jaws_for_a_moment_is_no_object(watch: Watch) -> None:
+    """A start at full current looks like one until the jaws are fast enough."""
+    assert pushed(watch, CLOSING, CLOSING, MOVING, CLOSING, CLOSING, CLOSING, MOVING) == []
+    assert watch.busy
+
+
+@pytest.mark.parametrize("held", [CLOSING, OPENING])
+def test_either_object_bit_is_an_object_once_it_is_held(watch: Watch, held: State) -> None:
+    (gripped,) = pushed(watch, *[held] * 10)
+    assert isinstance(gripped, Gripped)
+    assert gripped.object
+    assert gripped.t_s == pytest.approx(1.04)
+    assert gripped.force_n == pytest.approx(400 * 0.0462)
+
+
+def test_a_state_from_before_the_command_says_nothing_of_it(watch: Watch) -> None:
+    assert pushed(watch, THERE, begin_s=1.0) == []
+    assert len(pushed(watch, THERE, begin_s=1.001)) == 1
+
+
+def test_an_object_that_moves_within_the_grip_is_told_when_it_is_gone_alone(watch: Watch) -> None:
+    pushed(watch, *[CLOSING] * 5)
+    assert watch.resting
+    assert pushed(watch, MOVING, MOVING, begin_s=1.1) == []
+    assert not watch.resting
+    assert pushed(watch, *[CLOSING] * 5, begin_s=1.2) == []
+    (lost,) = pushed(watch, MOVING, THERE, THERE, begin_s=1.3)
+    assert isinstance(lost, Gripped)
+    assert not lost.object
+
+
+def test_a_fault_is_told_once_and_ends_the_command(watch: Watch) -> None:
+    late = replace(MOVING, watchdog=True)
+    (stalled,) = pushed(watch, late, late, late, fault=True)
+    assert isinstance(stalled, Stalled)
+    assert "watchdog" in stalled.reason
+    assert "send Home" in stalled.reason
+    assert pushed(watch, THERE, THERE, begin_s=2.0) == []
+
+
+def test_a_fault_while_stopping_is_told_beside_the_standstill(watch: Watch) -> None:
+    watch.begin(Stop("gripper"), 1.0)
+    told = pushed(watch, *[replace(MOVING, estop=True)] * 10, fault=True)
+    assert [type(status) for status in told] == [Stalled, Standstill]
+
+
+def test_jaws_that_still_move_do_not_stand_still(watch: Watch) -> None:
+    watch.begin(Stop("gripper"), 1.0)
+    assert pushed(watch, *[replace(MOVING, position=place) for place in range(100, 120)]) == []
+    (still,) = pushed(watch, *[MOVING] * 10, begin_s=1.3)
+    assert isinstance(still, Standstill)
+
+
+def test_release_is_held_up_by_an_object(watch: Watch) -> None:
+    watch.begin(Release("gripper", 0.1), 1.0)
+    (stalled,) = pushed(watch, *[OPENING] * 6)
+    assert isinstance(stalled, Stalled)
+    assert "39.2 mm" in stalled.reason, "10 mm and 155 of 255 counts of 48 mm"

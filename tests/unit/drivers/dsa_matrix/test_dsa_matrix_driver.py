@@ -1,0 +1,257 @@
+"""The matrices' driver on emulated matrices, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from dsa_bench import Bench
+
+from drivers.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
+from drivers.messages import Command, Failed, Home, Listen, Lost, Saturated
+from drivers.mock.devices.dsa_matrix import Matrix
+
+TEXELS = "dsa.taxels"
+ALL = Listen("dsa", frozenset({TEXELS}))
+NONE = Listen("dsa", frozenset())
+
+Make = Callable[..., Bench]
+
+
+def test_cells_come_from_what_the_matrices_say(make_bench: Make) -> None:
+    bench = make_bench([Matrix(2, 3, 0.0034), Matrix(1, 4, 0.0034)])
+    info = bench.driver.open()
+    assert info.streams[TEXELS].channels == (
+        *(f"m0.r{row}.c{column}" for row in range(2) for column in range(3)),
+        *(f"m1.r0.c{column}" for column in range(4)),
+    )
+    assert info.serial == "9210"
+    assert info.clock == "dsa milliseconds"
+    (first, second) = info.details["matrices"]
+    assert (first["rows"], first["columns"]) == (2, 3)
+    assert second["texel_m"] == pytest.approx((0.0034, 0.0034))
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    assert bench.blocks[-1].values[-1, 1:].tolist() == list(range(1, 10))
+
+
+def test_nothing_comes_that_nobody_listens_to(bench: Bench) -> None:
+    bench.turn(0.5)
+    assert bench.blocks == []
+    assert bench.statuses == []
+
+
+def test_frames_come_in_sequence_on_the_controllers_clock(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(3.0)
+    assert 148 <= bench.frames() <= 150
+    for before, after in pairwise(bench.blocks):
+        assert after.seq == before.seq + len(before)
+        assert after.device_t0_s is not None
+        assert before.device_t0_s is not None
+        assert after.device_t0_s - before.device_t0_s == pytest.approx(0.02 * len(before), abs=1.1e-3)
+    assert bench.blocks[0].unit == "V"
+    assert bench.blocks[0].physical[0, 69] == pytest.approx(0.069)
+    assert bench.take(Lost) == []
+
+
+def test_the_wrap_of_the_clock_is_not_seen(make_bench: Make) -> None:
+    bench = make_bench(emulated={"start_ms": 2**32 - 1000}, frame_hz=50, rle=False)
+    bench.driver.open()
+    bench.driver.apply(ALL)
+    bench.turn(3.0)
+    device_s = np.array([block.device_t0_s for block in bench.blocks], dtype=float)
+    assert device_s.min() < 2**32 * 1e-3 < device_s.max()
+    assert np.diff(device_s).min() > 0.0
+    assert bench.take(Lost) == []
+
+
+def test_times_are_the_controllers_and_not_those_of_arrival(bench: Bench) -> None:
+    """The first cell says when it was read, to 10 ms. Late by the 13.3 ms that a frame is on the line."""
+    bench.driver.apply(ALL)
+    bench.turn(8.0)
+    host_s = np.concatenate([block.times for block in bench.blocks[100:]]) + bench.clock.origin_s
+    told_s = np.concatenate([block.physical[:, 0] for block in bench.blocks[100:]]) * 10.0
+    late_s = (host_s - told_s + 20.0) % 40.0 - 20.0
+    assert np.mean(late_s) == pytest.approx(0.0138, abs=0.002)
+    assert np.std(late_s) < 0.005
+    assert bench.driver.account()["drift_ppm"] == pytest.approx(-53.0, abs=140.0), "1 ms in 8 s is 125 ppm"
+
+
+def test_a_line_that_is_too_slow_for_raw_frames_is_refused_with_what_to_do(make_bench: Make) -> None:
+    bench = make_bench(frame_hz=100, rle=False)
+    with pytest.raises(
+        RefusedError, match=r"70 cells at 100 frames/s do not fit 115200 baud .*frame_hz to 75"
+    ):
+        bench.driver.open()
+    assert bench.host.closed
+
+
+def test_run_length_encoding_brings_quiet_matrices_to_100_frames_a_second(make_bench: Make) -> None:
+    bench = make_bench([Matrix(14, 5, 0.0034)], emulated={"threshold_counts": 60}, frame_hz=100, rle=True)
+    bench.driver.open()
+    bench.driver.apply(ALL)
+    bench.turn(2.0)
+    assert 197 <= bench.frames() <= 200
+    assert bench.take(Lost) == []
+    assert bench.blocks[-1].values[-1, 59:62].tolist() == [0, 60, 61]
+
+
+def test_frames_that_the_controller_drops_are_told_as_lost(make_bench: Make) -> None:
+    """All cells different: runs of one, as long as raw, 75 frames/s on the line."""
+    bench = make_bench(frame_hz=100, rle=True)
+    bench.driver.open()
+    bench.driver.apply(ALL)
+    bench.turn(4.0)
+    lost = sum(status.samples for status in bench.take(Lost) if isinstance(status, Lost))
+    assert bench.frames() / 4.0 == pytest.approx(75.0, abs=1.5)
+    assert bench.frames() + lost == pytest.approx(400, abs=3)
+    ends = [block.seq + len(block) for block in bench.blocks]
+    assert sum(block.seq - end for block, end in zip(bench.blocks[1:], ends, strict=False)) == lost
+
+
+@pytest.mark.parametrize("kind", ["drop", "flip", "truncate"])
+def test_a_spoilt_frame_is_one_lost_frame_or_takes_its_neighbour_along(bench: Bench, kind: str) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    bench.host.matrices.inject(kind, bench.host.now_s)
+    bench.turn(1.0)
+    lost = sum(status.samples for status in bench.take(Lost) if isinstance(status, Lost))
+    assert 1 <= lost <= 2
+    assert bench.frames() + lost == pytest.approx(75, abs=1)
+
+
+def test_a_pause_that_was_asked_for_is_not_lost(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    last = bench.blocks[-1]
+    bench.driver.apply(NONE)
+    bench.turn(0.2)
+    bench.blocks.clear()
+    bench.turn(1.0)
+    assert bench.blocks == []
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    assert bench.blocks[0].seq > last.seq + len(last) + 50
+    assert bench.take(Lost) == []
+    assert bench.take(Failed) == []
+
+
+def test_a_texel_at_its_end_is_told_once(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    bench.source.full = True
+    bench.turn(0.5)
+    bench.source.full = False
+    bench.turn(0.5)
+    (saturated,) = bench.take(Saturated)
+    assert isinstance(saturated, Saturated)
+    assert (saturated.stream, saturated.value) == (TEXELS, pytest.approx(4.095))
+
+
+def test_a_controller_that_powers_up_is_waited_for(make_bench: Make) -> None:
+    bench = make_bench(emulated={"booted": False})
+    info = bench.driver.open()
+    assert info.model == "DSACON32-M"
+    assert 8.0 <= bench.clock.now() < 9.5
+    assert bench.driver.account()["bytes_passed_over"] == 12, "ESC [ 5 n, three times"
+
+
+def test_frames_of_an_earlier_host_are_stopped_first(make_bench: Make) -> None:
+    bench = make_bench(frame_hz=50, rle=False)
+    bench.driver.open()
+    bench.driver.apply(ALL)
+    bench.turn(0.2)
+    bench.driver._link = None  # the program was killed
+    bench.host.advance(1.0)
+    bench.driver.open()
+    bench.turn(0.5)
+    assert bench.blocks[-1].t0_s < 0.6
+    assert bench.take(Failed) == []
+
+
+def test_a_threshold_is_set_and_read_back(make_bench: Make) -> None:
+    bench = make_bench(frame_hz=50, rle=False, threshold_counts=50)
+    bench.driver.open()
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    assert bench.blocks[-1].values[-1, 48:52].tolist() == [0, 0, 50, 51]
+
+
+def test_an_order_that_is_lost_is_said_again(bench: Bench) -> None:
+    spoilt = iter([True])
+    bench.host.cut = lambda data: b"" if next(spoilt, False) else data
+    bench.driver.apply(ALL)
+    bench.turn(1.5)
+    assert bench.frames() > 40
+    assert bench.take(Failed) == []
+
+
+def test_a_controller_that_falls_silent_has_failed_once(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    bench.host.matrices.inject("silent", bench.host.now_s)
+    bench.turn(3.0)
+    (failed,) = bench.take(Failed)
+    assert isinstance(failed, Failed)
+    assert "no frame in 1 s" in failed.reason
+
+
+def test_a_power_failure_is_a_failure(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    bench.host.matrices.inject("reboot", bench.host.now_s)
+    bench.turn(3.0)
+    assert len(bench.take(Failed)) == 1
+
+
+def test_a_refusal_is_a_failure(bench: Bench) -> None:
+    bench.host.matrices.inject("refuse", bench.host.now_s)
+    bench.driver.apply(ALL)
+    bench.turn(0.3)
+    (failed,) = bench.take(Failed)
+    assert isinstance(failed, Failed)
+    assert "feature not supported" in failed.reason
+
+
+def test_a_port_that_is_gone_is_a_failure_once(bench: Bench) -> None:
+    bench.host.fault = "the port was taken away"
+    bench.turn(0.2)
+    assert len(bench.take(Failed)) == 1
+
+
+def test_silence_and_other_protocols_are_told_apart(make_bench: Make) -> None:
+    bench = make_bench(power_up_s=1.0)
+    bench.host.matrices.inject("silent", bench.host.now_s)
+    with pytest.raises(SilentError, match=r"^dsa: no answer in 1.5 s"):
+        bench.driver.open()
+    bench.host.send = lambda data: bench.host._arrive(b"@01 0 OK IDLE\r\n") or 0.0  # type: ignore[func-returns-value,method-assign]
+    with pytest.raises(ProtocolError, match="is another device at this port"):
+        bench.driver.open()
+    bench.host.fault = "the port was taken away"
+    with pytest.raises(PortError, match="taken away"):
+        bench.driver.open()
+
+
+def test_a_controller_without_a_matrix_is_refused(make_bench: Make) -> None:
+    with pytest.raises(RefusedError, match="it has no matrix"):
+        make_bench([]).driver.open()
+
+
+@pytest.mark.parametrize("command", [Home("dsa"), Listen("dsa", frozenset({"dsa.force"}))])
+def test_a_command_that_makes_no_sense_is_refused_in_one_line(bench: Bench, command: Command) -> None:
+    with pytest.raises(CommandError) as error:
+        bench.driver.apply(command)
+    assert "\n" not in str(error.value)
+
+
+def test_close_stops_the_frames(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.3)
+    bench.driver.close()
+    bench.driver.close()
+    bench.host.receive()
+    bench.host.advance(0.5)
+    assert sum(len(data) for _, data in bench.host.receive()) < 400, "what was on its way, and the answer"

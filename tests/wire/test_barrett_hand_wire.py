@@ -1,0 +1,115 @@
+"""The real hand driver with real python-can: slcan on a pty, an emulated hand at its far end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
+from drivers.clock import WallClock
+from drivers.errors import ProtocolError, SilentError
+from drivers.messages import Failed, Lost
+from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings, SteadyForces
+from drivers.mock.devices.slcan import EmulatedSlcan
+from tests.contracts.hand_suite import F1, F2, F3, FORCES_N, HandBench, HandContract
+
+
+class Wire:
+    """A hand behind an adapter on a pty, and its driver; asked 200 times a second, for the machine may be busy."""
+
+    def __init__(self, serve: Any, **settings: Any) -> None:
+        self.hand = EmulatedBarrettHand(EmulatedBarrettHandSettings(), SteadyForces(FORCES_N))
+        self.adapter = EmulatedSlcan(self.hand)
+        self.port = serve(self.adapter)
+        self.lock = serve.lock(self.port)
+        values = {
+            "port": self.port,
+            "poll_hz": 200.0,
+            "answer_timeout_s": 0.2,
+            "silence_timeout_s": 2.0,
+            **settings,
+        }
+        self.clock = WallClock()
+        self.driver = BarrettHand("hand", BarrettHandSettings(**values), self.clock)
+
+    def inject(self, kind: str) -> None:
+        with self.lock:
+            self.adapter.inject(kind, time.monotonic())
+
+
+@pytest.fixture
+def wire(serve: Any) -> Iterator[Wire]:
+    made = Wire(serve)
+    yield made
+    made.driver.close()
+
+
+@pytest.fixture
+def bench(wire: Wire) -> HandBench:
+    return HandBench(wire.driver, wire.clock)
+
+
+class TestWireHand(HandContract):
+    pass
+
+
+def test_open_reads_every_finger(bench: HandBench) -> None:
+    readings = bench.info.details["readings_counts"]
+    # 2 kg over 2048 counts: 1 N is 104.4 of them.
+    assert readings == {11: 2104, 12: 1791, 13: 3880}
+
+
+def test_a_spoilt_line_is_one_lost_sample_of_one_finger(wire: Wire, bench: HandBench) -> None:
+    bench.listen(F1, F2, F3)
+    bench.turn(0.2)
+    wire.inject("malformed")
+    bench.turn(0.5)
+    assert bench.device.account()["malformed"] == 1
+    assert {lost.stream for lost in bench.of(Lost)} & {F1, F2, F3}
+    assert bench.of(Failed) == []
+    assert bench.heard(F1)[-1].physical[-1, 0] == pytest.approx(1.0, abs=0.005)
+
+
+def test_a_hand_that_falls_silent_has_failed_once(serve: Any) -> None:
+    wire = Wire(serve, silence_timeout_s=0.3)
+    bench = HandBench(wire.driver, wire.clock)
+    try:
+        bench.listen(F1)
+        bench.turn(0.1)
+        wire.inject("silent")
+        bench.turn(0.8)
+        (failed,) = bench.of(Failed)
+        assert "no answer in 0.3 s" in failed.reason
+    finally:
+        wire.driver.close()
+
+
+def test_a_pulled_plug_has_failed_once(serve: Any, wire: Wire, bench: HandBench) -> None:
+    bench.listen(F1)
+    bench.turn(0.1)
+    serve.unplug(wire.port)
+    bench.turn(0.4)
+    (failed,) = bench.of(Failed)
+    assert "the bus" in failed.reason
+
+
+def test_a_finger_that_is_not_there_is_named(serve: Any) -> None:
+    wire = Wire(serve, fingers=(11, 15), answer_timeout_s=0.05)
+    with pytest.raises(SilentError, match=r"^hand: no answer in 0.2 s while asking finger 15"):
+        wire.driver.open()
+
+
+def test_a_device_of_another_protocol_is_no_hand(serve: Any) -> None:
+    class Other:
+        def receive(self, data: bytes, t_s: float) -> bytes:
+            return b"t0780\r"
+
+        def step(self, t_s: float) -> bytes:
+            return b""
+
+    driver = BarrettHand("hand", BarrettHandSettings(port=serve(Other())), WallClock())
+    with pytest.raises(ProtocolError, match="is a BarrettHand on this bus"):
+        driver.open()

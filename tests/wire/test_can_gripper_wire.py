@@ -1,0 +1,187 @@
+"""The real gripper driver with real python-can: slcan on a pty, an emulated gripper at its far end."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from drivers.can_frame import CanFrame
+from drivers.can_gripper.brackets import CanGripperSettings
+from drivers.can_gripper.driver import CanGripper
+from drivers.can_link import CanPort, open_can
+from drivers.clock import WallClock
+from drivers.errors import ProtocolError, SilentError
+from drivers.messages import Failed, Grip, Gripped, Listen, Lost, Stalled
+from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from drivers.mock.devices.slcan import EmulatedSlcan
+from drivers.mock.plants.jaws_drive import JawsDrive
+from tests.contracts.gripper_suite import (
+    GRIP,
+    SCENE,
+    FreshGripperContract,
+    GripperBench,
+    GripperContract,
+    calibrated_jaws,
+)
+
+PATIENT = {"reply_timeout_s": 0.2, "silence_timeout_s": 3.0, "watchdog_s": 5.0}
+"""The machine may be busy with other tests."""
+
+
+class Hurried:
+    """An emulated device whose time runs five times as fast: a calibration takes half a second."""
+
+    def __init__(self, device: EmulatedSlcan) -> None:
+        self._device = device
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return self._device.receive(data, 5.0 * t_s)
+
+    def step(self, t_s: float) -> bytes:
+        return self._device.step(5.0 * t_s)
+
+
+class Wire:
+    """A gripper behind an adapter on a pty, and its driver."""
+
+    def __init__(self, serve: Any, drive: JawsDrive, hurry: bool = False, **settings: Any) -> None:
+        self.drive = drive
+        self.adapter = EmulatedSlcan(EmulatedCanGripper(EmulatedCanGripperSettings(), drive))
+        self.port = serve(Hurried(self.adapter) if hurry else self.adapter)
+        self.lock = serve.lock(self.port)
+        self.clock = WallClock()
+        values = {"port": self.port, "closed_width_m": SCENE.closed_width_m, **PATIENT, **settings}
+        self.driver = CanGripper("gripper", CanGripperSettings(**values), self.clock)
+
+    def change(self, scene: Callable[[JawsDrive], object]) -> None:
+        with self.lock:
+            scene(self.drive)
+
+    def inject(self, kind: str) -> None:
+        with self.lock:
+            self.adapter.inject(kind, time.monotonic())
+
+    def open(self) -> GripperBench:
+        return GripperBench(self.driver, self.clock, self.change)
+
+
+@pytest.fixture
+def wire(serve: Any) -> Iterator[Wire]:
+    made = Wire(serve, calibrated_jaws())
+    yield made
+    made.driver.close()
+
+
+@pytest.fixture
+def bench(wire: Wire) -> GripperBench:
+    return wire.open()
+
+
+@pytest.fixture
+def fresh(serve: Any) -> Iterator[GripperBench]:
+    made = Wire(serve, JawsDrive(SCENE), hurry=True)
+    yield made.open()
+    made.driver.close()
+
+
+class TestWireGripper(GripperContract):
+    pass
+
+
+class TestFreshWireGripper(FreshGripperContract):
+    pass
+
+
+def test_spoilt_lines_cost_samples_and_no_grip(wire: Wire, bench: GripperBench) -> None:
+    bench.device.apply(Listen("gripper", frozenset({"gripper.width"})))
+    bench.place("mug")
+    bench.device.apply(GRIP)
+    for kind in ("malformed", "truncated", "bell"):
+        bench.turn(0.1)
+        wire.inject(kind)
+    bench.turn(0.5)
+    assert bench.until(Gripped).object
+    lost = [status for status in bench.statuses if isinstance(status, Lost)]
+    assert 1 <= sum(status.samples for status in lost) <= 3
+    assert bench.device.account()["malformed"] == 2
+    assert not [status for status in bench.statuses if isinstance(status, Failed | Stalled)]
+
+
+def test_a_host_that_hangs_loses_the_grip(serve: Any) -> None:
+    wire = Wire(serve, calibrated_jaws(), watchdog_s=0.7)
+    bench = wire.open()
+    try:
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        bench.until(Gripped)
+        time.sleep(1.2)
+        assert bench.force_n() < 1.0
+        assert "watchdog" in bench.until(Stalled).reason
+    finally:
+        wire.driver.close()
+
+
+def test_a_pulled_plug_has_failed_once_and_the_grip_is_gone(
+    serve: Any, wire: Wire, bench: GripperBench
+) -> None:
+    bench.turn(0.05)
+    serve.unplug(wire.port)
+    bench.turn(0.3)
+    (failed,) = [status for status in bench.statuses if isinstance(status, Failed)]
+    assert "the bus" in failed.reason
+
+
+def test_a_bus_without_a_gripper_is_silent(serve: Any) -> None:
+    wire = Wire(serve, calibrated_jaws(), node=3, reply_timeout_s=0.05)
+    with pytest.raises(SilentError, match=r"no answer in 0.2 s .*node 3"):
+        wire.driver.open()
+
+
+def test_a_device_of_another_protocol_is_no_gripper(serve: Any) -> None:
+    class Other:
+        def receive(self, data: bytes, t_s: float) -> bytes:
+            return b"t@01 0 RJ IDLE -- BADCOMMAND\r\n"
+
+        def step(self, t_s: float) -> bytes:
+            return b""
+
+    driver = CanGripper("gripper", CanGripperSettings(port=serve(Other())), WallClock())
+    with pytest.raises(ProtocolError, match="malformed"):
+        driver.open()
+
+
+def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:
+    drive = calibrated_jaws()
+    node = EmulatedCanGripper(EmulatedCanGripperSettings(), drive)
+    port = CanPort(port="bench of one gripper", interface="virtual")
+    far = open_can("far end", port)
+    running = threading.Event()
+    running.set()
+
+    def serve_node() -> None:
+        while running.is_set():
+            now_s = time.monotonic()
+            frames: list[CanFrame] = [*node.step(now_s)]
+            for heard in far.receive():
+                frames += node.receive(heard.frame, now_s)
+            for frame in frames:
+                far.send(frame)
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=serve_node, daemon=True)
+    thread.start()
+    settings = CanGripperSettings(port=port.port, interface="virtual", closed_width_m=0.020, **PATIENT)
+    driver = CanGripper("gripper", settings, WallClock())
+    bench = GripperBench(driver, WallClock(), lambda scene: scene(drive))
+    try:
+        bench.device.apply(Grip("gripper", 0.060, 0.1, 20.0))
+        assert not bench.until(Gripped).object
+    finally:
+        driver.close()
+        running.clear()
+        thread.join(5.0)
+        far.close()

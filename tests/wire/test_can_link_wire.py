@@ -1,0 +1,266 @@
+"""The CAN link with real python-can: slcan on ptys, the virtual bus, and every way in which a bus can be missing."""
+
+from __future__ import annotations
+
+import os
+import time
+import tty
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import pytest
+
+from drivers.can_frame import CanFrame
+from drivers.can_link import Beat, CanLink, CanPort, Heard, open_can
+from drivers.errors import PortError
+from drivers.mock.devices.slcan import EmulatedSlcan
+
+ASK = CanFrame(0x100, b"\x01")
+
+
+class Echo:
+    """Answers 0x100 as 0x101 with the number of the question, unless told to keep quiet or to be late."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+        self.heard_s: list[float] = []
+        self.quiet: set[int] = set()
+        self.late: set[int] = set()
+        self._waiting: list[CanFrame] = []
+
+    def receive(self, frame: CanFrame, t_s: float) -> Sequence[CanFrame]:
+        number, self.asked = self.asked, self.asked + 1
+        self.heard_s.append(t_s)
+        answer = CanFrame(frame.id + 1, number.to_bytes(2, "big") + frame.data)
+        waiting, self._waiting = self._waiting, []
+        if number in self.quiet:
+            return waiting
+        if number in self.late:
+            self._waiting = [answer]
+            return waiting
+        return [*waiting, answer]
+
+    def step(self, t_s: float) -> Sequence[CanFrame]:
+        return ()
+
+    def inject(self, kind: str, t_s: float) -> None:
+        raise ValueError(kind)
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    until_s = time.monotonic() + 10.0
+    while not condition() and time.monotonic() < until_s:
+        time.sleep(0.002)
+    return condition()
+
+
+def gathered(link: CanLink, count: int) -> list[Heard]:
+    heard: list[Heard] = []
+
+    def enough() -> bool:
+        heard.extend(link.receive())
+        return len(heard) >= count
+
+    assert eventually(enough), heard
+    return heard
+
+
+class Line:
+    """A pty whose far end is the test."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        self.path = os.ttyname(self.slave)
+
+    def say(self, data: bytes) -> None:
+        os.write(self.master, data)
+
+    def hang_up(self) -> None:
+        for descriptor in (self.master, self.slave):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self.master = self.slave = -1
+
+
+@pytest.fixture
+def line() -> Iterator[Line]:
+    opened = Line()
+    yield opened
+    opened.hang_up()
+
+
+@pytest.fixture
+def link(line: Line) -> Iterator[CanLink]:
+    opened = open_can("gripper", CanPort(port=line.path))
+    yield opened
+    opened.close()
+
+
+def test_a_question_is_answered_through_an_adapter(serve: Any) -> None:
+    link = open_can("gripper", CanPort(port=serve(EmulatedSlcan(Echo()))))
+    try:
+        before_s = time.monotonic()
+        sent_s = link.send(ASK)
+        (heard,) = gathered(link, 1)
+        assert heard.frame == CanFrame(0x101, b"\x00\x00\x01")
+        assert sent_s is not None
+        assert before_s <= sent_s
+        assert before_s <= heard.arrival_s <= time.monotonic()
+        assert (heard.beat, heard.due_s) == (None, None)
+    finally:
+        link.close()
+
+
+def test_the_adapter_is_told_the_bit_rate_and_opened(line: Line, link: CanLink) -> None:
+    said = os.read(line.master, 100)
+    assert b"S8\r" in said
+    assert said.endswith(b"O\r")
+
+
+def test_what_is_no_frame_is_counted_and_the_next_one_is_heard(line: Line, link: CanLink) -> None:
+    line.say(b"t?782AABB\r")  # no number: ValueError in python-can
+    line.say(b"t07\r")  # too short: IndexError
+    line.say(b"t0784AABB\r")  # two bytes of four: passes in python-can
+    line.say(b"T000000780\r")  # extended
+    line.say(b"\a")  # refused: passed over without a word
+    line.say(b"t0782AABB\r")
+    (heard,) = gathered(link, 1)
+    assert heard.frame == CanFrame(0x78, b"\xaa\xbb")
+    assert link.malformed == 4
+    assert link.fault is None
+
+
+def test_noise_does_not_deafen_it(line: Line, link: CanLink) -> None:
+    line.say(b"\xff\xfe\r")  # no text: python-can keeps it in its buffer
+    assert eventually(lambda: link.malformed > 0)
+    time.sleep(0.05)
+    line.say(b"t0782AABB\r")
+    assert gathered(link, 1)[0].frame == CanFrame(0x78, b"\xaa\xbb")
+
+
+def test_a_frame_may_come_in_pieces(line: Line, link: CanLink) -> None:
+    line.say(b"t0782A")
+    time.sleep(0.05)
+    line.say(b"ABB\rr0780\r")
+    first, second = gathered(link, 2)
+    assert first.frame == CanFrame(0x78, b"\xaa\xbb")
+    assert second.frame == CanFrame(0x78, remote=True)
+
+
+def test_an_adapter_that_is_taken_away_is_a_fault_and_no_exception(line: Line, link: CanLink) -> None:
+    line.hang_up()
+    assert eventually(lambda: link.fault is not None)
+    assert link.send(ASK) is None
+    assert link.receive() == []
+    link.close()
+
+
+def test_an_adapter_that_takes_no_more_bytes_is_a_fault(line: Line, link: CanLink) -> None:
+    for _ in range(3000):
+        if link.send(CanFrame(0x7A, bytes(8))) is None:
+            break
+    assert "takes no frame" in str(link.fault)
+
+
+def test_closing_twice_is_allowed_and_ends_the_thread(line: Line) -> None:
+    link = open_can("gripper", CanPort(port=line.path))
+    link.close()
+    link.close()
+    assert not link._thread.is_alive()
+    assert link.send(ASK) is None
+
+
+def test_a_port_that_another_program_holds_says_how_to_find_it(line: Line, link: CanLink) -> None:
+    with pytest.raises(PortError, match=f"held by another program .*fuser -v {line.path}$"):
+        open_can("hand", CanPort(port=line.path))
+
+
+def test_a_port_that_is_absent_says_where_to_look() -> None:
+    with pytest.raises(PortError, match=r"^gripper: /dev/ttyNONE does not exist"):
+        open_can("gripper", CanPort(port="/dev/ttyNONE"))
+
+
+def test_an_interface_that_is_absent_is_a_port_error_in_one_line() -> None:
+    with pytest.raises(PortError, match="see: ip link show can99") as error:
+        open_can("gripper", CanPort(port="can99", interface="socketcan"))
+    assert "\n" not in str(error.value)
+
+
+def test_two_links_speak_on_a_virtual_bus() -> None:
+    port = CanPort(port="bench of two", interface="virtual")
+    one, other = open_can("one", port), open_can("other", port)
+    try:
+        one.send(ASK)
+        other.send(CanFrame(0x32, remote=True))
+        assert gathered(other, 1)[0].frame == ASK
+        assert gathered(one, 1)[0].frame == CanFrame(0x32, remote=True)
+    finally:
+        one.close()
+        other.close()
+
+
+def beaten(serve: Any, echo: Echo, beats: int) -> list[Heard]:
+    link = open_can("hand", CanPort(port=serve(EmulatedSlcan(echo))))
+    try:
+        link.ask(Beat(ASK, frozenset({0x101}), period_s=0.01, answer_s=0.1))
+        heard = gathered(link, beats)
+        link.ask(None)
+        assert eventually(lambda: not link.receive())
+        return heard
+    finally:
+        link.close()
+
+
+def test_a_question_is_asked_at_its_beat_and_each_answer_bears_its_number(serve: Any) -> None:
+    heard = beaten(serve, Echo(), 30)
+    beats = [one.beat for one in heard]
+    assert beats == sorted(beats, key=lambda beat: beat or 0)
+    assert len(set(beats)) == 30
+    first = heard[0]
+    for one in heard:
+        assert one.due_s is not None
+        assert one.beat is not None
+        assert first.due_s is not None
+        assert one.due_s - first.due_s == pytest.approx(0.01 * one.beat)
+        assert one.arrival_s > one.due_s
+
+
+def test_a_lost_answer_leaves_a_gap_in_the_beats(serve: Any) -> None:
+    echo = Echo()
+    echo.quiet = {5}
+    heard = beaten(serve, echo, 15)
+    asked = [int.from_bytes(one.frame.data[:2], "big") for one in heard]
+    assert 5 not in asked
+    gaps = [
+        (b or 0) - (a or 0)
+        for a, b in zip([h.beat for h in heard], [h.beat for h in heard[1:]], strict=False)
+    ]
+    assert gaps[4] >= 10, "its answer had 0.1 s: ten beats"
+
+
+def test_a_late_answer_passes_for_one_to_the_next_question_and_to_no_other(serve: Any) -> None:
+    """The answer to question 5 comes together with that to question 6, when question 5 has been given up."""
+    echo = Echo()
+    echo.late = {5}
+    heard = beaten(serve, echo, 25)
+    mistaken = []
+    for one in heard:
+        number = int.from_bytes(one.frame.data[:2], "big")
+        # A question reaches the far end after it was due: one that had before is another beat's.
+        if one.due_s is not None and echo.heard_s[number] < one.due_s:
+            mistaken.append(number)
+    assert mistaken == [5]
+
+
+def test_beats_begin_anew_when_the_question_changes(serve: Any) -> None:
+    link = open_can("hand", CanPort(port=serve(EmulatedSlcan(Echo()))))
+    try:
+        for _ in range(2):
+            link.ask(Beat(ASK, frozenset({0x101}), period_s=0.005, answer_s=0.1))
+            assert gathered(link, 3)[0].beat == 0
+            link.ask(None)
+            time.sleep(0.05)
+            link.receive()
+    finally:
+        link.close()

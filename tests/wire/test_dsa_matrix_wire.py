@@ -1,0 +1,126 @@
+"""The real matrices' driver with real pyserial on a pty, an emulated controller at its far end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.clock import WallClock
+from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
+from drivers.errors import PortError, ProtocolError, SilentError
+from drivers.messages import Failed, Lost
+from drivers.mock.devices.dsa_matrix import (
+    EmulatedDsaMatrix,
+    EmulatedDsaMatrixSettings,
+    Matrix,
+    SteadyTexels,
+)
+from tests.contracts.matrix_suite import TEXELS, MatrixBench, MatrixContract, steady
+
+PATIENT = {"reply_timeout_s": 0.5, "silence_timeout_s": 3.0, "power_up_s": 2.0}
+"""The machine may be busy with other tests."""
+
+
+class Wire:
+    """Matrices on a pty, and their driver."""
+
+    def __init__(self, serve: Any, source: Any, **settings: Any) -> None:
+        self.matrices = EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), source)
+        self.port = serve(self.matrices)
+        self.lock = serve.lock(self.port)
+        self.clock = WallClock()
+        self.driver = DsaMatrix(
+            "dsa", DsaMatrixSettings(port=self.port, **{**PATIENT, **settings}), self.clock
+        )
+
+    def inject(self, kind: str, frames: int = 1) -> None:
+        with self.lock:
+            self.matrices.inject(kind, time.monotonic(), frames)
+
+
+@pytest.fixture
+def wire(serve: Any) -> Iterator[Wire]:
+    made = Wire(serve, steady())
+    yield made
+    made.driver.close()
+
+
+@pytest.fixture
+def bench(wire: Wire) -> MatrixBench:
+    return MatrixBench(wire.driver, wire.clock)
+
+
+class TestWireMatrix(MatrixContract):
+    pass
+
+
+def test_raw_frames_of_70_cells_fill_the_line_75_times_a_second(serve: Any) -> None:
+    cells = SteadyTexels([Matrix(14, 5, 0.0034)], np.arange(70) * 0.05)
+    wire = Wire(serve, cells, rle=False, frame_hz=75)
+    bench = MatrixBench(wire.driver, wire.clock)
+    try:
+        assert bench.info.details["raw_limit_hz"] == pytest.approx(75.3, abs=0.05)
+        bench.listen(TEXELS)
+        bench.turn(1.0)
+        assert sum(map(len, bench.blocks)) > 50
+        assert bench.blocks[-1].values[-1, 69] == 3450
+    finally:
+        wire.driver.close()
+
+
+def test_spoilt_frames_are_lost_and_nothing_else(wire: Wire, bench: MatrixBench) -> None:
+    bench.listen(TEXELS)
+    for kind in ("drop", "flip", "truncate"):
+        bench.turn(0.2)
+        wire.inject(kind)
+    bench.turn(0.4)
+    assert 3 <= sum(lost.samples for lost in bench.of(Lost)) <= 8
+    assert bench.of(Failed) == []
+
+
+def test_a_pulled_plug_has_failed_once(serve: Any, wire: Wire, bench: MatrixBench) -> None:
+    bench.listen(TEXELS)
+    bench.turn(0.1)
+    serve.unplug(wire.port)
+    bench.turn(0.4)
+    (failed,) = bench.of(Failed)
+    assert "the port" in failed.reason
+
+
+class Other:
+    """A device of another protocol: it answers everything with a line of text."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return b"@01 0 RJ IDLE -- BADCOMMAND\r\n"
+
+    def step(self, t_s: float) -> bytes:
+        return b""
+
+
+class Nobody(Other):
+    """A port at which nobody answers."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return b""
+
+
+@pytest.mark.parametrize(
+    ("device", "error", "words"),
+    [(Other(), ProtocolError, "BADCOMMAND"), (Nobody(), SilentError, "no answer in 0.3 s")],
+)
+def test_what_is_no_controller_is_not_opened(
+    serve: Any, device: Any, error: type[Exception], words: str
+) -> None:
+    port = serve(device)
+    settings = DsaMatrixSettings(port=port, reply_timeout_s=0.1, power_up_s=0.3)
+    with pytest.raises(error, match=f"{words}.* while asking who is at {port}"):
+        DsaMatrix("dsa", settings, WallClock()).open()
+
+
+def test_an_absent_port_is_said_to_be_absent() -> None:
+    with pytest.raises(PortError, match="/dev/ttyNONE0 does not exist"):
+        DsaMatrix("dsa", DsaMatrixSettings(port="/dev/ttyNONE0"), WallClock()).open()

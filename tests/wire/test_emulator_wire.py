@@ -1,0 +1,82 @@
+"""The emulator's time: all of its devices live through the same, however long it was held up."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from drivers.clock import WallClock
+from drivers.mock.emulator import PASS_S, Emulator
+from drivers.mock.faults import FaultSchedule
+from drivers.settings import Settings
+
+HELD_UP_S = 0.2
+
+
+class NoSettings(Settings):
+    """A plant without any."""
+
+
+class NoPlant:
+    """Stands still."""
+
+    def __init__(self, settings: NoSettings) -> None: ...
+
+    def warm_up(self) -> None: ...
+
+    def account(self) -> Mapping[str, Any]:
+        return {}
+
+    def scene(self, t_s: float) -> Mapping[str, float]:
+        return {}
+
+
+class Witness:
+    """Notes what time it is; holds the emulator up once."""
+
+    def __init__(self, settings: Mapping[str, Any], bench: NoPlant) -> None:
+        self.endpoint = {"port": "nowhere"}
+        self.times_s: list[float] = []
+        self._holds_up = bool(settings["holds_up"])
+
+    def open(self, faults: FaultSchedule, clock: WallClock) -> None: ...
+
+    def waited(self) -> Sequence[Any]:
+        return ()
+
+    def due_s(self) -> float:
+        return float("inf")
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        self.times_s.append(t_s)
+        if self._holds_up and len(self.times_s) == 5:
+            time.sleep(HELD_UP_S)
+
+    def unplug(self) -> None: ...
+
+
+def emulator() -> tuple[Emulator, Callable[[], list[list[float]]]]:
+    here = "test_emulator_wire"
+    made = Emulator(
+        {
+            "plant": {"made": f"{here}:NoPlant", "settings_class": f"{here}:NoSettings", "settings": {}},
+            "devices": {
+                "first": {"made": f"{here}:Witness", "settings": {"holds_up": True}},
+                "second": {"made": f"{here}:Witness", "settings": {"holds_up": False}},
+            },
+        }
+    )
+    return made, lambda: [end.times_s for end in made._ends.values()]  # type: ignore[attr-defined]
+
+
+def test_what_was_missed_is_lived_through_in_small_steps_by_all_devices_together() -> None:
+    made, lives = emulator()
+    end_s = time.monotonic() + 3.0 * HELD_UP_S
+    made.serve(lambda: time.monotonic() > end_s)
+    first, second = lives()
+    assert first == second
+    steps_s = [after - before for before, after in pairwise(first)]
+    assert max(steps_s) <= PASS_S + 1e-9
+    assert sum(steps_s[4:]) > HELD_UP_S, "nothing is left out"

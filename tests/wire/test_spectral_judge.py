@@ -1,0 +1,165 @@
+"""The vendor's own client, `Spectral-BLDC`, judges the emulated gripper over slcan on a pty.
+
+It takes the two object bits for each other: 1 and 2 are told apart by nobody here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from can.interfaces.slcan import slcanBus
+
+from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from drivers.mock.devices.slcan import EmulatedSlcan
+from drivers.mock.plants.jaws import GripObject, JawsSettings
+from drivers.mock.plants.jaws_drive import JawsDrive
+
+spectral = pytest.importorskip("Spectral_BLDC.Spectral_BLDC", reason="the vendor's client is not installed")
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*bustype:DeprecationWarning")
+
+HURRY = 5.0
+"""The emulated gripper's time runs so much faster than the wall's."""
+
+
+class Hurried:
+    """An emulated device in a hurry."""
+
+    def __init__(self, device: EmulatedSlcan) -> None:
+        self._device = device
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return self._device.receive(data, HURRY * t_s)
+
+    def step(self, t_s: float) -> bytes:
+        return self._device.step(HURRY * t_s)
+
+
+class Judge:
+    """The client with the emulated gripper at the other end."""
+
+    def __init__(self, serve: Any) -> None:
+        self.drive = JawsDrive(JawsSettings(objects={"mug": GripObject(width_m=0.030)}))
+        self.gripper = EmulatedCanGripper(EmulatedCanGripperSettings(heartbeat_s=0.0), self.drive)
+        port = serve(Hurried(EmulatedSlcan(self.gripper)))
+        self.lock = serve.lock(port)
+        self.line = spectral.CanCommunication(bustype="slcan", channel=port, bitrate=1_000_000)
+        self.motor = spectral.SpectralCAN(node_id=0, communication=self.line)
+
+    def hear(self) -> Any:
+        """The next answer, unpacked; the frame's identifier as the client takes it apart."""
+        message, identifier = self.line.receive_can_messages(timeout=2.0)
+        assert message is not None
+        self.motor.UnpackData(message, identifier)
+        return identifier
+
+    def poll(self) -> Any:
+        self.motor.Send_gripper_data_pack()
+        return self.hear()
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        until_s = time.monotonic() + 10.0
+        self.poll()
+        while not condition():
+            assert time.monotonic() < until_s, vars(self.motor)
+            time.sleep(0.01)
+            self.poll()
+
+    def calibrate(self) -> None:
+        self.motor.Send_Clear_Error()
+        self.motor.Send_gripper_calibrate()
+        self.until(lambda: self.motor.gripper_calibrated == 1)
+
+    def drive_to(self, position: int, current_ma: int = 500) -> None:
+        self.motor.Send_gripper_data_pack(position, 80, current_ma, 1, 1, 0, 0)
+        self.hear()
+
+
+@pytest.fixture
+def judge(serve: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Judge]:
+    # The client cannot tell python-can not to wait for two seconds when it opens the port.
+    with monkeypatch.context() as opening:
+        opening.setattr("can.interfaces.slcan.time.sleep", lambda seconds: None)
+        made = Judge(serve)
+    yield made
+    assert isinstance(made.line.bus, slcanBus)
+    made.line.bus.shutdown()
+
+
+def test_it_calibrates_opens_and_closes(judge: Judge) -> None:
+    judge.calibrate()
+    assert judge.motor.gripper_position == 255
+    judge.drive_to(100)
+    judge.until(lambda: judge.motor.gripper_object_detection == 3)
+    assert judge.motor.gripper_position in (99, 100, 101)
+    assert (judge.motor.gripper_activated, judge.motor.gripper_action_status) == (1, 1)
+
+
+def test_it_finds_an_object_and_its_current(judge: Judge) -> None:
+    judge.calibrate()
+    judge.drive_to(0)
+    judge.until(lambda: judge.motor.gripper_object_detection == 3)
+    with judge.lock:
+        judge.drive.jaws.place("mug")
+    judge.drive_to(255, 600)
+    judge.until(
+        lambda: judge.motor.gripper_object_detection in (1, 2) and judge.motor.gripper_current == -600
+    )
+    assert judge.motor.gripper_position < 255
+    assert judge.drive.jaws.contact_n == pytest.approx(600 * 0.0462, abs=0.6)
+
+
+def test_it_sees_a_watchdog_fault_and_clears_it(judge: Judge) -> None:
+    judge.calibrate()
+    judge.motor.Send_Watchdog(1000, "Hold")
+    assert judge.poll().error_bit == 0
+    time.sleep(1.5 / HURRY)
+    assert judge.poll().error_bit == 1
+    assert judge.motor.gripper_timeout_error == 1
+    judge.motor.Send_Respond_State_of_Errors()
+    judge.hear()
+    assert (judge.motor.error, judge.motor.watchdog_error, judge.motor.calibrated) == (1, 1, 1)
+    judge.motor.Send_Watchdog(0)
+    judge.motor.Send_Clear_Error()
+    assert judge.poll().error_bit == 0
+    assert judge.motor.gripper_calibrated == 1
+
+
+def test_it_sees_an_emergency_stop(judge: Judge) -> None:
+    judge.motor.Send_ESTOP()
+    assert judge.poll().error_bit == 1
+    judge.motor.Send_Respond_State_of_Errors()
+    judge.hear()
+    assert judge.motor.estop_error == 1
+
+
+def test_its_questions_are_answered(judge: Judge) -> None:
+    motor = judge.motor
+    motor.Send_Respond_Device_Info()
+    judge.hear()
+    assert (motor.HARDWARE_VERSION, motor.SOFTWARE_VERSION, motor.SERIAL_NUMBER) == (2, 1, 4848)
+    motor.Send_Respond_Temperature()
+    judge.hear()
+    assert motor.temperature == 31
+    motor.Send_Respond_Voltage()
+    judge.hear()
+    assert motor.voltage == 24_000
+    motor.Send_Respond_Iq_data()
+    judge.hear()
+    assert motor.current == 0
+    motor.Send_Respond_Encoder_data()
+    judge.hear()
+    assert motor.position > 4321
+    motor.Send_Respond_Ping()
+    judge.hear()
+    assert motor.ping == 1
+
+
+def test_its_heartbeats_come(judge: Judge) -> None:
+    judge.motor.Send_Heartbeat_Setup(200)
+    for _ in range(3):
+        judge.hear()
+        assert judge.motor.heartbeat == 1

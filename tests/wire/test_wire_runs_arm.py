@@ -1,0 +1,116 @@
+"""Whole approaches of an arm: ur_rtde and pyserial at once, an emulated controller and board on one finger."""
+
+from __future__ import annotations
+
+from threading import Timer
+
+import numpy as np
+import pytest
+from wire_campaign import PATIENT, QUICK, run
+
+from config.assemble import Table, build_rig, start_emulator
+from config.profile import load_profile
+from controller.campaign import EXIT_DEVICE, EXIT_DONE
+from controller.doctor import examine
+from controller.recording.reader import open_run
+from controller.rig import TrialScene
+from drivers.messages import Home, Listen, MoveTo, Reached
+from tests.contracts.device_suite import Bench
+
+pytestmark = pytest.mark.usefixtures("one_arm")
+
+
+@pytest.fixture
+def emulated():
+    """A profile and an emulator of it that outlives the run, so that one can look at the bench afterwards."""
+    profile = load_profile("emulated/transient_arm", {**QUICK, **PATIENT}, table=Table())
+    emulator = start_emulator(profile)
+    yield profile, emulator
+    emulator.close()
+
+
+def test_an_approach_with_the_arm_ends_by_contact(emulated, tmp_path):
+    profile, emulator = emulated
+    assert emulator.endpoints["devices"]["arm"]["host"].startswith("127.0.0.")
+    outcome, hand = run(profile, emulator, tmp_path)
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    assert hand.seen[-1] == "DONE"
+    done = open_run(outcome.folder)
+    (row,) = done.trials
+    assert row["outcome"] == "contact"
+    assert row["onset_s"] < row["detect_s"] < row["command_s"] < row["standstill_s"]
+    # 4.843 mm/s between the onset and the detection, through two devices' clocks, each known to a few milliseconds.
+    assert row["extent_m"] == pytest.approx(0.004843 * row["delay_s"], abs=6e-5)
+    position = done.recording(2).stream("arm.position")
+    at_m = float(np.interp(row["onset_s"], position.times_s, position.values[:, 0]))
+    # The finger's surface is at 3 mm, and swings towards the probe by up to half a millimetre.
+    assert 0.0024 < at_m < 0.0032
+    assert done.manifest["roles"]["mover"] == "arm"
+    assert done.manifest["devices"]["arm"]["link"]["rows"] > 500
+
+
+@pytest.mark.parametrize("device", ["arm", "board"])
+def test_a_pulled_plug_stops_the_arm_and_says_which(emulated, tmp_path, device):
+    profile, emulator = emulated
+    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject(device, "unplug")})
+    assert outcome.exit_code == EXIT_DEVICE
+    assert "trial 2" in outcome.line
+    assert "\n" not in outcome.line
+    assert emulator.scene()["probe_m_s"] == 0.0
+    done = open_run(outcome.folder)
+    assert done.trials[0]["outcome"] == "fault"
+    # The board has failed for good; the arm is tried again for a while, but not in this trial.
+    told = [event for event in done.events if event["event"] in ("Failed", "Stalled")]
+    assert told[0]["device"] == device
+
+
+def test_a_stall_is_a_protective_stop_and_ends_the_run(emulated, tmp_path):
+    profile, emulator = emulated
+    # Under way: the state is told before its command is given.
+    later = Timer(0.2, emulator.inject, ("arm", "stall"))
+    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": later.start})
+    assert outcome.exit_code == EXIT_DEVICE
+    assert "protective stop" in outcome.line
+    assert emulator.scene()["probe_m_s"] == 0.0
+
+
+def test_the_arm_feels_what_the_load_cell_feels(emulated):
+    profile, emulator = emulated
+    rig = build_rig(profile, emulator.endpoints)
+    rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
+    try:
+        bench = Bench(rig)
+        for command in (Home("arm"), MoveTo("arm", 0.010, 0.015)):
+            bench.apply(command)
+            bench.until(Reached, "arm")
+        for name, stream in (("arm", "arm.force"), ("board", "board.load_cell")):
+            bench.apply(Listen(name, frozenset({stream})))
+        bench.turn(1.0)
+        felt = np.concatenate([block.values for block in bench.heard("arm.force")]).mean(axis=0)
+        pressed_n = np.concatenate([block.physical for block in bench.heard("board.load_cell")]).mean()
+    finally:
+        for device in rig.devices.values():
+            device.close()
+        rig.close()
+    assert pressed_n > 0.15, "7 mm into the finger"
+    # Five standard errors of 500 samples of 0.5 N. The tool moves downwards, and the finger presses it upwards.
+    assert felt[:3] == pytest.approx([0.0, 0.0, pressed_n], abs=0.12)
+
+
+def test_the_doctor_reads_the_arm_and_moves_nothing(emulated):
+    profile, emulator = emulated
+    rig = build_rig(profile, emulator.endpoints)
+    findings = list(examine(rig, TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))))
+    rig.close()
+    said = "\n".join(finding.line for finding in findings)
+    assert "arm.force" in said
+    assert "UR5" in said
+    assert emulator.scene() == {"probe_m": pytest.approx(-0.005, abs=1e-9), "probe_m_s": 0.0}
+
+
+def test_two_movers_do_not_share_a_probe():
+    two = {"devices.stage.driver": "zaber_stage", "devices.stage.port": "emulated"}
+    profile = load_profile("emulated/transient_arm", two, table=Table())
+    with pytest.raises(Exception, match="another mover carries it already") as refusal:
+        start_emulator(profile)
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,57 @@
+"""One trial of an emulated profile, run as a campaign is, with a hand on the bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from config.assemble import build_rig, plan_campaign
+from controller.campaign import Campaign, Outcome
+
+QUICK = {
+    "behavior.settle_s": "1.0",
+    "detectors.contact.threshold_sigma": "8.0",  # the paper's three would end a third of the trials falsely
+    # Two busy cores starve a turn now and then; what is late here is the machine, not the bench.
+    "limits.late_s": "1.0",
+    "limits.stale_s": "0.5",
+}
+
+
+PATIENT = {
+    # A real controller is a computer of its own. Here arm and controller leave the cores to the other tests as well.
+    "devices.arm.realtime_priority": "0",
+    "devices.arm.watchdog_hz": "5.0",
+    "devices.arm.link_timeout_s": "0.5",
+}
+
+
+class Hand:
+    """Does something to the bench when a trial enters a state; shows nothing."""
+
+    def __init__(self, deeds: dict[str, Any]) -> None:
+        self.deeds = deeds
+        self.seen: list[str] = []
+
+    def poll(self) -> str | None:
+        return None
+
+    def state(self, name: str, t_s: float) -> None:
+        self.seen.append(name)
+        deed = self.deeds.pop(name, None)
+        if deed is not None:
+            deed()
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
+    def trial_started(self, trial: int, factors: Any) -> None: ...
+    def trial_ended(self, trial: int, outcome: str, row: Any) -> None: ...
+    def campaign_ended(self, line: str) -> None: ...
+
+
+def run(profile: Any, emulator: Any, out: Path, deeds: dict[str, Any] | None = None) -> tuple[Outcome, Hand]:
+    hand = Hand(deeds or {})
+    trials = [trial for trial in profile.trials(1) if trial.id == 2]
+    rig = build_rig(profile, emulator.endpoints)
+    try:
+        return Campaign(plan_campaign(profile, trials, 1), rig, hand, out).run(), hand
+    finally:
+        rig.close()
