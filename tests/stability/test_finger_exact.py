@@ -187,3 +187,25 @@ def test_naive_small_steps_agree_within_their_own_error(stiffness_n_m):
     assert errors[1][1] < 1e-4
     # of first order: half the step, half the difference, and nothing that stays
     assert errors[1][1] < 0.7 * errors[0][1]
+
+
+def test_a_probe_that_stops_dead_does_not_pull():
+    """The damper's force jumps with the probe's velocity; the naive stepper decides by (4) at every step."""
+    s = FingerSettings(contact_n_s_m=20.0, noise_scale=0.0)
+    pieces = [(0.0, 0.0, 0.05, 0.0), (0.01, 0.0005, 0.0, 0.0)]
+    samples_s = np.arange(1, 101) * 1e-3
+    _, expected = naive(s, pieces=pieces, gap_m=1e-4, until_s=0.1, dt_s=1e-6, sample_s=1e-3)
+    plant = FingerPlant(s)
+    plant.begin(key=(0, 0), gap_m=1e-4)
+    plant.excite(True)
+    plant.move_probe(pieces)
+    theta_rad, force_n = [], []
+    for t_s in samples_s.tolist():
+        plant.advance(t_s, frozenset({"load_cell"}))
+        theta_rad.append(plant.theta_rad)
+        force_n.append(float(plant.sample("load_cell", np.array([t_s]))[0]))
+    assert (0.01, False) in [(pytest.approx(t_s, abs=1e-12), made) for t_s, made in plant.contacts()]
+    assert min(force_n) >= -1e-12
+    # The stepper is of first order: 1e-6 s of a finger at some rad/s.
+    n = min(len(expected), len(theta_rad))
+    assert np.abs(np.array(theta_rad[:n]) - expected[:n]).max() < 2e-5

@@ -241,6 +241,16 @@ def _next_mode(mode: int, damped: bool, guards: Floats, degree: int, parts: int)
 
 
 @njit(cache=True)
+def _after_corner(mode: int, depth: float, push: float) -> int:
+    """The mode that (4) asks for where the probe's velocity may have jumped; the overlap cannot jump."""
+    if mode == TOUCHING and push < 0.0:
+        return CLIPPED if depth > 0.0 else FREE
+    if mode == CLIPPED and push > 0.0 and depth > 0.0:
+        return TOUCHING
+    return mode
+
+
+@njit(cache=True)
 def _first_end(
     flags: Ints, damped: bool, hysteresis: float, guards: Floats, degree: int, parts: int
 ) -> tuple[float, int, int]:
@@ -352,9 +362,20 @@ def run(
                 length, grid = ahead, (tick + 1) / NOISE_HZ
         degree, parts = degree_for(length * radius), parts_for(length * frequency)
         probe = probe_at(motion, flags[PIECE], whole, fraction, rest)
-        if flags[MODE] == FREE or flags[PIECE] != piece or math.isnan(moment.depth[0]):
+        corner = flags[PIECE] != piece or math.isnan(moment.depth[0])
+        if flags[MODE] == FREE or corner:
             moment.depth[0] = probe[0] - finger.gap - finger.arm * x[THETA]
         _expand(finger, joint, noise, probe, moment.depth[0], flags, length, degree, x, series, guards)
+        if corner:
+            # A probe whose velocity jumps takes the damper's force along: (4) decides anew.
+            jumped = _after_corner(flags[MODE], guards[DEPTH, 0], guards[PUSH, 0])
+            if jumped != flags[MODE]:
+                place = books.filled[0]
+                books.switch_whole[place], books.switch_fraction[place] = whole, fraction
+                books.switch[place] = MADE if jumped == TOUCHING else LOST
+                books.filled[0] += 1
+                flags[MODE] = jumped
+                continue
         damped = finger.contact_damping > 0.0
         end, cause, next_mode = _first_end(flags, damped, finger.hysteresis, guards, degree, parts)
         elapsed = end * length

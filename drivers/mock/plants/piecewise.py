@@ -203,6 +203,8 @@ def _search(
                 g_top = sign * value_slope(terms, degree, top)[0] - level
             if armed and g < 0.0 < g_top:
                 return _root(terms, degree, sign, level, u, top, u + (top - u) * g / (g - g_top))
+            if armed and g < 0.0 and g_v == 0.0 and rate_v > 0.0:
+                return v  # the crossing is the step's end itself, and would be seen from neither side
         u, g, rate, bend, step = v, g_v, rate_v, bend_v, min(2.0 * step, longest)
     return math.inf
 

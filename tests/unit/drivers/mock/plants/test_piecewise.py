@@ -82,6 +82,11 @@ def test_a_start_at_zero_that_dips_and_returns_is_found_before_it_falls_again():
     assert rising(terms, 3, 2, 1.0, 0.0) == pytest.approx(0.003, abs=1e-15)
 
 
+def test_a_crossing_at_the_very_end_of_a_step_is_found():
+    # the search halves [0, 1] down to [0, 0.25], where the polynomial is zero to the last bit
+    assert rising(product(0.25, 0.41, 0.45), 3, 1, 1.0, 0.0) == pytest.approx(0.25, abs=1e-15)
+
+
 @given(roots=st.lists(st.integers(1, 99), min_size=2, max_size=7, unique=True), parts=st.integers(1, 4))
 def test_the_first_of_many_crossings_is_the_one_that_is_found(roots, parts):
     roots = sorted(roots)
