@@ -28,8 +28,10 @@ HEAR_S = 0.05
 SERIAL_WAIT_S = 0.005
 """Longest wait of slcan for one byte: python-can's 1 ms would wake an idle thread a thousand times a second."""
 
-SEND_TIMEOUT_S = 0.02
-"""A port that takes no byte for this long is blocked. Assumption: twenty frames at 115,200 baud."""
+SEND_TIMEOUT_S = 0.1
+"""A port that takes no byte for this long is blocked. Assumption: a hundred frames at 115,200 baud. pyserial reads its
+clock after writing as well, so that a host that is held up for as long blames the port (0.02 s did, with two busy
+cores)."""
 
 
 class CanPort(Settings):

@@ -131,6 +131,20 @@ class Twist(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class MovePose(Command):
+    """Move the tool in a straight line to a place beside its zero; answered by `Reached`.
+
+    Attributes:
+        offset: Where to, as a displacement from the device's start pose (its position 0): metres along the axes of
+            its base frame, then a rotation vector in rad, in the base frame as well, applied after the start pose's.
+        speed_m_s: Of the tool's point; a move that only turns takes it for rad/s.
+    """
+
+    offset: tuple[float, float, float, float, float, float]
+    speed_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Stop(Command):
     """Stop moving, as fast as the device's own limits allow; answered by `Standstill`, moving or not."""
 
@@ -168,6 +182,36 @@ class Excite(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class Tone(Command):
+    """Drive a finger's transducer with one frequency until something else is asked for; `Excite` off ends it.
+
+    Attributes:
+        frequency_hz: Of the drive.
+        level: Amplitude as a share of full scale, 0 to 1.
+    """
+
+    frequency_hz: float
+    level: float
+
+
+@dataclass(frozen=True, slots=True)
+class Chirp(Command):
+    """Sweep the drive's frequency linearly, once, then be silent; answered by `Reached`, where the position is 0.
+
+    Attributes:
+        from_hz: Frequency at the beginning.
+        to_hz: Frequency at the end.
+        duration_s: Length of the sweep.
+        level: Amplitude as a share of full scale, 0 to 1.
+    """
+
+    from_hz: float
+    to_hz: float
+    duration_s: float
+    level: float
+
+
+@dataclass(frozen=True, slots=True)
 class SetTendon(Command):
     """Set the tendon's position; 0 is the finger extended."""
 
@@ -182,13 +226,36 @@ class Tare(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class Ask(Command):
+    """Ask the person at the bench to do something, in words; answered by `Answered`.
+
+    A newer request to the same person, of either kind, replaces an older one.
+    """
+
+    request: str
+
+
+@dataclass(frozen=True, slots=True)
+class LoadWeight(Command):
+    """Ask the person at the bench to hang weights on one bridge of a fingertip; answered by `Loaded`.
+
+    Attributes:
+        bridge: "x", "y" or "t".
+        force_n: What shall hang there when they are done, and nothing anywhere else; 0 takes all away.
+    """
+
+    bridge: str
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
 class Listen(Command):
     """Send these streams (`device.stream`) and no others."""
 
     streams: frozenset[str]
 
 
-MOTION = (Home, MoveAt, MoveTo, Twist, Grip, Release)
+MOTION = (Home, MoveAt, MoveTo, MovePose, Twist, Grip, Release)
 """Commands after which a device may be moving."""
 
 
@@ -241,6 +308,21 @@ class Gripped(Status):
 
     object: bool
     width_m: float
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answered(Status):
+    """The person at the bench says that what they were asked for is done."""
+
+    request: str
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded(Status):
+    """The person at the bench says that this force hangs on a bridge, and nothing anywhere else."""
+
+    bridge: str
     force_n: float
 
 

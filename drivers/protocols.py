@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from drivers.messages import Applied, Command, DeviceInfo, SampleBlock, Status
 
@@ -42,3 +42,22 @@ class Device(Protocol):
 
     def account(self) -> Mapping[str, object]:
         """How the link did so far (frames, losses, drift), for the manifest; empty where there is nothing to tell."""
+
+
+class Question(NamedTuple):
+    """What a person is asked on the console, and which question of its device it is: two may have the same words."""
+
+    number: int
+    text: str
+
+
+@runtime_checkable
+class Asking(Protocol):
+    """A device that asks the person at the console, as well as being a `Device`."""
+
+    @property
+    def question(self) -> Question | None:
+        """What it waits for now."""
+
+    def answer(self, number: int, done: bool) -> None:
+        """The person says that it is done, or that it cannot be; an older question's answer counts for nothing."""

@@ -24,6 +24,7 @@ from drivers.messages import (
     Status,
     Tare,
 )
+from drivers.mock.bench import part
 from drivers.mock.devices.barrett_hand import Source, counts
 from drivers.mock.faults import FaultSchedule
 
@@ -58,6 +59,9 @@ class MockBarrettHand:
         clock: Bench time.
         bench: Whose fingers they are.
         faults: What goes wrong, and when.
+
+    Raises:
+        RefusedError: the bench has no fingers.
     """
 
     def __init__(
@@ -68,6 +72,7 @@ class MockBarrettHand:
         bench: HandBench,
         faults: FaultSchedule | None = None,
     ) -> None:
+        part(bench, "fingers", name)
         self.name = name
         self._settings = settings
         self._clock = clock

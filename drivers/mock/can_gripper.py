@@ -29,6 +29,7 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
+from drivers.mock.bench import part
 from drivers.mock.faults import FaultSchedule
 from drivers.mock.plants.jaws_drive import JawsDrive
 from drivers.settings import Settings
@@ -70,6 +71,9 @@ class MockCanGripper:
         clock: Bench time.
         bench: Whose jaws it moves.
         faults: What goes wrong, and when.
+
+    Raises:
+        RefusedError: the bench has no jaws.
     """
 
     def __init__(
@@ -80,6 +84,7 @@ class MockCanGripper:
         bench: GripBench,
         faults: FaultSchedule | None = None,
     ) -> None:
+        part(bench, "jaws", name)
         self.name = name
         self._settings = settings
         self._clock = clock

@@ -24,6 +24,7 @@ from drivers.messages import (
     Status,
     StreamInfo,
 )
+from drivers.mock.bench import part
 from drivers.mock.devices.dsa_matrix import Source, counts
 from drivers.mock.faults import FaultSchedule
 from drivers.settings import Settings
@@ -56,6 +57,9 @@ class MockDsaMatrix:
         clock: Bench time.
         bench: Whose texels they are.
         faults: What goes wrong, and when.
+
+    Raises:
+        RefusedError: the bench has no taxels.
     """
 
     def __init__(
@@ -66,6 +70,7 @@ class MockDsaMatrix:
         bench: MatrixBench,
         faults: FaultSchedule | None = None,
     ) -> None:
+        part(bench, "taxels", name)
         self.name = name
         self._settings = settings
         self._clock = clock

@@ -10,6 +10,7 @@ what the plant did, {"fault": …} injects one now; each answer has the plant's 
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import os
 import select
@@ -84,6 +85,9 @@ class Emulator:
     def serve(self, ended: Callable[[], bool]) -> None:
         """Run until `ended()`, which is asked once a step."""
         ends = self._ends.values()
+        # what is there stays there: a full collection in the middle of a motion would hold all devices up
+        gc.collect()
+        gc.freeze()
         if any(isinstance(end, Network) and end.realtime for end in ends):
             with contextlib.suppress(OSError):
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))

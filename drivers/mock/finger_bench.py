@@ -161,6 +161,19 @@ class FingerBench:
         """What the finger presses against the probe with at `t_s`, without noise, compression positive."""
         return self._plant.force_n
 
+    def wrench(self, times_s: NDArray[np.float64], direction: Sequence[float]) -> NDArray[np.float64]:
+        """What the finger does to the tool that carries the probe: N and N m, base axes, shape (n, 6).
+
+        Args:
+            times_s: Instants of the last advance, shape (n,). While nobody feels the force, what presses now is told
+                for all of them.
+            direction: The approach direction, unit vector in the base frame.
+        """
+        pressed_n = self.sample("load_cell", times_s) if self._felt else np.full(len(times_s), self.force_n)
+        found = np.zeros((len(times_s), 6))
+        found[:, :3] = -pressed_n[:, None] * np.asarray(direction)
+        return found
+
     # what the board is wired to
 
     def streams(self) -> Sequence[StreamSpec]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,15 @@ from drivers.messages import (
     StreamInfo,
     Tare,
 )
+from drivers.mock.devices.board_channels import Source
 from drivers.mock.faults import FaultSchedule
-from drivers.mock.finger_bench import STREAMS, FingerBench
 from drivers.settings import Settings
 
 INT32 = np.iinfo(np.int32)
+
+
+class BoardBench(Source, Protocol):
+    """A bench with a board's sensors on it."""
 
 
 class MockSensorBoardSettings(Settings):
@@ -55,7 +60,7 @@ class MockSensorBoard:
         name: str,
         settings: MockSensorBoardSettings,
         clock: Clock,
-        bench: FingerBench,
+        bench: BoardBench,
         faults: FaultSchedule | None = None,
     ) -> None:
         self.name = name
@@ -65,7 +70,7 @@ class MockSensorBoard:
         self._faults = faults or FaultSchedule()
         self._infos = {
             spec.name: StreamInfo(f"{name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz)
-            for spec in STREAMS
+            for spec in bench.streams()
         }
         self.restart()
 
@@ -74,7 +79,7 @@ class MockSensorBoard:
         self._heard: frozenset[str] = frozenset()
         self._next_sample = dict.fromkeys(self._infos, 0)
         self._seq = dict.fromkeys(self._infos, 0)
-        self._zero = dict.fromkeys(self._infos, 0)
+        self._zero = {name: np.zeros(len(info.channels), np.int64) for name, info in self._infos.items()}
         self._statuses: list[Status] = []
         self._faults.restart()
 
@@ -121,6 +126,9 @@ class MockSensorBoard:
     def _listen(self, command: Listen, now_s: float) -> None:
         self._bench.advance(now_s, self._heard)
         heard = frozenset(stream.partition(".")[2] for stream in command.streams)
+        for name in sorted(heard - self._infos.keys()):
+            advice = f"it has: {', '.join(sorted(info.name for info in self._infos.values()))}"
+            raise CommandError(self.name, "listening", f"it has no stream {self.name}.{name}", advice)
         for name in heard - self._heard:
             rate_hz = self._infos[name].rate_hz
             if rate_hz is not None:
@@ -132,7 +140,7 @@ class MockSensorBoard:
 
     def _tare(self, name: str, now_s: float) -> None:
         """Zero is the present reading, as on the real board."""
-        self._zero[name] += int(self._counts(name, np.array([now_s]))[0, 0])
+        self._zero[name] += self._counts(name, np.array([now_s]))[0]
 
     def read(self) -> Sequence[SampleBlock]:
         """What the board sampled since the last call."""
@@ -165,11 +173,11 @@ class MockSensorBoard:
         return blocks
 
     def _counts(self, name: str, times_s: NDArray[np.float64]) -> NDArray[np.int32]:
-        values = self._bench.sample(name, times_s)
+        values = self._bench.sample(name, times_s).reshape(len(times_s), -1)
         if self._faults.active(float(times_s[-1]), "full_scale"):
             values = np.full_like(values, INT32.min * self._infos[name].scale)
         counts = np.rint(values / self._infos[name].scale) - self._zero[name]
-        return counts.clip(INT32.min, INT32.max).astype(np.int32)[:, None]
+        return np.asarray(counts.clip(INT32.min, INT32.max).astype(np.int32))
 
     def _events(self, name: str, now_s: float) -> list[SampleBlock]:
         ends_s, values = self._bench.events(name)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.clock import Clock, last_tick
-from drivers.errors import CommandError
 from drivers.messages import (
     Applied,
     Command,
@@ -18,6 +17,7 @@ from drivers.messages import (
     Listen,
     Lost,
     MoveAt,
+    MovePose,
     MoveTo,
     Reached,
     Refused,
@@ -30,12 +30,13 @@ from drivers.messages import (
     Tare,
     Twist,
 )
+from drivers.mock.bench import ToolBench
 from drivers.mock.faults import FaultSchedule
-from drivers.mock.finger_bench import FingerBench
-from drivers.mock.plants.stage_axis import StageAxis
+from drivers.mock.plants.tool_motion import ToolMotion
 from drivers.ur_arm.commands import valid
+from drivers.ur_arm.guidance import CYCLE_S, leash_end, line_speed, travel_end
 from drivers.ur_arm.motion import STILL_S
-from drivers.ur_arm.settings import Axis, UrArmSettings
+from drivers.ur_arm.settings import Axis, UrArmSettings, turned
 from drivers.ur_arm.stream import RATE_HZ, infos
 
 STREAM_WRENCH = 32
@@ -55,20 +56,21 @@ class MockUrArmSettings(UrArmSettings):
 
 
 class MockUrArm:
-    """An arm that moves on its approach axis alone, within the real driver's limits and with its words.
+    """An arm that moves its tool within the real driver's limits and with its words.
 
     It follows trapezoids in closed form, which cost the plant nothing; kinematics are the emulated controller's. A
-    stall is a protective stop: motions are refused until `Home`.
+    newer motion takes over from the present velocity; a straight move brakes first, where it does not go on along the
+    axis. A stall is a protective stop: motions are refused until `Home`.
 
     Args:
         name: In the profile.
         settings: Of the arm.
         clock: Bench time.
-        bench: Where the probe is that the tool carries.
+        bench: Where what the tool carries is.
         faults: What goes wrong, and when.
 
     Attributes:
-        axis: Motion of the tool along the approach axis.
+        axis: Motion of the tool, along the approach axis and beside it.
     """
 
     def __init__(
@@ -76,12 +78,15 @@ class MockUrArm:
         name: str,
         settings: MockUrArmSettings,
         clock: Clock,
-        bench: FingerBench,
+        bench: ToolBench,
         faults: FaultSchedule | None = None,
     ) -> None:
         self.name = name
-        self.axis = StageAxis(
-            acceleration_m_s2=settings.acceleration_m_s2, max_speed_m_s=settings.max_speed_m_s
+        self._towards = Axis(settings)
+        self.axis = ToolMotion(
+            self._towards.direction,
+            acceleration_m_s2=settings.acceleration_m_s2,
+            max_speed_m_s=settings.max_speed_m_s,
         )
         self._settings = settings
         self._clock = clock
@@ -89,7 +94,6 @@ class MockUrArm:
         bench.mount(self.axis)
         self._faults = faults or FaultSchedule()
         self._infos = infos(name)
-        self._towards = Axis(settings)
         self.restart()
 
     def restart(self) -> None:
@@ -98,9 +102,10 @@ class MockUrArm:
         self._bench.feel(False)
         self._next_tick = 0
         self._seq = 0
-        self._zero_n = 0.0
+        self._zero = np.zeros(6)
         self._halted = ""
         self._target: type[Status] | None = None
+        self._fence = ""
         self._statuses: list[Status] = []
         self._faults.restart()
 
@@ -133,11 +138,6 @@ class MockUrArm:
         """
         command = valid(self.name, self._settings, self._infos, command)
         now_s = self._clock.now()
-        if isinstance(command, Twist):
-            advice = 'take the emulated one: port = "emulated"'
-            raise CommandError(
-                self.name, "moving freely", "the mock arm moves on its approach axis alone", advice
-            )
         if isinstance(command, Listen):
             self._listen(command.streams & self._infos.keys(), now_s)
         elif not self._gone(now_s):
@@ -152,18 +152,31 @@ class MockUrArm:
     def _refusal(self, command: Command, now_s: float) -> str:
         if isinstance(command, Tare):
             return "the arm is not standing still" if self.axis.moving(now_s) else ""
-        if isinstance(command, MoveAt | MoveTo):
+        if isinstance(command, Home):
+            away_m = float(np.linalg.norm(self._offset(now_s)[:3]))
+            leash_m = self._settings.leash_m
+            far = f"the tool is {away_m:.3f} m from start_pose, its leash is {leash_m:g} m"
+            return far if away_m > leash_m else ""
+        if isinstance(command, MoveAt | MoveTo | MovePose | Twist):
             if self._faults.active(now_s, "refuse"):
                 return "the arm refuses (injected fault)"
             return self._halted and f"{self._halted}; look at the arm, then send it Home"
         return ""
 
     def _obey(self, command: Command, now_s: float) -> None:
+        self._fence = ""
         match command:
             case MoveAt():
                 self.axis.move_at(now_s, command.velocity_m_s, command.limit_m)
             case MoveTo():
                 self.axis.move_to(now_s, command.position_m, command.speed_m_s)
+            case MovePose():
+                way_m = float(np.linalg.norm(np.array(command.offset[:3]) - self._offset(now_s)[:3]))
+                speed = line_speed(self._settings, way_m, command.speed_m_s)
+                self.axis.move_pose(now_s, command.offset, speed)
+            case Twist():
+                self.axis.twist(now_s, command.twist, command.duration_s)
+                self._fence = self._fenced(now_s)
             case Home():
                 self._halted = ""
                 self.axis.move_to(now_s, 0.0, self._settings.home_speed_m_s)
@@ -171,10 +184,31 @@ class MockUrArm:
                 self.axis.stop(now_s, self._settings.stop_m_s2)
             case Tare():
                 self._bench.advance(now_s)
-                self._zero_n = self._bench.force_n
+                self._zero = self._bench.wrench(np.array([now_s]), self._towards.direction)[0]
                 return
         self._target = Standstill if isinstance(command, Stop) else Reached
         self._bench.on_plan(now_s)
+
+    def _fenced(self, now_s: float) -> str:
+        """Stop a free motion where it would run over a bound, as the real arm's process does; which bound, or ""."""
+        settings, cycles = self._settings, np.arange(1, 1 + (self.axis.arrival_s - now_s) // CYCLE_S)
+        times_s = now_s + CYCLE_S * cycles
+        here_m, away_m = self.axis.position(now_s), float(np.linalg.norm(self._offset(now_s)[:3]))
+        rests = self.axis.rests(times_s, settings.stop_m_s2)
+        away = np.linalg.norm(rests[:, :4], axis=1) > max(settings.leash_m, away_m)
+        lowest_m, highest_m = min(settings.travel_min_m, here_m), max(settings.travel_max_m, here_m)
+        out = away | (rests[:, 0] < lowest_m) | (rests[:, 0] > highest_m)
+        if not out.any():
+            return ""
+        first = int(np.argmax(out))
+        # One cycle before, it could still brake in time.
+        self.axis.stop(float(times_s[first]) - CYCLE_S, settings.stop_m_s2)
+        return leash_end(settings) if away[first] else travel_end(self.axis.target_m)
+
+    def _offset(self, t_s: float) -> NDArray[np.float64]:
+        """Displacement from the start pose, shape (6,)."""
+        found: NDArray[np.float64] = self.axis.offsets(np.array([t_s]))[0]
+        return found
 
     def _brake(self, now_s: float, deceleration_m_s2: float) -> None:
         self.axis.stop(now_s, deceleration_m_s2)
@@ -226,15 +260,21 @@ class MockUrArm:
         )
 
     def _places(self, short: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        positions_m = [self.axis.position(t_s) for t_s in times_s.tolist()]
         if short == "position":
-            return np.array(positions_m)[:, None]
-        return np.array([self._towards.pose(position_m) for position_m in positions_m])
+            return self.axis.coordinates(times_s)[:, :1]
+        start = self._settings.start_pose
+        poses = np.empty((len(times_s), 6))
+        poses[:, :3] = np.array(start[:3]) + self.axis.offsets(times_s)[:, :3]
+        poses[:, 3:] = start[3:]
+        turns = self.axis.turns(times_s)
+        for number in np.flatnonzero(turns.any(axis=1)):
+            poses[number, 3:] = turned(turns[number].tolist(), start[3:])
+        return poses
 
     def _wrench(self, ticks: NDArray[np.int64], times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What acts on the tool, shape (n, 6): the load cell's force against the approach, and the sensor's own noise.
+        """What acts on the tool, shape (n, 6): what the bench does to it, and the sensor's own noise.
 
-        The load cell's noise is in it too: a thousandth of the arm's.
+        A load cell's noise is in it too: a thousandth of the arm's.
         """
         from drivers.mock.noise import gaussian_at
 
@@ -242,9 +282,7 @@ class MockUrArm:
         sigma = np.array([settings.force_noise_n] * 3 + [settings.torque_noise_n_m] * 3)
         numbers = (6 * ticks[:, None] + np.arange(6)).ravel()
         values = sigma * gaussian_at(self._bench.key, STREAM_WRENCH, numbers).reshape(-1, 6)
-        force_n = self._bench.sample("load_cell", times_s) - self._zero_n
-        values[:, :3] -= force_n[:, None] * np.array(self._towards.direction)
-        return values
+        return values + (self._bench.wrench(times_s, self._towards.direction) - self._zero)
 
     # --- what became of it -----------------------------------------------------------------------------
 
@@ -264,8 +302,11 @@ class MockUrArm:
             self._statuses.append(failed)
         still_s = self.axis.arrival_s + STILL_S
         if self._target is not None and now_s >= still_s and not self._gone(now_s):
-            self._statuses.append(self._target(still_s, self.name, self.axis.target_m))  # type: ignore[call-arg]
-            self._target = None
+            if self._fence:
+                self._statuses.append(Stalled(still_s, self.name, self._fence))
+            else:
+                self._statuses.append(self._target(still_s, self.name, self.axis.target_m))  # type: ignore[call-arg]
+            self._target, self._fence = None, ""
         taken, self._statuses = self._statuses, []
         return taken
 

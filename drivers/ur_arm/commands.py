@@ -7,8 +7,11 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from drivers.errors import CommandError
-from drivers.messages import Command, Home, Listen, MoveAt, MoveTo, Stop, Tare, Twist
-from drivers.ur_arm.settings import UrArmSettings
+from drivers.messages import Command, Home, Listen, MoveAt, MovePose, MoveTo, Stop, Tare, Twist
+from drivers.ur_arm.settings import Axis, UrArmSettings
+
+ROUNDING_M = 1e-9
+"""A place at the very end of the travel is inside it, however its sum is rounded (assumption)."""
 
 TWIST_MAX_S = 60.0
 """Longest `Twist`: what takes longer is sent again (assumption)."""
@@ -27,10 +30,8 @@ def valid(device: str, settings: UrArmSettings, streams: Collection[str], comman
         CommandError: not for an arm, not finite, or out of range.
     """
     match command:
-        case Home() | Stop():
-            return command
-        case Listen():
-            # Other devices' streams are their business: one command names them all.
+        case Home() | Stop() | Listen():
+            # What a Listen names of other devices is their business: one command names all streams.
             return command
         case Tare(stream=stream):
             if stream != f"{device}.force":
@@ -46,6 +47,8 @@ def valid(device: str, settings: UrArmSettings, streams: Collection[str], comman
             return replace(command, speed_m_s=_checked(device, settings, target_m, speed_m_s))
         case Twist():
             return _checked_twist(device, settings, command)
+        case MovePose():
+            return _checked_pose(device, settings, command)
     raise CommandError(device, f"applying {command}", "an arm only moves", "send it to another device")
 
 
@@ -74,6 +77,30 @@ def _checked_twist(device: str, settings: UrArmSettings, command: Twist) -> Twis
     )
     x, y, z, rx, ry, rz = (factor * part for part in command.twist)
     return replace(command, twist=(x, y, z, rx, ry, rz))
+
+
+def _checked_pose(device: str, settings: UrArmSettings, command: MovePose) -> MovePose:
+    offset = command.offset
+    doing = f"moving to {offset} from start_pose at {command.speed_m_s} m/s"
+    if len(offset) != 6 or not all(math.isfinite(part) for part in offset):
+        raise CommandError(device, doing, "this is no offset", "give six finite numbers: m and rad")
+    if not (math.isfinite(command.speed_m_s) and command.speed_m_s > 0.0):
+        raise CommandError(device, doing, "this is no speed", "choose one above zero")
+    if math.hypot(*offset[3:]) > math.pi:
+        raise CommandError(device, doing, "it turns by more than pi", "choose the shorter way round")
+    if math.hypot(*offset[:3]) > settings.leash_m:
+        reason = f"its leash is {settings.leash_m:g} m"
+        raise CommandError(device, doing, reason, "choose a place inside it, or give it more leash_m")
+    x, y, z = Axis(settings).displaced(offset)[:3]
+    position_m = Axis(settings).position_m((x, y, z, 0.0, 0.0, 0.0))
+    if not settings.travel_min_m - ROUNDING_M <= position_m <= settings.travel_max_m + ROUNDING_M:
+        reason = f"its travel is {settings.travel_min_m:g} to {settings.travel_max_m:g} m"
+        raise CommandError(device, doing, reason, "choose a place inside it")
+    # Whether it only turns shows when it begins: then the limit of the translation holds where there is one.
+    fastest = (
+        max(settings.max_speed_m_s, settings.max_turn_rad_s) if any(offset[3:]) else settings.max_speed_m_s
+    )
+    return replace(command, speed_m_s=min(command.speed_m_s, fastest))
 
 
 def _no_speed(device: str, target_m: float, speed_m_s: float) -> CommandError:

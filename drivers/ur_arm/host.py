@@ -30,6 +30,10 @@ READER_S = 1.0
 """Longest wait for a killed process, and for the reader thread that ends with it (assumption)."""
 
 
+GAVE_UP = 1
+"""Exit code of a process that is beyond repair (`child.ArmProcess.end`)."""
+
+
 class ArmHost:
     """One process for one arm.
 
@@ -86,6 +90,9 @@ class ArmHost:
             return "" if monotonic_s() - self._ended_s < EXIT_S else "the arm's process let go of its pipe"
         if code < 0:
             return f"the arm's process died ({signal.Signals(-code).name})"
+        if code == GAVE_UP:
+            # It says why, but for one case: its pipe was full.
+            return "the arm's process gave up, for nobody read what it sent: is this machine overloaded?"
         return f"the arm's process ended with {code}"
 
     def kill(self) -> None:

@@ -1,8 +1,8 @@
 """What the arm does with a command, cycle by cycle. No client, no clock, no process: they are handed in.
 
-One thing moves the arm at a time. A `MoveAt` and a `Twist` are tool speeds, sent anew in every cycle; a `MoveTo` and
-`Home` are moves that the controller plans. Whatever comes next waits until the last has come to rest, because
-a second mover ends the controller's program.
+One thing moves the arm at a time. A `MoveAt` and a `Twist` are tool speeds, sent anew in every cycle; a `MoveTo`, a
+`MovePose` and `Home` are moves that the controller plans. Whatever comes next waits until the last has come to rest,
+because a second mover ends the controller's program.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from drivers.messages import (
     Command,
     Home,
     MoveAt,
+    MovePose,
     MoveTo,
     Reached,
     Refused,
@@ -27,15 +28,11 @@ from drivers.messages import (
     Twist,
 )
 from drivers.ur_arm.controller import Client, Seen, trouble
-from drivers.ur_arm.guidance import Guidance, way
+from drivers.ur_arm.guidance import CYCLE_S, MISSED_M, MISSED_RAD, FreeMotion, Guidance, line_speed, way
 from drivers.ur_arm.settings import Axis, Pose, UrArmSettings
 
 STILL_S = 0.02
 """How long nothing may have moved before the arm stands still: ten cycles of the controller (assumption)."""
-
-MISSED_M, MISSED_RAD = 2e-4, 5e-3
-"""Distance from its target at which a move has missed it (assumption: several times the repeatability of 30 um, and
-that on a wrist of 0.1 m)."""
 
 START_S = 0.05
 """How long a move may take to begin (assumption: several times what its command takes)."""
@@ -98,6 +95,8 @@ class Conductor:
         self._goal: Command | None = None
         self._next: Command | None = None
         self._ending: Callable[[], Status] | None = None
+        self._free: FreeMotion | None = None
+        self._told: Pose = REST  # the last tool speed that the controller was told
         self._halted = ""
         self._target = seen.row.pose
         self._since_s = self._deadline_s = now()
@@ -147,11 +146,17 @@ class Conductor:
         self._goal, self._since_s, self._ending = command, self._now(), None
         match command:
             case MoveAt():
-                self._start_speed(command, math.inf)
+                self._start_speed(command)
             case Twist():
-                self._start_speed(command, self._now() + command.duration_s)
+                acceleration, begin_s = self._settings.acceleration_m_s2, self._now()
+                self._free = FreeMotion(self._told, command.twist, begin_s, command.duration_s, acceleration)
+                self._start_speed(command)
             case MoveTo():
                 self._travel(command, self._axis.pose(command.position_m), command.speed_m_s)
+            case MovePose():
+                target = self._axis.displaced(command.offset)
+                length_m, _ = way(self._seen.row.pose, target)
+                self._travel(command, target, line_speed(self._settings, length_m, command.speed_m_s))
             case Home():
                 away_m = self._axis.away_m(self._seen.row.pose)
                 if away_m > self._settings.leash_m:
@@ -160,8 +165,7 @@ class Conductor:
                 else:
                     self._travel(command, self._settings.start_pose, self._settings.home_speed_m_s)
 
-    def _start_speed(self, command: MoveAt | Twist, until_s: float) -> None:
-        self._deadline_s = until_s
+    def _start_speed(self, command: MoveAt | Twist) -> None:
         self.state = State.SPEEDING
         taken = self._keep_speed()
         if taken or self.state is State.BRAKING:  # braking: it is over already
@@ -224,7 +228,7 @@ class Conductor:
             self._since_s = self._now()
             speed_m_s = math.hypot(*self._seen.row.twist[:3])
             self._deadline_s = self._since_s + speed_m_s / self._settings.stop_m_s2 + GRACE_S
-        self.state, self._ending = State.BRAKING, ending
+        self.state, self._ending, self._told = State.BRAKING, ending, REST
         self._hear(self._client.speed(REST, self._settings.stop_m_s2))
 
     def _stop_travel(self, ending: Callable[[], Status] | None) -> None:
@@ -252,6 +256,7 @@ class Conductor:
         if self._ending != self._standstill:
             self._ending = None
         self.state, self._halted, self._next, self._goal = State.HALTED, reason, None, None
+        self._told = REST
         self._since_s = self._now()
         self._say(Stalled(self._now(), self._name, f"{reason}; look at the arm, then send it Home"))
 
@@ -266,6 +271,7 @@ class Conductor:
             return False
         taken = self._client.speed(twist, self._settings.acceleration_m_s2)
         self._hear(taken)
+        self._told = twist
         return taken
 
     def _keep_braking(self) -> None:
@@ -309,14 +315,16 @@ class Conductor:
             if twist is None:
                 self._brake(self._reached)
             return twist
-        assert isinstance(goal, Twist)
-        if self._now() >= self._deadline_s:
+        assert self._free is not None
+        # What is told now is reached by the next cycle.
+        twist = self._free.twist(self._now() + CYCLE_S)
+        if twist is None:
             self._brake(self._reached)
             return None
         if fence := self._guidance.fence(self._seen.row, self._now()):
             self._brake(lambda: self._stalled(fence))
             return None
-        return goal.twist
+        return twist
 
     # --- words -----------------------------------------------------------------------------------------
 

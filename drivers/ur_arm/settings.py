@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
@@ -91,6 +92,12 @@ class Axis:
         x, y, z = (self._start[i] + position_m * self.direction[i] for i in range(3))
         return (x, y, z, *self._start[3:])
 
+    def displaced(self, offset: Pose) -> Pose:
+        """The start pose moved by an offset: metres along base axes, then a rotation vector, base frame, rad."""
+        x, y, z = (self._start[i] + offset[i] for i in range(3))
+        turn, start = (offset[3], offset[4], offset[5]), (self._start[3], self._start[4], self._start[5])
+        return (x, y, z, *(turned(turn, start) if any(turn) else start))
+
     def twist(self, velocity_m_s: float) -> Pose:
         """The twist of a velocity along the axis."""
         x, y, z = (velocity_m_s * part for part in self.direction)
@@ -99,3 +106,24 @@ class Axis:
     def away_m(self, pose: Pose) -> float:
         """Distance of a pose from the start, in any direction."""
         return math.dist(pose[:3], self._start[:3])
+
+
+def quaternion(rotation_rad: Sequence[float]) -> tuple[float, float, float, float]:
+    """The unit quaternion (w, x, y, z) of a rotation vector."""
+    angle_rad = math.hypot(*rotation_rad)
+    factor = math.sin(0.5 * angle_rad) / angle_rad if angle_rad else 0.0
+    x, y, z = (factor * part for part in rotation_rad)
+    return (math.cos(0.5 * angle_rad), x, y, z)
+
+
+def turned(turn: Sequence[float], rotation_rad: Sequence[float]) -> tuple[float, float, float]:
+    """The rotation vector, at most pi long, of a rotation (second) that is turned further (first), in one frame."""
+    (a, b, c, d), (e, f, g, h) = quaternion(turn), quaternion(rotation_rad)
+    w = a * e - b * f - c * g - d * h
+    x = a * f + b * e + c * h - d * g
+    y = a * g - b * h + c * e + d * f
+    z = a * h + b * g - c * f + d * e
+    length = math.hypot(x, y, z)
+    # The quaternion and its opposite are one rotation; the one with w >= 0 turns by no more than pi.
+    factor = math.copysign(2.0 * math.atan2(length, abs(w)) / length, w) if length else 0.0
+    return (factor * x, factor * y, factor * z)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from behaviors.events import BaselineRefused
 from config.assemble import DETECTORS, found
+from controller.detectors.protocol import Compiled
 from drivers.messages import SampleBlock
 
 
@@ -22,7 +24,63 @@ def resonance_input():
     return [SampleBlock("board.period", 0, float(ends_s[0]), lengths_s[:, None], times_s=ends_s, unit="s")]
 
 
-INPUTS = {"resonance": resonance_input, "resonance.paper": resonance_input}
+def force_input():
+    """Nothing, a force, nothing. Sample times of 1024 Hz are exact: pieces and the whole have the same."""
+    force_n = np.concatenate([np.zeros(1000), np.full(300, 2.0), np.zeros(500)])
+    force_n += 0.01 * np.random.default_rng(6).standard_normal(force_n.size)
+    return [SampleBlock("board.fingertip", 0, 0.0, force_n[:, None], rate_hz=1024.0, unit="N")]
+
+
+def slip_input():
+    """Noise of two channels; for a second knocks that ring at 180 Hz in one of them; and a lost block after it."""
+    rng, rate_hz = np.random.default_rng(7), 1024.0
+    noise = 0.003 * rng.standard_normal((5 * 1024, 2))
+    since_s = np.arange(200) / rate_hz
+    ring = np.exp(-34.0 * since_s) * np.sin(2.0 * np.pi * 180.0 * since_s)
+    knocks = np.where(rng.random(1024) < 0.2, 0.3 * rng.standard_normal(1024), 0.0)
+    noise[2048:3072, 1] += np.convolve(knocks, ring)[:1024]
+    return [
+        SampleBlock("board.tangential", 0, 0.0, noise[:4000], rate_hz=rate_hz, unit="V"),
+        SampleBlock("board.tangential", 4100, 4100 / rate_hz, noise[4100:], rate_hz=rate_hz, unit="V"),
+    ]
+
+
+def pretouch_input():
+    """A finger that rests, comes nearer at 2 cm/s, waits and goes back, with a lost block; and the mover's encoder."""
+    rng, rate_hz = np.random.default_rng(8), 1024.0
+    way_m = np.interp(
+        np.arange(8192) / rate_hz, [0.0, 1.0, 3.5, 4.0, 6.5, 8.0], [0.0, 0.0, 0.05, 0.05, 0.0, -0.03]
+    )
+    gap_m = 0.055 - way_m
+    z = 0.1 - 0.05j + 0.001 * (1.0 + gap_m / 0.01) ** -2 * np.exp(-2j * np.pi * gap_m / 0.0043)
+    z += 1.5e-4 * (rng.standard_normal(8192) + 1j * rng.standard_normal(8192))
+    values = np.column_stack([z.real, z.imag])
+    return [
+        SampleBlock("signals.right", 0, 0.0, values[:5000], rate_hz=rate_hz, unit="FS"),
+        SampleBlock("signals.right", 5040, 5040 / rate_hz, values[5040:], rate_hz=rate_hz, unit="FS"),
+        SampleBlock("arm.position", 0, 0.0, way_m[::2, None], rate_hz=rate_hz / 2.0, unit="m"),
+    ]
+
+
+def level_input():
+    """A level in noise that another one takes the place of for a second."""
+    rng, rate_hz = np.random.default_rng(9), 1024.0
+    values = 0.1 + 1e-5 * rng.standard_normal((6144, 2))
+    values[3000:4100] += (0.01, -0.004)
+    return [SampleBlock("signals.right", 0, 0.0, values, rate_hz=rate_hz, unit="FS")]
+
+
+INPUTS = {
+    "level": level_input,
+    "level.paper": level_input,
+    "pretouch": pretouch_input,
+    "pretouch.paper": pretouch_input,
+    "force.threshold": force_input,
+    "resonance": resonance_input,
+    "resonance.paper": resonance_input,
+    "slip": slip_input,
+    "slip.paper": slip_input,
+}
 
 
 def cut(block, size):
@@ -87,4 +145,19 @@ def test_values_that_are_not_finite_raise_no_alarm_and_no_error(kind, bad):
             times_s=block.times_s,
             unit=block.unit,
         )
-        assert list(detector.push(spoiled)) == []
+        said = detector.push(spoiled)
+        # that there is no baseline may be said
+        assert [event for event in said if not isinstance(event, BaselineRefused)] == []
+
+
+@pytest.mark.parametrize("kind", [kind for kind in DETECTORS if isinstance(made(kind), Compiled)])
+def test_warming_up_in_the_middle_of_it_changes_nothing(kind):
+    warmed, other = made(kind), made(kind)
+    parts = [part for block in INPUTS[kind]() for part in cut(block, 500)]
+    expected = [event for part in parts for event in other.push(part)]
+    events = []
+    for part in parts:
+        warmed.warm_up()
+        events += warmed.push(part)
+    assert events == expected
+    assert expected

@@ -10,7 +10,14 @@ from typing import Any
 
 from drivers.errors import RefusedError
 from drivers.mock.arm_carrier import ArmCarrier
+from drivers.mock.bench import ToolBench, part
+from drivers.mock.devices.audio import AudioBench, EmulatedAudio, EmulatedAudioSettings
+from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings
+from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from drivers.mock.devices.operator import EmulatedPerson, EmulatedPersonSettings
 from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from drivers.mock.devices.slcan import EmulatedSlcan
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
@@ -18,6 +25,8 @@ from drivers.mock.far_ends import Line, Network
 from drivers.mock.finger_bench import FingerBench
 from drivers.mock.plants import arm, rigid
 from drivers.mock.plants.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
+from drivers.mock.tcp_line import TcpLine
+from drivers.mock.weight_set import WeightBench
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
 JOGGED_M = -0.005
@@ -36,8 +45,8 @@ def sensor_board(settings: Mapping[str, Any], bench: FingerBench) -> Line:
     return Line(EmulatedSensorBoard(EmulatedSensorBoardSettings(), bench))
 
 
-def ur_arm(settings: Mapping[str, Any], bench: FingerBench) -> Network:
-    """The controller and its arm, with the bench's probe in the arm's tool.
+def ur_arm(settings: Mapping[str, Any], bench: ToolBench) -> Network:
+    """The controller and its arm, with what the bench has in the arm's tool.
 
     Raises:
         RefusedError: the arm does not reach there.
@@ -55,3 +64,50 @@ def ur_arm(settings: Mapping[str, Any], bench: FingerBench) -> Network:
     bench.mount(carrier)
     there = usual.model_copy(update={"joints_rad": tuple(joints_rad.tolist())})
     return Network(UrServer(UrController(there, carrier)), realtime=host.realtime_priority > 0)
+
+
+def can_gripper(settings: Mapping[str, Any], bench: object) -> Line:
+    """An adapter with the gripper on its bus, and the bench's jaws on the gripper.
+
+    Raises:
+        RefusedError: the bench has no jaws.
+    """
+    jaws = part(bench, "jaws", "gripper")
+    gripper = EmulatedCanGripperSettings(node=settings.get("node", 0))
+    return Line(EmulatedSlcan(EmulatedCanGripper(gripper, jaws)))
+
+
+def barrett_hand(settings: Mapping[str, Any], bench: object) -> Line:
+    """An adapter with the hand on its bus.
+
+    Raises:
+        RefusedError: the bench has no fingers.
+    """
+    fingers = part(bench, "fingers", "hand")
+    return Line(EmulatedSlcan(EmulatedBarrettHand(EmulatedBarrettHandSettings(), fingers)))
+
+
+def dsa_matrix(settings: Mapping[str, Any], bench: object) -> Line:
+    """The matrices' controller, on a line as fast as the driver's.
+
+    Raises:
+        RefusedError: the bench has no taxels.
+    """
+    taxels = part(bench, "taxels", "matrix")
+    matrix = EmulatedDsaMatrixSettings(baud=settings.get("baud", 115_200))
+    return Line(EmulatedDsaMatrix(matrix, taxels))
+
+
+def operator(settings: Mapping[str, Any], bench: WeightBench) -> Line:
+    """Somebody who hangs weights on the bench's fingertip."""
+    return Line(EmulatedPerson(EmulatedPersonSettings(), bench))
+
+
+def audio(settings: Mapping[str, Any], bench: AudioBench) -> TcpLine:
+    """A recorder on the network, wired to the bench's fingers and to their drive.
+
+    Raises:
+        RefusedError: the bench has no such fingers.
+    """
+    part(bench, "carrier", "audio")
+    return TcpLine(EmulatedAudio(EmulatedAudioSettings(), bench))

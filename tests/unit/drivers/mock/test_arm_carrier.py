@@ -7,6 +7,7 @@ import pytest
 
 from drivers.mock.arm_carrier import ArmCarrier
 from drivers.mock.finger_bench import FingerBench, FingerBenchSettings
+from drivers.mock.plants.rigid import displaced, matrix, pose
 from drivers.mock.plants.stage_axis import AxisMotion, Piece
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
@@ -83,3 +84,40 @@ def test_what_the_tool_does_beside_the_axis_moves_no_probe():
     aside = np.array(AXIS.pose(0.0)) + np.array([0.05, 0.02, 0.0, 0.0, 0.0, 0.0])
     scene.carrier.wrench(aside, np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), CYCLE_S)
     assert scene.carrier.position(1.0) == 0.0
+
+
+def pose_at(offset: np.ndarray) -> np.ndarray:
+    """The tool's pose at an offset (6,) from the start pose, as the controller writes it."""
+    return pose(displaced(matrix(START), offset))
+
+
+@pytest.mark.parametrize("late_s", [-0.0015, 0.0, 0.0019])
+def test_in_all_directions_the_bench_s_tool_is_one_cycle_behind_in_straight_lines(late_s):
+    scene = Scene()
+    twist = np.array([0.02, -0.01, -0.03, 0.0, 0.3, 0.0])
+    for number in range(1, 200):
+        scene.bench.advance(number * CYCLE_S + late_s)
+        scene.carrier.wrench(pose_at(twist * number * CYCLE_S), twist, number * CYCLE_S)
+    times_s = np.array([0.15, 0.2003, 0.3, 0.398])
+    assert scene.carrier.offsets(times_s) == pytest.approx(twist * (times_s - CYCLE_S)[:, None], abs=1e-9)
+    beyond_s = np.array([0.42])
+    assert scene.carrier.offsets(beyond_s) == pytest.approx(twist * (beyond_s - CYCLE_S)[:, None], abs=1e-9)
+    assert scene.carrier.position(0.3) == pytest.approx(0.03 * (0.3 - CYCLE_S), abs=1e-9)
+
+
+def test_half_a_second_of_motion_can_still_be_asked_for():
+    scene = Scene()
+    for number in range(1, 1000):
+        scene.cycle(number, SPEED_M_S * number * CYCLE_S, SPEED_M_S)
+    now_s = 999 * CYCLE_S
+    before = scene.carrier.offsets(np.array([now_s - 0.5]))[0]
+    assert before == pytest.approx([0.0, 0.0, -SPEED_M_S * (now_s - 0.5 - CYCLE_S), 0.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_a_turn_alone_is_followed_too():
+    scene = Scene()
+    turned = np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
+    for number in range(1, 5):
+        scene.carrier.wrench(pose_at(turned), np.zeros(6), number * CYCLE_S)
+    assert scene.carrier.offsets(np.array([1.0]))[0] == pytest.approx(turned, abs=1e-9)
+    assert scene.carrier.position(1.0) == pytest.approx(0.0, abs=1e-12)

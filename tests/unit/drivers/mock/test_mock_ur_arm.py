@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.errors import CommandError, RefusedError
+from drivers.errors import RefusedError
 from drivers.messages import (
     Failed,
     Home,
@@ -23,7 +23,6 @@ from drivers.messages import (
     Status,
     Stop,
     Tare,
-    Twist,
 )
 from drivers.mock.faults import Fault, FaultSchedule
 from drivers.mock.finger_bench import FingerBench, FingerBenchSettings
@@ -176,11 +175,6 @@ def test_refused_motion_and_lost_rows_are_told():
     assert 47 <= lost <= 50
     assert hand.blocks[0].seq == lost
     assert lost + len(hand.heard(POSITION)) == 100
-
-
-def test_a_free_motion_is_refused_in_one_line():
-    with pytest.raises(CommandError, match="approach axis alone"):
-        Hand().arm.apply(Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1))
 
 
 def test_a_probe_has_one_mover():

@@ -7,10 +7,22 @@ from pydantic import ValidationError
 
 from drivers.clock import WallClock
 from drivers.errors import CommandError
-from drivers.messages import Command, Excite, Home, Listen, MoveAt, MoveTo, Refused, Stop, Tare, Twist
+from drivers.messages import (
+    Command,
+    Excite,
+    Home,
+    Listen,
+    MoveAt,
+    MovePose,
+    MoveTo,
+    Refused,
+    Stop,
+    Tare,
+    Twist,
+)
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.driver import UrArm
-from drivers.ur_arm.guidance import Guidance, way
+from drivers.ur_arm.guidance import FreeMotion, Guidance, line_speed, way
 from drivers.ur_arm.pipe import Row
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
@@ -53,6 +65,16 @@ def checked(command: Command) -> Command:
         Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0),
         Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), NAN),
         Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 1e9),
+        MovePose("arm", (0.01, 0.0, 0.0), 0.01),  # type: ignore[arg-type]
+        MovePose("arm", (0.01,) * 7, 0.01),  # type: ignore[arg-type]
+        MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, NAN), 0.01),
+        MovePose("arm", (-INF, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01),
+        MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0),
+        MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), NAN),
+        MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), -0.01),
+        MovePose("arm", (0.15, 0.15, 0.0, 0.0, 0.0, 0.0), 0.01),
+        MovePose("arm", (0.0, 0.0, -0.06, 0.0, 0.0, 0.0), 0.01),
+        MovePose("arm", (0.0, 0.0, 0.0, 0.0, 0.0, 3.2), 0.01),
         Tare("arm", "arm.pose"),
         Excite("arm", True),
     ],
@@ -79,6 +101,41 @@ def test_a_twist_is_clamped_as_a_whole() -> None:
     turning = checked(Twist("arm", (0.01, 0.0, 0.0, 0.0, 1.0, 0.0), 1.0))
     assert isinstance(turning, Twist)
     assert turning.twist == pytest.approx((0.005, 0.0, 0.0, 0.0, 0.5, 0.0))
+
+
+def test_a_move_is_clamped_by_what_it_does() -> None:
+    assert checked(MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0)).speed_m_s == 0.05  # type: ignore[attr-defined]
+    # One that turns may only turn, and then its speed is in rad/s; on its way the limit of the way holds.
+    assert checked(MovePose("arm", (0.0, 0.0, 0.0, 0.0, 0.3, 0.0), 1.0)).speed_m_s == 0.5  # type: ignore[attr-defined]
+    assert line_speed(settings(), 0.01, 0.5) == 0.05
+    assert line_speed(settings(), 0.0, 0.4) == 0.4
+
+
+def test_an_offset_turns_after_the_start_pose_in_the_base_frame() -> None:
+    axis = Axis(settings(start_pose=(0.4, 0.0, 0.2, 0.0, 0.0, math.pi / 2.0)))
+    pose = axis.displaced((0.01, 0.02, 0.03, math.pi / 2.0, 0.0, 0.0))
+    # A quarter about z, then one about x: the tool's axes x, y, z end on z, -x, -y. That is a third of a turn.
+    third = 2.0 * math.pi / 3.0 / math.sqrt(3.0)
+    assert pose == pytest.approx((0.41, 0.02, 0.23, third, -third, third))
+    assert axis.displaced((0.0,) * 6) == axis.pose(0.0)
+
+
+def test_a_free_motion_ramps_up_and_down_with_translation_and_turn_together() -> None:
+    start, goal = (0.0,) * 6, (0.01, 0.0, 0.0, 0.0, 0.25, 0.0)
+    free = FreeMotion(start, goal, 10.0, 2.0, 0.5)
+    # 0.25 rad/s at 0.5 rad/s2 takes half a second.
+    assert free.twist(10.25) == pytest.approx((0.005, 0.0, 0.0, 0.0, 0.125, 0.0))
+    assert free.twist(11.0) == goal
+    assert free.twist(12.125) == pytest.approx((0.0075, 0.0, 0.0, 0.0, 0.1875, 0.0))
+    assert free.twist(12.5) is None
+    steps = [free.twist(10.0 + (number + 0.5) * 1e-3) for number in range(2600)]
+    assert sum(twist[0] for twist in steps if twist) * 1e-3 == pytest.approx(2.0 * 0.01)
+
+
+def test_a_free_motion_that_takes_over_begins_with_what_the_tool_does() -> None:
+    free = FreeMotion((0.02, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.02, 0.0, 0.0, 0.0, 0.0), 0.0, 1.0, 0.5)
+    assert free.twist(0.0) == pytest.approx((0.02, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert free.twist(0.1) == (0.0, 0.02, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from drivers.messages import (
     Home,
     MoveAt,
+    MovePose,
     MoveTo,
     Reached,
     Refused,
@@ -17,6 +18,8 @@ from drivers.messages import (
     Tare,
     Twist,
 )
+from drivers.mock.plants.rigid import difference
+from drivers.ur_arm.guidance import CYCLE_S
 from drivers.ur_arm.motion import State
 
 DOWN = (0.0, 0.0, -0.02, 0.0, 0.0, 0.0)
@@ -183,6 +186,50 @@ def test_a_newer_twist_takes_over_and_the_older_s_end_does_not_stop_it(rig) -> N
     assert arm.conductor.state is State.SPEEDING
     arm.run_until(Reached)
     assert arm.kinds() == ["Sent", "Sent", "Reached"]
+
+
+def test_a_twist_goes_as_far_as_its_duration_says_and_rolls_without_sliding(rig) -> None:
+    arm = rig()
+    start = arm.controller.arm.transform
+    arm.order(Twist("arm", (0.003, 0.0, 0.0, 0.0, 0.25, 0.0), 1.0))
+    slides_m = []
+    while not any(isinstance(status, Reached) for status in arm.statuses):
+        arm.run(0.008)
+        done = difference(start, arm.controller.arm.transform)
+        slides_m.append(done[0] - 0.012 * done[4])
+    # Cycles of 8 ms: half of one, at full speed.
+    assert difference(start, arm.controller.arm.transform)[[0, 4]] == pytest.approx([0.003, 0.25], rel=0.01)
+    # Of a cycle's change the controller makes the smaller part first: half a cycle ahead at the most, at 3 mm/s.
+    assert max(map(abs, slides_m)) < 0.5 * CYCLE_S * 0.003
+
+
+def test_a_move_to_a_pose_goes_exactly_there_and_says_so(rig) -> None:
+    arm = rig()
+    offset = (0.02, -0.01, 0.01, 0.1, 0.0, 0.0)
+    arm.order(MovePose("arm", offset, 0.05))
+    reached = arm.run_until(Reached)
+    assert tuple(arm.controller.arm.pose) == pytest.approx(arm.axis.displaced(offset), abs=1e-6)
+    assert reached.position_m == pytest.approx(-0.01, abs=1e-6)
+    assert arm.kinds() == ["Sent", "Reached"]
+
+
+def test_a_move_that_only_turns_takes_its_speed_for_rad_s(rig) -> None:
+    arm = rig()
+    before_s = arm.now()
+    arm.order(MovePose("arm", (0.0, 0.0, 0.0, 0.0, 0.4, 0.0), 0.4))
+    arm.run_until(Reached)
+    # 1 s, one ramp of 0.8 s (0.5 rad/s2: it never gets to 0.4 rad/s in less), and the time to be sure.
+    assert 1.75 < arm.now() - before_s < 1.95
+
+
+def test_a_stop_ends_a_move_to_a_pose_on_its_way(rig) -> None:
+    arm = rig()
+    arm.order(MovePose("arm", (0.05, 0.0, 0.0, 0.0, 0.0, 0.0), 0.02))
+    arm.run(0.5)
+    arm.order(Stop("arm"))
+    arm.run_until(Standstill)
+    assert 0.005 < arm.axis.away_m(tuple(arm.controller.arm.pose)) < 0.02
+    assert "Reached" not in arm.kinds()
 
 
 def test_a_twist_along_the_axis_ends_at_the_travel(rig) -> None:

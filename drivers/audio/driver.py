@@ -1,0 +1,294 @@
+"""The fingers' sound: carrier in, drive out; from a sound card, a file or a recorder on the network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.audio.commands import checked, fingers_info
+from drivers.audio.frames import CounterError, Frames
+from drivers.audio.quality import Excursions, Stillness, clipped, flaw
+from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, AudioSettings
+from drivers.audio.source import Declined, Found, Happening, Packet, Source, Swept, make_source
+from drivers.clock import WallClock, monotonic_s
+from drivers.errors import PortError, ProtocolError, SilentError
+from drivers.messages import (
+    Applied,
+    Chirp,
+    Command,
+    DeviceInfo,
+    Excite,
+    Failed,
+    Listen,
+    Lost,
+    Reached,
+    Refused,
+    SampleBlock,
+    Saturated,
+    Sent,
+    Status,
+    Tone,
+)
+
+BITS_MIN: Final = 24
+"""Of a sample: the fingers' sound moves by less than 16 bits resolve (III.B: a 24-bit converter)."""
+
+TURN_S: Final = 0.005
+"""Pause between two looks at a source while opening (assumption)."""
+
+TURN_MAX_S: Final = 0.05
+"""A turn that comes later counts as this: a host that was away must not blame the source (assumption)."""
+
+MENDING: Final = "see docs/reference/audio.md"
+
+
+class Audio:
+    """The fingers' sound; implements `drivers.protocols.Device`. It moves nothing.
+
+    The stream `<name>.fingers` has raw 24-bit counts of the right and the left finger. Its `seq` counts the frames of
+    the converter, which also drives: a tone's phase is zero at frame 0 (`level * cos(2 pi f seq / rate)`, but for
+    the constant delay of the converters), so that `seq` is the in-phase reference. What was overrun or
+    lost is a gap in `seq`, told as `Lost`. Times come from the converter's clock (`clock_model`).
+
+    A finger at full scale is told as `Saturated` at each excursion. Clipped, silent or 16-bit sound is refused at
+    `open`; a finger that falls silent later, a recording that ends and a source that goes away have failed.
+
+    Args:
+        name: Name in the profile.
+        settings: Of the audio.
+        clock: Gives bench time.
+    """
+
+    def __init__(self, name: str, settings: AudioSettings, clock: WallClock) -> None:
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._info = fingers_info(name)
+        self._source: Source | None = None
+        self._closed_account: Mapping[str, object] = {}
+        self._forget()
+
+    def _forget(self) -> None:
+        s = self._settings
+        self._frames = Frames(self._info, s.channels, self._clock, s.max_drift_ppm)
+        self._excursions = Excursions(RATE_HZ)
+        self._stillness = Stillness(RATE_HZ, s.silence_timeout_s)
+        self._listening = False
+        self._failure: str | None = None
+        self._blocks: list[SampleBlock] = []
+        self._statuses: list[Status] = []
+        self._saturations = 0
+        self._turned_s = monotonic_s()
+        self._unheard_s = 0.0
+
+    def open(self) -> DeviceInfo:
+        """Connect, see that the sound fits, listen for a moment; the drive is silent.
+
+        Raises:
+            PortError: the source is absent or busy, or what reaches it is not installed.
+            SilentError: nothing comes.
+            ProtocolError: it is no source of two fingers' sound of 24 bits at 96 kHz, or it is clipped or silent.
+        """
+        self.close()
+        self._forget()
+        source = make_source(self.name, self._settings)
+        try:
+            found = source.open()
+            self._check(found)
+            if self._settings.look_s > 0.0:
+                self._look(source, found)
+        except BaseException:
+            source.close()
+            raise
+        self._source = source
+        self._turned_s = monotonic_s()
+        return DeviceInfo(
+            self.name,
+            model=found.model,
+            serial=found.serial,
+            version=found.version,
+            streams={self._info.name: self._info},
+            clock=found.clock,
+            details={
+                "port": self._settings.port,
+                "bits": found.bits or "not said",
+                "channels": dict(zip(FINGERS, self._settings.channels, strict=True)),
+                **found.details,
+            },
+        )
+
+    def close(self) -> None:
+        """Silence the drive, let go of the source. Never raises; may be called twice."""
+        self._closed_account = self.account()
+        source, self._source = self._source, None
+        if source is not None:
+            source.close()
+
+    def apply(self, command: Command) -> Applied:
+        """Drive the transducers, or listen to the fingers.
+
+        Raises:
+            CommandError: not for audio, not finite or out of range. Nothing was sent.
+            PortError: it is not open.
+        """
+        command = checked(self.name, command)
+        if self._source is None:
+            raise PortError(
+                self.name, f"applying {type(command).__name__}", "it is not open", "open it first"
+            )
+        now_s = self._clock.now()
+        if self._failure is not None:
+            self._statuses.append(Refused(now_s, self.name, command, self._failure))
+            return Applied(command, now_s)
+        if isinstance(command, Listen):
+            self._listen(bool(command.streams), self._source)
+        elif isinstance(command, Tone | Chirp | Excite):
+            self._source.drive(command)
+        self._statuses.append(Sent(now_s, self.name, command))
+        return Applied(command, now_s)
+
+    def read(self) -> Sequence[SampleBlock]:
+        """Sound that has come since the last call."""
+        self._turn()
+        blocks, self._blocks = self._blocks, []
+        return blocks
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        if (
+            not self._listening
+        ):  # else `read` hears, so that no sound is left behind the end that is told here
+            self._turn()
+        statuses, self._statuses = self._statuses, []
+        return statuses
+
+    def account(self) -> Mapping[str, object]:
+        """Frames taken and lost, excursions to full scale, the drift of the converter's clock: also after `close`."""
+        if self._source is None:
+            return self._closed_account
+        return {
+            "frames": self._frames.taken,
+            "frames_lost": self._frames.lost,
+            "saturations": self._saturations,
+            "drift_ppm": self._frames.model.drift_ppm,
+            **self._source.account(),
+        }
+
+    # at open
+
+    def _check(self, found: Found) -> None:
+        """Whether it can be what is wanted, by what it says of itself."""
+        doing, needed = "opening", max(*self._settings.channels, 1) + 1
+        if found.channels < needed:
+            has = f"{found.what} has {found.channels} channel{'s' if found.channels > 1 else ''}"
+            reason = f"{has} where two fingers need {needed}"
+            raise ProtocolError(self.name, doing, reason, "record both fingers, and set `channels`")
+        if found.rate_hz != RATE_HZ:
+            reason = f"{found.what} has {found.rate_hz:g} frames a second, not {RATE_HZ}"
+            raise ProtocolError(self.name, doing, reason, f"record at {RATE_HZ} Hz: 40 kHz are wanted of it")
+        if found.bits is not None and found.bits < BITS_MIN:
+            reason = f"{found.what} has {found.bits} bits a sample, not {BITS_MIN}"
+            raise ProtocolError(self.name, doing, reason, "choose a 24-bit format")
+
+    def _look(self, source: Source, found: Found) -> None:
+        """Listen for a moment, and refuse what is clipped, silent or coarse."""
+        counts = source.peek(self._settings.look_s)
+        if counts is None:
+            counts = self._gather(source, found)
+        if len(counts):
+            wrong = flaw(counts[:, list(self._settings.channels)], len(counts) / RATE_HZ)
+            if wrong is not None:
+                reason, advice = wrong
+                raise ProtocolError(self.name, f"listening to {found.what}", reason, advice)
+
+    def _gather(self, source: Source, found: Found) -> NDArray[np.int32]:
+        wanted = round(self._settings.look_s * RATE_HZ)
+        until_s = monotonic_s() + self._settings.look_s + self._settings.silence_timeout_s
+        heard: list[NDArray[np.int32]] = []
+        source.listen(True)
+        while sum(map(len, heard)) < wanted and source.fault is None and monotonic_s() < until_s:
+            self._clock.wait_until(self._clock.now() + TURN_S)
+            for one in source.receive():
+                if isinstance(one, Packet):
+                    self._frames.learn(one)
+                    heard.append(one.counts)
+        source.listen(False)
+        doing = f"listening to {found.what}"
+        if source.fault is not None:
+            raise PortError(self.name, doing, source.fault, MENDING)
+        if not heard:
+            reason = f"no sound in {self._settings.look_s + self._settings.silence_timeout_s:g} s"
+            raise SilentError(self.name, doing, reason, "is it running?")
+        return np.concatenate(heard)
+
+    # while it runs
+
+    def _listen(self, on: bool, source: Source) -> None:
+        if on == self._listening:
+            return
+        self._turn()
+        self._listening = on
+        self._unheard_s = 0.0
+        self._frames.begin()
+        self._excursions.begin()
+        self._stillness.begin()
+        source.listen(on)
+
+    def _turn(self) -> None:
+        """Hear what has come; notice what has not."""
+        now_s = monotonic_s()
+        passed_s, self._turned_s = min(now_s - self._turned_s, TURN_MAX_S), now_s
+        source = self._source
+        if source is None or self._failure is not None:
+            return
+        self._unheard_s = self._unheard_s + passed_s if self._listening else 0.0
+        for happening in source.receive():
+            self._take(happening)
+        limit_s = self._settings.silence_timeout_s
+        if source.fault is not None:
+            self._fail(source.fault)
+        elif self._unheard_s > limit_s:
+            self._fail(f"no sound in {limit_s:g} s; is the source running?")
+
+    def _take(self, happening: Happening) -> None:
+        if isinstance(happening, Swept):
+            t_s = self._frames.time_s(happening.frame, happening.arrival_s)
+            self._statuses.append(Reached(t_s, self.name, 0.0))
+        elif isinstance(happening, Declined):
+            t_s = self._clock.from_monotonic(happening.arrival_s)
+            self._statuses.append(Refused(t_s, self.name, happening.command, happening.reason))
+        elif self._listening and self._failure is None:
+            self._unheard_s = 0.0
+            self._hear(happening)
+
+    def _hear(self, packet: Packet) -> None:
+        try:
+            block, lost = self._frames.push(packet)
+        except CounterError as error:
+            self._fail(str(error))
+            return
+        if lost:
+            self._statuses.append(Lost(block.t0_s, self.name, block.stream, lost))
+        self._blocks.append(block)
+        counts = packet.counts[:, list(self._settings.channels)]
+        for place, finger in self._excursions.push(clipped(counts)):
+            self._saturations += 1
+            t_s, value = block.t0_s + place / RATE_HZ, float(counts[place, finger]) / FULL_SCALE
+            self._statuses.append(Saturated(t_s, self.name, block.stream, value))
+        silent = self._stillness.push(counts)
+        if silent is not None:
+            waited_s = self._settings.silence_timeout_s
+            self._fail(
+                f"the {silent} finger is silent: nothing has moved in {waited_s:g} s; is it plugged in?"
+            )
+
+    def _fail(self, reason: str) -> None:
+        if self._failure is None:
+            self._failure = reason
+            self._statuses.append(Failed(self._clock.now(), self.name, reason))
+
+
+__all__ = ["Audio", "AudioSettings"]

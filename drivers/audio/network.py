@@ -1,0 +1,302 @@
+"""A recorder on the network: sound and words over one TCP connection."""
+
+from __future__ import annotations
+
+import math
+import socket
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from drivers.audio.codec import CodecError, FrameDecoder, Words, encode_line
+from drivers.audio.settings import AudioSettings
+from drivers.audio.source import Declined, Drive, Found, Happening, Packet, Swept
+from drivers.clock import monotonic_s, rest
+from drivers.errors import DeviceError, PortError, ProtocolError, SilentError
+from drivers.messages import Chirp, Tone
+
+CHUNK_BYTES: Final = 1 << 16
+
+WAITING_BYTES: Final = 8 << 20
+"""Of sound that nobody has taken (14 s): beyond, the network holds the rest back, and the recorder's counter tells
+what it had to drop (assumption)."""
+
+PAUSE_S: Final = 0.002
+"""Between two looks at what has come while opening, and at a queue that is full (assumption)."""
+
+CLOSE_S: Final = 0.5
+"""Longest wait at close: for the recorder to hang up, for the thread (assumption)."""
+
+ADVICE: Final = "is it switched on, and the address right?"
+
+
+class Greeting(BaseModel):
+    """What a recorder says of itself; keys of newer ones are passed over."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
+
+    recorder: str
+    """What it is."""
+    serial: str = ""
+    """Its serial number."""
+    version: str = ""
+    """Its version."""
+    rate_hz: float = Field(gt=0.0)
+    """Frames a second."""
+    channels: int = Field(ge=1)
+    """How many."""
+    bits: int = Field(ge=1)
+    """Of a sample."""
+
+
+@dataclass(slots=True)
+class _Asked:
+    """A line without a reply yet."""
+
+    words: Mapping[str, Any]
+    command: Drive | None
+    due_s: float
+
+
+class NetworkRecorder:
+    """Speaks to a recorder as docs/reference/audio.md says.
+
+    Args:
+        device: Name in the profile.
+        settings: Of the audio.
+        address: `HOST:PORT`.
+    """
+
+    def __init__(self, device: str, settings: AudioSettings, address: str) -> None:
+        self._device = device
+        self._settings = settings
+        self._address = address
+        self._link: _Link | None = None
+        self._decoder = FrameDecoder()
+        self._tag = 0
+        self._asked: dict[int, _Asked] = {}
+        self._greeting: Greeting | None = None
+        self._hears = False
+        self._happened: list[Happening] = []
+        self.fault: str | None = None
+
+    def open(self) -> Found:
+        """See `Source.open`."""
+        doing = f"connecting to {self._address}"
+        host, _, port = self._address.rpartition(":")
+        if not host or not port.isdecimal():
+            raise PortError(
+                self._device, doing, "it is no address", 'write port = "tcp:HOST:PORT", tcp:10.0.0.7:9640'
+            )
+        try:
+            connection = socket.create_connection((host, int(port)), self._settings.reply_timeout_s)
+        except (OSError, OverflowError) as error:
+            reason = f"nobody answers ({getattr(error, 'strerror', None) or error})"
+            raise PortError(self._device, doing, reason, ADVICE) from error
+        self._link = _Link(self._device, connection)
+        greeting = self._greet(doing)
+        # An earlier host may have left it driving.
+        self._ask({"do": "silence"})
+        return Found(
+            what=f"the recorder at {self._address}",
+            model=greeting.recorder,
+            serial=greeting.serial,
+            version=greeting.version,
+            rate_hz=greeting.rate_hz,
+            channels=greeting.channels,
+            bits=greeting.bits,
+            clock=f"{self._device} frames",
+            details={"address": self._address},
+        )
+
+    def _greet(self, doing: str) -> Greeting:
+        """Who it is.
+
+        Raises:
+            SilentError: it says nothing.
+            ProtocolError: it is no recorder.
+        """
+        self._ask({"do": "hello"})
+        until_s = monotonic_s() + self._settings.reply_timeout_s
+        while monotonic_s() < until_s and self.fault is None and self._greeting is None:
+            rest(PAUSE_S)
+            self.receive()
+        if self._greeting is not None:
+            return self._greeting
+        error: type[DeviceError] = SilentError if self.fault is None else ProtocolError
+        waited = f"it says nothing in {self._settings.reply_timeout_s:g} s"
+        raise error(
+            self._device,
+            doing,
+            self.fault or waited,
+            "is a recorder there, and no other host connected to it?",
+        )
+
+    def peek(self, seconds: float) -> NDArray[np.int32] | None:
+        """See `Source.peek`: it has to be waited for."""
+        return None
+
+    def listen(self, on: bool) -> None:
+        """See `Source.listen`; what is still under way from before is not heard."""
+        self._hears = False
+        self._ask({"do": "start" if on else "stop"})
+
+    def drive(self, command: Drive) -> None:
+        """See `Source.drive`."""
+        match command:
+            case Tone():
+                words = {"do": "tone", "frequency_hz": command.frequency_hz, "level": command.level}
+            case Chirp():
+                span = {"from_hz": command.from_hz, "to_hz": command.to_hz}
+                words = {"do": "chirp", **span, "duration_s": command.duration_s, "level": command.level}
+            case _:
+                words = {"do": "silence"}
+        self._ask(words, command)
+
+    def receive(self) -> Sequence[Happening]:
+        """See `Source.receive`."""
+        link = self._link
+        if link is None or self.fault is not None:
+            return self._take()
+        try:
+            for arrival_s, data in link.receive():
+                for frame in self._decoder.feed(data):
+                    if isinstance(frame, Words):
+                        self._hear(frame, arrival_s)
+                    elif self._hears:
+                        self._happened.append(Packet(frame.frame, frame.counts, arrival_s))
+        except CodecError as error:
+            self.fault = f"what it says is not a recorder's: {error}"
+        self.fault = self.fault or link.fault or self._overdue()
+        return self._take()
+
+    def account(self) -> Mapping[str, object]:
+        """See `Source.account`."""
+        return {}
+
+    def close(self) -> None:
+        """See `Source.close`."""
+        link, self._link = self._link, None
+        if link is not None:
+            link.send(encode_line({"do": "stop"}) + encode_line({"do": "silence"}))
+            link.close()
+
+    def _take(self) -> Sequence[Happening]:
+        happened, self._happened = self._happened, []
+        return happened
+
+    def _ask(self, words: Mapping[str, Any], command: Drive | None = None) -> None:
+        if self._link is None or self.fault is not None:
+            return
+        self._tag += 1
+        # Who says hello waits for the reply itself.
+        timeout_s = math.inf if words["do"] == "hello" else self._settings.reply_timeout_s
+        self._asked[self._tag] = _Asked(words, command, monotonic_s() + timeout_s)
+        self._link.send(encode_line({**words, "tag": self._tag}))
+
+    def _hear(self, words: Words, arrival_s: float) -> None:
+        content = words.content
+        if content.get("event") == "swept":
+            self._happened.append(Swept(words.frame, arrival_s))
+        asked = self._asked.pop(content.get("reply", 0), None)
+        if asked is None:
+            return
+        if "refused" in content:
+            reason = f"the recorder will not: {content['refused']}"
+            if asked.command is None:
+                self.fault = f"{reason} ({asked.words['do']})"
+            else:
+                self._happened.append(Declined(asked.command, reason, arrival_s))
+        elif asked.words["do"] == "hello":
+            try:
+                self._greeting = Greeting.model_validate(dict(content))
+            except ValidationError as error:
+                first = error.errors()[0]
+                where = ".".join(map(str, first["loc"]))
+                self.fault = f"its greeting is not a recorder's: {where}: {first['msg']}"
+        elif asked.words["do"] in ("start", "stop"):
+            # Of two on the way the later one holds: its reply is still to come.
+            later = any(other.words["do"] in ("start", "stop") for other in self._asked.values())
+            self._hears = asked.words["do"] == "start" and not later
+
+    def _overdue(self) -> str | None:
+        now_s = monotonic_s()
+        for asked in self._asked.values():
+            if now_s > asked.due_s:
+                return f"no reply to {asked.words['do']} in {self._settings.reply_timeout_s:g} s"
+        return None
+
+
+class _Link:
+    """A connection with its reader thread, which fills a queue and does nothing else.
+
+    Attributes:
+        fault: Why the link is gone, or None while it stands.
+    """
+
+    def __init__(self, device: str, connection: socket.socket) -> None:
+        self.fault: str | None = None
+        self._connection = connection
+        self._arrived: deque[tuple[float, bytes]] = deque()
+        self._taken_bytes = 0
+        self._closing = False
+        connection.settimeout(None)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._reader = threading.Thread(target=self._fill, name=f"{device}-reader", daemon=True)
+        self._reader.start()
+
+    def send(self, data: bytes) -> None:
+        """Hand bytes to the kernel, without waiting."""
+        if self.fault is not None:
+            return
+        try:
+            if self._connection.send(data, socket.MSG_DONTWAIT) < len(data):
+                self.fault = self.fault or "the network takes no more bytes"
+        except OSError as error:
+            self.fault = self.fault or f"the connection is gone ({error.strerror or error})"
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        """What has arrived since the last call: (monotonic arrival in seconds, bytes), in order."""
+        chunks = []
+        with suppress(IndexError):
+            while True:
+                chunks.append(self._arrived.popleft())
+        self._taken_bytes += sum(len(data) for _, data in chunks)
+        return chunks
+
+    def close(self) -> None:
+        """Hang up and wait for the thread. Never raises."""
+        self._closing = True
+        with suppress(OSError):
+            # What was sent last still goes out; the end of file wakes the recorder, and its own the thread.
+            self._connection.shutdown(socket.SHUT_WR)
+        self._reader.join(CLOSE_S)
+        with suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RD)
+        self._reader.join(CLOSE_S)
+        self._connection.close()
+
+    def _fill(self) -> None:
+        came_bytes = 0
+        try:
+            while True:
+                while came_bytes - self._taken_bytes > WAITING_BYTES and not self._closing:
+                    rest(PAUSE_S)
+                data = self._connection.recv(CHUNK_BYTES)
+                if not data:
+                    break
+                if not self._closing:
+                    self._arrived.append((monotonic_s(), data))
+                    came_bytes += len(data)
+            reason = "the recorder has hung up"
+        except OSError as error:
+            reason = f"the connection is gone ({error.strerror or error})"
+        if not self._closing:
+            self.fault = self.fault or reason

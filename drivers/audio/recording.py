@@ -1,0 +1,198 @@
+"""A WAV or FLAC recording in the fingers' place."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.audio.settings import FULL_SCALE, AudioSettings
+from drivers.audio.source import Drive, Found, Happening, Packet, Swept
+from drivers.clock import monotonic_s
+from drivers.errors import PortError, ProtocolError
+from drivers.messages import Chirp
+
+if TYPE_CHECKING:
+    import soundfile
+
+PACKET_FRAMES: Final = 480
+"""Frames in a packet: 5 ms at 96 kHz, as a sound card's buffer (assumption)."""
+
+PACKETS_MAX: Final = 50
+"""Packets of one call: a host that was away catches up over several turns of the loop (assumption)."""
+
+BITS: Final[Mapping[str, int]] = {"PCM_S8": 8, "PCM_U8": 8, "PCM_16": 16, "PCM_24": 24, "PCM_32": 32}
+"""Of the formats with integers; 32-bit floats carry 24 bits."""
+
+MENDING: Final = "record it again, or save what is left of it with an editor"
+
+
+class Recording:
+    """Plays a file as if it were live: it runs from the first time that somebody listens, heard or not.
+
+    What drove the fingers stands in it: a drive is taken, and changes nothing. A packet is handed out when its last
+    frame is due, or as soon as it is asked for where `paced` is false.
+
+    Args:
+        device: Name in the profile.
+        settings: Of the audio.
+        address: Path of the file.
+    """
+
+    def __init__(self, device: str, settings: AudioSettings, address: str) -> None:
+        self._device = device
+        self._settings = settings
+        self._path = Path(address).expanduser()
+        self._file: soundfile.SoundFile | None = None
+        self._frames = 0
+        self._rate_hz = 1.0
+        self._listening = False
+        self._begun_s: float | None = None
+        self._next = 0
+        self._sweep: int | None = None
+        self.fault: str | None = None
+
+    def open(self) -> Found:
+        """See `Source.open`."""
+        import soundfile
+
+        doing = f"opening {self._path}"
+        if not self._path.is_file():
+            raise PortError(self._device, doing, "there is no such file", 'name one: port = "file:take.wav"')
+        try:
+            self._file = opened = soundfile.SoundFile(self._path)
+        except (soundfile.SoundFileError, OSError) as error:
+            reason = f"it is cut off or no sound ({str(error).rpartition(': ')[2].rstrip('.')})"
+            raise ProtocolError(self._device, doing, reason, "a WAV or FLAC recording is wanted") from error
+        self._frames, self._rate_hz = opened.frames, float(opened.samplerate)
+        self._check_whole(opened, doing)
+        return Found(
+            what=f"the recording {self._path.name}",
+            model=f"{opened.format} recording {self._path.name}",
+            rate_hz=self._rate_hz,
+            channels=opened.channels,
+            bits=BITS.get(opened.subtype, 24),
+            clock="the recording's frames",
+            details={"duration_s": round(self._frames / self._rate_hz, 6), "drive": "as recorded"},
+        )
+
+    def _check_whole(self, opened: soundfile.SoundFile, doing: str) -> None:
+        """Refuse a file that ends before its header says; libsndfile itself takes what is there."""
+        import soundfile
+
+        promised, there = _riff_bytes(self._path), self._path.stat().st_size
+        if promised is not None and there < promised:
+            reason = f"it is cut off: {there} of {promised} bytes are there"
+            raise ProtocolError(self._device, doing, reason, MENDING)
+        try:
+            opened.seek(max(0, self._frames - 1))
+            whole = len(opened.read(1)) == 1
+            opened.seek(0)
+        except soundfile.SoundFileError:
+            whole = False
+        if not whole:
+            reason = (
+                f"it is cut off: {self._frames / self._rate_hz:.2f} s are promised, and its end is not there"
+            )
+            raise ProtocolError(self._device, doing, reason, MENDING)
+
+    def peek(self, seconds: float) -> NDArray[np.int32] | None:
+        """See `Source.peek`."""
+        assert self._file is not None, "it is not open"
+        counts = self._read(round(seconds * self._rate_hz))
+        self._file.seek(0)
+        return counts
+
+    def listen(self, on: bool) -> None:
+        """See `Source.listen`."""
+        self._listening = on
+        if on and self._begun_s is None:
+            self._begun_s = monotonic_s()
+
+    def drive(self, command: Drive) -> None:
+        """See `Source.drive`: what drove the fingers stands in the recording."""
+        self._sweep = None
+        if isinstance(command, Chirp):
+            now = self._next if not self._settings.paced else self._due()
+            self._sweep = now + round(command.duration_s * self._rate_hz)
+
+    def receive(self) -> Sequence[Happening]:
+        """See `Source.receive`."""
+        if self._file is None or self._begun_s is None or self.fault is not None:
+            return ()
+        happened: list[Happening] = []
+        due = self._due()
+        if not self._listening:
+            self._skip(due)
+        for _ in range(PACKETS_MAX if self._listening else 0):
+            # The last packet may be a shorter one.
+            end = min(self._next + PACKET_FRAMES, self._frames)
+            if end > due or end == self._next:
+                break
+            counts = self._read(end - self._next)
+            if len(counts) < end - self._next:
+                self.fault = f"the recording cannot be read beyond {self._next / self._rate_hz:.2f} s"
+                return happened
+            happened.append(Packet(self._next, counts, self._begun_s + end / self._rate_hz))
+            self._next = end
+        if self._sweep is not None and self._sweep <= min(due, self._next):
+            happened.append(Swept(self._sweep, self._begun_s + self._sweep / self._rate_hz))
+            self._sweep = None
+        if self._next >= self._frames:
+            self.fault = f"the recording has ended, after {self._frames / self._rate_hz:.2f} s"
+        return happened
+
+    def _due(self) -> int:
+        """How many frames are over."""
+        if not self._settings.paced:
+            # Unheard, a tape that nothing paces stands still.
+            return self._next + PACKETS_MAX * PACKET_FRAMES if self._listening else self._next
+        if self._begun_s is None:
+            return 0
+        return math.floor((monotonic_s() - self._begun_s) * self._rate_hz)
+
+    def _skip(self, due: int) -> None:
+        assert self._file is not None, "it is not open"
+        skipped = min(due, self._frames)
+        if skipped > self._next:
+            self._file.seek(skipped)
+            self._next = skipped
+
+    def _read(self, frames: int) -> NDArray[np.int32]:
+        """The next frames as 24-bit counts, fewer where it is spoilt; 24-bit integers pass through floats unchanged."""
+        import soundfile
+
+        assert self._file is not None, "it is not open"
+        try:
+            values = self._file.read(frames, dtype="float64", always_2d=True)
+        except soundfile.SoundFileError:
+            values = np.empty((0, self._file.channels))
+        counts = np.rint(values * FULL_SCALE).clip(-FULL_SCALE, FULL_SCALE - 1)
+        return np.asarray(counts.astype(np.int32))
+
+    def account(self) -> Mapping[str, object]:
+        """See `Source.account`."""
+        return {"frames_of_recording": self._frames}
+
+    def close(self) -> None:
+        """See `Source.close`."""
+        opened, self._file = self._file, None
+        if opened is not None:
+            opened.close()
+
+
+def _riff_bytes(path: Path) -> int | None:
+    """How long a WAV file says it is; None where it is none, or too long to say."""
+    with path.open("rb") as opened:
+        magic, size, form = struct.unpack("<4sI4s", opened.read(12).ljust(12, b"\0"))
+        if form != b"WAVE":
+            return None
+        if magic == b"RF64":
+            size = struct.unpack("<8xQ", opened.read(16).ljust(16, b"\0"))[0]
+        # A last chunk of odd length may lack its byte of padding.
+        return int(size) + 8 - 1

@@ -1,0 +1,261 @@
+"""A sound card, through PortAudio: input, and output in the same stream where the card has one."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.audio.oscillator import ChirpWave, Silence, ToneWave, Wave
+from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
+from drivers.audio.source import Declined, Drive, Found, Happening, Packet, Swept
+from drivers.clock import monotonic_s
+from drivers.errors import PortError
+from drivers.messages import Chirp, Tone
+
+WAITING_PACKETS: Final = 4096
+"""Buffers that nobody has taken (20 s of 5 ms): beyond, the oldest are dropped, and their frames count as lost
+(assumption)."""
+
+SPARE_BITS: Final = 8
+"""PortAudio hands 24-bit samples over at the top of 32."""
+
+
+class SoundCard:
+    """A sound card's input channels, and the drive on all of its output channels.
+
+    Input and output are one stream on one clock: the drive is generated for the frames that its buffer is handed over
+    with, so that the phase at the input is that of `seq`, but for the card's constant latency. After an overrun the
+    frames that are missing are counted by the card's own time, and the drive goes on with the same count.
+
+    Args:
+        device: Name in the profile.
+        settings: Of the audio.
+        address: Part of the card's name; empty for the system's own choice.
+    """
+
+    def __init__(self, device: str, settings: AudioSettings, address: str) -> None:
+        self._device = device
+        self._settings = settings
+        self._address = address
+        self._stream: Any = None
+        self._has_output = False
+        self._callback: _Callback | None = None
+        self._listening = False
+        self.fault: str | None = None
+
+    def open(self) -> Found:
+        """See `Source.open`."""
+        sounddevice = self._library()
+        chosen = self._choose(sounddevice)
+        channels = int(chosen["max_input_channels"])
+        self._has_output = int(chosen["max_output_channels"]) > 0
+        self._callback = callback = _Callback(self._has_output)
+        made, wanted = sounddevice.InputStream, {"device": chosen["index"], "channels": channels}
+        if self._has_output:
+            made = sounddevice.Stream
+            wanted["channels"] = (channels, int(chosen["max_output_channels"]))
+        try:
+            self._stream = made(
+                samplerate=RATE_HZ,
+                dtype="int32",
+                latency=self._settings.latency_s,
+                dither_off=True,
+                callback=callback.both if self._has_output else callback.heard,
+                finished_callback=callback.finished,
+                **wanted,
+            )
+            self._stream.start()
+        except sounddevice.PortAudioError as error:
+            reason = f"{chosen['name']} does not open at {RATE_HZ} Hz ({_first(error)})"
+            advice = "is it held by another program, and can it do 96 kHz?"
+            raise PortError(self._device, "opening the sound card", reason, advice) from error
+        return Found(
+            what=f"the sound card {chosen['name']}",
+            model=str(chosen["name"]),
+            rate_hz=float(self._stream.samplerate),
+            channels=channels,
+            bits=None,
+            clock=f"{self._device} frames",
+            version=sounddevice.get_portaudio_version()[1],
+            details={"drive": "on every output channel" if self._has_output else "none: it has no output"},
+        )
+
+    def _library(self) -> Any:
+        doing = "loading sounddevice"
+        try:
+            import sounddevice
+        except ImportError as error:
+            advice = "install it: .venv/bin/python -m pip install -r requirements/sound.txt"
+            raise PortError(self._device, doing, "it is not installed", advice) from error
+        except OSError as error:
+            advice = "install it, on Debian and Ubuntu: sudo apt install libportaudio2"
+            raise PortError(self._device, doing, "PortAudio is missing", advice) from error
+        return sounddevice
+
+    def _choose(self, sounddevice: Any) -> Mapping[str, Any]:
+        """The input that the address names.
+
+        Raises:
+            PortError: there is none, or there are several.
+        """
+        cards = [card for card in sounddevice.query_devices() if card["max_input_channels"] > 0]
+        names = ", ".join(dict.fromkeys(str(card["name"]) for card in cards)) or "none"
+        doing = "choosing the sound card"
+        if not self._address:
+            number = sounddevice.default.device[0]
+            matching = [card for card in cards if card["index"] == number]
+        else:
+            matching = [card for card in cards if self._address.lower() in str(card["name"]).lower()]
+            exact = [card for card in matching if str(card["name"]) == self._address]
+            matching = exact[:1] or matching
+        if not matching:
+            what = (
+                f"no input is called {self._address}" if self._address else "the system has chosen no input"
+            )
+            raise PortError(self._device, doing, what, f"there are: {names}")
+        if len(matching) > 1:
+            several = ", ".join(str(card["name"]) for card in matching)
+            reason = f"{len(matching)} inputs are called so: {several}"
+            raise PortError(self._device, doing, reason, "write more of the name")
+        chosen: Mapping[str, Any] = matching[0]
+        return chosen
+
+    def peek(self, seconds: float) -> NDArray[np.int32] | None:
+        """See `Source.peek`: it has to be waited for."""
+        return None
+
+    def listen(self, on: bool) -> None:
+        """See `Source.listen`: the card runs on, unheard."""
+        if self._callback is not None:
+            self._callback.take()
+        self._listening = on
+
+    def drive(self, command: Drive) -> None:
+        """See `Source.drive`; it begins with the next buffer."""
+        if self._callback is None:
+            return
+        if not self._has_output and isinstance(command, Tone | Chirp):
+            reason = "the sound card has no output"
+            self._callback.declined.append(Declined(command, reason, monotonic_s()))
+        else:
+            self._callback.play(command)
+
+    def receive(self) -> Sequence[Happening]:
+        """See `Source.receive`."""
+        callback = self._callback
+        if callback is None:
+            return ()
+        taken = callback.take()
+        happened: list[Happening] = [*taken] if self._listening else []
+        while callback.declined:
+            happened.append(callback.declined.popleft())
+        while callback.sweeps:
+            happened.append(callback.sweeps.popleft())
+        self.fault = self.fault or callback.fault
+        return happened
+
+    def account(self) -> Mapping[str, object]:
+        """See `Source.account`."""
+        return {} if self._callback is None else {"overruns": self._callback.overruns}
+
+    def close(self) -> None:
+        """See `Source.close`."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            if self._callback is not None:
+                self._callback.closing = True
+            stream.abort(ignore_errors=True)
+            stream.close(ignore_errors=True)
+
+
+class _Callback:
+    """What PortAudio's thread runs: it copies the input into a queue and computes the output, nothing else.
+
+    Attributes:
+        overruns: How often the card said that input was lost.
+        declined: Drives that cannot be.
+        sweeps: Chirps that are over.
+        fault: Why the stream has ended.
+        closing: It is meant to end.
+    """
+
+    def __init__(self, has_output: bool) -> None:
+        self.overruns = 0
+        self.declined: deque[Declined] = deque()
+        self.sweeps: deque[Swept] = deque()
+        self.fault: str | None = None
+        self.closing = False
+        self._packets: deque[Packet] = deque(maxlen=WAITING_PACKETS)
+        self._frame = 0
+        self._expected_s: float | None = None
+        self._lock = threading.Lock()
+        self._wave: Wave = Silence()
+        self._asked: Drive | None = None
+
+    def play(self, command: Drive) -> None:
+        """Drive so from the next buffer on."""
+        with self._lock:
+            self._asked = command
+
+    def take(self) -> list[Packet]:
+        """What came since the last call."""
+        taken = []
+        while self._packets:
+            taken.append(self._packets.popleft())
+        return taken
+
+    def heard(self, indata: NDArray[np.int32], frames: int, time: Any, status: Any) -> None:
+        """Of a card without output."""
+        arrival_s = monotonic_s()
+        if status.input_overflow:
+            self.overruns += 1
+            self._frame += self._missing(time)
+        self._packets.append(Packet(self._frame, indata >> SPARE_BITS, arrival_s))
+        self._frame += frames
+        adc_s = float(time.inputBufferAdcTime)
+        self._expected_s = adc_s + frames / RATE_HZ if adc_s > 0.0 else None
+
+    def both(
+        self, indata: NDArray[np.int32], outdata: NDArray[np.int32], frames: int, time: Any, status: Any
+    ) -> None:
+        """Of a card with output: the same frames in and out."""
+        self.heard(indata, frames, time, status)
+        first = self._frame - frames
+        self._choose(first)
+        wave = self._wave.at(first, frames) * (FULL_SCALE - 1)
+        outdata[:] = (np.rint(wave).astype(np.int32) << SPARE_BITS)[:, None]
+        if self._wave.end is not None and self._wave.end <= first + frames:
+            self.sweeps.append(Swept(self._wave.end, monotonic_s()))
+            self._wave = Silence()
+
+    def finished(self) -> None:
+        """The stream has ended: PortAudio says so when a card is unplugged."""
+        if not self.closing:
+            self.fault = self.fault or "the sound card is gone"
+
+    def _choose(self, first: int) -> None:
+        with self._lock:
+            asked, self._asked = self._asked, None
+        if isinstance(asked, Tone):
+            self._wave = ToneWave(asked.frequency_hz, asked.level)
+        elif isinstance(asked, Chirp):
+            frames = round(asked.duration_s * RATE_HZ)
+            self._wave = ChirpWave(asked.from_hz, asked.to_hz, frames, asked.level, first)
+        elif asked is not None:
+            self._wave = Silence()
+
+    def _missing(self, time: Any) -> int:
+        """Frames that an overrun has cost, by the card's time of the first sample; at least one."""
+        adc_s = float(time.inputBufferAdcTime)
+        if self._expected_s is None or adc_s <= 0.0:
+            return 1
+        return max(1, round((adc_s - self._expected_s) * RATE_HZ))
+
+
+def _first(error: Exception) -> str:
+    return str(error.args[0]).splitlines()[0] if error.args else type(error).__name__

@@ -1,0 +1,149 @@
+"""What every source of the fingers' sound offers the driver, and the table of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.audio.settings import AudioSettings
+from drivers.errors import PortError
+from drivers.messages import Chirp, Excite, Tone
+
+Drive = Tone | Chirp | Excite
+
+SOURCES: Final[Mapping[str, str]] = {
+    "file": "drivers.audio.recording:Recording",
+    "sounddevice": "drivers.audio.soundcard:SoundCard",
+    "tcp": "drivers.audio.network:NetworkRecorder",
+}
+"""What a port begins with, and what it needs: imported only where a profile asks for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What opening a source found.
+
+    Attributes:
+        what: What it is, to begin a sentence with: "the recording take.wav".
+        model: For the manifest.
+        rate_hz: Frames a second.
+        channels: How many.
+        bits: Of a sample; None where it does not say.
+        clock: Name of the clock that its frames count.
+        serial: Its serial number, or "".
+        version: Its version, or "".
+        details: More, for the manifest.
+    """
+
+    what: str
+    model: str
+    rate_hz: float
+    channels: int
+    bits: int | None
+    clock: str
+    serial: str = ""
+    version: str = ""
+    details: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packet:
+    """Consecutive frames.
+
+    Attributes:
+        frame: The converter's counter of the first.
+        counts: 24-bit counts of all channels of the source, shape (n, channels).
+        arrival_s: Monotonic time in seconds at which the host had them.
+    """
+
+    frame: int
+    counts: NDArray[np.int32]
+    arrival_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """A chirp is over.
+
+    Attributes:
+        frame: The first frame after it.
+        arrival_s: Monotonic time in seconds at which that was known.
+    """
+
+    frame: int
+    arrival_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Declined:
+    """A drive was not taken.
+
+    Attributes:
+        command: The drive.
+        reason: Why.
+        arrival_s: Monotonic time in seconds at which that was known.
+    """
+
+    command: Drive
+    reason: str
+    arrival_s: float
+
+
+Happening = Packet | Swept | Declined
+
+
+class Source(Protocol):
+    """Where sound comes from. Nothing here waits but `open` and `close`."""
+
+    @property
+    def fault(self) -> str | None:
+        """Why there will be no more sound; None while there may be."""
+
+    def open(self) -> Found:
+        """Connect; no sound is handed out yet, and the drive is silent.
+
+        Raises:
+            PortError, SilentError, ProtocolError: one line, with what to do.
+        """
+
+    def peek(self, seconds: float) -> NDArray[np.int32] | None:
+        """The first sound, left where it is, shape (n, channels); None where it has to be waited for."""
+
+    def listen(self, on: bool) -> None:
+        """Hand out sound, or no more."""
+
+    def drive(self, command: Drive) -> None:
+        """Drive the transducers; a newer drive replaces an older one."""
+
+    def receive(self) -> Sequence[Happening]:
+        """What has happened since the last call, in order."""
+
+    def account(self) -> Mapping[str, object]:
+        """How it did so far, for the manifest."""
+
+    def close(self) -> None:
+        """Silence the drive, let go. Never raises; may be called twice."""
+
+
+def make_source(device: str, settings: AudioSettings) -> Source:
+    """The source that a port names, closed.
+
+    Raises:
+        PortError: there is no such kind.
+    """
+    kind, colon, address = settings.port.partition(":")
+    if not colon or kind not in SOURCES:
+        raise PortError(
+            device,
+            "choosing its port",
+            f"{settings.port} is no source of sound",
+            'write port = "mock", "emulated", "sounddevice:NAME", "file:PATH" or "tcp:HOST:PORT"',
+        )
+    module, _, made = SOURCES[kind].partition(":")
+    source: Source = getattr(import_module(module), made)(device, settings, address)
+    return source

@@ -1,0 +1,63 @@
+"""An emulated person at the far end of a line: reads requests, takes a while, hangs weights, says that it is done."""
+
+from __future__ import annotations
+
+from drivers.errors import RefusedError
+from drivers.mock.weight_set import Hands, HandSettings, WeightBench
+from drivers.operator.codec import Answer, Hello, LineDecoder, Request, encode
+
+
+class EmulatedPersonSettings(HandSettings):
+    """The emulated person."""
+
+
+class EmulatedPerson:
+    """Does what the latest request asks for.
+
+    Args:
+        settings: Of the person.
+        bench: Where the fingertip is.
+    """
+
+    def __init__(self, settings: EmulatedPersonSettings, bench: WeightBench) -> None:
+        self._settings = settings
+        self._hands = Hands(settings, bench)
+        self._decoder = LineDecoder()
+        self._asked: Request | None = None
+        self._due_s = 0.0
+        self._unwilling = False
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host; a hello is answered at once."""
+        out = b""
+        for message in self._decoder.feed(data):
+            if isinstance(message, Hello):
+                self._asked = None
+                out += encode(Hello("emulated person"))
+            elif isinstance(message, Request):
+                self._asked, self._due_s = message, t_s + self._settings.answer_s
+        return out
+
+    def step(self, t_s: float) -> bytes:
+        """The answer, once its time has come."""
+        if self._asked is None or t_s < self._due_s:
+            return b""
+        asked, self._asked = self._asked, None
+        if self._unwilling:
+            return encode(Answer(asked.number, False, "that cannot be done"))
+        if asked.bridge is not None:
+            try:
+                self._hands.hang(t_s, asked.bridge, asked.force_n)
+            except RefusedError as error:
+                return encode(Answer(asked.number, False, f"{error.reason}; {error.advice}"))
+        return encode(Answer(asked.number, True))
+
+    def inject(self, kind: str, t_s: float) -> None:
+        """From now on it says no ("refuse").
+
+        Raises:
+            ValueError: a person does not stall.
+        """
+        if kind != "refuse":
+            raise ValueError(f"a person has no fault {kind}")
+        self._unwilling = True

@@ -1,0 +1,107 @@
+"""What has lately come out of a slip plant, sample by sample, and the truth about contact and slip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+KEEP_S = 4.0
+"""How long samples are kept: longer than an emulated bench falls behind (its backlog is 2 s)."""
+
+PAUSE_S = 0.05
+"""A contact that rests for longer than this has stopped slipping. Assumption: stick and slip on the study's structures
+follow each other within some milliseconds."""
+
+
+class Track:
+    """The latest samples of a plant, by their numbers; number 0 is rest, when the trial begins.
+
+    Args:
+        rate_hz: Samples a second.
+        width: Values of a sample.
+
+    Attributes:
+        count: Number of the last sample.
+    """
+
+    def __init__(self, rate_hz: float, width: int) -> None:
+        self._rate_hz = rate_hz
+        self._kept = np.zeros((round(KEEP_S * rate_hz), width))
+        self.count = 0
+
+    @property
+    def room(self) -> int:
+        """How many samples may be pushed at once."""
+        return len(self._kept)
+
+    @overload
+    def number(self, t_s: float) -> int: ...
+
+    @overload
+    def number(self, t_s: Floats) -> Ints: ...
+
+    def number(self, t_s: float | Floats) -> int | Ints:
+        """Number of the last sample at or before a time since the trial began; never below 0."""
+        found = np.maximum(np.floor(np.asarray(t_s) * self._rate_hz + 1e-6), 0.0).astype(np.int64)
+        return found if found.ndim else int(found)
+
+    def push(self, rows: Floats) -> None:
+        """The next samples, shape (n, width), no more than there is room for."""
+        numbers = np.arange(self.count + 1, self.count + 1 + len(rows))
+        self._kept[numbers % len(self._kept)] = rows
+        self.count += len(rows)
+
+    def at(self, times_s: Floats) -> Floats:
+        """The samples at times since the trial began, shape (n, width): what the converter held then."""
+        oldest = max(0, self.count - len(self._kept) + 1)
+        return self._kept[np.clip(self.number(times_s), oldest, self.count) % len(self._kept)]
+
+
+class SlipTruth:
+    """When contact and slip really began and ended; for scoring alone.
+
+    Args:
+        rate_hz: Of the plant.
+        origin_s: When the trial began, on the devices' clock.
+    """
+
+    def __init__(self, rate_hz: float, origin_s: float) -> None:
+        self._rate_hz = rate_hz
+        self._origin_s = origin_s
+        self._touching = False
+        self._slid_m = 0.0
+        self._spans: list[tuple[int, int]] = []
+        self.contacts: list[tuple[float, bool]] = []
+
+    def follow(self, numbers: Ints, slid_m: Floats, normal_n: Floats) -> None:
+        """Hear the plant's next samples, each of shape (n,)."""
+        touching = normal_n > 0.0
+        before = np.concatenate([[self._touching], touching[:-1]])
+        changes = np.flatnonzero(touching != before)
+        self.contacts += [(self._time(int(numbers[i])), bool(touching[i])) for i in changes]
+        # a new contact has a new place without having slid there
+        slid = (np.diff(slid_m, prepend=self._slid_m) != 0.0) & before & touching
+        for number in numbers[slid].tolist():
+            if self._spans and number - self._spans[-1][1] <= PAUSE_S * self._rate_hz:
+                self._spans[-1] = (self._spans[-1][0], number)
+            else:
+                self._spans.append((number, number))
+        self._touching, self._slid_m = bool(touching[-1]), float(slid_m[-1])
+
+    @property
+    def slips(self) -> Sequence[tuple[float, bool]]:
+        """When the contact first moved (True), and when it last did (False), slip by slip."""
+        return [
+            (self._time(number), began)
+            for span in self._spans
+            for number, began in zip(span, (True, False), strict=True)
+        ]
+
+    def _time(self, number: int) -> float:
+        return self._origin_s + number / self._rate_hz

@@ -1,0 +1,141 @@
+"""A TCP connection with an emulated device at its far end, and the connection's faults."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Protocol
+
+from drivers.clock import WallClock
+from drivers.mock.far_ends import READ_BYTES
+from drivers.mock.faults import FaultSchedule
+
+WAITING_BYTES = 1 << 19
+"""Of what the network has not taken: beyond, the device has to drop what it cannot keep (assumption: a second of
+sound)."""
+
+
+class NetworkDevice(Protocol):
+    """A device made of software, at the far end of a connection.
+
+    Attributes:
+        lossy: It drops what it streams.
+    """
+
+    lossy: bool
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host; returns what is answered at once."""
+
+    def step(self, t_s: float) -> bytes:
+        """What the device says by `t_s` without being asked."""
+
+    def hang_up(self, t_s: float) -> None:
+        """The host is gone."""
+
+    def inject(self, kind: Any, t_s: float) -> None:
+        """Break something of the device's own: "refuse".
+
+        Raises:
+            ValueError: it cannot break in that way.
+        """
+
+
+class TcpLine:
+    """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is hung up on.
+
+    TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come.
+
+    Args:
+        device: What answers.
+        scheme: What the port's address begins with, as the driver's setting has it.
+    """
+
+    def __init__(self, device: NetworkDevice, scheme: str = "tcp") -> None:
+        self._device = device
+        self._faults = FaultSchedule()
+        self._listener: socket.socket | None = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        host, port = self._listener.getsockname()
+        self.endpoint: Mapping[str, str] = {"port": f"{scheme}:{host}:{port}"}
+        self._host: socket.socket | None = None
+        self._unsent = bytearray()
+
+    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+        """See `FarEnd.open`; it listens from the start."""
+        self._faults = faults
+
+    def waited(self) -> Sequence[socket.socket]:
+        """See `FarEnd.waited`."""
+        return [one for one in (self._listener, self._host) if one is not None]
+
+    def due_s(self) -> float:
+        """See `FarEnd.due_s`: it does with being stepped as often as all are."""
+        return math.inf
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """See `FarEnd.exchange`."""
+        if self._faults.begun(trial_s, "unplug"):
+            self.unplug()
+        if self._faults.begun(trial_s, "refuse") is not None:
+            with contextlib.suppress(ValueError):
+                self._device.inject("refuse", t_s)
+        if self._listener is not None and self._listener in ready:
+            self._accept(self._listener)
+        out = b""
+        if self._host is not None and self._host in ready:
+            out = self._receive(self._host, t_s)
+        silent = self._faults.active(trial_s, "silent")
+        lost = self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
+        self._device.lossy = lost or len(self._unsent) > WAITING_BYTES
+        out += self._device.step(t_s)
+        if self._host is not None and not silent:
+            self._send(self._host, out, t_s)
+
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: the host sees its connection end, and nobody answers any more."""
+        for one in self.waited():
+            one.close()
+        self._listener = self._host = None
+
+    def _accept(self, listener: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            connection, _ = listener.accept()
+            if self._host is not None:
+                connection.close()
+                return
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._host = connection
+            self._unsent.clear()
+
+    def _receive(self, host: socket.socket, t_s: float) -> bytes:
+        try:
+            data = host.recv(READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._hang_up(t_s)
+            return b""
+        return self._device.receive(data, t_s)
+
+    def _send(self, host: socket.socket, data: bytes, t_s: float) -> None:
+        self._unsent += data
+        try:
+            while self._unsent:
+                del self._unsent[: host.send(self._unsent)]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._hang_up(t_s)
+
+    def _hang_up(self, t_s: float) -> None:
+        if self._host is not None:
+            self._host.close()
+        self._host = None
+        self._unsent.clear()
+        self._device.hang_up(t_s)

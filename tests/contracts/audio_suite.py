@@ -1,0 +1,251 @@
+"""What the fingers' audio promises: run for the mock driver in virtual time, for the real one over TCP."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from drivers.errors import CommandError
+from drivers.messages import (
+    Chirp,
+    Command,
+    Excite,
+    Home,
+    Listen,
+    Lost,
+    Reached,
+    SampleBlock,
+    Saturated,
+    Sent,
+    Status,
+    Tone,
+)
+
+FINGERS = "audio.fingers"
+
+RATE_HZ = 96_000
+
+GAINS = (cmath.rect(0.1, 0.3), cmath.rect(0.2, -1.0))
+"""Of the right finger and the left: amplitude and phase for a drive of full scale."""
+
+TONE = Tone("audio", 40_000.0, 0.5)
+
+LOUD = 0.9
+"""A drive above this level takes both fingers beyond full scale."""
+
+
+class SteadyFingers:
+    """A bench on which nothing moves: each finger sends the drive back by its gain, with a converter's noise."""
+
+    level: Literal["envelope", "carrier"] = "carrier"
+
+    def __init__(self, level: Literal["envelope", "carrier"] = "carrier") -> None:
+        self.level = level
+        self.t_s = 0.0
+        self.asked = 0
+        self._drives: list[tuple[float, float, float, float]] = [(-math.inf, 0.0, 0.0, 0.0)]
+
+    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
+        self.t_s = max(self.t_s, t_s)
+
+    def drive(self, frequency_hz: float, level: float) -> None:
+        self._drives.append((self.t_s, frequency_hz, level, math.inf))
+
+    def chirp(self, from_hz: float, to_hz: float, duration_s: float, level: float) -> None:
+        self._drives.append((self.t_s, from_hz, level, self.t_s + duration_s))
+
+    def silence(self) -> None:
+        self._drives.append((self.t_s, 0.0, 0.0, math.inf))
+
+    def baseband(self, times_s: Any) -> Any:
+        assert times_s[-1] <= self.t_s + 1e-9
+        _, level = self._at(times_s)
+        found = np.outer(level, GAINS)
+        return np.where(level[:, None] > LOUD, 2.0, found) + 1e-6 * (np.rint(times_s * 1e3) % 3)[:, None]
+
+    def carrier(self, first_frame: int, n: int, *, drift_ppm: float = 0.0) -> Any:
+        frames = np.arange(first_frame, first_frame + n)
+        times_s = frames / (RATE_HZ * (1.0 + 1e-6 * drift_ppm))
+        assert times_s[-1] <= self.t_s
+        self.asked += n
+        frequency_hz, level = self._at(times_s)
+        turns = frequency_hz * (frames % 96_000_000) / RATE_HZ % 1.0
+        wave = np.real(np.outer(level * np.exp(2j * np.pi * turns), GAINS))
+        noise = (frames * 7919 % 101 - 50)[:, None]
+        counts = np.rint(np.where(level[:, None] > LOUD, 20.0, 1.0) * wave * 2**23) + noise
+        return np.clip(counts, -(2**23), 2**23 - 1).astype(np.int32)
+
+    def _at(self, times_s: Any) -> tuple[Any, Any]:
+        starts = np.array([drive[0] for drive in self._drives])
+        drives = np.array(self._drives)[np.searchsorted(starts, times_s, side="right") - 1]
+        return drives[:, 1], np.where(times_s < drives[:, 3], drives[:, 2], 0.0)
+
+
+class AudioTrial:
+    """An audio device called `audio`, open, with a hand to turn the loop's crank."""
+
+    def __init__(self, device: Any, clock: Any) -> None:
+        self.device = device
+        self.clock = clock
+        self.info = device.open()
+        self.blocks: list[SampleBlock] = []
+        self.statuses: list[Status] = []
+
+    def turn(self, seconds: float) -> None:
+        end_s = self.clock.now() + seconds
+        while self.clock.now() < end_s:
+            self.clock.wait_until(self.clock.now() + 0.005)
+            self.blocks += self.device.read()
+            self.statuses += self.device.poll()
+
+    def until(self, kind: type[Status], seconds: float = 5.0) -> Any:
+        end_s = self.clock.now() + seconds
+        while not self.of(kind) and self.clock.now() < end_s:
+            self.turn(0.005)
+        return self.of(kind)[0]
+
+    def hear(self, frames: int, seconds: float = 5.0) -> None:
+        """Turn until so many frames have come."""
+        end_s = self.clock.now() + seconds
+        while sum(map(len, self.blocks)) < frames and self.clock.now() < end_s:
+            self.turn(0.005)
+
+    def listen(self, *streams: str) -> None:
+        self.device.apply(Listen("audio", frozenset(streams)))
+
+    def of(self, kind: type[Status]) -> list[Any]:
+        return [status for status in self.statuses if isinstance(status, kind)]
+
+    def phasors(self, frequency_hz: float, frames: int) -> Any:
+        """What both fingers send of a frequency, against the frames' own phase, over the last so many; full scale 1."""
+        counts = np.concatenate([block.physical for block in self.blocks])[-frames:]
+        numbers = np.concatenate([block.seq + np.arange(len(block)) for block in self.blocks])[-frames:]
+        turns = frequency_hz * (numbers % 96_000_000) / RATE_HZ % 1.0
+        return 2.0 * (counts * np.exp(-2j * np.pi * turns)[:, None]).mean(axis=0)
+
+
+class AudioContract:
+    """Subclasses give a fixture `trial` on a bench of `SteadyFingers`, at carrier level."""
+
+    def test_two_fingers_are_heard_in_24_bit_counts(self, trial: AudioTrial) -> None:
+        (info,) = trial.info.streams.values()
+        assert (info.name, info.channels, info.unit) == (FINGERS, ("right", "left"), "FS")
+        assert (info.scale, info.rate_hz) == (2.0**-23, 96_000.0)
+        assert not trial.info.mover
+        trial.listen(FINGERS)
+        trial.hear(4800)
+        assert {block.values.dtype for block in trial.blocks} == {np.dtype(np.int32)}
+        assert {(block.unit, block.scale, block.rate_hz) for block in trial.blocks} == {
+            ("FS", 2.0**-23, 96_000.0)
+        }
+
+    def test_nothing_is_sent_that_nobody_listens_to(self, trial: AudioTrial) -> None:
+        trial.turn(0.05)
+        assert trial.blocks == []
+
+    def test_blocks_follow_one_another_in_sequence_and_time(self, trial: AudioTrial) -> None:
+        trial.listen(FINGERS)
+        trial.hear(48_000)
+        assert sum(map(len, trial.blocks)) >= 48_000
+        for before, after in pairwise(trial.blocks):
+            assert after.seq == before.seq + len(before)
+            assert after.t0_s > before.t0_s
+        first, last = trial.blocks[0], trial.blocks[-1]
+        # Half a second: the clock model is still learning; 20 ms is the longest delay measured on a pty.
+        assert last.t0_s - first.t0_s == pytest.approx((last.seq - first.seq) / RATE_HZ, abs=0.02)
+        assert all(block.device_t0_s is not None and block.arrival_s is not None for block in trial.blocks)
+        # Times never turn back: what came late makes its successors late, until the clock model knows better.
+        assert all(block.last_s <= block.arrival_s + 0.02 for block in trial.blocks)
+        assert trial.of(Lost) == []
+
+    def test_a_stream_ends_when_nobody_listens_any_more_and_begins_anew(self, trial: AudioTrial) -> None:
+        trial.listen(FINGERS)
+        trial.hear(4800)
+        trial.listen()
+        trial.turn(0.1)
+        last = trial.blocks[-1]
+        trial.blocks.clear()
+        trial.turn(0.1)
+        assert trial.blocks == []
+        trial.listen(FINGERS)
+        trial.hear(4800)
+        assert trial.blocks[0].seq >= last.seq + len(last) + 0.15 * RATE_HZ, (
+            "the pause is a gap in the numbers"
+        )
+        assert trial.of(Lost) == [], "and was asked for"
+
+    @pytest.mark.parametrize("frequency_hz", [40_000.0, 39_123.457])
+    def test_the_frames_numbers_are_the_phase_reference(self, trial: AudioTrial, frequency_hz: float) -> None:
+        trial.listen(FINGERS)
+        trial.turn(0.03)
+        trial.device.apply(Tone("audio", frequency_hz, 0.5))
+        trial.turn(0.1)
+        trial.blocks.clear()
+        trial.hear(9600)
+        assert trial.phasors(frequency_hz, 9600) == pytest.approx(0.5 * np.array(GAINS), abs=1e-4)
+        assert [type(sent.command) for sent in trial.of(Sent)] == [Listen, Tone]
+
+    def test_excitation_off_is_silence(self, trial: AudioTrial) -> None:
+        trial.device.apply(TONE)
+        trial.listen(FINGERS)
+        trial.turn(0.1)
+        trial.device.apply(Excite("audio", False))
+        trial.turn(0.1)
+        trial.blocks.clear()
+        trial.hear(9600)
+        assert np.abs(np.concatenate([block.values for block in trial.blocks])).max() <= 50
+
+    def test_a_chirp_is_told_when_it_is_over(self, trial: AudioTrial) -> None:
+        trial.listen(FINGERS)
+        trial.turn(0.05)
+        trial.device.apply(Chirp("audio", 20_000.0, 46_000.0, 0.3, 0.5))
+        reached = trial.until(Reached)
+        (sent,) = [sent for sent in trial.of(Sent) if isinstance(sent.command, Chirp)]
+        assert reached.t_s - sent.t_s == pytest.approx(0.3, abs=0.05)
+        assert reached.position_m == 0.0
+
+    def test_a_chirp_that_something_newer_replaces_does_not_end(self, trial: AudioTrial) -> None:
+        trial.device.apply(Chirp("audio", 20_000.0, 46_000.0, 0.1, 0.5))
+        trial.device.apply(TONE)
+        trial.turn(0.3)
+        assert trial.of(Reached) == []
+
+    def test_a_clipped_finger_is_told_once(self, trial: AudioTrial) -> None:
+        trial.device.apply(Tone("audio", 40_000.0, 1.0))
+        trial.listen(FINGERS)
+        trial.hear(28_800)
+        assert [(one.stream, abs(one.value)) for one in trial.of(Saturated)] == [
+            (FINGERS, pytest.approx(1.0, abs=1e-6))
+        ] * 2, "both fingers, once each"
+
+    @pytest.mark.parametrize(
+        "command",
+        [
+            Home("audio"),
+            Excite("audio", True),
+            Tone("audio", math.nan, 0.5),
+            Tone("audio", 48_000.0, 0.5),
+            Tone("audio", 40_000.0, 1.1),
+            Tone("audio", 40_000.0, math.nan),
+            Chirp("audio", 20_000.0, math.inf, 1.0, 0.5),
+            Chirp("audio", 20_000.0, 40_000.0, 0.0, 0.5),
+            Chirp("audio", 20_000.0, 40_000.0, math.inf, 0.5),
+            Listen("audio", frozenset({"audio.thumb"})),
+        ],
+    )
+    def test_a_command_that_makes_no_sense_is_refused_in_one_line(
+        self, trial: AudioTrial, command: Command
+    ) -> None:
+        with pytest.raises(CommandError) as error:
+            trial.device.apply(command)
+        assert "\n" not in str(error.value)
+        assert str(error.value).startswith("audio: ")
+
+    def test_closing_twice_is_no_error(self, trial: AudioTrial) -> None:
+        trial.device.close()
+        trial.device.close()

@@ -1,0 +1,72 @@
+"""The lines between host and person, against lines written by hand."""
+
+import pytest
+
+from drivers.messages import Ask, LoadWeight
+from drivers.operator.codec import (
+    LINE_MAX,
+    Answer,
+    CodecError,
+    Hello,
+    LineDecoder,
+    Request,
+    decode,
+    encode,
+    request_of,
+)
+
+GOLDEN = [
+    (Hello("touchbench"), b'{"hello": "touchbench"}\n'),
+    (Request(3, "turn it by 90°"), '{"ask": 3, "says": "turn it by 90°"}\n'.encode()),
+    (
+        Request(4, "hang 0.50 N on bridge Fx", "x", 0.5),
+        b'{"ask": 4, "says": "hang 0.50 N on bridge Fx", "load": {"bridge": "x", "force_n": 0.5}}\n',
+    ),
+    (Answer(4, True), b'{"answer": 4, "done": true}\n'),
+    (Answer(4, False, "it broke"), b'{"answer": 4, "done": false, "reason": "it broke"}\n'),
+]
+
+
+@pytest.mark.parametrize(("message", "line"), GOLDEN)
+def test_messages_are_the_lines_of_the_page_both_ways(message, line):
+    assert encode(message) == line
+    assert decode(line) == message
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"done", b"{}", b"[1]", b'{"answer": "4", "done": true}', b'{"answer": 4}', b"\xff\xfe", b"[" * 9999],
+)
+def test_what_is_no_message_is_an_error(line):
+    with pytest.raises(CodecError):
+        decode(line)
+
+
+def test_the_decoder_puts_lines_together_and_goes_on_after_noise():
+    decoder = LineDecoder()
+    stream = b"".join(line for _, line in GOLDEN)
+    heard = [message for byte in stream for message in decoder.feed(bytes([byte]))]
+    assert heard == [message for message, _ in GOLDEN]
+    assert decoder.feed(b"noise\n\r\n" + GOLDEN[3][1]) == [Answer(4, True)]
+    assert decoder.malformed == 1
+
+
+def test_a_line_without_end_does_not_fill_the_memory():
+    decoder = LineDecoder()
+    assert decoder.feed(b"x" * (LINE_MAX + 1)) == []
+    assert decoder.malformed == 1
+    assert decoder.feed(GOLDEN[3][1]) == [Answer(4, True)]
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (LoadWeight("operator", "x", 0.5), "hang 0.50 N on bridge Fx"),
+        (LoadWeight("operator", "t", 0.05), "hang 0.050 N on bridge Ft"),
+        (LoadWeight("operator", "y", 7.0), "hang 7.00 N on bridge Fy"),
+        (LoadWeight("operator", "y", 0.0), "take every weight off"),
+        (Ask("operator", "shut the door"), "shut the door"),
+    ],
+)
+def test_a_request_is_put_into_words(command, says):
+    assert request_of(1, command).says == says

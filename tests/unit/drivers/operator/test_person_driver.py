@@ -1,0 +1,121 @@
+"""The person on the console: what is asked, what an answer becomes; no terminal, no time."""
+
+import io
+import math
+
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.errors import CommandError, PortError
+from drivers.messages import Answered, Ask, Home, Listen, Loaded, LoadWeight, Refused, Sent
+from drivers.operator.driver import Person, PersonSettings
+from drivers.protocols import Asking
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def person(monkeypatch):
+    monkeypatch.setattr("sys.stdin", Terminal())
+    clock = VirtualClock()
+    person = Person("operator", PersonSettings(), clock)
+    person.open()
+    person.clock = clock
+    return person
+
+
+def test_the_console_sees_a_device_that_asks(person):
+    assert isinstance(person, Asking)
+    assert person.question is None
+
+
+def test_a_weight_is_asked_for_in_words_and_loaded_when_enter_says_so(person):
+    person.apply(Listen("operator", frozenset({"operator.load"})))
+    command = LoadWeight("operator", "x", 0.5)
+    person.apply(command)
+    number, text = person.question
+    assert text == "hang 0.50 N on bridge Fx, then press Enter (n and Enter: it cannot be done)"
+    assert person.poll() == [Sent(0.0, "operator", command)]
+    person.clock.wait_until(7.0)
+    person.answer(number, done=True)
+    (block,) = person.read()
+    assert (block.stream, block.times.tolist(), block.values.tolist()) == (
+        "operator.load",
+        [7.0],
+        [[0.5, 0.0, 0.0]],
+    )
+    assert person.poll() == [Loaded(7.0, "operator", "x", 0.5)]
+    assert person.question is None
+
+
+def test_a_request_in_words_is_answered(person):
+    person.apply(Ask("operator", "shut the door"))
+    person.answer(person.question.number, done=True)
+    assert person.poll()[-1] == Answered(0.0, "operator", "shut the door")
+
+
+def test_no_is_a_refusal(person):
+    command = LoadWeight("operator", "t", 1.0)
+    person.apply(command)
+    person.answer(person.question.number, done=False)
+    assert person.poll()[-1] == Refused(0.0, "operator", command, "the person says no")
+
+
+def test_an_answer_to_a_question_that_was_replaced_counts_for_nothing(person):
+    person.apply(LoadWeight("operator", "x", 0.5))
+    old = person.question.number
+    person.apply(LoadWeight("operator", "x", 0.5))
+    assert person.question.number != old, "the same words, another question"
+    person.answer(old, done=True)
+    assert not [status for status in person.poll() if isinstance(status, Loaded)]
+    assert person.question is not None
+
+
+def test_loads_are_numbered_whether_somebody_listens_or_not(person):
+    for listened in (frozenset(), frozenset({"operator.load"})):
+        person.apply(Listen("operator", listened))
+        person.apply(LoadWeight("operator", "y", 1.0))
+        person.answer(person.question.number, done=True)
+    (block,) = person.read()
+    assert block.seq == 1
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        LoadWeight("operator", "x", 10.5),
+        LoadWeight("operator", "t", 1.6),
+        LoadWeight("operator", "x", -0.1),
+        LoadWeight("operator", "x", math.nan),
+        LoadWeight("operator", "z", 1.0),
+        Ask("operator", " "),
+        Home("operator"),
+        LoadWeight("board", "x", 1.0),
+    ],
+)
+def test_what_the_sensor_does_not_bear_or_a_person_cannot_do_is_refused_in_one_line(person, command):
+    with pytest.raises(CommandError) as error:
+        person.apply(command)
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith("operator: ")
+    assert person.question is None
+
+
+def test_without_a_terminal_nobody_can_answer_and_open_says_so(monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with pytest.raises(
+        PortError, match="standard input is no terminal while opening the console; run it in a terminal"
+    ):
+        Person("operator", PersonSettings(), VirtualClock()).open()
+
+
+def test_after_close_nothing_is_asked(person):
+    person.apply(LoadWeight("operator", "x", 0.5))
+    person.close()
+    person.close()
+    assert person.question is None
+    with pytest.raises(PortError, match="open it first"):
+        person.apply(LoadWeight("operator", "x", 0.5))
