@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from behaviors.events import Detected
 from drivers.messages import SampleBlock
@@ -26,3 +26,11 @@ class Detector(Protocol):
 
     def reset(self) -> None:
         """Forget everything, as on the day it was made."""
+
+
+@runtime_checkable
+class Compiled(Protocol):
+    """A detector or signal whose numerics are compiled code."""
+
+    def warm_up(self) -> None:
+        """Let it load, or compile on first use; leaves the detector as on the day it was made."""

@@ -1,0 +1,357 @@
+"""Contact by the level of a finger's envelope: the paper's z-score, and jumps off the circle that stay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, Strict, field_validator
+
+from behaviors.events import Contact, ContactHeld, ContactLost, Detected
+from controller.signals.along import Along, Heard, as_complex, silence
+from drivers.messages import SampleBlock
+from drivers.settings import Settings
+
+if TYPE_CHECKING:
+    from controller.signals.level import Search, Steps, Window
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+AHEAD = (1.0, 0.0, 0.0)
+"""These detectors hear no encoder, so no direction matters."""
+
+
+class LevelPaperSettings(Settings):
+    """The paper's criterion, with what it does not print as settings."""
+
+    input: str = "signals.right"
+    """Envelope of one finger, full scales, at a fixed rate; its first channel, the in-phase one, is used."""
+
+    window_s: float = Field(default=2.0, gt=0.0, le=600.0)
+    """Samples that mean and standard deviation are taken of, s. Not printed."""
+
+    threshold: float = Field(default=6.0, gt=0.0, le=1e6)
+    """gamma, standard deviations. Not printed ("heuristically set"); with 3, noise alone is contact 3 times in a
+    second at 1 kHz."""
+
+    hold_s: float = Field(default=0.1, gt=0.0, le=600.0)
+    """After so long above it contact is said to persist, s. Not printed; in a window of 2 s contact is forgotten after
+    0.2 s at gamma 3, and sooner at more."""
+
+
+class LevelPaperDetector:
+    """Contact while a sample is farther from its own window's mean than some of the window's standard deviations.
+
+    |z| of the newest of n samples is at most (n - 1) / sqrt(n), and that of a level which fills the share p of the
+    window sqrt((1 - p) / p): with gamma 3 no window of 10 samples or fewer ever says anything, and a contact that lasts
+    a tenth of the window is forgotten; its end is then said to be a contact as well. That is the paper's criterion,
+    kept as it is.
+
+    It says `Contact` above gamma, `ContactHeld` once after `hold_s`, `ContactLost` below; nothing until the window is
+    full. A gap begins the window anew; values that are not finite are left out.
+
+    Reference: S. Rupavatharam, C. Escobedo et al., "SonicFinger: Pre-touch and Contact Detection Tactile Sensor for
+    Reactive Pregrasping", section III.E.
+
+    Example:
+        >>> detector = LevelPaperDetector("touch", LevelPaperSettings(window_s=0.1, threshold=4.0))
+        >>> level = np.where(np.arange(300) < 200, 0.01, 0.02)[:, None] + 1e-5 * np.sin(np.arange(300))[:, None]
+        >>> said = detector.push(SampleBlock("signals.right", 0, 0.0, level, rate_hz=1000.0))
+        >>> [(type(event).__name__, event.t_s) for event in said]
+        [('Contact', 0.2), ('ContactLost', 0.205)]
+    """
+
+    def __init__(self, name: str, settings: LevelPaperSettings) -> None:
+        self.name = name
+        self.settings = settings
+        self.inputs = (settings.input,)
+        self._along = Along(settings.input, None, AHEAD, "waiting for contact")
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget window and contact."""
+        self._along.reset()
+        self._window: Window | None = None
+        self._touching = False
+        self._lasted = 0
+
+    def warm_up(self) -> None:
+        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
+        LevelPaperDetector(self.name, self.settings)._hear(silence(), 1000.0)
+
+    def push(self, block: SampleBlock) -> Sequence[Detected]:
+        """Hear the next samples.
+
+        Raises:
+            ValueError: samples at irregular times.
+        """
+        heard = self._along.push(block)
+        rate_hz = self._along.rate_hz
+        if not len(heard.times_s) or rate_hz is None:
+            return []
+        scores = np.abs(self._hear(heard, rate_hz))
+        hold = max(1, round(self.settings.hold_s * rate_hz))
+        events: list[Detected] = []
+        above = scores > self.settings.threshold  # NaN is not
+        known = ~np.isnan(scores)
+        first = 0 if self._touching else int(np.argmax(above))
+        if self._touching or above.any():
+            events = self._from(first, heard, scores, above, known, hold)
+        return events
+
+    def _from(
+        self,
+        first: int,
+        heard: Heard,
+        scores: Floats,
+        above: NDArray[np.bool_],
+        known: NDArray[np.bool_],
+        hold: int,
+    ) -> list[Detected]:
+        """What there is to say from the first sample on that can change anything."""
+        events: list[Detected] = []
+        for i in range(first, len(scores)):
+            if not known[i]:
+                continue
+            kind: type[Detected] | None = None
+            if above[i] != self._touching:
+                self._touching, self._lasted = bool(above[i]), 0
+                kind = Contact if self._touching else ContactLost
+            elif self._touching:
+                self._lasted += 1
+                kind = ContactHeld if self._lasted == hold else None
+            if kind is not None:
+                t_s, threshold = float(heard.times_s[i]), self.settings.threshold
+                events.append(kind(t_s, self.name, float(scores[i]), threshold))
+        return events
+
+    def statistic(self, values: Floats, rate_hz: float) -> Floats:
+        """|z| after each sample, NaN until the window is full, shape (n,); the first column is used."""
+        twin = LevelPaperDetector(self.name, self.settings)
+        z = values[:, 0].astype(np.complex128)
+        heard = Heard(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
+        found: Floats = np.abs(twin._hear(heard, rate_hz))
+        return found
+
+    def _hear(self, heard: Heard, rate_hz: float) -> Floats:
+        from controller.signals.level import window, z_scores
+
+        if self._window is None:
+            self._window = window(max(2, round(self.settings.window_s * rate_hz)))
+        scores = np.empty(len(heard.z))
+        z_scores(self._window, np.ascontiguousarray(heard.z.real), heard.missing, scores)
+        return scores
+
+
+class LevelSettings(Settings):
+    """The detector that looks for a jump after which the level stays. Times in seconds hold at any sample rate."""
+
+    input: str = "signals.right"
+    """Envelope of one finger: I and Q, full scales, at a fixed rate."""
+
+    threshold: float | None = Field(default=None, gt=0.0, le=1e9)
+    """Jump that is contact, in root mean squares of what jumps there are otherwise. None: what white Gaussian noise
+    reaches once in `false_alarm_interval_s`, and no less than `least_threshold`. Better calibrate it on approaches
+    without contact."""
+
+    false_alarm_interval_s: float = Field(default=3600.0, gt=1.0, le=1e9)
+    """Mean time between false alarms in white Gaussian noise, where no threshold is given, s."""
+
+    least_threshold: float = Field(default=7.0, gt=0.0, le=1e9)
+    """The least that `false_alarm_interval_s` may ask for. A noise that comes at once, when an arm sets out, is not
+    Gaussian: chosen on simulated approaches, of which some 1 % reach it without contact (benchmarks/pretouch)."""
+
+    spans_s: Annotated[tuple[float, ...], Strict(False)] = (0.004, 0.008, 0.016)
+    """Lengths over which a jump is looked for, s, growing. Assumption: a finger's foam takes its first load within
+    milliseconds; an undulation at 0.03 m/s bends by a tenth of its amplitude in 16 ms."""
+
+    settle_s: float = Field(default=0.5, gt=0.0, le=10.0)
+    """How long after a jump the level may take to settle, s. Assumption: a gripper reaches its force sooner."""
+
+    stay_s: float = Field(default=0.06, gt=0.0, le=10.0)
+    """How long it must then have stayed before contact is said, s. Assumption: an undulation at 0.01 m/s turns by 50
+    degrees."""
+
+    rise_s: float = Field(default=0.06, ge=0.0, le=10.0)
+    """How late the scales hear of a jump, s, so that one that rises slowly is not held against itself. Assumption: a
+    finger at 0.01 m/s has pressed its foam by 0.6 mm."""
+
+    flat: float = Field(default=0.1, gt=0.0, le=1.0)
+    """How little it may change in that time, as a share of the step. What changes steadily since the jump is never
+    as flat."""
+
+    scale_s: float = Field(default=0.5, gt=0.0, le=600.0)
+    """Memory of what jumps there are otherwise, s. Assumption: an undulation at 0.01 m/s."""
+
+    fast_scale_s: float = Field(default=0.04, gt=0.0, le=600.0)
+    """A second, faster one: when an arm sets out its noise comes at once. The larger scale counts."""
+
+    learn_s: float = Field(default=0.3, gt=0.0, le=600.0)
+    """Time after a reset that makes the level at rest, s; the finger stands still in it, or far from everything."""
+
+    drift_fs_s: float = Field(default=5e-5, ge=0.0, le=1.0)
+    """How fast the level at rest may drift, full scales a second. Assumption: a thousandth of what a touch does."""
+
+    drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)
+    """Frequency of the aura (III.A: 40 kHz)."""
+
+    sound_m_s: float = Field(default=343.2, gt=100.0, le=1000.0)
+    """Speed of sound: air at 20 degrees."""
+
+    acceleration_m_s2: float = Field(default=0.5, ge=0.0, le=100.0)
+    """How hard the mover accelerates and brakes: what it can make of an undulation is no touch."""
+
+    end_s: float = Field(default=0.015, gt=0.0, le=10.0)
+    """How long half the step must be gone before contact is over, s."""
+
+    hold_s: float = Field(default=0.5, gt=0.0, le=600.0)
+    """After so long contact is said to persist, s."""
+
+    follow_s: float = Field(default=2.0, gt=0.0, le=3600.0)
+    """How fast the level in contact is followed, by a third of the step at most, s: drift."""
+
+    max_gap_s: float = Field(default=0.004, ge=0.0, le=1.0)
+    """Bad samples that are bridged, s; after more, and after lost ones, no level is compared with one from before."""
+
+    @field_validator("spans_s")
+    @classmethod
+    def _growing(cls, spans_s: tuple[float, ...]) -> tuple[float, ...]:
+        if not spans_s or min(spans_s) <= 0.0 or list(spans_s) != sorted(set(spans_s)):
+            raise ValueError("positive lengths, each longer than the one before it, at least one")
+        return spans_s
+
+
+class LevelDetector:
+    """Contact when I and Q leave the circle on which an undulation turns, and stay where they are.
+
+    About the level at rest an undulation turns steadily. At each length of `spans_s` its turning is measured over the
+    last spans and continued; the distance of what came from what was to come is the jump. It is held against the root
+    mean square of earlier jumps of that length, and against what a mover that brakes can do: that turns the wave less
+    than foretold but leaves its size. Then the level must stay: within `settle_s` of the jump there must be `stay_s` in
+    which all thirds are near their mean, measured by the change since before the jump, and which is not merely a piece
+    of a steady change since then. Where a motion begins there is a jump as well, but nothing stays.
+
+    `Contact` comes when the level has stayed; `ContactHeld` once, after `hold_s`; `ContactLost` when half of the step
+    has been back for `end_s`. The step is kept for as long as the contact lasts: nothing is forgotten. A slow drift in
+    contact is followed by a third of the step at most, so that a contact that goes slowly is seen to go. The level at
+    rest is the mean of the first `learn_s` and follows drift, no faster than `drift_fs_s`, while there is no contact.
+    `value` is the jump in scales, at the end the share of the step that is left.
+
+    What it cannot see: a contact that comes more slowly than an undulation does, one that changes the level by less
+    than braking does, and one that begins within a gap.
+
+    Args:
+        name: In the profile.
+        settings: Of the detector.
+
+    Example:
+        >>> detector = LevelDetector("touch", LevelSettings())
+        >>> noise = 1e-5 * np.random.default_rng(1).standard_normal((3000, 2))
+        >>> level = np.where((np.arange(3000) < 1000) | (np.arange(3000) >= 2000), 0.01, 0.02)[:, None] + noise
+        >>> said = detector.push(SampleBlock("signals.right", 0, 0.0, level, rate_hz=1000.0))
+        >>> [type(event).__name__ for event in said]
+        ['Contact', 'ContactHeld', 'ContactLost']
+    """
+
+    def __init__(self, name: str, settings: LevelSettings) -> None:
+        self.name = name
+        self.settings = settings
+        self.inputs = (settings.input,)
+        self._along = Along(settings.input, None, AHEAD, "waiting for contact")
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget levels, scales and contact."""
+        self._along.reset()
+        self._steps: Steps | None = None
+        self._search: Search | None = None
+
+    def warm_up(self) -> None:
+        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
+        LevelDetector(self.name, self.settings)._hear(silence(), 1000.0, self.threshold)
+
+    @property
+    def threshold(self) -> float:
+        """What a jump is held against, in scales."""
+        settings = self.settings
+        if settings.threshold is not None:
+            return settings.threshold
+        # |jump|^2 over its mean is exponential; a new one about once in each span
+        looks = settings.false_alarm_interval_s * sum(1.0 / span_s for span_s in settings.spans_s)
+        return max(settings.least_threshold, math.sqrt(math.log(looks)))
+
+    def push(self, block: SampleBlock) -> Sequence[Detected]:
+        """Hear the next samples.
+
+        Raises:
+            ValueError: samples at irregular times.
+        """
+        heard = self._along.push(block)
+        if not len(heard.times_s) or self._along.rate_hz is None:
+            return []
+        threshold = self.threshold
+        scores, said = self._hear(heard, self._along.rate_hz, threshold)
+        events: list[Detected] = []
+        for i in np.flatnonzero(said).tolist():
+            kind = (Contact, ContactHeld, ContactLost)[said[i] - 1]
+            events.append(kind(float(heard.times_s[i]), self.name, float(scores[i]), threshold))
+        return events
+
+    def statistic(self, values: Floats, rate_hz: float) -> Floats:
+        """The jump after which the level stays, in scales, 0 where there is none, NaN while it learns, shape (n,).
+
+        Args:
+            values: I and Q, or I alone, shape (n, channels). Without contact: nothing here is taken for one.
+            rate_hz: Of both.
+        """
+        twin = LevelDetector(self.name, self.settings)
+        z = as_complex(values)
+        heard = Heard(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
+        found = twin._hear(heard, rate_hz, math.inf)[0]
+        learnt = found[round(self.settings.learn_s * rate_hz) :]
+        learnt[np.isnan(learnt)] = 0.0
+        return found
+
+    def _hear(self, heard: Heard, rate_hz: float, threshold: float) -> tuple[Floats, Ints]:
+        from controller.signals.level import find_steps, search
+
+        if self._steps is None or self._search is None:
+            self._steps = self._constants(rate_hz)
+            self._search = search(self._steps)
+        scores, said = np.empty(len(heard.z)), np.empty(len(heard.z), np.int64)
+        find_steps(self._steps, self._search, threshold, heard.z, heard.missing, scores, said)
+        return scores, said
+
+    def _constants(self, rate_hz: float) -> Steps:
+        from controller.signals.level import Steps
+
+        settings = self.settings
+
+        def samples(length_s: float) -> int:
+            return max(1, round(length_s * rate_hz))
+
+        spans = np.array(sorted({samples(span_s) for span_s in settings.spans_s}), dtype=np.int64)
+        hops = np.maximum(1, spans // 2)
+        kappa_rad_m = 4.0 * math.pi * settings.drive_hz / settings.sound_m_s
+        memories = np.array([settings.scale_s, settings.fast_scale_s]) * rate_hz
+        return Steps(
+            spans=spans,
+            hops=hops,
+            # in two spans a mover that brakes falls behind by a t^2 / 2, and the wave by 2 k times that
+            bends=np.asarray(0.5 * kappa_rad_m * settings.acceleration_m_s2 * (2.0 * spans / rate_hz) ** 2),
+            keeps=np.exp(-hops[:, None] / memories),
+            delays=np.maximum(3 * spans, samples(settings.rise_s)) // hops,
+            settle=samples(settings.settle_s),
+            third=samples(settings.stay_s / 3.0),
+            flat=settings.flat,
+            learn=samples(settings.learn_s),
+            drift_fs=settings.drift_fs_s / rate_hz,
+            end=samples(settings.end_s),
+            hold=samples(settings.hold_s),
+            keep_level=math.exp(-1.0 / (settings.follow_s * rate_hz)),
+            patience=round(settings.max_gap_s * rate_hz),
+        )

@@ -1,0 +1,214 @@
+"""Pre-touch by a matched filter along the way: the envelope's I and Q beside the mover's own encoder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, Strict, field_validator
+
+from behaviors.events import Detected, PreTouch, PreTouchLost
+from controller.signals.along import Along, Heard, as_complex, silence
+from drivers.messages import SampleBlock
+from drivers.settings import Settings
+
+if TYPE_CHECKING:
+    from controller.signals.undulation import Fit, Way
+
+Floats = NDArray[np.float64]
+Direction = Annotated[tuple[float, float, float], Strict(False)]
+
+CELLS_PER_TURN = 16
+"""Cells in each half wavelength: a mean over one takes 0.6 % of the wave away."""
+
+
+class PreTouchSettings(Settings):
+    """What the matched filter looks for. Lengths in metres: they hold at any speed and sample rate."""
+
+    input: str = "signals.right"
+    """Envelope of one finger: I and Q, full scales, at a fixed rate."""
+
+    position_input: str = "arm.position"
+    """The mover's encoder: a position (m), or a pose whose first three values are a place (m)."""
+
+    direction: Direction = (1.0, 0.0, 0.0)
+    """Along which a pose is measured, in its own frame; a position has its direction already."""
+
+    drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)
+    """Frequency of the aura (Rupavatharam et al., III.A: 40 kHz)."""
+
+    sound_m_s: float = Field(default=343.2, gt=100.0, le=1000.0)
+    """Speed of sound: air at 20 degrees. A few per cent make no difference."""
+
+    obliquity: Annotated[tuple[float, ...], Strict(False)] = (1.0,)
+    """Cosines of the angles between the way and the line to the object that are looked for, toward it and away from
+    it. 1 alone finds what is straight ahead or behind."""
+
+    memory_m: float = Field(default=0.008, gt=0.0, le=1.0)
+    """Distance after which a sample counts for 1/e. Assumption: two undulations at 40 kHz; an echo that grows by two
+    in that distance is seen no worse for it."""
+
+    least_m: float = Field(default=0.005, gt=0.0, le=1.0)
+    """Way to go before anything is said. Assumption: a little more than one undulation at 40 kHz."""
+
+    threshold: float = Field(default=18.0, gt=0.0, le=1e12)
+    """F ratio that means pre-touch: what the wave explains over what it leaves, each for one degree of freedom.
+    Calibrate it on motion before nothing."""
+
+    release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
+    """Share of the threshold below which the object is lost."""
+
+    level_fs: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Amplitude of the wave (times `gain`) that pre-touch needs beside it, full scales; 0 asks for none. An amplitude
+    belongs to a distance: with it two fingers speak at the same one, which is what centering needs."""
+
+    gain: float = Field(default=1.0, gt=0.0, le=1e3)
+    """By which this finger's amplitude is multiplied before it is held against `level_fs`: calibrates fingers that are
+    not alike."""
+
+    pause_s: float = Field(default=5.0, gt=0.0, le=3600.0)
+    """After standing still for so long the fit begins anew. Assumption: the bridge's offset drifts little in it."""
+
+    max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    """The same for lost or unusable samples."""
+
+    @field_validator("direction")
+    @classmethod
+    def _some_direction(cls, direction: Direction) -> Direction:
+        if not any(direction):
+            raise ValueError("a direction has a length; give it one other than 0")
+        return direction
+
+    @field_validator("obliquity")
+    @classmethod
+    def _some_angle(cls, obliquity: tuple[float, ...]) -> tuple[float, ...]:
+        if not obliquity or not all(0.0 < cosine <= 1.0 for cosine in obliquity):
+            raise ValueError("cosines between 0 (not itself) and 1, at least one")
+        return obliquity
+
+    @property
+    def undulation_m(self) -> float:
+        """Way that turns the wave once around: half a wavelength."""
+        return 0.5 * self.sound_m_s / self.drive_hz
+
+
+class PreTouchDetector:
+    """Pre-touch while a wave of the reflected sound's wavelength is in the envelope along the way.
+
+    Amplitude, phase, decay, offset and slow drift are unknown to it and fitted; of what the fit leaves, it learns the
+    noise. It says `PreTouch` at the sample that completes the first cell (a sixteenth of an undulation) whose F ratio
+    is above the threshold, and `PreTouchLost` at the first one below `release_ratio` of it; `value` is the ratio.
+    Standing still tells nothing, so nothing is said. One bad sample, or a gap, costs a cell; a jump of the level, as at
+    contact, begins the fit anew and leaves the last word standing until the way is long enough again.
+
+    It hears two streams, and speaks of a time when both have reached it.
+
+    Args:
+        name: In the profile.
+        settings: Of the detector.
+
+    Example:
+        >>> detector = PreTouchDetector("near", PreTouchSettings())
+        >>> detector.inputs
+        ('signals.right', 'arm.position')
+    """
+
+    def __init__(self, name: str, settings: PreTouchSettings) -> None:
+        self.name = name
+        self.settings = settings
+        self.inputs = (settings.input, settings.position_input)
+        self._along = Along(
+            settings.input, settings.position_input, settings.direction, "detecting pre-touch"
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was near, and the way here."""
+        self._along.reset()
+        self._way: Way | None = None
+        self._fit: Fit | None = None
+        self._near = False
+
+    def warm_up(self) -> None:
+        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
+        PreTouchDetector(self.name, self.settings)._hear(silence(), 1000.0)
+
+    def push(self, block: SampleBlock) -> Sequence[Detected]:
+        """Hear the next samples of either stream.
+
+        Raises:
+            ValueError: an envelope at irregular times.
+        """
+        heard = self._along.push(block)
+        if not len(heard.times_s) or self._along.rate_hz is None:
+            return []
+        ratios, amplitudes_fs = self._hear(heard, self._along.rate_hz)
+        events: list[Detected] = []
+        settings = self.settings
+        for i in np.flatnonzero(np.isfinite(ratios)).tolist():
+            ratio, size_fs = float(ratios[i]), settings.gain * float(amplitudes_fs[i])
+            share = settings.release_ratio if self._near else 1.0
+            near = ratio > share * settings.threshold and size_fs >= share * settings.level_fs
+            if near != self._near:
+                self._near = near
+                kind = PreTouch if near else PreTouchLost
+                t_s, position_m = float(heard.times_s[i]), float(heard.position_m[i])
+                events.append(kind(t_s, self.name, ratio, settings.threshold, position_m))
+        return events
+
+    def statistic(self, values: Floats, rate_hz: float) -> Floats:
+        """F ratio at the samples that complete a cell, NaN elsewhere, shape (n,).
+
+        Args:
+            values: I, Q and the mover's position in metres, shape (n, 3).
+            rate_hz: Of all three.
+
+        Raises:
+            ValueError: there are not three columns.
+        """
+        if values.ndim != 2 or values.shape[1] != 3:
+            raise ValueError(
+                "pretouch: a recording of I, Q and the mover's position (m), three columns, is needed to calibrate it"
+            )
+        return self.traced(as_complex(values[:, :2]), values[:, 2], rate_hz)[0]
+
+    def traced(self, z: NDArray[np.complex128], position_m: Floats, rate_hz: float) -> tuple[Floats, Floats]:
+        """F ratio and amplitude (full scales) of a whole recording from its first sample, shape (n,) each; the
+        detector itself hears nothing of it."""
+        twin = PreTouchDetector(self.name, self.settings)
+        heard = Heard(np.empty(0), z, position_m, np.zeros(len(z), np.int64))
+        return twin._hear(heard, rate_hz)
+
+    def _hear(self, heard: Heard, rate_hz: float) -> tuple[Floats, Floats]:
+        from controller.signals.undulation import fit, undulate
+
+        if self._way is None or self._fit is None:
+            self._way = self._constants(rate_hz)
+            self._fit = fit(self._way)
+        ratios, amplitudes_fs = np.empty(len(heard.z)), np.empty(len(heard.z))
+        undulate(self._way, self._fit, heard.z, heard.position_m, heard.missing, ratios, amplitudes_fs)
+        return ratios, amplitudes_fs
+
+    def _constants(self, rate_hz: float) -> Way:
+        from controller.signals.undulation import Way
+
+        settings = self.settings
+        kappa_rad_m = 2.0 * math.pi / settings.undulation_m
+        cosines = np.array(settings.obliquity, dtype=np.float64)
+        return Way(
+            kappa_rad_m=kappa_rad_m * np.concatenate((cosines, -cosines)),
+            cell_m=settings.undulation_m / CELLS_PER_TURN,
+            memory_m=settings.memory_m,
+            least_m=settings.least_m,
+            longest=max(1, round(LONGEST_CELL_S * rate_hz)),
+            pause=max(1, round(settings.pause_s * rate_hz)),
+            patience=max(1, round(settings.max_gap_s * rate_hz)),
+        )
+
+
+LONGEST_CELL_S = 0.5
+"""Time over which a cell averages at most, s: a mover that creeps is not asked where the offset was long ago.
+Assumption."""

@@ -1,0 +1,164 @@
+"""Contact from a force that rises above its level at rest: what tells a hand that it has come to the table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, Strict
+
+from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
+from drivers.messages import SampleBlock
+from drivers.settings import Settings
+
+Floats = NDArray[np.float64]
+
+
+class ForceThresholdSettings(Settings):
+    """When a force is called contact."""
+
+    input: str = "board.fingertip"
+    """Stream of the force sensor; it needs a rate."""
+
+    channels: Annotated[tuple[int, ...], Strict(False)] | None = None
+    """Which of its channels; None hears all of them."""
+
+    baseline_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    """Time over which the level at rest is taken, from the first sample on, s."""
+
+    average_s: float = Field(default=0.02, gt=0.0, le=10.0)
+    """Length of the running mean that is held against the threshold, s. Assumption: shorter than anyone's reaction,
+    long enough to quiet an arm's own force sensor."""
+
+    threshold: float = Field(default=0.3, gt=0.0, le=1e6)
+    """Distance from the level at rest that means contact, in the input's unit; that of the vector where several
+    channels are heard."""
+
+    release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
+    """Share of the threshold below which the contact has ended."""
+
+
+class ForceThresholdDetector:
+    """Contact while the running mean is farther from the baseline than a threshold.
+
+    It says `BaselineReady` once the level at rest is known (`value`: how far a running mean was from it at most),
+    `BaselineRefused` where a value was not finite, then `Contact` and `ContactLost` in turn. A gap begins a new
+    running mean; samples that are not finite are left out of it.
+
+    Args:
+        name: In the profile.
+        settings: Of the detector.
+
+    Example:
+        >>> detector = ForceThresholdDetector("touch", ForceThresholdSettings(baseline_s=0.1))
+        >>> force_n = np.concatenate([np.zeros(200), np.ones(50)])[:, None]
+        >>> [round(e.t_s, 3) for e in detector.push(SampleBlock("board.fingertip", 0, 0.0, force_n, rate_hz=1000.0))]
+        [0.099, 0.206]
+    """
+
+    def __init__(self, name: str, settings: ForceThresholdSettings) -> None:
+        self.name = name
+        self.settings = settings
+        self.inputs = (settings.input,)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget level and contact."""
+        self._waiting: Floats | None = None
+        self._level: Floats | None = None
+        self._refused = False
+        self._next_seq: int | None = None
+        self._tail: Floats | None = None
+        self._touching = False
+
+    def push(self, block: SampleBlock) -> Sequence[Detected]:
+        """Hear the next samples.
+
+        Raises:
+            ValueError: samples at irregular times, or channels that are not there.
+        """
+        rate_hz, values = self._chosen(block)
+        if block.seq != self._next_seq:
+            self._tail = None
+        self._next_seq = block.seq + len(block)
+        if self._refused:
+            return []
+        events: list[Detected] = []
+        first = 0
+        if self._level is None:
+            first, learnt = self._learn(values, block.times, rate_hz)
+            events += learnt
+        if self._level is not None and first < len(values):
+            events += self._follow(self._level, values[first:], block.times[first:], rate_hz)
+        return events
+
+    def _chosen(self, block: SampleBlock) -> tuple[float, Floats]:
+        if block.rate_hz is None:
+            raise ValueError(
+                f"{block.stream}: samples at irregular times while waiting for contact; give it a stream with a rate"
+            )
+        values, wanted = block.physical, self.settings.channels
+        if wanted is None:
+            return block.rate_hz, values
+        if not wanted or max(wanted) >= values.shape[1] or min(wanted) < 0:
+            raise ValueError(
+                f"{block.stream}: channels {list(wanted)} while waiting for contact: it has {values.shape[1]};"
+                " count from 0"
+            )
+        return block.rate_hz, values[:, list(wanted)]
+
+    def _learn(self, values: Floats, times_s: Floats, rate_hz: float) -> tuple[int, list[Detected]]:
+        """Collect the baseline; returns how many samples it took, and what there is to say."""
+        wanted = max(1, round(self.settings.baseline_s * rate_hz))
+        had = self._waiting if self._waiting is not None else np.empty((0, values.shape[1]))
+        taken = min(wanted - len(had), len(values))
+        self._waiting = np.concatenate([had, values[:taken]])
+        if len(self._waiting) < wanted:
+            return taken, []
+        t_s, threshold = float(times_s[taken - 1]), self.settings.threshold
+        if not np.isfinite(self._waiting).all():
+            self._refused = True
+            reason = "a value of the baseline is not finite"
+            return taken, [BaselineRefused(t_s, self.name, math.nan, threshold, reason)]
+        self._level = self._waiting.mean(axis=0)
+        size = min(self._size(rate_hz), wanted)
+        means = _running(self._waiting, size)
+        worst = float(np.linalg.norm(means - self._level, axis=1).max())
+        self._waiting = None
+        return taken, [BaselineReady(t_s, self.name, worst, threshold)]
+
+    def _follow(self, level: Floats, values: Floats, times_s: Floats, rate_hz: float) -> list[Detected]:
+        size, settings = self._size(rate_hz), self.settings
+        tail = self._tail if self._tail is not None else np.empty((0, values.shape[1]))
+        finite = np.isfinite(values).all(axis=1)
+        values, times_s = values[finite], times_s[finite]
+        joined = np.concatenate([tail, values])
+        self._tail = joined[max(0, len(joined) - size + 1) :] if size > 1 else joined[:0]
+        if len(joined) < size:
+            return []
+        distances = np.linalg.norm(_running(joined, size) - level, axis=1)
+        times_s = times_s[len(times_s) - len(distances) :]
+        events: list[Detected] = []
+        deciding = (distances > settings.threshold) | (
+            distances <= settings.release_ratio * settings.threshold
+        )
+        for i in np.flatnonzero(deciding):
+            if (distances[i] > settings.threshold) != self._touching:
+                self._touching = not self._touching
+                kind = Contact if self._touching else ContactLost
+                events.append(kind(float(times_s[i]), self.name, float(distances[i]), settings.threshold))
+        return events
+
+    def _size(self, rate_hz: float) -> int:
+        return max(1, round(self.settings.average_s * rate_hz))
+
+
+def _running(values: Floats, size: int) -> Floats:
+    """Means of `size` values in a row, shape (n - size + 1, channels); the same to the bit however they are cut."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=0)
+    # one sum for each window, in the same order each time: a cumulative sum would depend on where it began
+    means: Floats = np.ascontiguousarray(windows).sum(axis=-1) / size
+    return means

@@ -1,0 +1,250 @@
+"""What is done to every frame of a carrier. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+ANY_ORDER: Final = {"reassoc", "contract"}
+"""For sums that are exact: their order is the compiler's."""
+
+
+@njit(cache=True, nogil=True)
+def take_counts(counts, start, n, channel, work, fill):  # type: ignore[no-untyped-def]
+    """Copy one channel of int32 frames, shape (frames, channels), to `work` from `fill` on."""
+    for i in range(n):
+        work[fill + i] = counts[start + i, channel]
+
+
+@njit(cache=True, nogil=True)
+def take_packed(packed, start, n, channel, work, fill):  # type: ignore[no-untyped-def]
+    """The same of packed little-endian 24-bit counts, uint8, shape (frames, 3 channels)."""
+    for i in range(n):
+        low = np.uint32(packed[start + i, 3 * channel])
+        middle = np.uint32(packed[start + i, 3 * channel + 1])
+        high = np.uint32(packed[start + i, 3 * channel + 2])
+        # at the top of a word; the arithmetic shift brings them down with their sign
+        work[fill + i] = np.int32((low << 8) | (middle << 16) | (high << 24)) >> 8
+
+
+@njit(cache=True, nogil=True)
+def peak(counts, channel):  # type: ignore[no-untyped-def]
+    """Farthest count of one channel from zero, negative ones less by one: 2^23 - 1 is full scale either way."""
+    farthest = 0
+    for i in range(counts.shape[0]):
+        value = np.int32(counts[i, channel])
+        farthest = max(farthest, int(value ^ (value >> 31)))
+    return farthest
+
+
+@njit(cache=True, nogil=True, fastmath=ANY_ORDER)
+def sums(work, i_taps, q_taps, decimation, out):  # type: ignore[no-untyped-def]
+    """Sums of products of whole numbers below 2^53, for windows `decimation` apart.
+
+    Args:
+        work: Counts, shape (frames,).
+        i_taps: Shape (size,).
+        q_taps: Shape (size,), or (0,) where Q is not wanted.
+        decimation: From window to window.
+        out: Written, shape (windows, 2).
+    """
+    size = i_taps.size
+    for m in range(out.shape[0]):
+        window = work[m * decimation : m * decimation + size]
+        i, q = 0.0, 0.0
+        if q_taps.size == 0:
+            for k in range(size):
+                i += i_taps[k] * window[k]
+        else:
+            for k in range(size):
+                i += i_taps[k] * window[k]
+                q += q_taps[k] * window[k]
+        out[m, 0], out[m, 1] = i, q
+
+
+@njit(cache=True, nogil=True)
+def turn(out, steps, jump, whole, unit):  # type: ignore[no-untyped-def]
+    """Turn I + jQ back by the drive's phase at the beginning of each window, and scale.
+
+    Args:
+        out: Turned in place, shape (windows, 2).
+        steps: Phase of the first, of `whole` a cycle.
+        jump: From window to window.
+        whole: Steps of a cycle.
+        unit: Factor.
+    """
+    for m in range(out.shape[0]):
+        if steps == 0:
+            out[m, 0] *= unit
+            out[m, 1] *= unit
+        else:
+            angle = 2.0 * math.pi * steps / whole
+            c, s = unit * math.cos(angle), unit * math.sin(angle)
+            i, q = out[m, 0], out[m, 1]
+            out[m, 0] = i * c + q * s
+            out[m, 1] = q * c - i * s
+        steps += jump
+        if steps >= whole:
+            steps -= whole
+
+
+@njit(cache=True, nogil=True)
+def mix_table(work, n, table, place, mixed):  # type: ignore[no-untyped-def]
+    """Multiply frames by the wave, from a table of one period, shape (2, period), entered at `place`."""
+    period = table.shape[1]
+    start = 0
+    while start < n:
+        run = min(period - place, n - start)
+        for k in range(run):
+            mixed[0, start + k] = work[start + k] * table[0, place + k]
+            mixed[1, start + k] = work[start + k] * table[1, place + k]
+        start += run
+        place = 0
+
+
+@njit(cache=True, nogil=True)
+def mix_tables(work, n, coarse, fine, steps, step, mixed):  # type: ignore[no-untyped-def]
+    """The same by the product of two tables, rounded: any phase in steps, in whole numbers alone."""
+    length, cycle = fine.shape[1], coarse.shape[1]
+    a, b = steps // length, steps % length
+    step_a, step_b = step // length, step % length
+    for k in range(n):
+        c = (coarse[0, a] * fine[0, b] - coarse[1, a] * fine[1, b] + (1 << 29)) >> 30
+        s = (coarse[0, a] * fine[1, b] + coarse[1, a] * fine[0, b] + (1 << 29)) >> 30
+        mixed[0, k] = work[k] * c
+        mixed[1, k] = work[k] * s
+        a += step_a
+        b += step_b
+        if b >= length:
+            b -= length
+            a += 1
+        if a >= cycle:
+            a -= cycle
+
+
+@njit(cache=True, nogil=True)
+def cascade(mixed, n, state, place, decimation, out):  # type: ignore[no-untyped-def]
+    """Three integrators, and three combs at the lower rate; int64 that wraps.
+
+    Args:
+        mixed: Shape (2, frames).
+        n: Frames in it.
+        state: Of I and of Q: integrators and last inputs of the combs, shape (2, 2, 3), advanced.
+        place: Of the first frame in its output, 0 to `decimation` - 1.
+        decimation: Frames an output.
+        out: Written, shape (outputs, 2).
+
+    Returns:
+        How many outputs.
+    """
+    made = 0
+    for row in range(2):
+        first, second, third = state[row, 0, 0], state[row, 0, 1], state[row, 0, 2]
+        start, made, left = 0, 0, decimation - place
+        while start < n:
+            run = min(left, n - start)
+            for k in range(start, start + run):
+                first += mixed[row, k]
+                second += first
+                third += second
+            start += run
+            left -= run
+            if left == 0:
+                value = third
+                for stage in range(3):
+                    last = state[row, 1, stage]
+                    state[row, 1, stage] = value
+                    value -= last
+                out[made, row] = value
+                made += 1
+                left = decimation
+        state[row, 0, 0], state[row, 0, 1], state[row, 0, 2] = first, second, third
+    return made
+
+
+@njit(cache=True, nogil=True)
+def fused_counts(  # type: ignore[no-untyped-def]
+    counts, start, channel, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
+):
+    """Hear int32 frames from `start` on: see `_fused`, `take_counts`, `sums` and `turn` for what the names mean."""
+    done = 0
+    while start < counts.shape[0]:
+        taken = min(work.size - fill, counts.shape[0] - start)
+        take_counts(counts, start, taken, channel, work, fill)
+        start += taken
+        done, fill = _fused(
+            work, fill + taken, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done
+        )
+
+
+@njit(cache=True, nogil=True)
+def fused_packed(  # type: ignore[no-untyped-def]
+    counts, start, channel, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
+):
+    """The same of packed frames."""
+    done = 0
+    while start < counts.shape[0]:
+        taken = min(work.size - fill, counts.shape[0] - start)
+        take_packed(counts, start, taken, channel, work, fill)
+        start += taken
+        done, fill = _fused(
+            work, fill + taken, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done
+        )
+
+
+@njit(cache=True, nogil=True)
+def _fused(work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done):  # type: ignore[no-untyped-def]
+    """Fill the outputs that are ready after the first `done`, and move what they leave to the beginning of `work`.
+
+    Returns:
+        Outputs done, and frames that are left.
+    """
+    ready = max(0, (fill - i_taps.size) // decimation + 1)
+    if ready:
+        part = out[done : done + ready]
+        sums(work, i_taps, q_taps, decimation, part)
+        turn(part, (steps + done * jump) % whole, jump, whole, unit)
+        passed = ready * decimation
+        for k in range(fill - passed):
+            work[k] = work[passed + k]
+        fill -= passed
+    return done + ready, fill
+
+
+@njit(cache=True, nogil=True)
+def cic_counts(counts, channel, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
+    """Hear int32 frames: see `_cic`, `take_counts` and `cascade` for what the names mean."""
+    start, done = 0, 0
+    while start < counts.shape[0]:
+        taken = min(work.size, counts.shape[0] - start)
+        take_counts(counts, start, taken, channel, work, 0)
+        done += _cic(
+            taken, work, mixed, table, coarse, fine, frame + start, step, whole, state, decimation, out[done:]
+        )
+        start += taken
+
+
+@njit(cache=True, nogil=True)
+def cic_packed(counts, channel, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
+    """The same of packed frames."""
+    start, done = 0, 0
+    while start < counts.shape[0]:
+        taken = min(work.size, counts.shape[0] - start)
+        take_packed(counts, start, taken, channel, work, 0)
+        done += _cic(
+            taken, work, mixed, table, coarse, fine, frame + start, step, whole, state, decimation, out[done:]
+        )
+        start += taken
+
+
+@njit(cache=True, nogil=True)
+def _cic(n, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
+    """Mix and thin `n` frames of `work`, the first of them `frame`; a table without columns means the other two."""
+    if table.shape[1] > 0:
+        mix_table(work, n, table, frame % table.shape[1], mixed)
+    else:
+        mix_tables(work, n, coarse, fine, step * (frame % whole) % whole, step, mixed)
+    return cascade(mixed, n, state, frame % decimation, decimation, out)

@@ -1,0 +1,296 @@
+"""The envelope of one finger: I and Q against the drive, out of the sound of both."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from controller.signals.beat import Beat
+from drivers.messages import SampleBlock, Saturated, StreamInfo
+from drivers.settings import Settings
+
+if TYPE_CHECKING:
+    from controller.signals.demodulation import Demodulator
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CARRIER_FROM_HZ: Final = 4000.0
+"""A stream with fewer samples a second is an envelope already (bench at envelope level)."""
+
+FULL_SCALE: Final = 1 << 23
+"""Counts of a 24-bit converter; sound in floats is rounded to them."""
+
+CLEAR_S: Final = 0.1
+"""So long without a clipped frame ends an excursion to full scale (assumption, as of the audio driver)."""
+
+CONVERTER_HZ: Final = 96_000.0
+"""Rate of the sound that it is warmed up for (NUMERICS: 96 kHz)."""
+
+GUARD: Final = 10.0
+"""How far from the drive its image and the converter's own offset fold to, in output rates at the least: the fused
+filter stops all that is farther."""
+
+
+class IqSettings(Settings):
+    """How a finger's sound becomes I and Q."""
+
+    input: str = "audio.fingers"
+    """Stream of the sound of both fingers."""
+
+    channel: int = Field(default=0, ge=0, le=63)
+    """The finger's: 0 is the right one, 1 the left."""
+
+    drive_hz: float = Field(default=40_000.0, gt=0.0, le=500_000.0)
+    """Of the tone, to a millihertz. 40 kHz: Rupavatharam et al., III.A.2."""
+
+    output_hz: float = Field(default=1000.0, ge=100.0, le=4000.0)
+    """I and Q a second; the frame rate is a multiple of it."""
+
+    variant: Literal["fused", "cic", "in_phase"] = "fused"
+    """`fused`: a FIR of 6 ms (at 1 kHz out), flat to 0.001 dB from 0 to 100 Hz, 3 ms of delay. `cic`: whole numbers to
+    the end, 1.5 ms of delay, -0.43 dB at 100 Hz. `in_phase`: the paper's, without Q: one channel, and blind spots."""
+
+    clocks: Literal["locked", "watched", "tracked"] = "locked"
+    """`locked`: drive and converter share a clock. `watched`: the same is believed, and their difference is measured
+    (`drift_ppm`). `tracked`: they do not, and their beat is taken off; I and Q begin after a second."""
+
+    @model_validator(mode="after")
+    def _in_phase_cannot_turn(self) -> IqSettings:
+        if self.variant == "in_phase" and self.clocks != "locked":
+            raise ValueError(
+                f'in-phase alone cannot tell a beat: clocks = "{self.clocks}" needs another variant'
+            )
+        return self
+
+
+class Run(NamedTuple):
+    """Frames without a gap.
+
+    Attributes:
+        frame: Number of the first.
+        counts: int32, shape (n, channels).
+    """
+
+    frame: int
+    counts: NDArray[np.int32]
+
+
+class Iq:
+    """Sound → I and Q of one finger, full scale 1.0: a tone a cos(phase of the drive + p) is (a cos p, a sin p).
+
+    Frames are known by their number: the drive's phase is zero at frame 0, so that a gap turns nothing. Outputs whose
+    window is not whole are not given, which leaves a jump in `seq`; values that are not finite count as lost. An
+    output's time is the middle of its window. A stream below 4 kHz is taken for an envelope already, (I0, Q0, I1, Q1,
+    …), and the finger's pair is passed on.
+
+    A finger at full scale is told as `Saturated`, once each time.
+
+    Args:
+        name: In the profile; the stream is `signals.<name>`.
+        settings: Which finger, and how.
+    """
+
+    def __init__(self, name: str, settings: IqSettings) -> None:
+        self.name = name
+        self.inputs = (settings.input,)
+        channels = ("I",) if settings.variant == "in_phase" else ("I", "Q")
+        self.info = StreamInfo(f"signals.{name}", channels, "FS")
+        self._settings = settings
+        self._demodulator: Demodulator | None = None
+        self._rate_hz = math.nan
+        self.reset()
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much faster the drive's clock is than the converter's; NaN where nobody looks or knows yet.
+
+        Only a finger whose bridge is out of balance by more than what it hears tells it.
+        """
+        return math.nan if self._beat is None else 1e6 * self._beat.hz / self._settings.drive_hz
+
+    def reset(self) -> None:
+        """Forget all that was heard."""
+        if self._demodulator is not None:
+            self._demodulator.reset()
+        self._beat: Beat | None = None
+        self._clipped = -math.inf  # frame
+
+    def warm_up(self) -> None:
+        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
+        settings = self._settings
+        rate_hz = settings.output_hz * math.ceil(CONVERTER_HZ / settings.output_hz)
+        counts = np.zeros((round(16 * rate_hz / settings.output_hz), settings.channel + 1), np.int32)
+        silence = SampleBlock(settings.input, 0, 0.0, counts, rate_hz=rate_hz, scale=1.0 / FULL_SCALE)
+        with contextlib.suppress(ValueError):  # a drive that does not suit it is told with the first sound
+            Iq(self.name, settings).push(silence)
+
+    def push(self, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
+        """Hear the next frames of both fingers.
+
+        Raises:
+            ValueError: the stream is at irregular times, has no such channel, or its rate does not suit drive and
+                output.
+        """
+        if block.rate_hz is None:
+            raise ValueError(f"{block.stream}: samples at irregular times have no I and Q; it needs sound")
+        if not len(block):
+            return ()
+        if block.rate_hz < CARRIER_FROM_HZ:
+            return self._envelope(block)
+        return self._carrier(block)
+
+    # sound
+
+    def _carrier(self, block: SampleBlock) -> list[SampleBlock | Saturated]:
+        settings, rate_hz = self._settings, block.rate_hz
+        assert rate_hz is not None
+        if settings.channel >= block.values.shape[1]:
+            raise self._missing(block, settings.channel + 1)
+        if self._demodulator is None or rate_hz != self._rate_hz:
+            self._demodulator, self._rate_hz = self._made(block.stream, rate_hz), rate_hz
+        demodulator = self._demodulator
+        decimation = round(rate_hz / settings.output_hz)
+        made: list[SampleBlock | Saturated] = []
+        for frame, counts in _runs(block, settings.channel):
+            thinned = demodulator.push(counts, frame)
+            if len(thinned.values):
+                middle = (thinned.first + 1) * decimation - 1 - demodulator.delay_frames
+                made += self._blocks(block, thinned.first, thinned.values, (middle - block.seq) / rate_hz)
+            made += self._excursions(block, frame, counts)
+        return made
+
+    def _made(self, stream: str, rate_hz: float) -> Demodulator:
+        # numba loads where there is sound, and only there
+        from controller.signals.demodulation import Cic, Fused
+        from controller.signals.oscillator import Oscillator
+
+        settings = self._settings
+        ratio = rate_hz / settings.output_hz
+        if ratio != round(ratio):
+            raise ValueError(
+                f"{stream}: {rate_hz:g} frames a second are no multiple of {settings.output_hz:g}; "
+                "record at 96000 Hz, or set output_hz"
+            )
+        away_hz = min(settings.drive_hz, rate_hz - 2.0 * settings.drive_hz)
+        if away_hz < GUARD * settings.output_hz:
+            raise ValueError(
+                f"{stream}: {rate_hz:g} frames a second cannot hold a drive of {settings.drive_hz:g} Hz; "
+                "record at 96000 Hz"
+            )
+        oscillator = Oscillator(settings.drive_hz, rate_hz)
+        if settings.variant == "cic":
+            return Cic(settings.channel, oscillator, round(ratio))
+        return Fused(settings.channel, oscillator, round(ratio), settings.variant == "fused")
+
+    def _excursions(self, block: SampleBlock, frame: int, counts: NDArray[np.int32]) -> Iterator[Saturated]:
+        from controller.signals.demodulation_kernel import peak
+
+        full = round(1.0 / block.scale) if block.values.dtype.kind == "i" else FULL_SCALE
+        if peak(counts, self._settings.channel) < full - 1:
+            return
+        assert block.rate_hz is not None
+        counts = counts[:, self._settings.channel]
+        clear = CLEAR_S * block.rate_hz
+        places = np.flatnonzero((counts >= full - 1) | (counts <= -full))
+        before = np.concatenate(([self._clipped], frame + places[:-1]))
+        self._clipped = frame + float(places[-1])
+        for place in places[frame + places - before > clear].tolist():
+            t_s = block.t0_s + (frame + place - block.seq) / block.rate_hz
+            yield Saturated(t_s, "signals", self.info.name, float(counts[place]) / full)
+
+    # an envelope
+
+    def _envelope(self, block: SampleBlock) -> list[SampleBlock | Saturated]:
+        if block.unit != self.info.unit:
+            raise ValueError(
+                f"{block.stream}: {block.rate_hz:g} samples a second in {block.unit or 'no unit'} are neither sound"
+                f" nor an envelope ({self.info.unit}); set the input of {self.info.name} to the fingers' stream"
+            )
+        pair = slice(2 * self._settings.channel, 2 * self._settings.channel + 2)
+        if block.values.shape[1] < pair.stop:
+            raise self._missing(block, pair.stop)
+        values = np.asarray(block.values[:, pair] * block.scale, np.float64)
+        good = np.asarray(np.isfinite(values).all(axis=1))
+        if good.all():
+            return self._blocks(block, block.seq, values, 0.0)
+        made: list[SampleBlock | Saturated] = []
+        for part in np.split(np.arange(len(values)), np.flatnonzero(np.diff(good)) + 1):
+            if good[part[0]]:
+                first = int(part[0])
+                made += self._blocks(block, block.seq + first, values[part], first / (block.rate_hz or 1.0))
+        return made
+
+    # both
+
+    def _blocks(
+        self, block: SampleBlock, seq: int, values: Floats | Ints, later_s: float
+    ) -> list[SampleBlock | Saturated]:
+        """What comes out: `values` from number `seq` on, `later_s` after the block's first sample."""
+        settings = self._settings
+        whole: Floats | Ints = values
+        scale = 1.0
+        rate_hz = block.rate_hz
+        assert rate_hz is not None
+        if rate_hz >= CARRIER_FROM_HZ:
+            assert self._demodulator is not None
+            unit = block.scale if block.values.dtype.kind == "i" else 1.0 / FULL_SCALE
+            scale = unit * self._demodulator.scale
+            rate_hz = settings.output_hz
+            if values.dtype.kind == "f":
+                whole, scale = np.asarray(values * scale, np.float64), 1.0
+        if settings.clocks != "locked":
+            if self._beat is None:
+                self._beat = Beat(rate_hz)
+            z = np.ascontiguousarray(whole * scale).view(np.complex128)[:, 0]
+            still = self._beat.push(z, seq)
+            if settings.clocks == "tracked":
+                whole = still.view(np.float64).reshape(-1, 2)
+                scale = 1.0
+                seq, later_s = seq + len(z) - len(still), later_s + (len(z) - len(still)) / rate_hz
+        if not len(whole):
+            return []
+        return [
+            SampleBlock(
+                self.info.name,
+                seq,
+                block.t0_s + later_s,
+                whole[:, : len(self.info.channels)],
+                rate_hz=rate_hz,
+                unit=self.info.unit,
+                scale=scale,
+                device_t0_s=None if block.device_t0_s is None else block.device_t0_s + later_s,
+                arrival_s=block.arrival_s,
+            )
+        ]
+
+    def _missing(self, block: SampleBlock, needed: int) -> ValueError:
+        has = block.values.shape[1]
+        return ValueError(
+            f"{block.stream}: {has} channel{'s' if has > 1 else ''} where {self.info.name} needs {needed}; "
+            "record both fingers, and set its `channel`"
+        )
+
+
+def _runs(block: SampleBlock, channel: int) -> Iterator[Run]:
+    """A block's frames as counts, without those that are not finite in this channel."""
+    values = block.values
+    if values.dtype.kind == "i":
+        if block.scale * FULL_SCALE < 1.0:
+            raise ValueError(f"{block.stream}: counts of more than 24 bits; choose a 24-bit format")
+        yield Run(block.seq, values)  # type: ignore[arg-type]
+        return
+    shares = values * block.scale
+    good = np.isfinite(shares[:, channel])
+    limit = np.where(np.isfinite(shares), np.clip(shares, -1.0, 1.0 - 1.0 / FULL_SCALE), 0.0)
+    counts = np.rint(limit * FULL_SCALE).astype(np.int32)
+    for part in np.split(np.arange(len(values)), np.flatnonzero(np.diff(good)) + 1):
+        if good[part[0]]:
+            first = int(part[0])
+            yield Run(block.seq + first, counts[first : first + len(part)])

@@ -1,0 +1,416 @@
+"""Levels: how far a sample is from its own window, and jumps off the circle that an undulation draws. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from controller.signals.undulation import BEYOND_FS
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Ints = NDArray[np.int64]
+
+# --- the paper's: a sample against its own window ------------------------------------------------
+
+SHIFT, SUM, SQUARES = range(3)
+"""Places among the scalars of a window: what is subtracted from each sample, sums of the rest and of its squares."""
+
+COUNT, PLACE = range(2)
+"""Places among its counts: samples in it, where the next one goes."""
+
+
+class Window(NamedTuple):
+    """The last samples; arrays are advanced in place.
+
+    Attributes:
+        ring: Samples, shape (n,).
+        scalars: Shape (3,).
+        counts: Shape (2,).
+    """
+
+    ring: Floats
+    scalars: Floats
+    counts: Ints
+
+
+def window(size: int) -> Window:
+    """A window that has heard nothing."""
+    return Window(np.zeros(size), np.zeros(3), np.zeros(2, np.int64))
+
+
+@njit(cache=True)
+def z_scores(w: Window, y: Floats, missing: Ints, out: Floats) -> None:
+    """(y - mean) / std of the last n samples, the newest among them; std with n - 1.
+
+    The sums are relative to the window's mean as it was when the ring last began anew, and are then taken afresh: no
+    rounding adds up.
+
+    Args:
+        w: State, advanced.
+        y: Samples, shape (n,); one that is not finite is left out.
+        missing: Samples lost just before each, shape (n,): the window begins anew there.
+        out: Written: NaN until the window is full, and where it does not vary. Shape (n,).
+    """
+    ring, v, counts = w.ring, w.scalars, w.counts
+    n = ring.size
+    for i in range(y.size):
+        out[i] = math.nan
+        if missing[i] != 0:
+            counts[COUNT] = counts[PLACE] = 0
+        if not abs(y[i]) < BEYOND_FS:
+            continue
+        old = ring[counts[PLACE]] - v[SHIFT]
+        new = y[i] - v[SHIFT]
+        ring[counts[PLACE]] = y[i]
+        counts[PLACE] += 1
+        if counts[COUNT] == n:
+            v[SUM] += new - old
+            v[SQUARES] += new * new - old * old
+        else:
+            counts[COUNT] += 1
+        if counts[PLACE] == n:
+            counts[PLACE] = 0
+            v[SHIFT] = ring.sum() / n
+            v[SUM] = v[SQUARES] = 0.0
+            for j in range(n):
+                off = ring[j] - v[SHIFT]
+                v[SUM] += off
+                v[SQUARES] += off * off
+        if counts[COUNT] == n:
+            mean = v[SUM] / n
+            variance = (v[SQUARES] - n * mean * mean) / (n - 1)
+            # what rounding leaves of a window that does not vary
+            if variance > 1e-15 * v[SHIFT] * v[SHIFT]:
+                out[i] = (y[i] - v[SHIFT] - mean) / math.sqrt(variance)
+
+
+# --- ours: jumps, and whether the level stays ----------------------------------------------------
+
+
+class Steps(NamedTuple):
+    """Constants of the search for steps.
+
+    Attributes:
+        spans: Lengths at which a jump is looked for, samples, growing, shape (k,).
+        hops: For each how often it is looked at, samples, shape (k,).
+        bends: For each by how much a mover's acceleration bends the envelope, as a share of its distance from the
+            level at rest, shape (k,).
+        keeps: For each the shares of its slow and of its fast scale that one look leaves, shape (k, 2).
+        delays: For each how many looks late its scales hear, so that a jump is not held against itself, shape (k,).
+        settle: Samples for which a jump is remembered.
+        third: A third of how long the level must stay, samples.
+        flat: How far each third may be from their mean, as a share of the step.
+        learn: Samples that make the level at rest, and before the first word.
+        drift_fs: By how much a sample may move the level at rest.
+        end: Samples in a row that must be back for contact to be over.
+        hold: Samples after which contact is said to persist.
+        keep_level: Share of the contact's own level that a sample leaves.
+        patience: Bad samples in a row that are bridged.
+    """
+
+    spans: Ints
+    hops: Ints
+    bends: Floats
+    keeps: Floats
+    delays: Ints
+    settle: int
+    third: int
+    flat: float
+    learn: int
+    drift_fs: float
+    end: int
+    hold: int
+    keep_level: float
+    patience: int
+
+
+CLIP = 9.0
+"""A deviation counts for its scale no more than this many times the scale: what is strange does not blind."""
+
+PAST = 4
+"""Turns from span to span of which the one to come is foretold."""
+
+GROWTH = 1.5
+"""An echo grows by no more than this factor from span to span: ten times what a finger at 0.03 m/s hears."""
+
+RADIAL = 0.25
+"""What braking does to the wave's size, as a share of what it does to its phase. Assumption: nothing, but the level at
+rest, from which both are measured, may be off by a quarter of the wave."""
+
+STEADY = 0.5
+"""The level's rate, had it been the same since the jump, makes no more than this share of the step. Of a wave that goes
+on turning it makes all of it or more; of a contact that rises exponentially never more than 0.37."""
+
+NOISY = 3.0
+"""What is foretold of white noise is off by so many times the variance of a span's mean: 1 of what came, up to 1 of
+what was before it, half as much again because an arm's noise is not quite white. Assumption."""
+
+SURE = 6.0
+"""A change of level is so many times the standard deviation that the shortest span's mean has in white noise like
+that in which the level stays: the level before the jump is known no better."""
+
+BACK = 0.5
+"""Contact is over when this share of the step has gone back."""
+
+WANDER = 0.3
+"""The contact's own level follows slow changes by no more than this share of the step: one that goes back slowly is
+seen to go."""
+
+FLOOR_FS = 1e-7
+"""A scale is never below this: the step of a 24-bit converter, 2^-23."""
+
+NOTHING, BEGAN, HELD, ENDED = range(4)
+"""What can be said at a sample."""
+
+HEARD, SINCE, SEEN_BAD, RETURNING, LASTED, FRESH, AGE = range(7)
+"""Places among the counts: samples in the ring since it began anew; samples since the beginning, up to `learn`; bad
+ones in a row; samples in a row that are back; samples since contact began, -1 while there is none; samples in the
+median filter; samples since the jump that is remembered."""
+
+AT, STEP, FIRST, LAST, BEFORE, LEFT, REST = range(7)
+"""Places among the levels: the contact's own, now; from the level before to it; as it was at first; the last good
+sample, and the one before it; the level before the jump that is remembered; the level at rest."""
+
+
+class Search(NamedTuple):
+    """State of the search; arrays are advanced in place.
+
+    Attributes:
+        ring: The last samples, twice, so that any run of them is in one piece, shape (2 * size,).
+        scales: For each span the mean square of its deviation, slow and fast, 0 while unknown, shape (k, 2).
+        late: Squared deviations that its scales have still to hear, shape (k, looks).
+        counts: Shape (7,).
+        looks: Looks at each span since the ring began anew, shape (k,).
+        levels: Shape (7,).
+        jump: The jump that is remembered, in scales; its square; one over its span; shape (3,).
+    """
+
+    ring: Complexes
+    scales: Floats
+    late: Floats
+    counts: Ints
+    looks: Ints
+    levels: Complexes
+    jump: Floats
+
+
+def search(s: Steps) -> Search:
+    """A search that has heard nothing."""
+    counts = np.zeros(7, np.int64)
+    counts[LASTED] = -1
+    size = max((PAST + 3) * int(s.spans[-1]), 3 * s.third)
+    return Search(
+        np.zeros(2 * size, np.complex128),
+        np.zeros((len(s.spans), 2)),
+        np.zeros((len(s.spans), int(s.delays.max()))),
+        counts,
+        np.zeros(len(s.spans), np.int64),
+        np.zeros(7, np.complex128),
+        np.zeros(3),
+    )
+
+
+@njit(cache=True)
+def _mean(ring: Complexes, end: int, n: int) -> complex:
+    """Mean of the n samples before place `end`."""
+    total = 0j
+    for j in range(end - n, end):
+        total += ring[j]
+    return total / n
+
+
+@njit(cache=True)
+def _squared(z: complex) -> float:
+    return z.real * z.real + z.imag * z.imag
+
+
+@njit(cache=True)
+def _look(s: Steps, f: Search, end: int) -> None:
+    """Looks at all spans that are due, and remembers the largest jump."""
+    counts, scales = f.counts, f.scales
+    rest = f.levels[REST]
+    for k in range(s.spans.size):
+        m = s.spans[k]
+        if counts[HEARD] < (PAST + 3) * m or counts[HEARD] % s.hops[k] != 0:
+            continue
+        # what turned from span to span goes on turning, two spans from the last of them to the newest
+        near = _mean(f.ring, end - 2 * m, m) - rest
+        new, across, size = near, 0j, 0.0
+        for j in range(PAST):
+            old = _mean(f.ring, end - (3 + j) * m, m) - rest
+            across += old.conjugate() * new
+            size += _squared(old)
+            new = old
+        turn = across / (size + FLOOR_FS * FLOOR_FS)
+        if _squared(turn) > GROWTH * GROWTH:
+            turn *= GROWTH / abs(turn)
+        jump = _mean(f.ring, end, m) - rest - near * turn * turn
+        squared = _squared(jump)
+        place = f.looks[k] % s.delays[k]
+        if f.looks[k] >= s.delays[k]:
+            old_squared = f.late[k, place]
+            for speed in range(2):
+                if scales[k, speed] == 0.0:
+                    scales[k, speed] = old_squared
+                else:
+                    share = 1.0 - s.keeps[k, speed]
+                    kept = min(old_squared, CLIP * scales[k, speed])
+                    scales[k, speed] += share * (kept - scales[k, speed])
+            # a mover that brakes turns the wave less than foretold, and hardly changes its size
+            size = _squared(near)
+            along = (near.real * jump.real + near.imag * jump.imag) ** 2 / (size + FLOOR_FS * FLOOR_FS)
+            bend = s.bends[k] * s.bends[k] * size
+            noise = max(scales[k, 0], scales[k, 1]) + FLOOR_FS * FLOOR_FS
+            score = math.sqrt(along / (noise + RADIAL * RADIAL * bend) + (squared - along) / (noise + bend))
+            if counts[SINCE] >= s.learn and (score > f.jump[0] or counts[AGE] > s.settle):
+                f.jump[0], f.jump[1], f.jump[2] = score, squared, 1.0 / m
+                f.levels[LEFT], counts[AGE] = near + rest, 0
+        f.late[k, place] = squared
+        f.looks[k] += 1
+
+
+@njit(cache=True)
+def _stays(s: Steps, f: Search, end: int) -> tuple[float, complex]:
+    """The jump that is remembered, in scales, if the level has stayed away since, else 0; and how far away it is."""
+    third = s.third
+    if f.counts[AGE] > s.settle or f.counts[AGE] < 2 * third or f.counts[HEARD] < 3 * third:
+        return 0.0, 0j
+    old = _mean(f.ring, end - 2 * third, third)
+    mid = _mean(f.ring, end - third, third)
+    new = _mean(f.ring, end, third)
+    level = (old + mid + new) / 3.0
+    change = level - f.levels[LEFT]
+    allowed = s.flat * s.flat * _squared(change)
+    for part in (old, mid, new):
+        if not _squared(part - level) < allowed:
+            return 0.0, 0j
+    # what has gone on steadily since the jump has come at least as far as its chord
+    gone = _squared(new - old) * (f.counts[AGE] / (2.0 * third)) ** 2
+    if not gone < STEADY * STEADY * _squared(change):
+        return 0.0, 0j
+    # an arm that sets out makes noise at once: neither jump nor change may be of it
+    noise = 0.0
+    for i in range(end - 3 * third, end):
+        noise += _squared(f.ring[i] - level)
+    noise = noise / (3.0 * third) + FLOOR_FS * FLOOR_FS
+    if not _squared(change) > SURE * SURE * noise / s.spans[0]:
+        return 0.0, 0j
+    return min(f.jump[0], math.sqrt(f.jump[1] / (NOISY * noise * f.jump[2]))), change
+
+
+@njit(cache=True)
+def _rest(s: Steps, f: Search, z: complex) -> None:
+    """One sample without contact: the mean of the first ones is the level at rest, which then follows drift alone."""
+    counts, levels = f.counts, f.levels
+    if counts[SINCE] < s.learn:
+        counts[SINCE] += 1
+        levels[REST] += (z - levels[REST]) / counts[SINCE]
+        return
+    off = z - levels[REST]
+    away = abs(off)
+    levels[REST] += off if away <= s.drift_fs else off * (s.drift_fs / away)
+
+
+@njit(cache=True)
+def _restart(f: Search) -> None:
+    """Nothing from before is compared with anything from now on; scales are kept."""
+    f.counts[HEARD] = 0
+    f.looks[:] = 0
+    f.jump[0] = 0.0
+
+
+@njit(cache=True)
+def _touch(s: Steps, f: Search, z: complex) -> tuple[float, int]:
+    """One sample of a contact; returns how much of the step is left, and what is to be said."""
+    counts, levels = f.counts, f.levels
+    counts[LASTED] += 1
+    step = levels[STEP]
+    size = _squared(step)
+    off = z - levels[AT]
+    left = 1.0 + (step.real * off.real + step.imag * off.imag) / size
+    if left < BACK:
+        counts[RETURNING] += 1
+        if counts[RETURNING] >= s.end:
+            counts[LASTED] = -1
+            counts[RETURNING] = 0
+            _restart(f)
+            return left, ENDED
+    else:
+        counts[RETURNING] = 0
+        levels[AT] += (1.0 - s.keep_level) * off
+        away = levels[AT] - levels[FIRST]
+        if _squared(away) > WANDER * WANDER * size:
+            levels[AT] = levels[FIRST] + away * (WANDER * math.sqrt(size / _squared(away)))
+    return left, HELD if counts[LASTED] == s.hold else NOTHING
+
+
+@njit(cache=True)
+def _middle(a: float, b: float, c: float) -> float:
+    return max(min(a, b), min(max(a, b), c))
+
+
+@njit(cache=True)
+def find_steps(
+    s: Steps, f: Search, threshold: float, z: Complexes, missing: Ints, scores: Floats, said: Ints
+) -> None:
+    """Hears n samples.
+
+    Args:
+        s: Constants.
+        f: State, advanced.
+        threshold: Scales that a jump must have.
+        z: Envelope, full scales, shape (n,).
+        missing: Samples lost just before each, shape (n,).
+        scores: Written: without contact the jump, in scales, after which the level stays, NaN where it does not; in
+            contact the share of the step that is left. Shape (n,).
+        said: Written: `NOTHING`, `BEGAN`, `HELD` or `ENDED`, shape (n,).
+    """
+    counts, levels, ring = f.counts, f.levels, f.ring
+    size = ring.size // 2
+    for i in range(z.size):
+        scores[i], said[i] = math.nan, NOTHING
+        if missing[i] != 0:
+            counts[FRESH] = 0
+            counts[SEEN_BAD] = s.patience + 1
+        if not (abs(z[i].real) < BEYOND_FS and abs(z[i].imag) < BEYOND_FS):
+            counts[SEEN_BAD] += 1
+            continue
+        if counts[SEEN_BAD] > s.patience:
+            _restart(f)
+            counts[RETURNING] = 0
+        counts[SEEN_BAD] = 0
+        before, last = levels[BEFORE], levels[LAST]
+        levels[BEFORE], levels[LAST] = last, z[i]
+        counts[FRESH] += 1
+        if counts[FRESH] < 3:
+            continue
+        counts[FRESH] = 3
+        # one bad sample never gets through the median of three, whatever its size
+        sample = complex(
+            _middle(before.real, last.real, z[i].real), _middle(before.imag, last.imag, z[i].imag)
+        )
+        if counts[LASTED] >= 0:
+            scores[i], said[i] = _touch(s, f, sample)
+            continue
+        place = counts[HEARD] % size
+        ring[place] = ring[place + size] = sample
+        end = place + size + 1
+        counts[HEARD] += 1
+        counts[AGE] += 1
+        _rest(s, f, sample)
+        _look(s, f, end)
+        if f.jump[0] <= 0.0:
+            continue
+        jump, change = _stays(s, f, end)
+        if jump > 0.0:
+            scores[i] = jump
+            if jump > threshold:
+                levels[AT] = levels[FIRST] = levels[LEFT] + change
+                levels[STEP] = change
+                counts[LASTED] = counts[RETURNING] = 0
+                said[i] = BEGAN

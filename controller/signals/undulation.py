@@ -1,0 +1,272 @@
+"""A wave along the way, found by least squares that forget with the distance travelled. Compiled.
+
+What an object reflects turns once around for each half wavelength that the finger moves, whatever the speed. So the
+envelope is gathered in cells of distance, and to the last cells is fitted
+
+    z(x) = offset + slope s + a exp(± j kappa x),   weights exp(-(s_now - s) / memory),
+
+x the mover's position, s the way it has gone. The sums behind the fit are carried along from cell to cell, so a sample
+costs the same after a minute as after a day. docs/explanation/pretouch.md derives it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Ints = NDArray[np.int64]
+
+BEYOND_FS = 100.0
+"""A larger magnitude is no measurement: a converter ends at 1."""
+
+OUTLIER = 12.0
+"""A cell that is farther from the fit than so many standard deviations of a cell is left out."""
+
+PATIENCE = 4
+"""After so many such cells in a row the fit begins anew: the level has changed."""
+
+NUISANCES = 3.0
+"""Complex numbers that are fitted: offset, slope, amplitude."""
+
+FLOOR_FS = 1e-7
+"""Standard deviation that a cell is always granted: the step of a 24-bit converter, 2^-23."""
+
+
+class Way(NamedTuple):
+    """Constants of the fit.
+
+    Attributes:
+        kappa_rad_m: Spatial frequencies looked for, with their sign, shape (k,).
+        cell_m: Length of a cell.
+        memory_m: Distance at which a cell's weight has fallen to 1/e.
+        least_m: Way to go before the fit is believed.
+        longest: Samples that a cell averages at most: the last ones, when the mover creeps.
+        pause: Samples after which a cell begun is forgotten and the fit begins anew: the offset has drifted.
+        patience: Lost or bad samples in a row after which the fit begins anew.
+    """
+
+    kappa_rad_m: Floats
+    cell_m: float
+    memory_m: float
+    least_m: float
+    longest: int
+    pause: int
+    patience: int
+
+
+WEIGHT, SLOPE, SQUARE, ENERGY, WEIGHT_2, LAST_M, GONE_M, CELL_FROM_M, CELL_X_M, REFERENCE_M = range(10)
+"""Places among the scalars: sums of w, w s, w s^2, w |z|^2 and w^2; place of the last cell and way gone since the fit
+began; where the present cell began, mean position in it; zero of the wave's phase."""
+
+CELLS, INSIDE, DWELL, BAD, STRANGE, CANDIDATE, FRESH = range(7)
+"""Places among the counts: cells in the fit; samples in the present cell, averaged and since it began; bad samples in a
+row; outliers in a row; which spatial frequency was the best; samples in the median filter."""
+
+REFERENCE, CELL, LEVEL, RAMP, BEFORE, MIDDLE = range(6)
+"""Places among the complex scalars: level that the sums are relative to; mean of the present cell; sums of w z and
+w s z; the last two samples, for the median of three."""
+
+
+class Fit(NamedTuple):
+    """State of the fit; all arrays are advanced in place.
+
+    Attributes:
+        scalars: Shape (10,).
+        counts: Shape (7,).
+        levels: Complex scalars, shape (6,).
+        waves: For each spatial frequency the sums of w e, w s e and w conj(e) z, shape (k, 3).
+        middle_m: Position of the sample in the middle of the median filter, shape (1,).
+    """
+
+    scalars: Floats
+    counts: Ints
+    levels: Complexes
+    waves: Complexes
+    middle_m: Floats
+
+
+def fit(way: Way) -> Fit:
+    """A fit that has heard nothing."""
+    scalars = np.zeros(10)
+    scalars[CELL_FROM_M] = np.nan
+    return Fit(
+        scalars,
+        np.zeros(7, np.int64),
+        np.zeros(6, np.complex128),
+        np.zeros((len(way.kappa_rad_m), 3), np.complex128),
+        np.full(1, np.nan),
+    )
+
+
+@njit(cache=True)
+def _middle(a: float, b: float, c: float) -> float:
+    return max(min(a, b), min(max(a, b), c))
+
+
+@njit(cache=True)
+def _forget(f: Fit) -> None:
+    """The fit begins anew; the sample that comes next is the first of a cell."""
+    f.scalars[:] = 0.0
+    f.scalars[CELL_FROM_M] = np.nan
+    f.counts[CELLS] = f.counts[INSIDE] = f.counts[DWELL] = f.counts[STRANGE] = 0
+    f.waves[:] = 0.0
+    f.levels[:BEFORE] = 0.0  # the filter keeps what it has
+
+
+@njit(cache=True)
+def _travel(w: Way, f: Fit, step_m: float) -> None:
+    """Let all sums forget a step, and count the way from here."""
+    v, levels, waves = f.scalars, f.levels, f.waves
+    keep = math.exp(-step_m / w.memory_m)
+    # the order matters: each line uses the sums of lower order as they were
+    v[SQUARE] = keep * (v[SQUARE] - 2.0 * step_m * v[SLOPE] + step_m * step_m * v[WEIGHT])
+    v[SLOPE] = keep * (v[SLOPE] - step_m * v[WEIGHT])
+    v[WEIGHT] *= keep
+    v[WEIGHT_2] *= keep * keep
+    v[ENERGY] *= keep
+    levels[RAMP] = keep * (levels[RAMP] - step_m * levels[LEVEL])
+    levels[LEVEL] *= keep
+    for k in range(waves.shape[0]):
+        waves[k, 1] = keep * (waves[k, 1] - step_m * waves[k, 0])
+        waves[k, 0] *= keep
+        waves[k, 2] *= keep
+
+
+@njit(cache=True)
+def _judge(f: Fit) -> tuple[float, complex, complex, complex, float]:
+    """The best spatial frequency's F ratio, its amplitude at the reference, offset and slope of the fit that goes
+    with it, and the residual's variance of a cell."""
+    v, waves = f.scalars, f.waves
+    s0, s1, s2 = v[WEIGHT], v[SLOPE], v[SQUARE]
+    t0, t1 = f.levels[LEVEL], f.levels[RAMP]
+    freedom = s0 * s0 / v[WEIGHT_2] - NUISANCES if v[WEIGHT_2] > 0.0 else 0.0
+    determinant = s0 * s2 - s1 * s1
+    if freedom < 2.0 or not determinant > 1e-12 * s0 * s2:
+        return math.nan, 0j, 0j, 0j, math.nan
+    # G^-1 [t0, t1]
+    level, ramp = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
+    left = v[ENERGY] - (level.conjugate() * t0 + ramp.conjugate() * t1).real
+    best, amplitude, at_level, at_ramp, kept = -1.0, 0j, level, ramp, max(left, 0.0)
+    for k in range(waves.shape[0]):
+        c0, c1 = waves[k, 0], waves[k, 1]
+        e_level, e_ramp = (s2 * c0 - s1 * c1) / determinant, (s0 * c1 - s1 * c0) / determinant
+        size = s0 - (e_level.conjugate() * c0 + e_ramp.conjugate() * c1).real
+        if not size > 1e-6 * s0:
+            continue
+        across = waves[k, 2] - (e_level.conjugate() * t0 + e_ramp.conjugate() * t1)
+        explained = (across.real * across.real + across.imag * across.imag) / size
+        if explained > best:
+            best = explained
+            amplitude = across / size
+            at_level, at_ramp = level - amplitude * e_level, ramp - amplitude * e_ramp
+            kept = max(left - explained, 0.0)
+            f.counts[CANDIDATE] = k
+    if best < 0.0:
+        return math.nan, 0j, 0j, 0j, math.nan
+    # a weighted mean of squares, brought to an unbiased one
+    variance = kept / s0 * (freedom + NUISANCES) / freedom + FLOOR_FS * FLOOR_FS
+    return best / s0 * (freedom + NUISANCES) / variance, amplitude, at_level, at_ramp, variance
+
+
+@njit(cache=True)
+def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
+    """Take a cell into the fit; returns F and the amplitude in full scales, NaN while it is not believed."""
+    v, counts, levels, waves = f.scalars, f.counts, f.levels, f.waves
+    if counts[CELLS] == 0:
+        levels[REFERENCE], v[REFERENCE_M], v[LAST_M] = z, x_m, x_m
+    step_m = abs(x_m - v[LAST_M])
+    v[GONE_M] += step_m
+    v[LAST_M] = x_m
+    _travel(w, f, step_m)
+    z = z - levels[REFERENCE]
+    if v[GONE_M] >= w.least_m:
+        _, amplitude, level, _, variance = _judge(f)
+        if math.isfinite(variance):
+            phase = w.kappa_rad_m[counts[CANDIDATE]] * (x_m - v[REFERENCE_M])
+            foretold = level + amplitude * complex(math.cos(phase), math.sin(phase))
+            # what is fitted may be as wrong as what is left over
+            if abs(z - foretold) ** 2 > OUTLIER * OUTLIER * variance:
+                counts[STRANGE] += 1
+                if counts[STRANGE] >= PATIENCE:
+                    _forget(f)
+                return math.nan, math.nan
+    counts[STRANGE] = 0
+    counts[CELLS] += 1
+    v[WEIGHT] += 1.0
+    v[WEIGHT_2] += 1.0
+    v[ENERGY] += z.real * z.real + z.imag * z.imag
+    levels[LEVEL] += z
+    for k in range(waves.shape[0]):
+        phase = w.kappa_rad_m[k] * (x_m - v[REFERENCE_M])
+        wave = complex(math.cos(phase), math.sin(phase))
+        waves[k, 0] += wave
+        waves[k, 2] += wave.conjugate() * z
+    if v[GONE_M] < w.least_m:
+        return math.nan, math.nan
+    ratio, amplitude, _, _, _ = _judge(f)
+    return ratio, abs(amplitude)
+
+
+@njit(cache=True)
+def undulate(
+    w: Way, f: Fit, z: Complexes, x_m: Floats, missing: Ints, ratios: Floats, amplitudes_fs: Floats
+) -> None:
+    """Hears n samples.
+
+    Args:
+        w: Constants.
+        f: State, advanced.
+        z: Envelope, full scales, shape (n,); a value that is not finite is left out.
+        x_m: Position of the mover, shape (n,); NaN where unknown.
+        missing: Samples lost just before each, negative where unknown, shape (n,).
+        ratios: Written: at the sample that completes a cell, what the wave explains over what is left, both for one
+            cell and degree of freedom (an F ratio); NaN elsewhere, and while the fit is not believed. Shape (n,).
+        amplitudes_fs: Written: the wave's amplitude there, shape (n,).
+    """
+    v, counts, levels = f.scalars, f.counts, f.levels
+    for i in range(z.size):
+        ratios[i] = amplitudes_fs[i] = math.nan
+        if missing[i] != 0:
+            counts[FRESH] = 0
+            counts[INSIDE] = 0  # a cell with a hole in it has no middle
+            counts[BAD] += missing[i] if missing[i] > 0 else w.patience
+        if not (abs(z[i].real) < BEYOND_FS and abs(z[i].imag) < BEYOND_FS and math.isfinite(x_m[i])):
+            counts[BAD] += 1
+            continue
+        if counts[BAD] >= w.patience:
+            _forget(f)
+            counts[FRESH] = 0
+        counts[BAD] = 0
+        before, middle, at_m = levels[BEFORE], levels[MIDDLE], f.middle_m[0]
+        levels[BEFORE], levels[MIDDLE], f.middle_m[0] = middle, z[i], x_m[i]
+        counts[FRESH] += 1
+        if counts[FRESH] < 3:
+            continue
+        counts[FRESH] = 3
+        # one bad sample never gets through the median of three, whatever its size
+        sample = complex(
+            _middle(before.real, middle.real, z[i].real), _middle(before.imag, middle.imag, z[i].imag)
+        )
+        if not math.isfinite(v[CELL_FROM_M]):
+            v[CELL_FROM_M] = at_m
+        counts[DWELL] += 1
+        counts[INSIDE] = min(counts[INSIDE] + 1, w.longest)
+        share = 1.0 / counts[INSIDE]
+        if counts[INSIDE] == 1:
+            levels[CELL], v[CELL_X_M] = sample, at_m
+        else:
+            levels[CELL] += share * (sample - levels[CELL])
+            v[CELL_X_M] += share * (at_m - v[CELL_X_M])
+        if counts[DWELL] == w.pause:
+            _forget(f)
+        elif abs(at_m - v[CELL_FROM_M]) >= w.cell_m:
+            cell, cell_m = levels[CELL], v[CELL_X_M]
+            v[CELL_FROM_M] = at_m
+            counts[INSIDE] = counts[DWELL] = 0
+            ratios[i], amplitudes_fs[i] = _add(w, f, cell, cell_m)

@@ -1,0 +1,208 @@
+"""Contact by level on envelopes that no plant made."""
+
+import numpy as np
+import pytest
+
+from behaviors.events import Contact, ContactHeld, ContactLost
+from controller.detectors.calibration import calibrate
+from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
+from drivers.messages import SampleBlock
+
+RATE_HZ = 1000.0
+REST = 0.09 + 0.04j
+STEP = 0.012 - 0.006j
+KAPPA_RAD_M = 1465.0
+
+
+def noise(n, sigma=2e-5, seed=1):
+    rng = np.random.default_rng(seed)
+    return sigma * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+
+
+def block(z, seq=0):
+    values = np.column_stack([z.real, z.imag])
+    return SampleBlock("signals.right", seq, seq / RATE_HZ, values, rate_hz=RATE_HZ, unit="FS")
+
+
+def ours(**settings):
+    return LevelDetector("touch", LevelSettings(**settings))
+
+
+def paper(**settings):
+    return LevelPaperDetector("touch", LevelPaperSettings(**settings))
+
+
+def said(detector, *blocks):
+    return [event for part in blocks for event in detector.push(part)]
+
+
+def kinds(events):
+    return [type(event) for event in events]
+
+
+def pressed(t_s, begun_s, ended_s, rise_s=0.01):
+    """Share of the step: rises exponentially, falls likewise."""
+    on = np.where(t_s >= begun_s, -np.expm1(-(t_s - begun_s).clip(0.0) / rise_s), 0.0)
+    off = np.where(t_s >= ended_s, -np.expm1(-(t_s - ended_s).clip(0.0) / rise_s), 0.0)
+    return on - off
+
+
+def level(seconds, begun_s, ended_s, **more):
+    t_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    return REST + STEP * pressed(t_s, begun_s, ended_s, **more) + noise(len(t_s))
+
+
+def approach(speed_m_s, end_m, size=0.015, seed=1, rest_s=1.5, hold_s=1.0):
+    """Undulations of a finger that comes from 5 cm to a distance, waits, and goes back; braking at 0.5 m/s2."""
+    accel = speed_m_s / 0.5
+    length_m = 0.05 - end_m
+    cruise_s = length_m / speed_m_s - accel
+    ramp = np.linspace(0.0, 1.0, max(2, round(accel * RATE_HZ)))
+    leg = speed_m_s * np.concatenate([ramp, np.ones(round(cruise_s * RATE_HZ)), ramp[::-1]])
+    rest, hold = np.zeros(round(rest_s * RATE_HZ)), np.zeros(round(hold_s * RATE_HZ))
+    way_m = np.cumsum(np.concatenate([rest, leg, hold, -leg, hold])) / RATE_HZ
+    gap_m = 0.05 - way_m
+    echo = size * (1.0 + gap_m / 0.01) ** -2 * np.exp(-1j * KAPPA_RAD_M * gap_m)
+    return REST + echo + noise(len(way_m), 5e-5, seed)
+
+
+# --- ours ----------------------------------------------------------------------------------------
+
+
+def test_start_persistence_and_end_of_a_contact_are_told_in_time():
+    events = said(ours(), block(level(5.0, 2.0, 3.5)))
+    assert kinds(events) == [Contact, ContactHeld, ContactLost]
+    assert 2.0 < events[0].t_s < 2.15
+    assert events[1].t_s == pytest.approx(events[0].t_s + 0.5, abs=0.002)
+    assert 3.5 < events[2].t_s < 3.55
+
+
+@pytest.mark.parametrize("speed_m_s", [0.005, 0.01, 0.03])
+@pytest.mark.parametrize("end_m", [0.004, 0.02])
+def test_undulations_are_no_contact_even_where_the_finger_stops_and_sets_out_again(speed_m_s, end_m):
+    for seed in range(3):
+        assert said(ours(), block(approach(speed_m_s, end_m, seed=seed))) == []
+
+
+def test_a_contact_of_ten_minutes_that_drifts_is_held_to_its_end():
+    n = 600_000
+    t_s = np.arange(n) / RATE_HZ
+    z = REST + STEP * pressed(t_s, 2.0, 590.0) + 0.003 * np.sin(2.0 * np.pi * t_s / 300.0) + noise(n)
+    events = said(ours(), *(block(z[k : k + 5000], k) for k in range(0, n, 5000)))
+    assert kinds(events) == [Contact, ContactHeld, ContactLost]
+    assert events[2].t_s == pytest.approx(590.0, abs=0.1)
+
+
+def test_a_contact_that_goes_slowly_is_seen_to_go():
+    t_s = np.arange(20_000) / RATE_HZ
+    z = REST + STEP * (pressed(t_s, 2.0, 1e9) * np.interp(t_s, [5.0, 15.0], [1.0, 0.0])) + noise(len(t_s))
+    events = said(ours(), block(z))
+    assert kinds(events) == [Contact, ContactHeld, ContactLost]
+    assert 10.0 < events[2].t_s < 15.0
+
+
+def test_contact_again_and_again_is_told_each_time():
+    z = np.concatenate([level(4.0, 2.0, 3.0) for _ in range(5)])
+    assert kinds(said(ours(), block(z))) == 5 * [Contact, ContactHeld, ContactLost]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1.0, -50.0])
+def test_a_single_bad_sample_is_no_contact_and_no_end_of_one(bad):
+    z = level(5.0, 2.0, 3.5)
+    z[[1200, 2800]] = bad
+    events = said(ours(), block(z))
+    assert kinds(events) == [Contact, ContactHeld, ContactLost]
+    assert events[0].t_s > 2.0
+    assert events[2].t_s > 3.5
+
+
+def test_lost_samples_are_no_contact_even_where_the_level_has_changed_meanwhile():
+    still = REST + noise(4000)
+    assert said(ours(), block(still[:2000]), block(still[2100:] + 0.001, 2100)) == []
+
+
+def test_contact_survives_lost_samples():
+    z = level(6.0, 2.0, 5.0)
+    events = said(ours(), block(z[:3000]), block(z[3300:], 3300))
+    assert kinds(events) == [Contact, ContactHeld, ContactLost]
+    assert events[2].t_s > 5.0
+
+
+def test_noise_that_comes_at_once_is_no_contact():
+    for seed in range(20):
+        z = REST + np.concatenate([noise(2000, 1e-5, seed), noise(4000, 1e-4, seed + 100)])
+        assert said(ours(), block(z)) == []
+
+
+def test_ten_minutes_of_noise_are_quiet():
+    z = REST + noise(600_000, 5e-5)
+    assert said(ours(), *(block(z[k : k + 10_000], k) for k in range(0, len(z), 10_000))) == []
+
+
+def test_a_longer_interval_between_false_alarms_asks_for_a_higher_threshold():
+    low, high = (
+        ours(false_alarm_interval_s=interval_s, least_threshold=0.1).threshold for interval_s in (10.0, 1e6)
+    )
+    assert low < high
+    assert ours(threshold=5.0).threshold == 5.0
+
+
+def test_a_smaller_step_gives_a_smaller_value_and_a_threshold_above_it_silences_it():
+    values = []
+    for share in (0.03, 0.01):
+        t_s = np.arange(4000) / RATE_HZ
+        z = REST + share * STEP * pressed(t_s, 2.0, 1e9) + noise(4000)
+        values.append(said(ours(), block(z))[0].value)
+    assert values[1] < values[0]
+    z = REST + 0.01 * STEP * pressed(t_s, 2.0, 1e9) + noise(4000)
+    assert said(ours(threshold=1.5 * values[1]), block(z)) == []
+
+
+def test_one_channel_will_do_where_there_is_no_other():
+    z = level(5.0, 2.0, 3.5)
+    in_phase = SampleBlock("signals.right", 0, 0.0, z.real[:, None], rate_hz=RATE_HZ)
+    assert kinds(said(ours(), in_phase)) == [Contact, ContactHeld, ContactLost]
+
+
+def test_it_can_be_calibrated_on_a_recording_without_contact():
+    z = REST + noise(200_000, 5e-5)
+    found = calibrate(ours(), np.column_stack([z.real, z.imag]), RATE_HZ, 3600.0)
+    assert 1.0 < found.threshold < 10.0
+
+
+def test_spans_that_do_not_grow_are_refused():
+    with pytest.raises(ValueError, match="longer"):
+        LevelSettings(spans_s=(0.008, 0.004))
+
+
+# --- the paper's ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [3, 5, 10])
+def test_with_gamma_3_the_papers_window_of_ten_samples_or_fewer_never_fires(n):
+    """|z| is at most (n - 1) / sqrt(n): 2.85 for n = 10."""
+    z = REST + noise(5000)
+    z[2500:] += 10.0 * STEP
+    assert said(paper(window_s=n / RATE_HZ, threshold=3.0), block(z)) == []
+
+
+def test_the_paper_forgets_a_contact_once_it_fills_a_tenth_of_the_window():
+    """A level that fills the share p of the window is sqrt((1 - p) / p) from its mean: 3 at p = 0.1."""
+    z = REST + noise(8000, 1e-6)
+    z[4000:] += STEP
+    events = said(paper(window_s=2.0, threshold=3.0, hold_s=0.1), block(z))
+    during = [event for event in events if event.t_s >= 4.0]
+    assert kinds(during[:3]) == [Contact, ContactHeld, ContactLost]
+    assert during[2].t_s - during[0].t_s == pytest.approx(0.2, abs=0.01)
+
+
+def test_the_paper_takes_the_end_of_a_forgotten_contact_for_a_contact():
+    z = level(12.0, 4.0, 8.0)
+    starts = [event.t_s for event in said(paper(threshold=8.0), block(z)) if isinstance(event, Contact)]
+    assert [round(t_s) for t_s in starts] == [4, 8]
+
+
+def test_the_papers_window_says_nothing_until_it_is_full():
+    z = level(3.0, 1.0, 2.0)
+    events = said(paper(window_s=1.5), block(z))
+    assert all(event.t_s >= 1.499 for event in events)

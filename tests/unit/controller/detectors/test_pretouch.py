@@ -1,0 +1,232 @@
+"""Pre-touch on envelopes that no plant made."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from behaviors.events import PreTouch, PreTouchLost
+from controller.detectors.calibration import calibrate
+from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
+from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
+from drivers.messages import SampleBlock
+
+RATE_HZ = 1000.0
+SURFACE_M = 0.055
+UNDULATION_M = 0.00429
+
+
+def trip(*legs):
+    """Way of a mover: (speed in m/s, seconds) after each other, shape (n,)."""
+    speeds = np.concatenate([np.full(round(seconds * RATE_HZ), speed) for speed, seconds in legs])
+    return np.concatenate(([0.0], np.cumsum(speeds) / RATE_HZ))[:-1]
+
+
+def heard(way_m, size=0.001, seed=1, sigma=5e-5, undulation_m=UNDULATION_M, sign=-1.0):
+    """Envelope of a finger whose object is SURFACE_M ahead, and its encoder."""
+    rng = np.random.default_rng(seed)
+    gap_m = SURFACE_M - way_m
+    z = size * (1.0 + np.maximum(gap_m, 0.0) / 0.01) ** -2 * np.exp(sign * 2j * np.pi * gap_m / undulation_m)
+    z += 0.1 - 0.07j + sigma * (rng.standard_normal(len(z)) + 1j * rng.standard_normal(len(z)))
+    values = np.column_stack([z.real, z.imag])
+    return (
+        SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ, unit="FS"),
+        SampleBlock("arm.position", 0, 0.0, way_m[::2, None], rate_hz=RATE_HZ / 2.0, unit="m"),
+    )
+
+
+def ours(**settings):
+    return PreTouchDetector("near", PreTouchSettings(**settings))
+
+
+def said(detector, *blocks):
+    return [event for block in blocks for event in detector.push(block)]
+
+
+def first_m(way_m, **settings):
+    events = said(ours(**settings), *heard(way_m))
+    assert isinstance(events[0], PreTouch)
+    return events[0].position_m
+
+
+def test_the_place_at_which_it_sees_hardly_depends_on_the_speed():
+    places_m = [first_m(trip((v, 0.05 / v)), level_fs=1e-4) for v in (0.003, 0.01, 0.03, 0.1)]
+    assert np.ptp(places_m) < 0.003
+
+
+def test_a_change_of_speed_and_a_pause_on_the_way_change_little():
+    steady = first_m(trip((0.01, 5.0)), level_fs=1e-4)
+    uneven = first_m(trip((0.01, 1.0), (0.0, 2.0), (0.03, 0.5), (0.005, 5.0)), level_fs=1e-4)
+    assert uneven == pytest.approx(steady, abs=0.002)
+
+
+def test_it_says_the_position_of_its_own_event():
+    events = said(ours(), *heard(trip((0.01, 5.0))))
+    assert events[0].position_m == pytest.approx(0.01 * events[0].t_s, abs=1e-4)
+    assert events[0].value > events[0].threshold
+
+
+@pytest.mark.parametrize("off", [0.98, 1.02])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_speed_of_sound_that_is_off_by_two_per_cent_and_the_sense_of_rotation_do_not_matter(off, sign):
+    way_m = trip((0.01, 5.0))
+    events = said(ours(), *heard(way_m, undulation_m=off * UNDULATION_M, sign=sign))
+    assert isinstance(events[0], PreTouch)
+    assert events[0].position_m < 0.02
+
+
+def test_standing_still_is_no_reason_to_speak_near_or_far():
+    way_m = trip((0.01, 4.0), (0.0, 30.0))
+    events = said(ours(), *heard(way_m))
+    assert [type(event) for event in events] == [PreTouch]
+    assert events[0].t_s < 4.0
+
+
+def test_it_tells_when_the_object_is_left_behind():
+    way_m = trip((0.01, 5.0), (0.0, 1.0), (-0.03, 5.0))
+    events = said(ours(), *heard(way_m, sigma=1e-4))
+    assert [type(event) for event in events] == [PreTouch, PreTouchLost]
+    assert events[1].t_s > 6.0
+
+
+def test_motion_before_nothing_is_quiet_for_a_hundred_passages():
+    way_m = trip((0.0, 0.5), (0.01, 4.0), (0.0, 0.3), (-0.03, 4.0 / 3.0))
+    quiet = [not said(ours(), *heard(way_m, size=0.0, seed=seed)) for seed in range(100)]
+    assert sum(quiet) >= 99  # at its own threshold of 18
+
+
+def test_a_drifting_level_is_no_object():
+    way_m = trip((0.01, 5.0))
+    signal, encoder = heard(way_m, size=0.0)
+    drifted = signal.values + np.linspace(0.0, 0.003, len(signal))[:, None]
+    block = SampleBlock("signals.right", 0, 0.0, drifted, rate_hz=RATE_HZ)
+    assert said(ours(), block, encoder) == []
+
+
+def test_whoever_comes_first_and_in_which_pieces_the_events_are_the_same():
+    rng = np.random.default_rng(4)
+    signal, encoder = heard(trip((0.01, 4.0), (-0.03, 2.5)), sigma=2e-4)
+    expected = said(ours(), signal, encoder)
+    assert len(expected) >= 2
+    for _ in range(5):
+        pieces = []
+        for block in (signal, encoder):
+            cuts = np.sort(rng.integers(0, len(block), 30))
+            bounds = [0, *cuts.tolist(), len(block)]
+            own = []
+            for a, b in pairwise(bounds):
+                part = SampleBlock(
+                    block.stream, a, a / block.rate_hz, block.values[a:b], rate_hz=block.rate_hz
+                )
+                own.append(part)
+            pieces.append(own)
+        mixed = []
+        while pieces[0] or pieces[1]:
+            source = pieces[int(rng.random() < 0.5)] or pieces[0] or pieces[1]
+            mixed.append(source.pop(0))
+        events = said(ours(), *mixed)
+        assert [type(event) for event in events] == [type(event) for event in expected]
+        assert [event.t_s for event in events] == pytest.approx([event.t_s for event in expected], abs=1e-9)
+
+
+def test_nothing_is_said_of_a_time_that_the_encoder_has_not_reached():
+    signal, encoder = heard(trip((0.01, 5.0)))
+    detector = ours()
+    assert said(detector, signal) == []
+    half = SampleBlock("arm.position", 0, 0.0, encoder.values[:1000], rate_hz=RATE_HZ / 2.0)
+    assert all(event.t_s <= half.last_s for event in said(detector, half))
+
+
+def test_a_pose_along_another_axis_serves_as_well():
+    signal, encoder = heard(trip((0.01, 5.0)))
+    poses = np.zeros((len(encoder), 6))
+    poses[:, 1] = -encoder.values[:, 0]
+    block = SampleBlock("arm.pose", 0, 0.0, poses, rate_hz=RATE_HZ / 2.0)
+    turned = said(ours(position_input="arm.pose", direction=(0.0, -1.0, 0.0)), signal, block)
+    straight = said(ours(), signal, encoder)
+    assert [event.t_s for event in turned] == [event.t_s for event in straight]
+    assert turned[0].position_m == pytest.approx(straight[0].position_m)
+
+
+def test_fingers_of_different_gain_speak_at_one_distance_once_they_are_calibrated():
+    way_m = trip((0.01, 5.4))
+    plain = said(ours(level_fs=1e-4), *heard(way_m, size=0.001))[0].position_m
+    deaf = said(ours(level_fs=1e-4), *heard(way_m, size=0.0005))[0].position_m
+    calibrated = said(ours(level_fs=1e-4, gain=2.0), *heard(way_m, size=0.0005))[0].position_m
+    assert calibrated == pytest.approx(plain, abs=0.0005)
+    assert deaf > plain + 0.002
+
+
+def test_an_object_beside_the_way_is_found_by_whoever_looks_there():
+    """The distance grows with the cosine of 60 degrees: so do the undulations' lengths."""
+    blocks = heard(trip((0.01, 5.0)), undulation_m=2.0 * UNDULATION_M)
+    assert said(ours(), *blocks) == [] or said(ours(), *blocks)[0].position_m > 0.02
+    assert said(ours(obliquity=(1.0, 0.5)), *blocks)[0].position_m < 0.02
+
+
+def test_it_can_be_calibrated_with_the_position_as_third_column_and_not_without():
+    back_and_forth_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
+    signal, _ = heard(back_and_forth_m, size=0.0)
+    columns = np.column_stack([signal.values, back_and_forth_m])
+    found = calibrate(ours(), columns, RATE_HZ, 30.0)
+    assert 3.0 < found.threshold < 30.0
+    with pytest.raises(ValueError, match="three columns"):
+        calibrate(ours(), signal.values, RATE_HZ, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"), [({"direction": (0.0, 0.0, 0.0)}, "length"), ({"obliquity": (0.0,)}, "cosines")]
+)
+def test_settings_that_make_no_sense_are_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        PreTouchSettings(**settings)
+
+
+# --- the paper's ---------------------------------------------------------------------------------
+
+
+def paper(**settings):
+    return PreTouchPaperDetector("near", PreTouchPaperSettings(**settings))
+
+
+def tone(amplitude, hertz, n=2000, offset=0.1):
+    values = offset + amplitude * np.sin(2.0 * np.pi * hertz * np.arange(n) / RATE_HZ)
+    return SampleBlock("signals.right", 0, 0.0, values[:, None], rate_hz=RATE_HZ)
+
+
+@pytest.mark.parametrize(("hertz", "inside"), [(2.0, True), (50.0, True), (100.0, True), (102.0, False)])
+def test_the_papers_power_is_that_between_0_and_100_hz(hertz, inside):
+    power = paper().statistic(tone(0.01, hertz).values, RATE_HZ)[499]
+    assert power == pytest.approx(0.5 * 0.01**2 if inside else 0.0, rel=1e-6, abs=1e-12)
+
+
+def test_literally_the_bridges_imbalance_swamps_the_papers_power():
+    literal = paper(remove_dc=False).statistic(tone(0.001, 4.0).values, RATE_HZ)[499]
+    assert literal == pytest.approx(0.1**2 + 0.5 * 0.001**2, rel=1e-6)
+    assert paper().statistic(tone(0.001, 4.0).values, RATE_HZ)[499] == pytest.approx(0.5 * 0.001**2, rel=1e-6)
+
+
+def test_the_papers_events_come_with_the_last_sample_of_a_window_and_in_turn():
+    values = np.concatenate([tone(0.0, 5.0).values, tone(0.01, 5.0).values, tone(0.0, 5.0).values])
+    events = said(paper(), SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ))
+    assert [(type(event), event.t_s) for event in events] == [(PreTouch, 2.499), (PreTouchLost, 4.499)]
+    assert math.isnan(events[0].position_m)
+
+
+def test_the_papers_detector_tells_the_position_where_it_hears_an_encoder():
+    events = said(paper(position_input="arm.position"), *heard(trip((0.01, 5.4)), size=0.01))
+    assert events[0].position_m == pytest.approx(0.01 * events[0].t_s, abs=1e-4)
+
+
+def test_a_window_with_a_value_that_is_not_finite_or_with_a_gap_says_nothing():
+    values = tone(0.01, 5.0).values.copy()
+    values[100] = np.nan
+    spoiled = said(paper(), SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ))
+    assert spoiled[0].t_s == pytest.approx(0.999)
+    whole = tone(0.01, 5.0)
+    parts = (
+        SampleBlock("signals.right", 0, 0.0, whole.values[:400], rate_hz=RATE_HZ),
+        SampleBlock("signals.right", 450, 0.45, whole.values[450:1000], rate_hz=RATE_HZ),
+    )
+    assert said(paper(), *parts)[0].t_s == pytest.approx(0.949)

@@ -1,0 +1,91 @@
+"""Contact by the force alone."""
+
+import numpy as np
+import pytest
+
+from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost
+from controller.detectors.threshold import ForceThresholdDetector, ForceThresholdSettings
+from drivers.messages import SampleBlock
+
+SETTINGS = {"baseline_s": 0.1, "average_s": 0.01, "threshold": 1.0, "release_ratio": 0.5}
+
+
+def detector(**settings):
+    return ForceThresholdDetector("touch", ForceThresholdSettings(**{**SETTINGS, **settings}))
+
+
+def block(values, seq=0, rate_hz=1000.0):
+    values = np.asarray(values, dtype=float)
+    shaped = values[:, None] if values.ndim == 1 else values
+    return SampleBlock("board.fingertip", seq, seq / rate_hz, shaped, rate_hz=rate_hz)
+
+
+def step(offset=0.0):
+    """At rest at an offset, then 2 N more for 0.1 s, then at rest again."""
+    return offset + np.concatenate([np.zeros(200), np.full(100, 2.0), np.zeros(100)])
+
+
+def test_it_learns_the_level_then_tells_contact_and_its_end_with_the_running_mean():
+    ready, contact, lost = detector().push(block(step(offset=-3.0)))
+    assert (type(ready), type(contact), type(lost)) == (BaselineReady, Contact, ContactLost)
+    assert ready.t_s == pytest.approx(0.099)
+    assert ready.value == pytest.approx(0.0)
+    # six of ten samples of 2 N make more than 1 N; eight of ten at rest leave less than 0.5 N
+    assert (contact.t_s, contact.value) == (pytest.approx(0.205), pytest.approx(1.2))
+    assert (lost.t_s, lost.value) == (pytest.approx(0.307), pytest.approx(0.4))
+    assert contact.threshold == 1.0
+
+
+@pytest.mark.parametrize("size", [1, 3, 10, 64, 400])
+def test_blocks_of_any_size_give_the_same_events_to_the_last_bit(size):
+    values = step() + 0.2 * np.random.default_rng(1).standard_normal(400)
+    whole, pieces = detector(), detector()
+    expected = whole.push(block(values, rate_hz=1024.0))  # times that floats hold exactly
+    events = [
+        event
+        for at in range(0, 400, size)
+        for event in pieces.push(block(values[at : at + size], seq=at, rate_hz=1024.0))
+    ]
+    assert len(expected) >= 3
+    assert events == list(expected)
+
+
+def test_several_channels_count_as_one_vector_and_the_others_do_not():
+    values = np.zeros((300, 3))
+    values[200:] = [0.8, 0.8, 99.0]
+    assert [type(e) for e in detector(channels=[0, 1]).push(block(values))] == [BaselineReady, Contact]
+    assert [type(e) for e in detector(channels=[0]).push(block(values))] == [BaselineReady]
+
+
+def test_a_gap_empties_the_running_mean_and_keeps_the_level():
+    listener = detector()
+    listener.push(block(np.full(105, 5.0)))
+    assert listener.push(block(np.full(9, 8.0), seq=1000)) == []
+    (contact,) = listener.push(block(np.full(1, 8.0), seq=1009))
+    assert (contact.t_s, contact.value) == (pytest.approx(1.009), pytest.approx(3.0))
+
+
+def test_nan_in_the_baseline_is_refused_and_later_left_out():
+    spoilt = np.zeros(150)
+    spoilt[50] = np.nan
+    (refused,) = detector().push(block(spoilt))
+    assert isinstance(refused, BaselineRefused)
+    assert "not finite" in refused.reason
+    later = step()
+    later[150:250:7] = np.nan
+    assert [type(e) for e in detector().push(block(later))] == [BaselineReady, Contact, ContactLost]
+
+
+def test_after_a_reset_it_learns_anew():
+    listener = detector()
+    listener.push(block(step()))
+    listener.reset()
+    assert [type(e) for e in listener.push(block(step(offset=7.0)))] == [BaselineReady, Contact, ContactLost]
+
+
+def test_a_channel_that_is_not_there_and_a_stream_without_a_rate_are_one_clear_line():
+    with pytest.raises(ValueError, match=r"channels \[3\] .* it has 1; count from 0"):
+        detector(channels=[3]).push(block(step()))
+    irregular = SampleBlock("board.period", 0, 0.0, np.zeros((2, 1)), times_s=np.array([0.0, 0.1]))
+    with pytest.raises(ValueError, match="irregular times"):
+        detector().push(irregular)

@@ -1,0 +1,224 @@
+"""Sound in, I and Q out: times, losses, excursions, and what is refused."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from controller.signals.iq import Iq, IqSettings
+from drivers.audio.oscillator import ToneWave
+from drivers.messages import SampleBlock, Saturated
+
+RATE_HZ = 96_000
+FS = 2.0**-23
+
+
+def iq(**settings):
+    return Iq("finger", IqSettings(**settings))
+
+
+def sound(values, seq=0, t0_s=0.0, **more):
+    return SampleBlock(
+        "audio.fingers", seq, t0_s, values, **{"rate_hz": float(RATE_HZ), "unit": "FS", "scale": FS, **more}
+    )
+
+
+def fingers(z_right, z_left, frame=0, drive_hz=40_000.0):
+    """Counts of both fingers whose envelopes are these, each shape (n,), at the drive of the audio device."""
+    n = len(z_right)
+    cosine = ToneWave(drive_hz, 1.0).at(frame, n)
+    # a quarter of a period later the cosine is a sine: taken from the drive's own arithmetic where it has one
+    phase = (
+        2 * np.pi * (round(drive_hz * 1000) * (np.arange(frame, frame + n) % 96_000_000) % 96_000_000) / 96e6
+    )
+    waves = [z.real * cosine - z.imag * np.sin(phase) for z in (z_right, z_left)]
+    return np.rint(np.column_stack(waves) * 2**23).astype(np.int32)
+
+
+def heard(signal, values, sizes, seq=0, t0_s=0.0):
+    """Everything that comes out when these frames go in, in blocks of these sizes over and over."""
+    out, place, turn = [], 0, 0
+    while place < len(values):
+        part = values[place : place + sizes[turn % len(sizes)]]
+        out += signal.push(sound(part, seq + place, t0_s + place / RATE_HZ))
+        place, turn = place + len(part), turn + 1
+    return out
+
+
+def joined(blocks):
+    """Numbers, times and I + jQ."""
+    seq = np.concatenate([block.seq + np.arange(len(block)) for block in blocks])
+    times_s = np.concatenate([block.times for block in blocks])
+    values = np.concatenate([block.physical for block in blocks])
+    return seq, times_s, values[:, 0] + 1j * (values[:, 1] if values.shape[1] > 1 else 0.0)
+
+
+def right(t):
+    return 0.2 - 0.1j + 0.01 * np.exp(2j * np.pi * 12.0 * t)
+
+
+def left(t):
+    return -0.05 + 0.3j + 0.02 * np.exp(-2j * np.pi * 30.0 * t)
+
+
+@pytest.mark.parametrize("drive_hz", [40_000.0, 39_876.543])
+@pytest.mark.parametrize(("variant", "limit_db"), [("fused", -119.0), ("cic", -80.0)])
+@pytest.mark.parametrize(("channel", "finger"), [(0, right), (1, left)])
+def test_each_finger_gives_its_own_envelope_at_its_own_time(channel, finger, variant, limit_db, drive_hz):
+    frame, t = 10**8, np.arange(48_000) / RATE_HZ
+    signal = iq(channel=channel, variant=variant, drive_hz=drive_hz)
+    _, times_s, z = joined(heard(signal, fingers(right(t), left(t), frame, drive_hz), [960], frame, 5.0))
+    # cic: its droop at 30 Hz, 0.4 % of an undulation of 0.02
+    assert 20 * np.log10(np.abs(z - finger(times_s - 5.0)).max()) < limit_db
+
+
+def test_in_phase_alone_is_one_channel():
+    t = np.arange(9600) / RATE_HZ
+    signal = iq(variant="in_phase")
+    blocks = heard(signal, fingers(right(t), left(t)), [1000])
+    _, times_s, z = joined(blocks)
+    assert signal.info.channels == ("I",)
+    assert blocks[0].values.shape[1] == 1
+    assert z == pytest.approx(right(times_s).real, abs=1e-6)
+
+
+@pytest.mark.parametrize("variant", ["fused", "cic", "in_phase"])
+def test_blocks_of_any_size_give_the_same_to_the_bit(variant):
+    values = np.random.default_rng(1).integers(-(1 << 20), 1 << 20, (20_000, 2)).astype(np.int32)
+    seq, times_s, z = joined(heard(iq(variant=variant), values, [20_000], 77))
+    for sizes in ([1, 700, 13], [96], [480, 481]):
+        again = joined(heard(iq(variant=variant), values, sizes, 77))
+        assert np.array_equal(again[0], seq)
+        assert again[1] == pytest.approx(times_s, abs=1e-12)
+        assert np.array_equal(again[2], z)
+
+
+@pytest.mark.parametrize("variant", ["fused", "cic"])
+@pytest.mark.parametrize("lost", [1, 2, 50, 4000])
+def test_a_lost_frame_leaves_a_jump_in_the_numbers_and_no_step(variant, lost):
+    rng = np.random.default_rng(2)
+    n = 30_000
+    noise = 1e-4 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    values = fingers(np.full(n, 0.2 - 0.1j) + noise, np.zeros(n))
+    signal = iq(variant=variant)
+    before = [b for b in signal.push(sound(values[:10_000])) if len(b)]
+    after = signal.push(sound(values[10_000 + lost :], 10_000 + lost, (10_000 + lost) / RATE_HZ))
+    assert after[0].seq > before[-1].seq + len(before[-1])
+    _, times_s, z = joined([*before, *after])
+    sigma = np.std(joined(before)[2])
+    assert np.abs(z - (0.2 - 0.1j)).max() < 6 * sigma
+    # times stay on the grid of outputs, whatever was lost
+    assert np.diff(times_s) * 1000.0 == pytest.approx(np.rint(np.diff(times_s) * 1000.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_counts_as_lost(bad):
+    t = np.arange(9600) / RATE_HZ
+    values = fingers(right(t), left(t)) * FS
+    good = joined(iq().push(sound(values.copy(), scale=1.0)))
+    values[5000:5003, 0] = bad
+    seq, _, z = joined(iq().push(sound(values, scale=1.0)))
+    assert np.isfinite(z).all()
+    lost = set(good[0].tolist()) - set(seq.tolist())
+    assert lost == set(range(5000 // 96, 5000 // 96 + 6))
+    assert np.array_equal(z, good[2][np.isin(good[0], seq)])
+    # the other finger heard nothing of it
+    assert len(joined(iq(channel=1).push(sound(values, scale=1.0)))[0]) == len(good[0])
+
+
+@pytest.mark.parametrize("size", [96, 1000, 40_000])
+def test_an_excursion_to_full_scale_is_told_once(size):
+    values = np.zeros((40_000, 2), np.int32)
+    values[5000:9000:12, 0] = (1 << 23) - 1
+    values[30_000, 0] = -(1 << 23)
+    told = [thing for thing in heard(iq(), values, [size]) if isinstance(thing, Saturated)]
+    assert [(one.stream, round(one.t_s * RATE_HZ)) for one in told] == [
+        ("signals.finger", 5000),
+        ("signals.finger", 30_000),
+    ]
+    assert [one.value for one in told] == pytest.approx([1.0, -1.0], abs=1e-6)
+    assert not [thing for thing in heard(iq(channel=1), values, [size]) if isinstance(thing, Saturated)]
+
+
+def test_an_envelope_is_passed_on_and_its_bad_samples_left_out():
+    values = np.arange(40.0).reshape(10, 4) * 1e-3
+    block = sound(values, 7, 1.0, rate_hz=1000.0, scale=1.0)
+    (made,) = iq(channel=1).push(block)
+    assert (made.seq, made.t0_s, made.rate_hz, made.stream) == (7, 1.0, 1000.0, "signals.finger")
+    assert np.array_equal(made.values, values[:, 2:])
+    values[4, 3] = np.nan
+    parts = iq(channel=1).push(sound(values, 7, 1.0, rate_hz=1000.0, scale=1.0))
+    assert [(part.seq, len(part), part.t0_s) for part in parts] == [(7, 4, 1.0), (12, 5, 1.005)]
+
+
+def test_clocks_20_ppm_apart_are_measured_and_tracked():
+    n = 8 * RATE_HZ
+    t = np.arange(n) / RATE_HZ
+    beat = np.exp(2j * np.pi * 20e-6 * 40_000.0 * t)
+    values = fingers((0.1 + 0.05j) * beat, np.zeros(n))
+    watching = iq(clocks="watched")
+    _, _, z = joined(heard(watching, values, [9600]))
+    assert watching.drift_ppm == pytest.approx(20.0, abs=0.01)
+    assert np.ptp(np.unwrap(np.angle(z))) > 30.0
+    tracking = iq(clocks="tracked")
+    _, times_s, z = joined(heard(tracking, values, [9600]))
+    assert times_s[0] == pytest.approx(1.003, abs=0.002)
+    assert np.ptp(np.unwrap(np.angle(z))) < 1e-3
+    assert np.isnan(iq().drift_ppm)
+
+
+def test_a_reset_forgets():
+    values = np.random.default_rng(1).integers(-(1 << 20), 1 << 20, (5000, 2)).astype(np.int32)
+    signal = iq()
+    first = joined(signal.push(sound(values)))
+    signal.reset()
+    assert np.array_equal(joined(signal.push(sound(values)))[2], first[2])
+
+
+@pytest.mark.parametrize(
+    ("settings", "more", "shape", "words"),
+    [
+        ({}, {"rate_hz": 44_100.0}, (10, 2), "44100 frames a second are no multiple of 1000"),
+        ({}, {"rate_hz": 48_000.0}, (10, 2), "48000 frames a second cannot hold a drive of 40000 Hz"),
+        ({"channel": 1}, {}, (10, 1), "1 channel where signals.finger needs 2"),
+        ({"channel": 1}, {"rate_hz": 1000.0}, (10, 2), "2 channels where signals.finger needs 4"),
+        ({}, {"rate_hz": None, "times_s": np.arange(10.0)}, (10, 2), "irregular times"),
+        ({}, {"scale": 2.0**-31}, (10, 2), "counts of more than 24 bits"),
+    ],
+)
+def test_a_stream_that_will_not_do_is_refused_in_one_line(settings, more, shape, words):
+    with pytest.raises(ValueError, match=words) as error:
+        iq(**settings).push(sound(np.zeros(shape, np.int32), **more))
+    assert "\n" not in str(error.value)
+
+
+def test_in_phase_alone_cannot_track():
+    with pytest.raises(ValidationError, match="in-phase alone cannot tell a beat"):
+        IqSettings(variant="in_phase", clocks="tracked")
+
+
+@pytest.mark.parametrize("variant", ["fused", "in_phase", "cic"])
+def test_once_warmed_up_sound_brings_nothing_new_to_compile(variant):
+    from controller.signals import demodulation_kernel as kernel
+
+    signal = iq(variant=variant)
+    signal.warm_up()
+    compiled = {
+        name: len(kernel.__dict__[name].signatures) for name in ("fused_counts", "cic_counts", "peak")
+    }
+    assert compiled["peak"] and compiled["cic_counts" if variant == "cic" else "fused_counts"]
+    z = 0.1 * np.ones(960)
+    counts = fingers(z, z, frame=4_320_000_000)
+    first = signal.push(sound(counts, seq=4_320_000_000))
+    assert first
+    after = {name: len(kernel.__dict__[name].signatures) for name in compiled}
+    assert after == compiled
+    unwarmed = iq(variant=variant).push(sound(counts, seq=4_320_000_000))
+    assert [block.seq for block in first] == [block.seq for block in unwarmed]
+    assert all(np.array_equal(a.values, b.values) for a, b in zip(first, unwarmed, strict=True))
+
+
+def test_a_drive_that_no_sound_can_hold_is_told_with_the_first_sound_and_not_before():
+    signal = iq(drive_hz=47_990.0)
+    signal.warm_up()
+    with pytest.raises(ValueError, match="cannot hold a drive of 47990 Hz"):
+        signal.push(sound(np.zeros((960, 2), np.int32)))

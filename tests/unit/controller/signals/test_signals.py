@@ -1,0 +1,65 @@
+"""Streams made of streams: who wakes, who sleeps, and what goes through."""
+
+import numpy as np
+
+from controller.signals.protocol import Signals
+from drivers.messages import SampleBlock, Saturated, StreamInfo
+
+
+class Doubled:
+    """Twice its input; says so when a value is beyond ten."""
+
+    def __init__(self, name, source):
+        self.name = name
+        self.inputs = (source,)
+        self.info = StreamInfo(f"signals.{name}", ("x",), "V", rate_hz=1000.0)
+        self.resets = 0
+
+    def push(self, block):
+        made = SampleBlock(self.info.name, block.seq, block.t0_s, 2.0 * block.physical, rate_hz=block.rate_hz)
+        beyond = made.values[np.abs(made.values) > 10.0]
+        words = [Saturated(block.last_s, "signals", self.info.name, float(beyond[0]))] if beyond.size else []
+        return [made, *words]
+
+    def reset(self):
+        self.resets += 1
+
+
+def block(*values, stream="board.bridge"):
+    return SampleBlock(stream, 0, 0.0, np.array(values, dtype=float)[:, None], rate_hz=1000.0)
+
+
+def test_a_signal_that_nobody_hears_makes_nothing():
+    signals = Signals([Doubled("a", "board.bridge")])
+    assert signals.hear(frozenset({"board.bridge"})) == {"board.bridge"}
+    assert signals.push([block(1.0)]) == ([], [])
+
+
+def test_a_signal_that_is_heard_asks_for_what_is_behind_it():
+    signals = Signals([Doubled("a", "board.bridge"), Doubled("b", "signals.a")])
+    assert signals.streams == {"signals.a", "signals.b"}
+    assert signals.hear(frozenset({"signals.b", "stage.position"})) == {"board.bridge", "stage.position"}
+    made, _ = signals.push([block(1.0, 2.0)])
+    assert [(one.stream, one.values[:, 0].tolist()) for one in made] == [
+        ("signals.a", [2.0, 4.0]),
+        ("signals.b", [4.0, 8.0]),
+    ]
+
+
+def test_a_signal_begins_anew_when_it_wakes_and_not_while_it_is_awake():
+    signal = Doubled("a", "board.bridge")
+    signals = Signals([signal])
+    heard = frozenset({"signals.a"})
+    signals.hear(heard)
+    signals.hear(heard | {"stage.position"})
+    assert signal.resets == 1
+    signals.hear(frozenset())
+    signals.hear(heard)
+    assert signal.resets == 2
+
+
+def test_a_signal_beyond_its_range_says_so():
+    signals = Signals([Doubled("a", "board.bridge")])
+    signals.hear(frozenset({"signals.a"}))
+    _, saturated = signals.push([block(1.0, 6.0)])
+    assert [(word.stream, word.value) for word in saturated] == [("signals.a", 12.0)]

@@ -1,0 +1,134 @@
+"""The wave along the way, against plain least squares."""
+
+import numpy as np
+import pytest
+
+from controller.signals.undulation import NUISANCES, Way, fit, undulate
+
+KAPPA_RAD_M = 1465.0
+CELL_M = 0.00027
+
+
+def way(**changes):
+    given = {
+        "kappa_rad_m": np.array([KAPPA_RAD_M, -KAPPA_RAD_M]),
+        "cell_m": CELL_M,
+        "memory_m": 0.008,
+        "least_m": 0.005,
+        "longest": 200,
+        "pause": 5000,
+        "patience": 500,
+    }
+    return Way(**{**given, **changes})
+
+
+def heard(z, x_m, constants=None, missing=None):
+    constants = constants or way()
+    ratios, amplitudes = np.empty(len(z)), np.empty(len(z))
+    missing = np.zeros(len(z), np.int64) if missing is None else missing
+    undulate(constants, fit(constants), np.asarray(z, complex), x_m, missing, ratios, amplitudes)
+    return ratios, amplitudes
+
+
+def noise(n, seed=1):
+    rng = np.random.default_rng(seed)
+    return 5e-5 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+
+
+def echo(x_m, surface_m=0.055, size=0.001):
+    gap_m = surface_m - x_m
+    return size * (1.0 + gap_m / 0.01) ** -2 * np.exp(-1j * KAPPA_RAD_M * gap_m)
+
+
+def test_the_sums_give_what_plain_weighted_least_squares_give():
+    """Independent of the recursion: a design matrix, weights, numpy's solver."""
+    x_m = np.arange(120) * 0.0003  # each sample is longer than a cell
+    z = 0.1 - 0.05j + 3.0 * x_m * (0.01 + 0.02j) + echo(x_m) + noise(120)
+    ratios, amplitudes = heard(z, x_m, way(kappa_rad_m=np.array([KAPPA_RAD_M])))
+    # the median of three lags by one sample, a cell's mean is of the one sample in it, the first only starts the way
+    middle = np.median([z.real[:-2], z.real[1:-1], z.real[2:]], axis=0) + 1j * np.median(
+        [z.imag[:-2], z.imag[1:-1], z.imag[2:]], axis=0
+    )
+    cells, places_m = middle[1:], x_m[2:-1]
+    cells[0], places_m[0] = middle[:2].mean(), x_m[1:3].mean()  # the first cell holds two
+    for count in (40, 80, len(cells)):
+        z_c, x_c = cells[:count], places_m[:count]
+        weights = np.exp(-(x_c[-1] - x_c) / 0.008)
+        root = np.sqrt(weights)[:, None]
+        wave = np.exp(1j * KAPPA_RAD_M * x_c)
+        plain = np.column_stack([np.ones(count), x_c]).astype(complex)
+        full = np.column_stack([plain, wave])
+
+        def left(design, z_c=z_c, root=root, weights=weights):
+            found = np.linalg.lstsq(root * design, root[:, 0] * z_c, rcond=None)[0]
+            return float(np.sum(weights * np.abs(z_c - design @ found) ** 2)), found
+
+        without, _ = left(plain)
+        with_wave, found = left(full)
+        freedom = weights.sum() ** 2 / np.sum(weights**2) - NUISANCES
+        expected = (without - with_wave) / (with_wave / freedom + 1e-14)
+        place = count + 2
+        assert amplitudes[place] == pytest.approx(abs(found[2]), rel=1e-6)
+        assert ratios[place] == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_same_way_gives_the_same_amplitude_at_any_speed():
+    found = []
+    for speed_m_s in (0.003, 0.01, 0.03, 0.1):
+        x_m = np.arange(0.0, 0.045, speed_m_s * 1e-3)
+        _, amplitudes = heard(0.1 + echo(x_m), x_m)
+        found.append(amplitudes[np.isfinite(amplitudes)][-1])
+    assert found == pytest.approx([found[0]] * 4, rel=0.03)
+
+
+def test_standing_still_says_nothing_however_long():
+    ratios, _ = heard(0.1 + noise(20_000), np.full(20_000, 0.01))
+    assert np.isnan(ratios).all()
+
+
+def test_a_slope_of_the_level_is_no_wave():
+    x_m = np.arange(0.0, 0.05, 1e-5)
+    ratios, amplitudes = heard(0.1 + 0.5 * x_m + noise(len(x_m)), x_m)
+    assert np.nanmax(ratios) < 18.0
+    assert np.nanmax(amplitudes) < 5e-5
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e9, 50.0])
+def test_one_bad_sample_costs_at_most_a_cell(bad):
+    x_m = np.arange(0.0, 0.05, 1e-5)
+    z = 0.1 + echo(x_m) + noise(len(x_m))
+    spoiled = z.copy()
+    spoiled[3000] = bad
+    good, _ = heard(z, x_m)
+    ratios, _ = heard(spoiled, x_m)
+    last = np.flatnonzero(np.isfinite(good))[-1]
+    assert ratios[last] == pytest.approx(good[last], rel=0.05)
+
+
+def test_lost_samples_cost_a_cell_and_no_false_wave():
+    x_m = np.arange(0.0, 0.05, 1e-5)
+    z = 0.1 + noise(len(x_m))
+    keep = np.ones(len(x_m), bool)
+    keep[2000:2100] = False
+    missing = np.zeros(keep.sum(), np.int64)
+    missing[2000] = 100
+    ratios, _ = heard(z[keep], x_m[keep], missing=missing)
+    assert np.nanmax(ratios) < 18.0
+
+
+def test_a_jump_of_the_level_begins_the_fit_anew_and_is_no_wave():
+    x_m = np.arange(0.0, 0.05, 1e-5)
+    z = 0.1 + noise(len(x_m))
+    z[2500:] += 0.02
+    ratios, _ = heard(z, x_m)
+    assert np.nanmax(ratios) < 18.0
+    after = np.flatnonzero(np.isfinite(ratios) & (np.arange(len(x_m)) > 2500))
+    assert after[0] > 2500 + 490  # 5 mm of way at 10 um a sample, less what was half done
+
+
+def test_there_is_no_drift_over_a_hundred_metres():
+    x_m = 0.02 * np.sin(np.arange(400_000) * 5e-4)
+    z = 0.1 + 0.001 * np.exp(1j * KAPPA_RAD_M * x_m)
+    _, amplitudes = heard(z, x_m)
+    known = amplitudes[np.isfinite(amplitudes)]
+    assert known[-1000:] == pytest.approx(0.001, rel=0.02)
