@@ -5,6 +5,7 @@ Statuses of devices (`drivers.messages.Status`) are events too; detectors and th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from drivers.messages import Status
@@ -43,6 +44,29 @@ class Contact(Detected):
 @dataclass(frozen=True, slots=True)
 class ContactLost(Detected):
     """Contact ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContactHeld(Detected):
+    """Contact persists: said once, when it has lasted as long as the detector's settings ask for."""
+
+
+@dataclass(frozen=True, slots=True)
+class PreTouch(Detected):
+    """An object came near a finger that has not touched it.
+
+    `position_m` is where the mover was at `t_s`, along the direction that the detector was told; NaN where it hears no
+    encoder.
+    """
+
+    position_m: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class PreTouchLost(Detected):
+    """Nothing is near any more."""
+
+    position_m: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,10 @@ class Behavior:
     each state that commands something. A trigger is the event's class name in lower case with
     underscores (`Contact` → `contact`); an event that the present state has no transition for is ignored. Callbacks
     call `self.command(...)`, never a trigger.
+
+    Args:
+        plans: What each state needs; the final ones need nothing.
+        mover: Device that `from_mover` asks for.
     """
 
     States: ClassVar[type[Enum]]
@@ -50,10 +54,11 @@ class Behavior:
     final: ClassVar[frozenset[Enum]]
     table: ClassVar[Sequence[Mapping[str, Any]]]
 
-    def __init__(self, plans: Mapping[Enum, StatePlan]) -> None:
+    def __init__(self, plans: Mapping[Enum, StatePlan], mover: str = "") -> None:
         missing = set(self.States) - set(plans) - self.final
         assert not missing, f"states without a deadline: {missing}"
         self.plans = dict(plans)
+        self._mover = mover
         self.state: Enum = self.initial
         self.outcome = UNDECIDED
         self.reason = ""
@@ -119,6 +124,10 @@ class Behavior:
         """Say how the trial came out; the first word stands, unless something fails later."""
         if self.outcome == UNDECIDED:
             self.outcome, self.reason = outcome, reason
+
+    def from_mover(self) -> bool:
+        """Whether the status is the mover's."""
+        return getattr(self.event, "device", None) == self._mover
 
     def say_why(self) -> None:
         """Before a transition on a failure: a device or detector could not go on."""

@@ -145,12 +145,9 @@ class Static(Behavior):
                 states.RESTING: StatePlan(settings.rest_s),
                 states.RECORDING: StatePlan(settings.record_s, frozenset(), measured, prompt=False),
                 states.RETRACTING: StatePlan(motion),
-            }
+            },
+            mover=settings.mover,
         )
-
-    def from_mover(self) -> bool:
-        """Whether the status is the mover's."""
-        return getattr(self.event, "device", None) == self.settings.mover
 
     def enter_HOMING(self) -> None:
         """Know where the mover is, excite the finger."""

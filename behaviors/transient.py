@@ -199,14 +199,11 @@ class Transient(Behavior):
                 states.STOPPING: StatePlan(motion, frozenset(), measured),
                 states.HOLDING: StatePlan(settings.hold_s, frozenset(), measured, prompt=False),
                 states.RETRACTING: StatePlan(motion),
-            }
+            },
+            mover=settings.mover,
         )
 
     # conditions
-
-    def from_mover(self) -> bool:
-        """Whether the status is the mover's."""
-        return getattr(self.event, "device", None) == self.settings.mover
 
     def unsettled(self) -> bool:
         """Whether the finger has not been given its time yet."""

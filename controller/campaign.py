@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import platform
 import subprocess
 import sys
@@ -10,21 +11,23 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
 from behaviors.machine import Behavior
-from controller.detectors.protocol import Detector
+from controller.detectors.protocol import Compiled, Detector
 from controller.guard import Guard, GuardRefusal
-from controller.loop import Aborted, Loop, LoopSettings
+from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.loop import Operator as LoopOperator
 from controller.measures.trial import TrialEvidence
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.rig import Rig, TrialScene
+from controller.signals.protocol import Signal
 from drivers.clock import utc_now
 from drivers.errors import DeviceError
-from drivers.messages import DeviceInfo
+from drivers.messages import DeviceInfo, StreamInfo
 
 EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_DEVICE, EXIT_GUARD, EXIT_INTERRUPTED = 0, 1, 2, 3, 4, 130
 """Exit codes of a run."""
@@ -45,6 +48,7 @@ class TrialPlan:
         behavior: Fresh, in its initial state.
         detectors: Fresh, by name.
         guard: With the trial's limits.
+        signals: Fresh; what can be heard beside the devices' own streams.
         measure: From evidence and the behavior's outcome to the final outcome and the row.
     """
 
@@ -55,6 +59,7 @@ class TrialPlan:
     detectors: Mapping[str, Detector]
     guard: Guard
     measure: Measure
+    signals: Sequence[Signal] = ()
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,7 @@ class CampaignPlan:
         columns: Names of what is measured.
         loop: Rates.
         roles: Which device does what, for reports.
+        signals: What comes out of the signals, by stream.
     """
 
     profile: str
@@ -86,6 +92,7 @@ class CampaignPlan:
     columns: Sequence[str]
     loop: LoopSettings
     roles: Mapping[str, str] = field(default_factory=dict)
+    signals: Mapping[str, StreamInfo] = field(default_factory=dict)
 
 
 class Console(LoopOperator, Protocol):
@@ -137,6 +144,7 @@ class Campaign:
         self._console = console
         self._runs = runs
         self._unstill: list[str] = []
+        self._warm: set[type] = set()
 
     def run(self) -> Outcome:
         """Run every trial.
@@ -160,6 +168,8 @@ class Campaign:
             code, status, line = EXIT_GUARD, "guard", f"guard: {refusal}"
         except DeviceError as error:
             code, status, line = EXIT_DEVICE, "fault", str(error)
+        except UnfitStreamError as error:
+            code, status, line = EXIT_USAGE, "fault", str(error)
         except RecordingError as error:
             code, status, line = EXIT_FAILED, "failed", str(error)
         except Exception as error:
@@ -176,47 +186,52 @@ class Campaign:
 
     def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
         try:
+            trials = self._warmed()
             infos = {name: device.open() for name, device in self._rig.devices.items()}
             self._manifest["devices"] = {name: _described(info) for name, info in infos.items()}
             folder.write_manifest(self._manifest)
             recorder = Recorder(
                 folder,
                 started,
-                streams={
-                    stream: info for device in infos.values() for stream, info in device.streams.items()
-                },
+                streams={stream: info for device in infos.values() for stream, info in device.streams.items()}
+                | dict(self._plan.signals),
                 factors=self._plan.factors,
                 measures=self._plan.columns,
             )
             try:
-                return self._trials(folder, recorder, infos)
+                return self._trials(folder, recorder, infos, trials)
             finally:
                 recorder.close()
         finally:
+            gc.unfreeze()
             self._close()
 
     def _close(self) -> None:
         """Let go of every device, then of the bench; each whatever became of the others."""
+        for name, device in self._rig.devices.items():
+            if name in self._manifest["devices"]:  # while the link is there to be asked about
+                with suppress(Exception):
+                    self._manifest["devices"][name]["link"] = dict(device.account())
         for device in self._rig.devices.values():
             with suppress(Exception):
                 device.close()
-        for name, device in self._rig.devices.items():
-            if name in self._manifest["devices"]:
-                with suppress(Exception):
-                    self._manifest["devices"][name]["link"] = dict(device.account())
         with suppress(Exception):
             self._manifest["plant"] = dict(self._rig.account())
         self._rig.close()
 
     def _trials(
-        self, folder: RunFolder, recorder: Recorder, infos: Mapping[str, DeviceInfo]
+        self,
+        folder: RunFolder,
+        recorder: Recorder,
+        infos: Mapping[str, DeviceInfo],
+        trials: Iterable[TrialPlan],
     ) -> tuple[int, str, str]:
         plan = self._plan
         self._console.campaign_started(plan.profile, plan.count, folder.path)
         offset_s = 0.0
         counts: dict[str, int] = {}
         code, status, line = EXIT_DONE, "done", ""
-        for trial in plan.trials:
+        for trial in trials:
             self._console.trial_started(trial.trial, trial.factors)
             outcome, reason, row, length_s = self._trial(trial, recorder, infos, offset_s)
             offset_s += length_s
@@ -240,6 +255,8 @@ class Campaign:
         self, trial: TrialPlan, recorder: Recorder, infos: Mapping[str, DeviceInfo], offset_s: float
     ) -> tuple[str, str, dict[str, Any], float]:
         """Run one trial; its row is on the disk when this returns or raises."""
+        self._warm_up(trial)
+        self._settle_memory()
         self._rig.clock.restart()
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
@@ -247,7 +264,7 @@ class Campaign:
         verdict: str | None = None
         try:
             self._rig.begin_trial(trial.scene)
-            loop.run(trial.behavior, trial.detectors)
+            loop.run(trial.behavior, trial.detectors, trial.signals)
         except (Aborted, KeyboardInterrupt):
             verdict = "aborted"
             raise
@@ -258,9 +275,11 @@ class Campaign:
             verdict = "fault"
             raise
         finally:
-            evidence.events, evidence.entered_s = loop.events, loop.entered_s
+            evidence.events, evidence.entered_s, evidence.visits = loop.events, loop.entered_s, loop.visits
             if self._rig.truth is not None:
                 evidence.truth = self._rig.truth()
+            if self._rig.slips is not None:
+                evidence.slips = self._rig.slips()
             self._account(loop)
             outcome: str = verdict or trial.behavior.outcome
             row: dict[str, Any] = {}
@@ -269,6 +288,35 @@ class Campaign:
             finally:
                 recorder.end_trial(outcome, row)
         return outcome, trial.behavior.reason, row, self._rig.clock.now()
+
+    def _warmed(self) -> Iterable[TrialPlan]:
+        """The trials, warmed up for the first one: no device is open yet whose own watchdog would wait for it."""
+        trials = iter(self._plan.trials)
+        first = next(trials, None)
+        if first is None:
+            return trials
+        self._warm_up(first)
+        return chain((first,), trials)
+
+    def _warm_up(self, trial: TrialPlan) -> None:
+        """Let code that compiles, or loads, when it is first needed do so before the trial.
+
+        A loop that stood still for it while something moves would be stopped by the guard; virtual time waits.
+        """
+        if self._rig.clock.virtual:
+            return
+        for thing in (*trial.signals, *trial.detectors.values()):
+            kind = type(thing)
+            if isinstance(thing, Compiled) and kind not in self._warm:
+                thing.warm_up()
+                self._warm.add(kind)
+
+    def _settle_memory(self) -> None:
+        """Collect garbage now, and look no more at what is left: a full collection in the middle of a trial stood still
+        for 0.11 s (measured, in a trial with sound), longer than the guard takes for granted. Virtual time waits."""
+        if not self._rig.clock.virtual:
+            gc.collect()
+            gc.freeze()
 
     # the manifest
 

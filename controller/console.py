@@ -6,11 +6,13 @@ import os
 import select
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, TextIO
+
+from drivers.protocols import Asking, Question
 
 PAUSED = "PAUSED"
 """What the loop calls the state in which it waits for the operator."""
@@ -29,15 +31,21 @@ class Operator:
     Without a terminal nobody could press Enter, so the first one aborts, as `kill` and a closed terminal always
     do. A signal sets a flag and no more: nothing is interrupted in the middle, the loop stops what moves.
 
+    Where a device asks the person for something, Enter answers it, as long as nothing is paused; what was pressed
+    before the question came up counts for nothing.
+
     Use as a context manager; the handlers from before are put back at its end.
 
     Args:
         keyboard: Where Enter is pressed; standard input unless a test says otherwise.
+        asking: Devices that ask the person at this keyboard.
     """
 
-    def __init__(self, keyboard: TextIO | None = None) -> None:
+    def __init__(self, keyboard: TextIO | None = None, asking: Iterable[Asking] = ()) -> None:
         self._keyboard = sys.stdin if keyboard is None else keyboard
         self._interactive = self._keyboard is not None and self._keyboard.isatty()
+        self._asking = tuple(asking)
+        self._put: tuple[Asking, Question] | None = None
         self._before: dict[signal.Signals, Any] = {}
         self._modes: list[Any] | None = None
         self._pause = False
@@ -72,10 +80,18 @@ class Operator:
             self._pause, self._paused = False, True
             self._forget_keys()
             return "pause"
-        if self._paused and self._enter_pressed():
+        if not self._paused:
+            self._hear_answer()
+        elif self._line_typed() is not None:
             self._paused = False
             return "resume"
         return None
+
+    @property
+    def question(self) -> Question | None:
+        """What a device asks the person now."""
+        asked = self._open_question()
+        return asked and asked[1]
 
     def _interrupted(self, number: int, frame: FrameType | None) -> None:
         if self._interactive and not (self._pause or self._paused):
@@ -103,14 +119,37 @@ class Operator:
 
         termios.tcflush(self._keyboard.fileno(), termios.TCIFLUSH)
 
-    def _enter_pressed(self) -> bool:
+    def _line_typed(self) -> str | None:
+        """What was typed before Enter, or None where Enter was not pressed."""
         descriptor = self._keyboard.fileno()
         if not select.select([descriptor], [], [], 0.0)[0]:
-            return False
-        if not os.read(descriptor, 1024):
+            return None
+        typed = os.read(descriptor, 1024)
+        if not typed:
             self._abort = True  # The terminal is gone, and with it whoever could go on.
-            return False
-        return True
+            return None
+        return typed.decode(errors="replace").strip().lower()
+
+    def _open_question(self) -> tuple[Asking, Question] | None:
+        for device in self._asking:
+            question = device.question
+            if question is not None:
+                return device, question
+        return None
+
+    def _hear_answer(self) -> None:
+        """Enter answers a question that has been put; any other word than no is a slip of the finger."""
+        asked = self._open_question()
+        new, self._put = asked != self._put, asked
+        if asked is None or not self._interactive:
+            return
+        if new:
+            self._forget_keys()
+            return
+        typed = self._line_typed()
+        if typed in ("", "n", "no"):
+            device, question = asked
+            device.answer(question.number, typed == "")
 
 
 class PlainConsole:
@@ -122,11 +161,21 @@ class PlainConsole:
     """
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
-        self.poll = operator.poll
+        self._operator = operator
+        self._question: Question | None = None
         self._say = say
         self._trials = 0
         self._begun = 0
         self._factors = ""
+
+    def poll(self) -> str | None:
+        """Asks the operator, and says what a device asks of them."""
+        question = self._operator.question
+        if question != self._question:
+            self._question = question
+            if question is not None:
+                self._say(question.text)
+        return self._operator.poll()
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Says what is run, and where it goes."""

@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, Strict, model_validator
 
-from drivers.messages import MOTION, Command, Grip, Home, MoveAt, MoveTo, Release, SampleBlock, Twist
+from drivers.messages import (
+    MOTION,
+    Command,
+    Grip,
+    Home,
+    MoveAt,
+    MovePose,
+    MoveTo,
+    Release,
+    SampleBlock,
+    Saturated,
+    StreamInfo,
+    Twist,
+)
 from drivers.settings import Settings
+
+Place = Annotated[tuple[float, float, float], Strict(False)]
+"""x, y, z in m; a list in a profile."""
 
 
 class GuardSettings(Settings):
@@ -22,6 +39,11 @@ class GuardSettings(Settings):
 
     force_stream: str | None = "board.load_cell"
     """Where the force comes from (N); None on a bench without one."""
+
+    force_channels: Annotated[
+        tuple[Annotated[int, Field(ge=0, le=63)], ...], Strict(False), Field(min_length=1)
+    ] = (0,)
+    """Which of its channels; of several the size of the force that they make together."""
 
     force_median_s: float = Field(default=0.010, gt=0.0, le=1.0)
     """Length of the running median that the force is seen through: a single spike stops nothing."""
@@ -35,8 +57,24 @@ class GuardSettings(Settings):
     position_stream: str | None = "stage.position"
     """Where the mover's position comes from (m); None where travel is held by commands and device alone."""
 
+    workspace_min_m: Place | None = None
+    """Corner of the box that the tool's point must stay in, base frame; None without such a box."""
+
+    workspace_max_m: Place | None = None
+    """The opposite corner."""
+
+    pose_stream: str | None = None
+    """Where the tool's pose comes from (x, y, z in m first); needed for the box."""
+
+    reach_m: float = Field(default=0.0, ge=0.0, le=2.0)
+    """Farthest that a free motion (`Twist`, `MovePose`) may lead from where it begins, or from the start pose. None may
+    be made unless this is given."""
+
     speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
     """Fastest motion that may be asked for."""
+
+    turn_rad_s: float = Field(default=1.0, gt=0.0, le=10.0)
+    """Fastest turn of the tool that may be asked for. Assumption: a UR's own reduced mode is of this order."""
 
     grip_n: float = Field(default=80.0, gt=0.0, le=500.0)
     """Hardest grip that may be asked for. Source: the SSG-48's own range ends at 80 N."""
@@ -46,6 +84,15 @@ class GuardSettings(Settings):
 
     late_s: float = Field(default=0.1, gt=0.0, le=10.0)
     """A turn of the loop later than this, while something moves, stops it."""
+
+    @model_validator(mode="after")
+    def _whole_box(self) -> Self:
+        given = [self.workspace_min_m is None, self.workspace_max_m is None, self.pose_stream is None]
+        if any(given) and not all(given):
+            raise ValueError(
+                "workspace_min_m, workspace_max_m and pose_stream belong together: give all or none"
+            )
+        return self
 
 
 class GuardRefusal(Exception):  # noqa: N818 - it is a refusal, not a fault of the program
@@ -66,6 +113,7 @@ class Guard:
             for stream, wanted in (
                 (settings.force_stream, settings.force_n is not None),
                 (settings.position_stream, settings.position_stream is not None),
+                (settings.pose_stream, settings.workspace_min_m is not None),
             )
             if wanted and stream is not None
         )
@@ -76,6 +124,33 @@ class Guard:
         """Begin a trial: empty the filter, forget how old each stream is."""
         self._tail: NDArray[np.float64] = np.empty(0)
         self._seen_s: dict[str, float] = {}
+
+    def fit(self, streams: Mapping[str, StreamInfo]) -> None:
+        """See that what is to be watched is there, before anything moves.
+
+        Args:
+            streams: All that can be heard, by name.
+
+        Raises:
+            GuardRefusal: a stream that nobody sends, or one with too few channels.
+        """
+        settings = self.settings
+        needed = {
+            "force_stream": (settings.force_stream, max(settings.force_channels) + 1),
+            "position_stream": (settings.position_stream, 1),
+            "pose_stream": (settings.pose_stream, 3),
+        }
+        for key, (name, channels) in needed.items():
+            if name is None or name not in self.inputs:
+                continue
+            if name not in streams:
+                known = ", ".join(sorted(streams))
+                raise GuardRefusal(f"limits.{key} = {name}: the bench has no such stream; it has {known}")
+            if len(streams[name].channels) < channels:
+                raise GuardRefusal(
+                    f"limits.{key} = {name}: channel {channels - 1} is to be watched, but it has"
+                    f" {len(streams[name].channels)}; count from 0"
+                )
 
     def admit(self, command: Command) -> Command:
         """Let a command through, or say why not.
@@ -96,7 +171,13 @@ class Guard:
             self._admit_speed(what, command.speed_m_s)
             self._admit_target(what, command.position_m)
         elif isinstance(command, Twist):
-            self._admit_speed(what, math.hypot(*command.twist[:3]))
+            speed_m_s = math.hypot(*command.twist[:3])
+            self._admit_speed(what, speed_m_s)
+            self._admit_turn(what, math.hypot(*command.twist[3:]))
+            self._admit_reach(what, speed_m_s * command.duration_s)
+        elif isinstance(command, MovePose):
+            self._admit_speed(what, command.speed_m_s)
+            self._admit_reach(what, math.hypot(*command.offset[:3]))
         elif isinstance(command, Grip | Release):
             self._admit_speed(what, command.speed_m_s)
             limit_n = self.settings.grip_n
@@ -113,6 +194,20 @@ class Guard:
         if speed_m_s > limit_m_s:
             raise GuardRefusal(f"{what}: {speed_m_s:.6g} m/s is beyond limits.speed_m_s = {limit_m_s:.6g}")
 
+    def _admit_turn(self, what: str, turn_rad_s: float) -> None:
+        limit_rad_s = self.settings.turn_rad_s
+        if turn_rad_s > limit_rad_s:
+            raise GuardRefusal(
+                f"{what}: {turn_rad_s:.6g} rad/s is beyond limits.turn_rad_s = {limit_rad_s:.6g}"
+            )
+
+    def _admit_reach(self, what: str, distance_m: float) -> None:
+        limit_m = self.settings.reach_m
+        if distance_m > limit_m:
+            raise GuardRefusal(
+                f"{what}: leads {distance_m:.6g} m away, beyond limits.reach_m = {limit_m:.6g}"
+            )
+
     def _admit_target(self, what: str, target_m: float) -> None:
         least_m, most_m = self.settings.travel_min_m, self.settings.travel_m
         if not least_m <= target_m <= most_m:
@@ -127,6 +222,7 @@ class Guard:
         moving: bool,
         late_s: float = 0.0,
         decisive: frozenset[str] = frozenset(),
+        saturated: Sequence[Saturated] = (),
     ) -> str | None:
         """See one turn of the loop.
 
@@ -138,12 +234,16 @@ class Guard:
             moving: Whether any mover may be moving.
             late_s: How much later than planned the turn began.
             decisive: Streams that the armed detectors hear: a motion that ends by them needs them alive.
+            saturated: Streams that left the range in which they tell the truth.
 
         Returns:
             Why every mover must stop now, or None.
         """
         settings = self.settings
-        reasons: list[str] = []
+        reasons = [
+            f"{status.stream} is beyond its range, at {status.value:.4g}: it no longer tells the truth"
+            for status in saturated
+        ]
         # A stream that was not watched before the motion began is not stale, it is about to start.
         watched = (self.inputs | decisive) if moving else frozenset()
         self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(watched)}
@@ -157,6 +257,8 @@ class Guard:
                 reasons += self._force(block)
             if block.stream == settings.position_stream:
                 reasons += self._position(block)
+            if block.stream == settings.pose_stream:
+                reasons += self._pose(block)
         for stream, seen_s in self._seen_s.items():
             if t_s - seen_s > settings.stale_s:
                 silence_s = t_s - seen_s
@@ -169,7 +271,8 @@ class Guard:
 
     def _force(self, block: SampleBlock) -> Sequence[str]:
         """Running median over whole windows; a sample that is not finite is a reason by itself."""
-        force_n = block.physical[:, 0]
+        parts_n = block.physical[:, list(self.settings.force_channels)]
+        force_n = parts_n[:, 0] if parts_n.shape[1] == 1 else np.linalg.norm(parts_n, axis=1)
         limit_n = self.settings.force_n
         assert limit_n is not None
         keep = max(1, round(self.settings.force_median_s * (block.rate_hz or 0.0))) - 1
@@ -201,3 +304,17 @@ class Guard:
                     f" = {settings.travel_min_m:g} .. {settings.travel_m:g}",
                 )
         return ()
+
+    def _pose(self, block: SampleBlock) -> Sequence[str]:
+        least_m, most_m = self.settings.workspace_min_m, self.settings.workspace_max_m
+        if least_m is None or most_m is None:
+            return ()
+        places_m = block.physical[:, :3]
+        inside = ((places_m >= least_m) & (places_m <= most_m)).all(axis=1)
+        if inside.all():
+            return ()
+        x_m, y_m, z_m = places_m[~inside][0].tolist()
+        return (
+            f"{block.stream} is at ({x_m:.4f}, {y_m:.4f}, {z_m:.4f}) m, outside limits.workspace_min_m"
+            " .. workspace_max_m",
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 from rich.console import Console as Terminal
@@ -143,10 +144,12 @@ class LiveConsole:
             (f"trial {self._trial}", "bold"), "  ", (name, "cyan"), (stay, "dim"), f"  {factors}"
         )
         if name == PAUSED:
-            hint = Text("paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts", "bold yellow")
+            hint = "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
+        elif (question := self._operator.question) is not None:
+            hint = question.text
         else:
-            hint = Text("Ctrl+C pauses", "dim")
-        return [now, counts, hint]
+            return [now, counts, Text("Ctrl+C pauses", "dim")]
+        return [now, counts, *(Text(line, "bold yellow") for line in wrap(hint, self._terminal.width))]
 
 
 def _row(cells: Sequence[str], widths: Sequence[int]) -> str:

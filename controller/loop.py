@@ -15,6 +15,7 @@ from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector
 from controller.guard import Guard
 from controller.rig import Rig
+from controller.signals.protocol import Signal, Signals
 from drivers.clock import rest
 from drivers.messages import (
     MOTION,
@@ -26,6 +27,7 @@ from drivers.messages import (
     Lost,
     Reached,
     SampleBlock,
+    Saturated,
     Stalled,
     Standstill,
     Status,
@@ -77,6 +79,10 @@ class Aborted(Exception):  # noqa: N818 - asked for, not an error
     """The operator ended the run."""
 
 
+class UnfitStreamError(Exception):
+    """A stream is not what the signal or detector that hears it needs: profile and bench do not fit together."""
+
+
 @dataclass(slots=True)
 class LoopAccount:
     """What the loop did in a trial.
@@ -122,7 +128,7 @@ class Loop:
         self._rig = rig
         self._clock = rig.clock
         self._movers = [name for name, info in infos.items() if info.mover]
-        self._streams = {stream for info in infos.values() for stream in info.streams}
+        self._streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
         self._guard = guard
         self._witness = witness
         self._operator = operator
@@ -130,26 +136,39 @@ class Loop:
         self.account = LoopAccount()
         self.events: list[Event] = []
         self.entered_s: dict[str, float] = {}
+        self.visits: list[tuple[str, float]] = []
 
-    def run(self, behavior: Behavior, detectors: Mapping[str, Detector]) -> LoopAccount:
+    def run(
+        self, behavior: Behavior, detectors: Mapping[str, Detector], signals: Sequence[Signal] = ()
+    ) -> LoopAccount:
         """Run one trial to its end; every mover stands still when this returns or raises.
+
+        Args:
+            behavior: What is done.
+            detectors: By the names that the behavior's states know them by.
+            signals: What can be heard beside the devices' own streams.
 
         Raises:
             GuardRefusal: the guard would not let a command through.
             DeviceError: a device cannot do its part.
+            UnfitStreamError: a signal or detector cannot hear what the profile gives it.
             Aborted: the operator said so.
         """
         self._behavior = behavior
         self._detectors = detectors
+        self._signals = Signals(signals)
         self._armed: frozenset[str] = frozenset()
         self._inputs: frozenset[str] = frozenset()
         self._heard: frozenset[str] = frozenset()
-        self._silent_since = dict.fromkeys(self._streams, 0.0)
+        self._asked: frozenset[str] = frozenset()
+        self._behind: frozenset[str] = frozenset()
+        self._silent_since = dict.fromkeys(self._streams.keys() | self._signals.streams, 0.0)
         self._moving: set[str] = set()
         self._paused_s: float | None = None
         self._resuming = False
         self._guard.reset()
         try:
+            self._guard.fit(self._streams | {signal.info.name: signal.info for signal in signals})
             self._hear_operator_first()
             self._begin()
             turn = 0
@@ -174,7 +193,7 @@ class Loop:
             for name in self._rig.devices:
                 with suppress(Exception):
                     blocks, statuses = self._gather((name,))
-                    self._witness.record(blocks)
+                    self._witness.record(self._recorded(blocks))
                     for status in statuses:
                         self._note(status)
                         self._keep(status, self._behavior.state.name, self._behavior.state.name, ())
@@ -233,17 +252,24 @@ class Loop:
     def _begin(self) -> None:
         t_s = self._clock.now()
         commands = self._behavior.begin(t_s)
-        self.entered_s[self._behavior.state.name] = t_s
+        self._entered(self._behavior.state.name, t_s)
         self._operator.state(self._behavior.state.name, t_s)
         self._obey(commands)
 
     def _turn(self, t_s: float, late_s: float) -> None:
         blocks, statuses = self._gather(self._rig.devices)
-        self._witness.record(blocks)
+        try:
+            made, saturated = self._signals.push(blocks)
+        except ValueError as error:
+            raise UnfitStreamError(str(error)) from error
+        blocks += made
+        statuses += saturated
+        self._witness.record(self._recorded(blocks))
         for status in statuses:
             self._note(status)
         self._attend(t_s)
-        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s, self._inputs)
+        beyond = [status for status in statuses if isinstance(status, Saturated)]
+        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s, self._inputs, beyond)
         if reason is not None:
             self._stop_all()
         events: list[Event] = [*statuses, *self._detect(blocks)]
@@ -255,6 +281,7 @@ class Loop:
                 self._handle(event)
             elif not isinstance(event, Tick):
                 self._keep(event, self._behavior.state.name, self._behavior.state.name, ())
+        self._go_on(t_s)
 
     def _heeds(self, event: Event) -> bool:
         """Whether the behavior is told: never after its end, and while paused only of what ends the trial."""
@@ -271,6 +298,10 @@ class Loop:
             statuses += device.poll()
         return blocks, statuses
 
+    def _recorded(self, blocks: Sequence[SampleBlock]) -> Sequence[SampleBlock]:
+        """Without those that were heard for a signal's sake alone: the signal is kept in their place."""
+        return [block for block in blocks if block.stream not in self._behind] if self._behind else blocks
+
     def _note(self, status: Status) -> None:
         if isinstance(status, Reached | Standstill | Gripped | Stalled | Failed):
             self._moving.discard(status.device)
@@ -283,7 +314,10 @@ class Loop:
         for block in blocks:
             for detector in armed:
                 if block.stream in detector.inputs:
-                    found += detector.push(block)
+                    try:
+                        found += detector.push(block)
+                    except ValueError as error:
+                        raise UnfitStreamError(f"{detector.name}: {error}") from error
         found.sort(key=lambda event: event.t_s)
         return found
 
@@ -310,8 +344,12 @@ class Loop:
     def _keep(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
         self.events.append(event)
         if before != after:
-            self.entered_s[after] = event.t_s
+            self._entered(after, event.t_s)
         self._witness.event(event, state=before, next_state=after, commands=commands)
+
+    def _entered(self, state: str, t_s: float) -> None:
+        self.entered_s[state] = t_s
+        self.visits.append((state, t_s))
 
     # what follows from a decision
 
@@ -331,11 +369,13 @@ class Loop:
         if heard == self._heard:
             return
         now_s = self._clock.now()
+        asked = self._signals.hear(heard)
         for name, device in self._rig.devices.items():
-            wanted = frozenset(stream for stream in heard if stream.partition(".")[0] == name)
-            present = frozenset(stream for stream in self._heard if stream.partition(".")[0] == name)
+            wanted = frozenset(stream for stream in asked if stream.partition(".")[0] == name)
+            present = frozenset(stream for stream in self._asked if stream.partition(".")[0] == name)
             if wanted != present:
                 device.apply(Listen(name, wanted))
+        self._asked, self._behind = asked, asked - heard
         for stream in sorted(heard - self._heard):
             self._witness.skip(stream, self._silent_since.pop(stream, now_s), now_s)
         for stream in self._heard - heard:
@@ -346,7 +386,10 @@ class Loop:
         for command in commands:
             admitted = self._guard.admit(command)
             self._rig.devices[command.device].apply(admitted)
-            if isinstance(admitted, MOTION):
+            # A mover that is told to stop is waited for like one that moves: its standstill is told either way.
+            if isinstance(admitted, MOTION) or (
+                isinstance(admitted, Stop) and command.device in self._movers
+            ):
                 self._moving.add(command.device)
 
     def _stop_all(self) -> None:
@@ -354,12 +397,19 @@ class Loop:
             # Whatever is wrong with one mover, the next one is stopped too.
             with suppress(Exception):
                 self._rig.devices[name].apply(Stop(name))
+                # Its answer is waited for even where it stood: told later, it would pass for that of a newer motion.
+                self._moving.add(name)
+
+    def _waits_for_a_word(self) -> bool:
+        paused = self._paused_s is not None and not self._resuming
+        return paused and self._clock.virtual and not self._moving
 
     def _attend(self, t_s: float) -> None:
         """Hear the operator: pause stops every mover, the guard goes on watching."""
         word = self._operator.poll()
-        while word is None and self._paused_s is not None and self._clock.virtual and not self._moving:
-            # Virtual time stands still while a person thinks; the processor may as well rest.
+        # Virtual time stands still while a person thinks; the processor may as well rest. A word to go on that came
+        # while a mover was braking is not waited for again.
+        while word is None and self._waits_for_a_word():
             rest(KEY_INTERVAL_S)
             word = self._operator.poll()
         if word == "abort":
@@ -368,12 +418,20 @@ class Loop:
             self._paused_s = t_s
             self._resuming = False
             self._stop_all()
+            self._arrange(())
             name = self._behavior.state.name
             self._keep(Paused(t_s), name, name, ())
             self._operator.state("PAUSED", t_s)
         elif word == "resume":
             self._resuming = True
-        # A mover that is still braking would answer the next command with the old one's standstill.
+
+    def _go_on(self, t_s: float) -> None:
+        """End a pause, once what the movers say of it has been passed over.
+
+        A mover that is still braking would answer the next command with the old one's standstill.
+        """
+        if self._behavior.done:
+            return
         if self._paused_s is not None and self._resuming and not self._moving:
             self.account.paused_s += t_s - self._paused_s
             self._paused_s = None

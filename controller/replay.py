@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
+from controller.detectors.calibration import Statistic, calibrate_blocks
 from controller.detectors.protocol import Detector
 from controller.recording.reader import open_run
 from drivers.messages import SampleBlock
@@ -19,14 +23,56 @@ UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_hz": "Hz", "_s": "s", "_n": "N", "_v"
 """Units that a column's name ends in; the first that fits decides. A column without one is a plain waveform."""
 
 
+JITTER = 0.25
+"""Rows of a file are taken for regular samples where their times are within this share of a period of a common grid.
+Assumption: rounding of times, not a sampler that wanders."""
+
+
 class ReplayError(ValueError):
     """The file cannot be replayed: one line with file, what is wrong and what to do."""
 
 
 def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detected]:
-    """Everything that a detector says of recorded blocks, in order."""
+    """Everything that a detector says of recorded blocks, in order.
+
+    Raises:
+        ReplayError: the detector cannot hear such a recording.
+    """
     for block in blocks:
-        yield from detector.push(block)
+        try:
+            events = detector.push(block)
+        except ValueError as error:
+            raise ReplayError(f"{detector.name}: {error}") from None
+        yield from events
+
+
+def calibration_line(
+    blocks: Sequence[SampleBlock], detector: Statistic, kind: str, false_alarm_interval_s: float
+) -> dict[str, Any]:
+    """The threshold that a recording without events asks for, as one JSON object.
+
+    Args:
+        blocks: The recording.
+        detector: Whose threshold.
+        kind: Of detector, as it was asked for.
+        false_alarm_interval_s: Mean time between false alarms.
+
+    Raises:
+        ReplayError: a recording that says nothing about it: too short, at irregular times, not finite, dead.
+    """
+    try:
+        found = calibrate_blocks(detector, blocks, false_alarm_interval_s)
+    except ValueError as error:
+        raise ReplayError(f"{kind}: {error}") from None
+    return {
+        "detector": kind,
+        "threshold": found.threshold,
+        "threshold_low": found.low,
+        "threshold_high": found.high if math.isfinite(found.high) else None,
+        "false_alarm_interval_s": found.false_alarm_interval_s,
+        "recording_s": found.recording_s,
+        "extrapolated": found.extrapolated,
+    }
 
 
 def as_line(event: Detected, kind: str) -> dict[str, Any]:
@@ -64,16 +110,17 @@ def read_blocks(
     Args:
         path: A run folder, or a CSV, NPZ or WAV file.
         stream: Name that the detector hears it under; in a run folder, the recorded stream.
-        column: Of a CSV or NPZ file: its name; of a WAV file: the channel's number, from 0. None is the only one there
-            is besides the time.
-        rate_hz: Sample rate of a CSV or NPZ file without a column `t_s`.
+        column: Of a CSV or NPZ file: its name; of a WAV file or of a run's stream: the channel's number, from 0. None
+            is the only one there is besides the time; of a run's stream, all.
+        rate_hz: Sample rate of a CSV or NPZ file without a column `t_s`, or in place of it. Otherwise times on a
+            regular grid give it, with a jump in `seq` where rows are missing; irregular ones give none.
         trial: Of a run folder; None is its first.
 
     Raises:
         ReplayError: the file is not there, is none of these, or does not hold what is asked for.
     """
     if path.is_dir():
-        return _from_run(path, stream, trial)
+        return _from_run(path, stream, trial, column)
     if not path.is_file():
         raise ReplayError(f"{path}: no such file or run folder; list runs with: ls runs")
     suffix = path.suffix.lower()
@@ -96,11 +143,42 @@ def read_blocks(
         raise ReplayError(f"{path}: column {name} has no rows")
     unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
     t0_s = 0.0 if times_s is None else float(times_s[0])
-    regular_hz = rate_hz if times_s is None else None
-    return [SampleBlock(stream, 0, t0_s, values[:, None], rate_hz=regular_hz, times_s=times_s, unit=unit)]
+    if times_s is None or rate_hz is not None:
+        return [SampleBlock(stream, 0, t0_s, values[:, None], rate_hz=rate_hz, unit=unit)]
+    # periods and frequencies come one a cycle: even where they look regular they are no samples
+    grid = None if unit in ("s", "Hz") else _grid(times_s)
+    if grid is None:
+        return [SampleBlock(stream, 0, t0_s, values[:, None], times_s=times_s, unit=unit)]
+    regular_hz, places = grid
+    starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+    return [
+        SampleBlock(
+            stream,
+            int(places[first]),
+            float(times_s[first]),
+            values[first:last, None],
+            rate_hz=regular_hz,
+            times_s=times_s[first:last],
+            unit=unit,
+        )
+        for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
+    ]
 
 
-def _from_run(path: Path, stream: str, trial: int | None) -> Sequence[SampleBlock]:
+def _grid(times_s: NDArray[np.float64]) -> tuple[float, NDArray[np.int64]] | None:
+    """Rate of a regular grid and each time's place on it, from 0; None where the times are on none."""
+    if len(times_s) < 2:
+        return None
+    steps_s = np.diff(times_s)
+    places = np.concatenate(([0], np.cumsum(np.rint(steps_s / np.median(steps_s)).astype(np.int64))))
+    period_s = float(times_s[-1] - times_s[0]) / max(1, int(places[-1]))
+    off = np.abs((times_s - times_s[0]) / period_s - places)
+    if (np.diff(places) < 1).any() or off.max() > JITTER:
+        return None
+    return 1.0 / period_s, places
+
+
+def _from_run(path: Path, stream: str, trial: int | None, column: str | None) -> Sequence[SampleBlock]:
     run = open_run(path)
     trials = run.recorded_trials
     chosen = trials[0] if trial is None and trials else trial
@@ -114,16 +192,28 @@ def _from_run(path: Path, stream: str, trial: int | None) -> Sequence[SampleBloc
             f"{path}: trial {chosen} has no stream {stream}; it has {', '.join(recording.streams) or 'none'}"
             " (choose one with --set input=NAME)"
         )
-    return blocks
+    if column is None:
+        return blocks
+    channels = blocks[0].values.shape[1]
+    if not (column.isdecimal() and int(column) < channels):
+        raise ReplayError(f"{path}: {stream} has no channel {column}; there are 0 to {channels - 1}")
+    only = [int(column)]
+    return [replace(block, values=block.values[:, only]) for block in blocks]
 
 
 def _read_csv(path: Path) -> Mapping[str, NDArray[np.float64]]:
     try:
         with path.open(encoding="utf-8-sig") as file:
             header = [name.strip() for name in file.readline().split(",")]
-            table = np.loadtxt(file, delimiter=",", ndmin=2)
+            rows = file.readlines()
+            table = (
+                np.loadtxt(rows, delimiter=",", ndmin=2) if any(map(str.strip, rows)) else np.empty((0, 0))
+            )
     except (OSError, ValueError, UnicodeDecodeError) as error:
         raise ReplayError(f"{path}: no table of numbers under one line of names: {error}") from None
+    twice = next((name for place, name in enumerate(header) if name in header[:place]), None)
+    if twice is not None:
+        raise ReplayError(f"{path}: two columns are called '{twice}' in the first line; rename one")
     if table.size and table.shape[1] != len(header):
         raise ReplayError(f"{path}: {table.shape[1]} columns, but the first line names {len(header)}")
     return {name: table[:, place] if table.size else np.empty(0) for place, name in enumerate(header)}
@@ -131,9 +221,11 @@ def _read_csv(path: Path) -> Mapping[str, NDArray[np.float64]]:
 
 def _read_npz(path: Path) -> Mapping[str, NDArray[np.float64]]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
-    except (OSError, ValueError) as error:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            found = {name: file[name] for name in file.files}
+            # numbers that have two parts are none that a detector hears
+            arrays = {name: array.astype(np.float64, casting="same_kind") for name, array in found.items()}
+    except (OSError, ValueError, TypeError, BadZipFile) as error:
         raise ReplayError(f"{path}: no NPZ file of numbers: {error}") from None
     flat = {name: array for name, array in arrays.items() if array.ndim == 1}
     if not flat:
@@ -163,9 +255,9 @@ def _read_wav(path: Path, column: str | None) -> tuple[str, NDArray[np.float64],
 
     try:
         rate_hz, samples = wavfile.read(path)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, struct.error) as error:
         raise ReplayError(f"{path}: no WAV file that can be read: {error}") from None
-    channels = samples.reshape(len(samples), -1)
+    channels = samples if samples.ndim == 2 else samples[:, None]
     if column is None and channels.shape[1] > 1:
         raise ReplayError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
     if column is not None and not (column.isdecimal() and int(column) < channels.shape[1]):
@@ -184,20 +276,17 @@ def between(blocks: Sequence[SampleBlock], t0_s: float) -> Sequence[SampleBlock]
     for block in blocks:
         first = int(np.searchsorted(block.times, t0_s - 1e-9))
         if first < len(block):
-            irregular = block.times_s is not None
+            timed = block.times_s is not None
             kept.append(
-                SampleBlock(
-                    block.stream,
-                    block.seq + first,
-                    float(block.times[first]),
-                    block.values[first:],
-                    rate_hz=block.rate_hz,
-                    times_s=block.times[first:] if irregular else None,
-                    unit=block.unit,
-                    scale=block.scale,
+                replace(
+                    block,
+                    seq=block.seq + first,
+                    t0_s=float(block.times[first]),
+                    values=block.values[first:],
+                    times_s=block.times[first:] if timed else None,
                 )
             )
     return kept
 
 
-__all__ = ["ReplayError", "as_line", "between", "read_blocks", "replay"]
+__all__ = ["ReplayError", "as_line", "between", "calibration_line", "read_blocks", "replay"]

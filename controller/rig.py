@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from drivers.clock import Clock
-from drivers.protocols import Device
+from drivers.protocols import Asking, Device
 
 BenchKind = Literal["mock", "emulated", "hardware"]
 
@@ -40,6 +40,7 @@ class Rig:
         begin_trial: Puts a simulated bench into the trial's scene; nothing on a real one.
         truth: After a trial: instants at which contact really began (True) and ended (False), where the bench
             is simulated in this process. For scoring alone; no detector or behavior is given it.
+        slips: Likewise: instants at which a contact really began and ceased to slip, where the bench knows slip.
         account: What the plant did: tiers, what was skipped; for the manifest.
         close: Lets go of what is not a device (an emulator's process).
     """
@@ -49,5 +50,11 @@ class Rig:
     clock: Clock
     begin_trial: Callable[[TrialScene], None] = lambda scene: None
     truth: Callable[[], Sequence[tuple[float, bool]]] | None = None
+    slips: Callable[[], Sequence[tuple[float, bool]]] | None = None
     account: Callable[[], Mapping[str, Any]] = dict
     close: Callable[[], None] = lambda: None
+
+    @property
+    def asking(self) -> Sequence[Asking]:
+        """The devices that ask the person at the console."""
+        return [device for device in self.devices.values() if isinstance(device, Asking)]

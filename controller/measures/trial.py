@@ -21,15 +21,19 @@ class TrialEvidence:
         factors: What the trial varied.
         events: In the order in which they were handled.
         entered_s: Bench time at which each state was last entered, by name.
+        visits: Every state in the order of its being entered, with the bench time.
         recording: The streams.
         truth: Instants at which contact really began and ended, where the bench is simulated here; else None.
+        slips: Instants at which slip really did, where the bench knows slip; else None.
     """
 
     factors: Mapping[str, Any]
     recording: TrialRecording
     events: list[Event] = field(default_factory=list)
     entered_s: dict[str, float] = field(default_factory=dict)
+    visits: list[tuple[str, float]] = field(default_factory=list)
     truth: Sequence[tuple[float, bool]] | None = None
+    slips: Sequence[tuple[float, bool]] | None = None
 
     def series(
         self, stream: str, since_s: float = -np.inf, until_s: float = np.inf

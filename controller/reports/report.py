@@ -12,21 +12,29 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoes
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
 from controller.reports.figures import Figures
-from controller.reports.paper import CITATION
 from controller.reports.run_account import account_of, setting_of
 from controller.reports.section import Section
 from controller.reports.text import title
 
-_SECTIONS = {"static": "controller.reports.static", "transient": "controller.reports.transient"}
+_SECTIONS = {
+    "aura": "controller.reports.aura",
+    "centering": "controller.reports.centering",
+    "chirp": "controller.reports.chirp",
+    "pointer": "controller.reports.pointer",
+    "slip": "controller.reports.slip",
+    "static": "controller.reports.static",
+    "transient": "controller.reports.transient",
+    "weights": "controller.reports.weights",
+}
 """Experiment → module whose `section(runs, figures)` tells of it; another one gets its bare table."""
 
 _OURS = (
-    "Stage, sensor board and this program stand in for the paper's linear stage and acquisition; where an arm "
-    "carries the probe it is a UR, and the bench's gripper an SSG-48, not the paper's hand."
+    "An arm on this bench is a Universal Robots one (the papers': Stäubli RX-90, Kinova Gen3), a gripper an SSG-48 "
+    "(theirs: BarrettHand, Robotiq 2F-85); stage, sensor board and this program stand in for theirs."
 )
 _SIMULATED = (
-    "Numbers and figures from mock and emulated benches are simulated: they come from a model of the finger, not "
-    "from a finger."
+    "Numbers and figures from mock and emulated benches are simulated: they come from a model of finger and object, "
+    "not from a finger."
 )
 
 
@@ -81,7 +89,7 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
     heading = setting_of(first, "title") if len(runs) == 1 else None
     return environment.get_template("report.html.j2").render(
         heading=heading or " and ".join(dict.fromkeys(section.title for _, section in sections)),
-        citation=CITATION,
+        citations=list(dict.fromkeys(section.citation for _, section in sections if section.citation)),
         simulated=simulated,
         all_simulated=all(run.simulated for run in runs),
         simulated_says=_SIMULATED,

@@ -15,6 +15,7 @@ class Section:
         title: Its heading.
         template: File under templates/.
         context: What the template is given.
+        citation: The paper that it stands beside.
         summary: Sentences for the page's beginning, each with whether it is good news (None: neither).
         not_the_papers: What is ours and not the paper's, one sentence each.
     """
@@ -22,5 +23,6 @@ class Section:
     title: str
     template: str
     context: Mapping[str, Any]
+    citation: str = ""
     summary: list[tuple[bool | None, str]] = field(default_factory=list)
     not_the_papers: list[str] = field(default_factory=list)

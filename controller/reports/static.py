@@ -15,7 +15,7 @@ from controller.recording.reader import Run
 from controller.recording.series import Series
 from controller.reports.approaches import Mean, mean_of
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
-from controller.reports.paper import SETTLE_S, STATIC_HZ, STATIC_TOLERANCE_HZ
+from controller.reports.paper import CITATION, SETTLE_S, STATIC_HZ, STATIC_TOLERANCE_HZ
 from controller.reports.run_account import series_of, setting_of
 from controller.reports.section import Section
 from controller.reports.text import NOTHING, number, signed, spread
@@ -103,6 +103,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     return Section(
         title="Static contact (A1)",
         template="static.html.j2",
+        citation=CITATION,
         summary=summary,
         not_the_papers=_not_the_papers(runs),
         context={

@@ -23,7 +23,7 @@ from controller.reports.approaches import (
 )
 from controller.reports.detector_scores import score_detectors
 from controller.reports.figures import Figures
-from controller.reports.paper import DELAY_BOUND_S, SETTLE_S
+from controller.reports.paper import CITATION, DELAY_BOUND_S, SETTLE_S
 from controller.reports.run_account import setting_of
 from controller.reports.section import Section
 from controller.reports.text import NOTHING, number, share, signed, spread, title
@@ -53,6 +53,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     return Section(
         title="Stop at first contact (A2)",
         template="transient.html.j2",
+        citation=CITATION,
         summary=_summary(approaches, held),
         not_the_papers=_not_the_papers(runs),
         context={

@@ -12,6 +12,23 @@ from rich.console import Console as Terminal
 from controller import live
 from controller.console import Operator, PlainConsole, figure, telling
 from controller.live import LiveConsole
+from drivers.protocols import Question
+
+
+class Asker:
+    """A device that asks the person at the keyboard."""
+
+    def __init__(self):
+        self.question = None
+        self.answers = []
+
+    def ask(self, number, text="hang 0.50 N on bridge Fx, then press Enter"):
+        self.question = Question(number, text)
+
+    def answer(self, number, done):
+        self.answers.append((number, done))
+        self.question = None
+
 
 ROW = {"truth_contact_s": 1.0, "detect_s": 2.5, "delay_s": 0.21, "extent_m": 0.001, "force_n": 0.05}
 
@@ -106,6 +123,81 @@ def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
         assert not termios.tcgetattr(keyboard.file.fileno())[3] & termios.ECHO
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
     assert termios.tcgetattr(keyboard.file.fileno()) == modes
+
+
+def test_enter_answers_a_question_and_n_says_no(keyboard):
+    asker = Asker()
+    with Operator(keyboard.file, asking=[asker]) as operator:
+        for number, keys in ((1, b"\n"), (2, b"n\n"), (3, b" \n")):
+            asker.ask(number)
+            assert operator.poll() is None
+            keyboard.press(keys)
+            assert operator.poll() is None
+    assert asker.answers == [(1, True), (2, False), (3, True)]
+
+
+def test_an_enter_from_before_the_question_answers_nothing(keyboard):
+    asker = Asker()
+    with Operator(keyboard.file, asking=[asker]) as operator:
+        keyboard.press()
+        asker.ask(1)
+        assert [operator.poll(), operator.poll()] == [None, None]
+        asker.ask(2)  # the same words once more: another question
+        keyboard.press()
+        assert [operator.poll(), operator.poll()] == [None, None]
+    assert asker.answers == []
+
+
+def test_other_words_than_no_answer_nothing(keyboard):
+    asker = Asker()
+    asker.ask(1)
+    with Operator(keyboard.file, asking=[asker]) as operator:
+        operator.poll()
+        keyboard.press(b"oops\n")
+        operator.poll()
+        assert asker.answers == []
+        keyboard.press()
+        operator.poll()
+    assert asker.answers == [(1, True)]
+
+
+def test_while_paused_enter_goes_on_and_answers_no_question(keyboard):
+    asker = Asker()
+    asker.ask(1)
+    with Operator(keyboard.file, asking=[asker]) as operator:
+        operator.poll()
+        interrupt()
+        assert operator.poll() == "pause"
+        keyboard.press()
+        assert operator.poll() == "resume"
+        assert asker.answers == []
+        keyboard.press()
+        assert operator.poll() is None
+    assert asker.answers == [(1, True)]
+
+
+def test_a_question_that_nobody_can_hear_is_not_answered_by_a_file():
+    asker = Asker()
+    asker.ask(1)
+    with Path(os.devnull).open() as nothing, Operator(nothing, asking=[asker]) as operator:
+        assert [operator.poll(), operator.poll()] == [None, None]
+    assert asker.answers == []
+
+
+def test_a_question_is_said_once_on_a_plain_console_and_stands_in_the_live_view(keyboard, screen):
+    asker = Asker()
+    operator, lines = Operator(keyboard.file, asking=[asker]), []
+    plain = PlainConsole(operator, lines.append)
+    screen._operator = operator
+    screen.campaign_started("mock/weights", 3, Path("runs/x"))
+    screen.trial_started(1, {"bridge": "x"})
+    assert screen.text()[-1] == "Ctrl+C pauses"
+    asker.ask(1)
+    plain.poll()
+    plain.poll()
+    assert lines == ["hang 0.50 N on bridge Fx, then press Enter"]
+    assert screen.text()[-1] == "hang 0.50 N on bridge Fx, then press Enter"
+    screen.campaign_ended("")
 
 
 def test_off_a_terminal_each_trial_is_one_line(keyboard):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.guard import Guard, GuardRefusal, GuardSettings
-from drivers.messages import Grip, MoveAt, MoveTo, Release, SampleBlock, Stop, Twist
+from drivers.messages import Grip, MoveAt, MovePose, MoveTo, Release, SampleBlock, Saturated, Stop, Twist
 
 
 def guard(**changes):
@@ -20,6 +20,15 @@ def force(values_n, start=0, rate_hz=1000.0):
 def position(values_m, t0_s=0.0):
     times_s = t0_s + np.arange(len(values_m)) * 0.01
     return SampleBlock("stage.position", 0, t0_s, np.array(values_m)[:, None], times_s=times_s, unit="m")
+
+
+def test_the_force_may_be_another_channel_of_its_stream():
+    values = np.zeros((20, 6))
+    values[:, 2] = 2.5
+    block = SampleBlock("arm.force", 0, 0.0, values, rate_hz=500.0, unit="N")
+    watching = {"force_stream": "arm.force", "position_stream": None}
+    assert guard(**watching).watch(0.04, [block], moving=False) is None
+    assert "2.500 N" in guard(**watching, force_channels=(2,)).watch(0.04, [block], moving=False)
 
 
 def test_a_spike_shorter_than_half_the_median_stops_nothing():
@@ -135,3 +144,68 @@ def test_stop_always_passes():
 
 def test_a_bench_without_a_force_stream_watches_none():
     assert guard(force_n=None).inputs == {"stage.position"}
+
+
+def pose(*places_m):
+    values = np.array([(*place, 0.0, 3.1416, 0.0) for place in places_m])
+    return SampleBlock("arm.pose", 0, 0.0, values, rate_hz=500.0, unit="m")
+
+
+def boxed():
+    # Lists, as a profile gives them.
+    return guard(workspace_min_m=[-0.1, -0.1, 0.0], workspace_max_m=[0.1, 0.1, 0.3], pose_stream="arm.pose")
+
+
+def test_a_tool_that_leaves_its_box_stops_the_bench():
+    watched = boxed()
+    assert "arm.pose" in watched.inputs
+    assert watched.watch(0.0, [pose((0.0, 0.0, 0.1), (0.1, -0.1, 0.3))], moving=True) is None
+    reason = watched.watch(0.0, [pose((0.0, 0.0, 0.1), (0.0, 0.1001, 0.1))], moving=True)
+    assert reason == (
+        "arm.pose is at (0.0000, 0.1001, 0.1000) m, outside limits.workspace_min_m .. workspace_max_m"
+    )
+
+
+def test_a_pose_that_is_not_a_number_is_in_no_box():
+    assert boxed().watch(0.0, [pose((math.nan, 0.0, 0.1))], moving=True)
+
+
+def test_half_a_box_is_refused():
+    with pytest.raises(ValueError, match="give all or none"):
+        guard(workspace_min_m=(0.0, 0.0, 0.0))
+
+
+def test_a_sensor_beyond_its_range_stops_the_bench():
+    saturated = Saturated(0.0, "signals", "signals.fingertip", 1.62)
+    reason = guard().watch(0.0, [], moving=False, saturated=[saturated])
+    assert reason is not None
+    assert reason.startswith("signals.fingertip is beyond its range, at 1.62")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 11.0),
+        Twist("arm", (0.0, 0.0, 0.0, 0.0, 1.01, 0.0), 1.0),
+        MovePose("arm", (0.06, 0.08, 0.03, 0.0, 0.0, 0.0), 0.01),
+        MovePose("arm", (0.05, 0.0, 0.0, 0.0, 0.0, 0.0), 0.021),
+    ],
+)
+def test_a_free_motion_is_held_to_speed_turn_and_reach(command):
+    with pytest.raises(GuardRefusal):
+        guard(reach_m=0.1).admit(command)
+
+
+def test_no_free_motion_without_a_reach():
+    with pytest.raises(GuardRefusal, match="reach_m"):
+        guard().admit(MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01))
+    allowed = Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.1, 0.0), 5.0)
+    assert guard(reach_m=0.1).admit(allowed) is allowed
+
+
+def test_of_several_channels_the_size_of_the_force_counts():
+    values = np.tile([1.2, 0.0, 1.6, 9.0], (20, 1))  # 2 N of the first three
+    block = SampleBlock("arm.force", 0, 0.0, values, rate_hz=1000.0, unit="N")
+    watching = {"force_stream": "arm.force", "force_channels": (0, 1, 2)}
+    assert guard(**watching, force_n=2.01).watch(0.02, [block], moving=False) is None
+    assert "2.000 N" in guard(**watching, force_n=1.99).watch(0.02, [block], moving=False)

@@ -1,0 +1,119 @@
+"""C1: sweep the drive for the frequency that transfers best (Rupavatharam et al., III.A.2)."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from behaviors.machine import Behavior, StatePlan, failures
+from drivers.messages import Chirp, Excite
+from drivers.settings import Settings
+
+
+class ChirpSettings(Settings):
+    """How the drive is swept."""
+
+    exciter: str = "audio"
+    """Device that drives the fingers' transducers."""
+
+    fingers_stream: str = "audio.fingers"
+    """What the fingers send back: the carrier itself."""
+
+    from_hz: float = Field(default=20_000.0, gt=0.0, le=1e6)
+    """Where the sweep begins. Assumption: what one hears is left out."""
+
+    to_hz: float = Field(default=46_000.0, gt=0.0, le=1e6)
+    """Where it ends. Assumption: short of half of 96 kHz, where the converter's own filter begins."""
+
+    duration_s: float = Field(default=4.0, gt=0.0, le=600.0)
+    """How long it takes."""
+
+    level: float = Field(default=0.5, gt=0.0, le=1.0)
+    """Amplitude of the drive as a share of full scale."""
+
+    settle_s: float = Field(default=0.2, ge=0.0, le=60.0)
+    """Silence before the sweep: the converter runs, and the noise is heard."""
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.from_hz >= self.to_hz:
+            raise ValueError("from_hz must be below to_hz: the sweep goes upwards")
+        return self
+
+
+class ChirpFactors(Settings):
+    """Nothing is varied but what a profile lays over its settings."""
+
+
+class ChirpSweep(Behavior):
+    """Listen to silence, sweep, listen on.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: Unused: no state listens to any.
+    """
+
+    class States(Enum):
+        """Where the trial is."""
+
+        SILENT = auto()
+        SWEEPING = auto()
+        RINGING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.SILENT
+    final = frozenset({States.DONE, States.FAILED})
+    _alive = tuple(States)[:-2]
+    table = (
+        {"trigger": "deadline", "source": States.SILENT, "dest": States.SWEEPING},
+        {
+            "trigger": "reached",
+            "source": States.SWEEPING,
+            "dest": States.RINGING,
+            "conditions": "from_exciter",
+            "label": "sweep over",
+        },
+        {"trigger": "deadline", "source": States.RINGING, "dest": States.DONE},
+        {"trigger": "resumed", "source": [States.SILENT, States.SWEEPING], "dest": States.SILENT},
+        *failures(_alive, States.FAILED),
+        {"trigger": "deadline", "source": States.SWEEPING, "dest": States.FAILED, "before": "say_stuck"},
+    )
+
+    def __init__(self, settings: ChirpSettings, factors: ChirpFactors, detectors: frozenset[str]) -> None:
+        states = self.States
+        heard = frozenset((settings.fingers_stream,))
+        self.settings = settings
+        super().__init__(
+            {
+                states.SILENT: StatePlan(settings.settle_s, frozenset(), heard, prompt=False),
+                states.SWEEPING: StatePlan(settings.duration_s + 5.0, frozenset(), heard, prompt=False),
+                states.RINGING: StatePlan(settings.settle_s, frozenset(), heard, prompt=False),
+            }
+        )
+
+    def from_exciter(self) -> bool:
+        """Whether the status is the drive's."""
+        return getattr(self.event, "device", None) == self.settings.exciter
+
+    def enter_SILENT(self) -> None:
+        """No drive."""
+        self.command(Excite(self.settings.exciter, False))
+
+    def enter_SWEEPING(self) -> None:
+        """Once through all frequencies."""
+        settings = self.settings
+        self.command(
+            Chirp(settings.exciter, settings.from_hz, settings.to_hz, settings.duration_s, settings.level)
+        )
+
+    def enter_DONE(self) -> None:
+        """Nothing was to be touched."""
+        self.conclude("no_contact")
+
+    def enter_FAILED(self) -> None:
+        """Silence after an error."""
+        self.command(Excite(self.settings.exciter, False))

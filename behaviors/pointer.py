@@ -1,0 +1,342 @@
+"""B7: touch after touch with the tip turned further, up and down its range (Fernandez et al., section 2, Fig. 2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import Enum, auto
+from itertools import pairwise
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from behaviors.events import BaselineReady, Contact
+from behaviors.machine import Behavior, StatePlan, failures
+from drivers.messages import Home, MoveAt, Stop, Twist
+from drivers.settings import Settings
+
+Angle = Annotated[float, Field(ge=-1.57, le=1.57)]
+"""The tip is a half cylinder: what touches beyond a quarter turn touches something else (section 2)."""
+
+
+class PointerSettings(Settings):
+    """How the angle of the contact is held against the arm's."""
+
+    mover: str = "arm"
+    """Device that carries and turns the tip."""
+
+    detector: str = "touch"
+    """Detector whose contact ends a descent; its threshold is the force of the touch."""
+
+    forces_stream: str = "signals.tip"
+    """The fingertip's calibrated forces (N): Fx and Fy first."""
+
+    pose_stream: str = "arm.pose"
+    """Where the tool is: the true angle (m, rotation vector in rad)."""
+
+    angles_rad: tuple[Angle, ...] = tuple(round(-1.5 + 0.3 * i, 6) for i in range(11))
+    """Angles at which it touches, rad, ascending: all of them up, then all of them down. Fig. 11 is drawn from -1.5 to
+    1.5; the steps are an assumption."""
+
+    zero_s: float = Field(default=0.2, gt=0.0, le=10.0)
+    """How long the start pose is recorded: angles count from it (assumption)."""
+
+    baseline_timeout_s: float = Field(default=10.0, gt=0.0, le=600.0)
+    """Longest wait for the detector's baseline, taken anew before each touch."""
+
+    turn_rad_s: float = Field(default=0.3, gt=0.0, le=3.0)
+    """Speed of turning, in the air. Assumption: slow enough that an arm of 0.5 rad/s2 is up to it within a step of the
+    angles; one that is not turns less far."""
+
+    descend_m_s: float = Field(default=0.002, gt=0.0, le=0.05)
+    """Speed of descent. Assumption: the paper prints none."""
+
+    descend_limit_m: float = Field(default=0.006, gt=0.0, le=1.0)
+    """Where a descent without contact ends, on the approach axis."""
+
+    rest_s: float = Field(default=0.3, ge=0.0, le=60.0)
+    """Wait after standstill (assumption: the structure has stopped ringing)."""
+
+    record_s: float = Field(default=0.4, gt=0.0, le=60.0)
+    """How long each touch is recorded."""
+
+    lift_m_s: float = Field(default=0.01, gt=0.0, le=0.25)
+    """Speed of lifting off."""
+
+    motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
+    """Longest stay in any state that waits for the mover."""
+
+    home_timeout_s: float = Field(default=150.0, gt=0.0, le=600.0)
+    """Longest homing. An arm turns home as slowly as it moves home: 1.5 rad at 0.02 rad/s take 75 s."""
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        if len(self.angles_rad) < 2 or any(low >= high for low, high in pairwise(self.angles_rad)):
+            raise ValueError("angles_rad must ascend, and be two at least")
+        return self
+
+    @property
+    def turns_rad(self) -> Sequence[float]:
+        """Every touch's angle, in order: up, then down."""
+        return (*self.angles_rad, *reversed(self.angles_rad))
+
+
+class PointerFactors(Settings):
+    """What a trial varies: nothing of its own; the force is the detector's threshold."""
+
+
+class Pointer(Behavior):
+    """Turn, touch, record, lift, until every angle has been touched in both directions.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: Names of all detectors there are; the touch's alone is armed.
+    """
+
+    class States(Enum):
+        """Where the trial is."""
+
+        HOMING = auto()
+        ZEROING = auto()
+        TURNING = auto()
+        WAITING = auto()
+        DESCENDING = auto()
+        STOPPING = auto()
+        RESTING = auto()
+        RECORDING = auto()
+        LIFTING = auto()
+        UNTURNING = auto()
+        RETURNING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.HOMING
+    final = frozenset({States.DONE, States.FAILED})
+    _alive = tuple(States)[:-2]
+    table = (
+        {"trigger": "reached", "source": States.HOMING, "dest": States.ZEROING, "conditions": "from_mover"},
+        {"trigger": "deadline", "source": States.ZEROING, "dest": States.TURNING},
+        {"trigger": "reached", "source": States.TURNING, "dest": States.WAITING, "conditions": "from_mover"},
+        {
+            "trigger": "standstill",
+            "source": States.TURNING,
+            "dest": States.WAITING,
+            "conditions": "from_mover",
+            "label": "the same angle again",
+        },
+        {
+            "trigger": "baseline_ready",
+            "source": States.WAITING,
+            "dest": States.DESCENDING,
+            "conditions": "of_touch",
+        },
+        {
+            "trigger": "contact",
+            "source": States.DESCENDING,
+            "dest": States.STOPPING,
+            "conditions": "touched",
+        },
+        {
+            "trigger": "reached",
+            "source": States.DESCENDING,
+            "dest": States.LIFTING,
+            "conditions": "from_mover",
+            "before": "say_no_contact",
+        },
+        {
+            "trigger": "standstill",
+            "source": States.STOPPING,
+            "dest": States.RESTING,
+            "conditions": "from_mover",
+        },
+        {"trigger": "deadline", "source": States.RESTING, "dest": States.RECORDING},
+        {"trigger": "deadline", "source": States.RECORDING, "dest": States.LIFTING, "before": "say_recorded"},
+        {
+            "trigger": "reached",
+            "source": States.LIFTING,
+            "dest": States.UNTURNING,
+            "conditions": ["from_mover", "finished"],
+            "label": "all angles touched, or one without contact",
+        },
+        {
+            "trigger": "reached",
+            "source": States.LIFTING,
+            "dest": States.HOMING,
+            "conditions": ["from_mover", "astray"],
+            "label": "after a pause",
+        },
+        {"trigger": "reached", "source": States.LIFTING, "dest": States.TURNING, "conditions": "from_mover"},
+        {
+            "trigger": "reached",
+            "source": States.UNTURNING,
+            "dest": States.RETURNING,
+            "conditions": "from_mover",
+        },
+        {
+            "trigger": "standstill",
+            "source": States.UNTURNING,
+            "dest": States.RETURNING,
+            "conditions": "from_mover",
+            "label": "not turned",
+        },
+        {"trigger": "reached", "source": States.RETURNING, "dest": States.DONE, "conditions": "from_mover"},
+        {"trigger": "resumed", "source": [States.HOMING, States.ZEROING], "dest": States.HOMING},
+        {
+            "trigger": "resumed",
+            "source": [
+                States.TURNING,
+                States.WAITING,
+                States.DESCENDING,
+                States.STOPPING,
+                States.RESTING,
+                States.RECORDING,
+                States.LIFTING,
+            ],
+            "dest": States.LIFTING,
+            "before": "say_astray",
+        },
+        {
+            "trigger": "resumed",
+            "source": [States.UNTURNING, States.RETURNING],
+            "dest": States.RETURNING,
+        },
+        {
+            "trigger": "baseline_refused",
+            "source": [States.WAITING, States.DESCENDING],
+            "dest": States.FAILED,
+            "before": "say_why",
+        },
+        *failures(_alive, States.FAILED),
+        {
+            "trigger": "deadline",
+            "source": [
+                States.HOMING,
+                States.TURNING,
+                States.DESCENDING,
+                States.STOPPING,
+                States.LIFTING,
+                States.UNTURNING,
+                States.RETURNING,
+            ],
+            "dest": States.FAILED,
+            "before": "say_stuck",
+        },
+        {"trigger": "deadline", "source": States.WAITING, "dest": States.FAILED, "before": "say_late"},
+    )
+
+    def __init__(self, settings: PointerSettings, factors: PointerFactors, detectors: frozenset[str]) -> None:
+        states, motion = self.States, settings.motion_timeout_s
+        armed = frozenset({settings.detector})
+        both = frozenset({settings.forces_stream, settings.pose_stream})
+        widest_rad = 2.0 * max(abs(angle_rad) for angle_rad in settings.angles_rad)
+        # Heard because one turn is none: virtual time does not pass over the standstill's answer then.
+        turning = StatePlan(
+            widest_rad / settings.turn_rad_s + motion, measures=frozenset({settings.pose_stream})
+        )
+        self.settings = settings
+        self.factors = factors
+        self._recorded = 0
+        self._missed = self._astray = False
+        self._turned_rad = 0.0
+        super().__init__(
+            {
+                states.HOMING: StatePlan(settings.home_timeout_s),
+                states.ZEROING: StatePlan(
+                    settings.zero_s, frozenset(), frozenset({settings.pose_stream}), prompt=False
+                ),
+                states.TURNING: turning,
+                states.WAITING: StatePlan(settings.baseline_timeout_s, armed, prompt=False),
+                states.DESCENDING: StatePlan(settings.descend_limit_m / settings.descend_m_s + motion, armed),
+                states.STOPPING: StatePlan(motion),
+                states.RESTING: StatePlan(settings.rest_s),
+                states.RECORDING: StatePlan(settings.record_s, frozenset(), both, prompt=False),
+                states.LIFTING: StatePlan(motion),
+                states.UNTURNING: turning,
+                states.RETURNING: StatePlan(settings.home_timeout_s),
+            },
+            mover=settings.mover,
+        )
+
+    # conditions
+
+    def of_touch(self) -> bool:
+        """Whether the baseline is the touch detector's."""
+        return isinstance(self.event, BaselineReady) and self.event.detector == self.settings.detector
+
+    def touched(self) -> bool:
+        """Whether the contact is the touch detector's."""
+        return isinstance(self.event, Contact) and self.event.detector == self.settings.detector
+
+    def finished(self) -> bool:
+        """Whether there is nothing left to touch, or nothing there."""
+        return self._missed or self._recorded >= len(self.settings.turns_rad)
+
+    def astray(self) -> bool:
+        """Whether nobody knows how far the tip is turned."""
+        return self._astray
+
+    # what is said
+
+    def say_astray(self) -> None:
+        """A turn may have been broken off: the angle counts from the start pose once more."""
+        self._astray = True
+
+    def say_recorded(self) -> None:
+        """One touch more is on record."""
+        self._recorded += 1
+        if self.finished():
+            self.conclude("contact")
+
+    def say_no_contact(self) -> None:
+        """A descent ended at its limit."""
+        self._missed = True
+        angle_rad = self.settings.turns_rad[self._recorded]
+        self.conclude(
+            "no_contact",
+            f"no contact up to {self.settings.descend_limit_m:.6g} m at {angle_rad:.6g} rad",
+        )
+
+    # what is commanded on entry
+
+    def enter_HOMING(self) -> None:
+        """Begin at the start pose."""
+        self._turned_rad, self._astray = 0.0, False
+        self.command(Home(self.settings.mover))
+
+    def enter_TURNING(self) -> None:
+        """To the next angle, about the tip's own axis; the last angle upwards is the first one downwards."""
+        self._turn(self.settings.turns_rad[self._recorded])
+
+    def enter_DESCENDING(self) -> None:
+        """Towards the table, bounded by the device."""
+        self.command(MoveAt(self.settings.mover, self.settings.descend_m_s, self.settings.descend_limit_m))
+
+    def enter_STOPPING(self) -> None:
+        """The table presses as hard as was asked for."""
+        self.command(Stop(self.settings.mover))
+
+    def enter_LIFTING(self) -> None:
+        """Off the table, turned as it is."""
+        self.command(MoveAt(self.settings.mover, -self.settings.lift_m_s, 0.0))
+
+    def enter_UNTURNING(self) -> None:
+        """Turned back, for the way home is slow where it turns."""
+        self._turn(0.0)
+
+    def enter_RETURNING(self) -> None:
+        """To where the next trial begins."""
+        self.command(Home(self.settings.mover))
+
+    def enter_FAILED(self) -> None:
+        """Nothing moves after an error."""
+        self.command(Stop(self.settings.mover))
+
+    def _turn(self, angle_rad: float) -> None:
+        turn_rad, self._turned_rad = angle_rad - self._turned_rad, angle_rad
+        if turn_rad == 0.0:
+            self.command(Stop(self.settings.mover))
+            return
+        speed_rad_s = math.copysign(self.settings.turn_rad_s, turn_rad)
+        twist = (0.0, 0.0, 0.0, 0.0, speed_rad_s, 0.0)
+        self.command(Twist(self.settings.mover, twist, turn_rad / speed_rad_s))

@@ -1,0 +1,391 @@
+"""B8: touch, roll, slip, stop, and what a force sensor makes of it (Fernandez et al., sections 4.3 and 5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from enum import Enum, auto
+from typing import Any
+
+from behaviors.events import Contact, Detected
+from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
+from drivers.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
+
+
+def _following(source: Enum, trigger: str, steps: Sequence[Enum]) -> Sequence[Mapping[str, Any]]:
+    """Rows from a state to whatever step comes next."""
+    mover = ["from_mover"] if trigger == "reached" else []
+    return [
+        {
+            "trigger": trigger,
+            "source": source,
+            "dest": step,
+            "conditions": [*mover, f"next_is_{step.name.lower()}"],
+            "before": "take_step",
+            "label": f"next: {step.name.lower()}",
+        }
+        for step in steps
+        if step is not source
+    ]
+
+
+class RollSlip(Behavior):
+    """Touch, press, then roll, slide and hold as the sensor's steps say; lift and go home.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: Names of all detectors there are; only the trial's sensor's are armed.
+    """
+
+    class States(Enum):
+        """Where the trial is."""
+
+        HOMING = auto()
+        ZEROING = auto()
+        TILTING = auto()
+        RESTING = auto()
+        DESCENDING = auto()
+        STOPPING = auto()
+        PRESSING = auto()
+        HOLDING = auto()
+        LOADING = auto()
+        ROLLING = auto()
+        SLIPPING = auto()
+        HALTING = auto()
+        STOPPED = auto()
+        LIFTING = auto()
+        LEVELLING = auto()
+        RETURNING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.HOMING
+    final = frozenset({States.DONE, States.FAILED})
+    _alive = tuple(States)[:-2]
+    _pressed = (States.HOLDING, States.LOADING, States.ROLLING, States.SLIPPING)
+    table = (
+        {"trigger": "reached", "source": States.HOMING, "dest": States.ZEROING, "conditions": "from_mover"},
+        {
+            "trigger": "deadline",
+            "source": States.ZEROING,
+            "dest": States.TILTING,
+            "conditions": "tilted",
+            "label": "tilted touch",
+        },
+        {"trigger": "deadline", "source": States.ZEROING, "dest": States.RESTING},
+        {"trigger": "reached", "source": States.TILTING, "dest": States.RESTING, "conditions": "from_mover"},
+        {"trigger": "deadline", "source": States.RESTING, "dest": States.DESCENDING},
+        {
+            "trigger": "contact",
+            "source": States.DESCENDING,
+            "dest": States.STOPPING,
+            "conditions": "touched",
+        },
+        {
+            "trigger": "reached",
+            "source": States.DESCENDING,
+            "dest": States.LIFTING,
+            "conditions": "from_mover",
+            "before": "say_no_contact",
+        },
+        {
+            "trigger": "standstill",
+            "source": States.STOPPING,
+            "dest": States.PRESSING,
+            "conditions": "from_mover",
+            "before": "note_touch",
+        },
+        *_following(States.PRESSING, "reached", _pressed),
+        *_following(States.HOLDING, "deadline", _pressed),
+        *_following(States.LOADING, "reached", _pressed),
+        *_following(States.ROLLING, "reached", _pressed),
+        *_following(States.SLIPPING, "reached", _pressed),
+        {"trigger": "deadline", "source": States.HOLDING, "dest": States.LIFTING},
+        {"trigger": "reached", "source": States.LOADING, "dest": States.LIFTING, "conditions": "from_mover"},
+        {"trigger": "reached", "source": States.ROLLING, "dest": States.LIFTING, "conditions": "from_mover"},
+        {"trigger": "reached", "source": States.SLIPPING, "dest": States.LIFTING, "conditions": "from_mover"},
+        {
+            "trigger": "slip_started",
+            "source": [States.LOADING, States.ROLLING, States.SLIPPING],
+            "dest": States.HALTING,
+            "conditions": "must_stop",
+            "before": "cut_step",
+            "label": "stop_on_slip",
+        },
+        {
+            "trigger": "standstill",
+            "source": States.HALTING,
+            "dest": States.STOPPED,
+            "conditions": "from_mover",
+        },
+        {"trigger": "deadline", "source": States.STOPPED, "dest": States.LIFTING},
+        {
+            "trigger": "reached",
+            "source": States.LIFTING,
+            "dest": States.LEVELLING,
+            "conditions": ["from_mover", "turned"],
+            "label": "tip at an angle",
+        },
+        {
+            "trigger": "reached",
+            "source": States.LIFTING,
+            "dest": States.RETURNING,
+            "conditions": "from_mover",
+        },
+        {
+            "trigger": "reached",
+            "source": States.LEVELLING,
+            "dest": States.RETURNING,
+            "conditions": "from_mover",
+        },
+        {"trigger": "reached", "source": States.RETURNING, "dest": States.DONE, "conditions": "from_mover"},
+        {"trigger": "resumed", "source": [States.HOMING, States.ZEROING], "dest": States.HOMING},
+        {
+            "trigger": "resumed",
+            "source": [States.TILTING, States.RESTING, States.DESCENDING],
+            "dest": States.HOMING,
+        },
+        {
+            "trigger": "resumed",
+            "source": [States.STOPPING, States.PRESSING, *_pressed, States.HALTING, States.STOPPED],
+            "dest": States.LIFTING,
+            "before": "say_interrupted",
+        },
+        {
+            "trigger": "resumed",
+            "source": [States.LIFTING, States.LEVELLING, States.RETURNING],
+            "dest": States.LIFTING,
+        },
+        {
+            "trigger": "baseline_refused",
+            "source": [States.RESTING, States.DESCENDING],
+            "dest": States.FAILED,
+            "before": "say_why",
+        },
+        *failures(_alive, States.FAILED),
+        {
+            "trigger": "deadline",
+            "source": [
+                States.HOMING,
+                States.TILTING,
+                States.DESCENDING,
+                States.STOPPING,
+                States.PRESSING,
+                States.LOADING,
+                States.ROLLING,
+                States.SLIPPING,
+                States.HALTING,
+                States.LIFTING,
+                States.LEVELLING,
+                States.RETURNING,
+            ],
+            "dest": States.FAILED,
+            "before": "say_stuck",
+        },
+    )
+
+    def __init__(
+        self, settings: RollSlipSettings, factors: RollSlipFactors, detectors: frozenset[str]
+    ) -> None:
+        self.settings = settings
+        self.factors = factors
+        self.run = settings.sensors[factors.sensor]
+        self._reflex = self.run.ours if settings.reflex == "ours" else self.run.paper
+        self._touched_m = 0.0
+        self._begin_steps()
+        super().__init__(self._planned(), mover=settings.mover)
+
+    def _begin_steps(self) -> None:
+        self._step = -1
+        self._turned_rad = 0.0
+        self._listening = self.run.listen == "rest"
+
+    def _planned(self) -> Mapping[Enum, StatePlan]:
+        states, settings, run = self.States, self.settings, self.run
+        motion = settings.motion_timeout_s
+        measured = frozenset(
+            stream
+            for stream in (
+                run.stream,
+                run.forces_stream,
+                settings.position_stream,
+                settings.pose_stream,
+                settings.force_stream,
+                *settings.measures,
+            )
+            if stream is not None
+        )
+        heard = StatePlan(motion, self._armed(), measured)
+        quiet = replace(heard, prompt=False)
+        descent_s = settings.descend_limit_m / settings.descend_m_s
+        return {
+            states.HOMING: StatePlan(settings.home_timeout_s),
+            states.ZEROING: StatePlan(settings.zero_s),
+            states.TILTING: StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
+            states.RESTING: replace(quiet, deadline_s=settings.rest_s),
+            states.DESCENDING: replace(heard, deadline_s=descent_s + motion),
+            states.STOPPING: heard,
+            states.PRESSING: heard,
+            states.HOLDING: quiet,
+            states.LOADING: heard,
+            states.ROLLING: heard,
+            states.SLIPPING: heard,
+            states.HALTING: replace(heard, detectors=frozenset((run.touch, run.paper, run.ours))),
+            states.STOPPED: replace(quiet, deadline_s=settings.stopped_s),
+            states.LIFTING: StatePlan(motion),
+            states.LEVELLING: StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
+            states.RETURNING: StatePlan(settings.home_timeout_s),
+        }
+
+    def _armed(self) -> frozenset[str]:
+        """Who listens from now on."""
+        run = self.run
+        return frozenset((run.touch, run.paper, run.ours) if self._listening else (run.touch,))
+
+    # conditions
+
+    def tilted(self) -> bool:
+        """Whether the tip touches at an angle."""
+        return self.run.tilt_rad != 0.0
+
+    def turned(self) -> bool:
+        """Whether the tip is at an angle, as far as is known."""
+        return abs(self._turned_rad) > 1e-3
+
+    def touched(self) -> bool:
+        """Whether the contact is the touch detector's."""
+        return isinstance(self.event, Contact) and self.event.detector == self.run.touch
+
+    def must_stop(self) -> bool:
+        """Whether this slip stops the arm."""
+        event = self.event
+        return self.settings.stop_on_slip and isinstance(event, Detected) and event.detector == self._reflex
+
+    def next_is_holding(self) -> bool:
+        """Whether a hold comes next."""
+        return self._next_is("hold")
+
+    def next_is_loading(self) -> bool:
+        """Whether a load comes next."""
+        return self._next_is("load")
+
+    def next_is_rolling(self) -> bool:
+        """Whether a roll comes next."""
+        return self._next_is("roll")
+
+    def next_is_slipping(self) -> bool:
+        """Whether a slip comes next."""
+        return self._next_is("slip")
+
+    def _next_is(self, what: str) -> bool:
+        following = self._step + 1
+        return following < len(self.run.steps) and self.run.steps[following].do == what
+
+    # before transitions
+
+    def note_touch(self) -> None:
+        """Where the arm stood still after the touch."""
+        assert isinstance(self.event, Standstill)
+        self._touched_m = self.event.position_m
+
+    def take_step(self) -> None:
+        """The next step is the present one; its state ends with it."""
+        self._step += 1
+        step = self.run.steps[self._step]
+        state = dict(zip(("hold", "load", "roll", "slip"), self._pressed, strict=True))[step.do]
+        more_s = 0.0 if step.do == "hold" else self.settings.motion_timeout_s
+        self._listening = self._listening or step.do != "hold"
+        self.plans[state] = replace(
+            self.plans[state], deadline_s=step.duration_s + more_s, detectors=self._armed()
+        )
+
+    def cut_step(self) -> None:
+        """A roll that is stopped has turned the tip by a part of its angle."""
+        step = self.run.steps[self._step]
+        done = (self.event.t_s - self._entered_s) / step.duration_s
+        self._turned_rad -= step.turn_rad * (1.0 - min(1.0, max(0.0, done)))
+
+    def say_no_contact(self) -> None:
+        """The descent ended at its limit."""
+        self.conclude("no_contact", f"no contact up to {self.settings.descend_limit_m:.6g} m")
+
+    def say_interrupted(self) -> None:
+        """Paused in contact: what was pressed and rolled cannot be taken up again."""
+        self.outcome = "aborted"
+        self.reason = f"paused in {self.state.name}; run this trial again"
+
+    # what is commanded on entry
+
+    def enter_HOMING(self) -> None:
+        """Begin at the start pose."""
+        self._begin_steps()
+        self.command(Home(self.settings.mover))
+
+    def enter_ZEROING(self) -> None:
+        """Nothing touches: what the arm feels now is zero."""
+        self.command(Tare(self.settings.mover, self.settings.force_stream))
+
+    def enter_TILTING(self) -> None:
+        """Turn the tip in the air."""
+        self._turn(self.run.tilt_rad)
+
+    def enter_LEVELLING(self) -> None:
+        """Turn back: `Home` turns as slowly as it goes."""
+        self._turn(-self._turned_rad)
+
+    def _turn(self, turn_rad: float) -> None:
+        speed_rad_s = math.copysign(self.settings.tilt_rad_s, turn_rad)
+        # from rest, a tool goes as far as its twist times the duration: the ramp down comes after it
+        duration_s = turn_rad / speed_rad_s
+        self.command(Twist(self.settings.mover, (0.0, 0.0, 0.0, 0.0, speed_rad_s, 0.0), duration_s))
+        self._turned_rad += turn_rad
+
+    def enter_DESCENDING(self) -> None:
+        """Towards the table, bounded by the device."""
+        self.command(MoveAt(self.settings.mover, self.settings.descend_m_s, self.settings.descend_limit_m))
+
+    def enter_STOPPING(self) -> None:
+        """The table is there."""
+        self.conclude("contact")
+        self.command(Stop(self.settings.mover))
+
+    def enter_PRESSING(self) -> None:
+        """As far as the sensor is pressed in its trial."""
+        limit_m = self._touched_m + self.run.press_m
+        self.command(MoveAt(self.settings.mover, self.settings.descend_m_s, limit_m))
+
+    def enter_ROLLING(self) -> None:
+        """Turn, and go along by as much as the tip unrolls."""
+        step = self.run.steps[self._step]
+        turn_rad_s = step.turn_rad / step.duration_s
+        self._turned_rad += step.turn_rad
+        along_m_s = self.settings.radius_m * turn_rad_s
+        self.command(Twist(self.settings.mover, (along_m_s, 0.0, 0.0, 0.0, turn_rad_s, 0.0), step.duration_s))
+
+    def enter_LOADING(self) -> None:
+        """Along the table, so little that the tip only bends."""
+        self.enter_SLIPPING()
+
+    def enter_SLIPPING(self) -> None:
+        """Along the table, without turning."""
+        step = self.run.steps[self._step]
+        self.command(Twist(self.settings.mover, (step.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0), step.duration_s))
+
+    def enter_HALTING(self) -> None:
+        """Slip: stop at once."""
+        self.command(Stop(self.settings.mover))
+
+    def enter_LIFTING(self) -> None:
+        """Off the table."""
+        self.command(MoveAt(self.settings.mover, -self.settings.lift_m_s, 0.0))
+
+    def enter_RETURNING(self) -> None:
+        """To where the next trial begins."""
+        self.command(Home(self.settings.mover))
+
+    def enter_FAILED(self) -> None:
+        """Nothing moves after an error."""
+        self.command(Stop(self.settings.mover))

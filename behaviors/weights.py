@@ -1,0 +1,221 @@
+"""B6: known weights hung on a bridge, loading and unloading (Fernandez et al., 4.2, Fig. 5 and 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum, auto
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from behaviors.machine import Behavior, StatePlan, failures
+from drivers.messages import Ask, Loaded, LoadWeight
+from drivers.settings import Settings
+
+Bridge = Literal["x", "y", "t"]
+Force = Annotated[float, Field(gt=0.0, le=1000.0)]
+
+
+def ladder(top_n: float, rungs: int) -> tuple[float, ...]:
+    """Weights at equal distances up to the largest, N."""
+    return tuple(round(top_n * rung / rungs, 6) for rung in range(1, rungs + 1))
+
+
+class WeightsSettings(Settings):
+    """How one bridge is calibrated."""
+
+    operator: str = "operator"
+    """Device that hangs the weights: a person."""
+
+    bridges_stream: str = "board.fingertip"
+    """The three bridges (V)."""
+
+    load_stream: str = "operator.load"
+    """What hangs on them, by the person's word (N)."""
+
+    weights_x_n: tuple[Force, ...] = ladder(7.0, 14)
+    """Weights for Fx, N. Tested up to 7 N (4.2); the steps are an assumption: half of the range is among them, where a
+    loop of hysteresis is widest, as a rule."""
+
+    weights_y_n: tuple[Force, ...] = ladder(7.0, 14)
+    """Weights for Fy, N, likewise."""
+
+    weights_t_n: tuple[Force, ...] = ladder(1.0, 10)
+    """Weights for Ft, N, likewise; up to 1 N (4.2)."""
+
+    order: Literal["up_down", "listed"] = "up_down"
+    """up_down: each cycle goes up through all weights and down again, as in 4.2; listed: as the lists have it, in any
+    order, and back to nothing."""
+
+    cycles: int = Field(default=5, ge=1, le=100)
+    """How often. The paper says "several experiments"; the number is an assumption."""
+
+    preloads: int = Field(default=3, ge=0, le=10)
+    """How often the largest weight hangs before the first cycle, so that the loop has closed. Source: ISO 376 asks for
+    three; the paper says nothing."""
+
+    weight_uncertainty: float = Field(default=0.001, ge=0.0, le=0.1)
+    """Relative standard uncertainty of the weights, common to all of them, local gravity included. Assumption: a
+    laboratory's slotted weights."""
+
+    swing_s: float = Field(default=1.0, ge=0.0, le=60.0)
+    """Wait after hanging. Assumption: longer than a weight on a short thread swings."""
+
+    record_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    """How long each load is recorded. Assumption: 500 samples make the mean's noise 5 % of one sample's."""
+
+    answer_timeout_s: float = Field(default=300.0, gt=0.0, le=3600.0)
+    """Longest wait for the person. Assumption: five minutes for a weight."""
+
+    @model_validator(mode="after")
+    def _ladders_go_up(self) -> Self:
+        for bridge in ("x", "y", "t"):
+            weights_n = self.weights_n(bridge)
+            if len(weights_n) < 2:
+                raise ValueError(f"weights_{bridge}_n: a line needs two weights")
+            if self.order == "up_down" and any(low >= high for low, high in pairwise(weights_n)):
+                raise ValueError(f'weights_{bridge}_n must ascend, or order be "listed"')
+        return self
+
+    def weights_n(self, bridge: str) -> tuple[float, ...]:
+        """The weights of a bridge."""
+        weights_n: tuple[float, ...] = getattr(self, f"weights_{bridge}_n")
+        return weights_n
+
+    def loads_n(self, bridge: str) -> Sequence[float]:
+        """Every load that is recorded of a bridge, in order: nothing, the preloads, then the cycles."""
+        weights_n = self.weights_n(bridge)
+        down = weights_n[-2::-1] if self.order == "up_down" else ()
+        return [0.0, *(max(weights_n), 0.0) * self.preloads, *(*weights_n, *down, 0.0) * self.cycles]
+
+
+class WeightsFactors(Settings):
+    """What a trial varies."""
+
+    bridge: Bridge
+    """Which bridge is calibrated."""
+
+
+class Weights(Behavior):
+    """Load after load: ask for it, let it hang still, record.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: Unused: no state listens to any.
+    """
+
+    class States(Enum):
+        """Where the trial is."""
+
+        SETTING_UP = auto()
+        HANGING = auto()
+        SWINGING = auto()
+        RECORDING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.SETTING_UP
+    final = frozenset({States.DONE, States.FAILED})
+    _alive = tuple(States)[:-2]
+    table = (
+        {
+            "trigger": "answered",
+            "source": States.SETTING_UP,
+            "dest": States.HANGING,
+            "conditions": "from_operator",
+        },
+        {
+            "trigger": "loaded",
+            "source": States.HANGING,
+            "dest": States.DONE,
+            "conditions": ["as_asked", "finished"],
+            "label": "all taken off at the end",
+        },
+        {"trigger": "loaded", "source": States.HANGING, "dest": States.SWINGING, "conditions": "as_asked"},
+        {"trigger": "deadline", "source": States.SWINGING, "dest": States.RECORDING},
+        {"trigger": "deadline", "source": States.RECORDING, "dest": States.HANGING, "before": "say_recorded"},
+        {"trigger": "resumed", "source": States.SETTING_UP, "dest": States.SETTING_UP},
+        {
+            "trigger": "resumed",
+            "source": [States.HANGING, States.SWINGING, States.RECORDING],
+            "dest": States.HANGING,
+        },
+        *failures(_alive, States.FAILED),
+        {
+            "trigger": "deadline",
+            "source": [States.SETTING_UP, States.HANGING],
+            "dest": States.FAILED,
+            "before": "say_nobody",
+        },
+    )
+
+    def __init__(self, settings: WeightsSettings, factors: WeightsFactors, detectors: frozenset[str]) -> None:
+        states = self.States
+        asked = frozenset({settings.load_stream})
+        self.settings = settings
+        self.factors = factors
+        self._loads_n = settings.loads_n(factors.bridge)
+        self._recorded = 0
+        super().__init__(
+            {
+                states.SETTING_UP: StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
+                states.HANGING: StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
+                states.SWINGING: StatePlan(settings.swing_s),
+                states.RECORDING: StatePlan(
+                    settings.record_s, frozenset(), frozenset({settings.bridges_stream}), prompt=False
+                ),
+            }
+        )
+
+    @property
+    def load_n(self) -> float:
+        """The load whose turn it is; nothing at the end."""
+        return self._loads_n[self._recorded] if not self.finished() else 0.0
+
+    # conditions
+
+    def from_operator(self) -> bool:
+        """Whether the person says so."""
+        return getattr(self.event, "device", None) == self.settings.operator
+
+    def as_asked(self) -> bool:
+        """Whether the load is the one that was asked for."""
+        event = self.event
+        return isinstance(event, Loaded) and (event.device, event.bridge, event.force_n) == (
+            self.settings.operator,
+            self.factors.bridge,
+            self.load_n,
+        )
+
+    def finished(self) -> bool:
+        """Whether every load has been recorded."""
+        return self._recorded >= len(self._loads_n)
+
+    # what is said
+
+    def say_recorded(self) -> None:
+        """One load more is on record."""
+        self._recorded += 1
+        if self.finished():
+            self.conclude("contact")
+
+    def say_nobody(self) -> None:
+        """The person did not answer."""
+        self.outcome = "aborted"
+        self.reason = (
+            f"{self.settings.operator} did not answer within {self.plan.deadline_s:g} s"
+            f" when asked for {self.load_n:g} N on bridge {self.factors.bridge}"
+        )
+
+    # what is commanded on entry
+
+    def enter_SETTING_UP(self) -> None:
+        """The bridge must hang so that a weight pulls on it alone (Fig. 5)."""
+        words = f"set the fingertip up for weights on bridge F{self.factors.bridge}, with nothing on it"
+        self.command(Ask(self.settings.operator, words))
+
+    def enter_HANGING(self) -> None:
+        """The next load."""
+        self.command(LoadWeight(self.settings.operator, self.factors.bridge, self.load_n))

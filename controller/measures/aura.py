@@ -1,0 +1,229 @@
+"""C2, C4, C5: what each detector said of approaches, touches and nothing at all (Rupavatharam et al., IV)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.aura import AuraSettings
+from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
+from controller.measures.trial import TrialEvidence
+
+Floats = NDArray[np.float64]
+
+METHODS = ("paper", "ours")
+"""Whose detectors: `pretouch_METHOD` and `contact_METHOD`."""
+
+LATE_S = 0.5
+"""How long after a contact began or ended a word about it still counts. Assumption: half a finger's hold."""
+
+EARLY_S = 0.05
+"""How much sooner it may come: what is known of a simulated contact is known at the bench's own steps."""
+
+OURS_AND_PAPERS = (
+    "alarms",
+    "seen",
+    "distance_m",
+    "felt",
+    "delay_s",
+    "false",
+    "held",
+    "ended",
+)
+COLUMNS = (
+    "approaches",
+    "undulations_per_cm",
+    "touches",
+    *(f"{name}_{method}" for method in METHODS for name in OURS_AND_PAPERS),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """One approach: when the rest before it, it, the rest at its end and the way back began, and when that ended."""
+
+    rest_s: float
+    begun_s: float
+    arrived_s: float
+    back_s: float
+    over_s: float
+
+
+def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure all approaches of a trial.
+
+    Returns:
+        The outcome, and the columns. `approaches` completed; `undulations_per_cm` of the last one (its dominant
+        spatial frequency); `touches` that really happened (simulated benches; else unknown). For each method:
+        `alarms`, approaches in which pre-touch was said where nothing was near (in the rest before, or before nothing);
+        `seen`, approaches to an object in which it was said in time; `distance_m`, median distance at which;
+        `felt`, touches that were said; `delay_s`, median delay; `false`, approaches in which contact was said that was
+        none; `held`, touches whose persistence was said and not taken back too soon; `ended`, touches whose
+        end was said in time.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    passages = _passages(evidence)
+    row["approaches"] = len(passages)
+    if not passages:
+        return outcome, row
+    there = evidence.factors.get("object", "pipe") != "none"
+    contacts = None if evidence.truth is None else _spans(evidence.truth)
+    pose = evidence.recording.stream(settings.pose_stream)
+    row["undulations_per_cm"] = _undulations(evidence, settings, passages[-1]) if there else None
+    if contacts is not None:
+        row["touches"] = len(contacts)
+    for method in settings.methods:
+        words = [
+            event
+            for event in evidence.events
+            if isinstance(event, Detected) and event.detector.endswith(f"_{method}")
+        ]
+        seen = [_seen(words, passage, contacts, there) for passage in passages]
+        distances_m = [
+            _distance(pose.times_s, pose.values[:, :3], t_s, passage, contacts, settings.end_gap_m)
+            for (t_s, _), passage in zip(seen, passages, strict=True)
+            if t_s is not None and len(pose)
+        ]
+        row[f"alarms_{method}"] = sum(alarm for _, alarm in seen)
+        if there:
+            row[f"seen_{method}"] = sum(t_s is not None for t_s, _ in seen)
+        if distances_m:
+            row[f"distance_m_{method}"] = float(np.median(distances_m))
+        if contacts is not None:
+            row.update(_contact_columns(words, passages, contacts, method))
+    return outcome, row
+
+
+def _passages(evidence: TrialEvidence) -> list[Passage]:
+    """The approaches that came to their end."""
+    passages = []
+    visits = evidence.visits
+    for place, (state, begun_s) in enumerate(visits):
+        if state != "APPROACHING" or place == 0:
+            continue
+        after: dict[str, float] = {}
+        over_s: float | None = None
+        for name, t_s in visits[place + 1 :]:
+            # one that was broken off by a pause goes straight back, and ends where the next one's rest begins
+            if name in ("BASELINE", "LEAVING"):
+                over_s = t_s
+                break
+            after.setdefault(name, t_s)
+        arrived_s, back_s = after.get("STOPPING", after.get("HOLDING")), after.get("RETRACTING")
+        if arrived_s is not None and back_s is not None and over_s is not None:
+            passages.append(Passage(visits[place - 1][1], begun_s, arrived_s, back_s, over_s))
+    return passages
+
+
+def _spans(truth: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
+    """From instants at which contact was made and lost to spans; fingers that touch together are one contact."""
+    spans: list[tuple[float, float]] = []
+    touching, begun_s = 0, math.nan
+    for t_s, made in truth:
+        if made and touching == 0:
+            begun_s = t_s
+        touching += 1 if made else -1
+        if touching == 0:
+            spans.append((begun_s, t_s))
+    return [*spans, (begun_s, math.inf)] if touching > 0 else spans
+
+
+def _within(spans: Sequence[tuple[float, float]] | None, passage: Passage) -> tuple[float, float] | None:
+    """The first contact of an approach."""
+    return next((span for span in spans or () if passage.begun_s <= span[0] < passage.over_s), None)
+
+
+def _seen(
+    words: Sequence[Any], passage: Passage, contacts: Sequence[tuple[float, float]] | None, there: bool
+) -> tuple[float | None, bool]:
+    """When pre-touch was first said in an approach to something, and whether it was said of nothing."""
+    contact = _within(contacts, passage)
+    until_s = passage.arrived_s if contact is None else min(contact[0], passage.arrived_s)
+    said = [event.t_s for event in words if isinstance(event, PreTouch)]
+    first = next((t_s for t_s in said if passage.begun_s <= t_s <= until_s), None)
+    early = any(passage.rest_s <= t_s < passage.begun_s for t_s in said)
+    return (first, early) if there else (None, early or first is not None)
+
+
+def _distance(
+    times_s: Floats,
+    places_m: Floats,
+    t_s: float,
+    passage: Passage,
+    contacts: Sequence[tuple[float, float]] | None,
+    end_gap_m: float,
+) -> float:
+    """How far the finger was from the object at an instant, along its way."""
+    contact = _within(contacts, passage)
+    end_s, gap_m = (passage.arrived_s, end_gap_m) if contact is None else (contact[0], 0.0)
+
+    def place(at_s: float) -> Floats:
+        return np.array([np.interp(at_s, times_s, column) for column in places_m.T])
+
+    return float(np.linalg.norm(place(end_s) - place(t_s))) + gap_m
+
+
+def _contact_columns(
+    words: Sequence[Detected],
+    passages: Sequence[Passage],
+    contacts: Sequence[tuple[float, float]],
+    method: str,
+) -> dict[str, Any]:
+    begins = [event.t_s for event in words if isinstance(event, Contact)]
+    holds = [event.t_s for event in words if isinstance(event, ContactHeld)]
+    ends = [event.t_s for event in words if isinstance(event, ContactLost)]
+    delays_s, held, ended = [], 0, 0
+    for begun_s, over_s in contacts:
+        felt = next(
+            (t_s for t_s in begins if begun_s - EARLY_S <= t_s <= min(over_s, begun_s + LATE_S)), None
+        )
+        if felt is None:
+            continue
+        delays_s.append(felt - begun_s)
+        lost = next((t_s for t_s in ends if t_s > felt), math.inf)
+        held += any(felt < t_s <= over_s for t_s in holds) and lost >= over_s - EARLY_S
+        ended += over_s - EARLY_S <= lost <= over_s + LATE_S
+    spoken_of = [(begun_s - EARLY_S, over_s + EARLY_S) for begun_s, over_s in contacts]
+    strange = [t_s for t_s in begins if not any(a_s <= t_s <= b_s for a_s, b_s in spoken_of)]
+    return {
+        f"felt_{method}": len(delays_s),
+        f"delay_s_{method}": float(np.median(delays_s)) if delays_s else None,
+        f"false_{method}": sum(
+            any(passage.rest_s <= t_s < passage.over_s for t_s in strange) for passage in passages
+        ),
+        f"held_{method}": held,
+        f"ended_{method}": ended,
+    }
+
+
+def _undulations(evidence: TrialEvidence, settings: AuraSettings, passage: Passage) -> float | None:
+    """Dominant spatial frequency of the envelope along one approach, cycles per cm."""
+    envelope = evidence.recording.stream(settings.finger_stream).between(passage.begun_s, passage.arrived_s)
+    pose = evidence.recording.stream(settings.pose_stream).between(passage.rest_s, passage.over_s)
+    if len(envelope) < 64 or len(pose) < 2 or envelope.values.shape[1] < 2:
+        return None
+    places_m = np.column_stack(
+        [np.interp(envelope.times_s, pose.times_s, column) for column in pose.values[:, :3].T]
+    )
+    way_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(places_m, axis=0), axis=1))))
+    moving = np.concatenate(([True], np.diff(way_m) > 0.0))
+    length_m = float(way_m[-1])
+    count = int(moving.sum())
+    if length_m < 0.01 or count < 64:
+        return None
+    grid_m = np.linspace(0.0, length_m, count)
+    z = np.interp(grid_m, way_m[moving], envelope.values[moving, 0]) + 1j * np.interp(
+        grid_m, way_m[moving], envelope.values[moving, 1]
+    )
+    s = np.linspace(-1.0, 1.0, count)
+    z = z - np.polyval(np.polyfit(s, z, 2), s)
+    padded = 8 * count
+    power = np.abs(np.fft.fft(z * np.hanning(count), padded)) ** 2
+    per_cm = np.abs(np.fft.fftfreq(padded, length_m / (count - 1))) / 100.0
+    power[(per_cm < 0.5) | (per_cm > 10.0)] = 0.0
+    return float(per_cm[int(np.argmax(power))])

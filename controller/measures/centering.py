@@ -1,0 +1,145 @@
+"""C3: where the middle was found, and what it cost (Rupavatharam et al., III.D, IV.A.2, Fig. 8c)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from behaviors.centering import CenteringSettings
+from behaviors.events import Contact, PreTouch
+from controller.measures.trial import TrialEvidence
+from drivers.messages import Gripped, Reached, Sent, Standstill, Stop
+
+COLUMNS = (
+    "error_m",
+    "middle_m",
+    "left_m",
+    "right_m",
+    "seen_to_stop_left_s",
+    "seen_to_stop_right_s",
+    "search_s",
+    "touched",
+    "gripped",
+    "contact_left_s",
+    "contact_right_s",
+)
+
+
+def measure(evidence: TrialEvidence, settings: CenteringSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure one search.
+
+    Returns:
+        The outcome, and the columns: where the gripper came to stand against where the object's middle is, positive
+        where it went too far forward; that place; where the left and the right finger saw the object; from the time
+        of the sample that decided it to the mover being told to stop; how long the search took; how often something
+        was really touched during it (simulated benches alone); whether the jaws held it; from the grip's beginning to
+        each finger's contact.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    begun_s = evidence.entered_s.get("RUNNING_UP", evidence.entered_s.get("SEEKING_FORWARD"))
+    if begun_s is None:
+        return outcome, row
+    # after a pause the search begins anew: what the one before it came to counts no more
+    entered_s = {state: t_s for state, t_s in evidence.entered_s.items() if t_s >= begun_s}
+    ended_s = entered_s.get("CENTERING")
+    over_s = ended_s if ended_s is not None else entered_s.get("LEAVING", math.inf)
+    if evidence.truth is not None:
+        row["touched"] = sum(made and begun_s <= t_s < over_s for t_s, made in evidence.truth)
+    for finger, state in (("left", "SEEKING_FORWARD"), ("right", "SEEKING_BACKWARD")):
+        row[f"{finger}_m"] = _seen_at(evidence, settings, finger, entered_s.get(state))
+    for finger, state in (("left", "TURNING"), ("right", "STOPPING")):
+        row[f"seen_to_stop_{finger}_s"] = _stopped_after(evidence, settings, entered_s.get(state))
+    if ended_s is None:
+        return outcome, row
+    row["search_s"] = ended_s - begun_s
+    arrived = next(
+        (
+            event
+            for event in evidence.events
+            if isinstance(event, Reached) and event.device == settings.mover and event.t_s >= ended_s
+        ),
+        None,
+    )
+    if arrived is not None:
+        row["middle_m"] = arrived.position_m
+        row["error_m"] = arrived.position_m - float(evidence.factors.get("object_x_m", 0.0))
+    return outcome, row | dict(_grasp(evidence, settings))
+
+
+def _seen_at(
+    evidence: TrialEvidence, settings: CenteringSettings, finger: str, since_s: float | None
+) -> float | None:
+    """Where the mover was when a finger's detector spoke, or where it came to stand if the detector does not say."""
+    if since_s is None:
+        return None
+    detector = f"{finger}_{evidence.factors.get('method', 'ours')}"
+    seen = next(
+        (
+            event
+            for event in evidence.events
+            if isinstance(event, PreTouch) and event.detector == detector and event.t_s >= since_s
+        ),
+        None,
+    )
+    if seen is None:
+        return None
+    if math.isfinite(seen.position_m):
+        return seen.position_m
+    still = next(
+        (
+            event
+            for event in evidence.events
+            if isinstance(event, Standstill) and event.device == settings.mover and event.t_s >= seen.t_s
+        ),
+        None,
+    )
+    return None if still is None else still.position_m
+
+
+def _stopped_after(
+    evidence: TrialEvidence, settings: CenteringSettings, seen_s: float | None
+) -> float | None:
+    """From a finger's seeing the object, which is when the state was entered, to the last byte of Stop."""
+    if seen_s is None:
+        return None
+    sent = next(
+        (
+            event
+            for event in evidence.events
+            if isinstance(event, Sent)
+            and isinstance(event.command, Stop)
+            and event.device == settings.mover
+            and event.t_s >= seen_s
+        ),
+        None,
+    )
+    return None if sent is None else sent.t_s - seen_s
+
+
+def _grasp(evidence: TrialEvidence, settings: CenteringSettings) -> Mapping[str, Any]:
+    closing_s = evidence.entered_s.get("CLOSING")
+    if closing_s is None:
+        return {}
+    found: dict[str, Any] = {
+        "gripped": int(
+            any(
+                isinstance(event, Gripped) and event.device == settings.gripper and event.object
+                for event in evidence.events
+            )
+        )
+    }
+    until_s = evidence.entered_s.get("RELEASING", math.inf)
+    for finger in ("left", "right"):
+        felt = next(
+            (
+                event.t_s
+                for event in evidence.events
+                if isinstance(event, Contact)
+                and event.detector == f"{finger}_contact"
+                and closing_s <= event.t_s < until_s
+            ),
+            None,
+        )
+        found[f"contact_{finger}_s"] = None if felt is None else felt - closing_s
+    return found

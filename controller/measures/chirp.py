@@ -1,0 +1,83 @@
+"""C1: how well each frequency of a sweep comes through (Rupavatharam et al., III.A.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.chirp import ChirpSettings
+from controller.measures.trial import TrialEvidence
+
+Floats = NDArray[np.float64]
+
+STEP_HZ = 250.0
+"""Width of the bands in which the sweep is averaged: a hundred in a sweep of 26 kHz, each well above a millisecond."""
+
+COLUMNS = ("best_hz", "best_right_hz", "best_left_hz", "band_low_hz", "band_high_hz", "over_noise_db")
+
+
+def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure one sweep.
+
+    Returns:
+        The outcome, and the columns: the frequency at which both fingers together (their powers added) send back
+        most; each finger's own; the band around it in which that is at least half; the best band's power over that of
+        the silence before, in dB.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    begun_s = evidence.entered_s.get("SWEEPING")
+    series = evidence.recording.stream(settings.fingers_stream)
+    if begun_s is None or not len(series):
+        return outcome, row
+    frequencies_hz, power = transfer(series.times_s - begun_s, series.values, settings)
+    if not len(frequencies_hz):
+        return outcome, row
+    together = power.sum(axis=1)
+    best = int(np.argmax(together))
+    loud = together >= 0.5 * together[best]
+    low, high = best, best
+    while low > 0 and loud[low - 1]:
+        low -= 1
+    while high < len(loud) - 1 and loud[high + 1]:
+        high += 1
+    # a sweep that was paused and begun again is not silence
+    silent_s = evidence.entered_s.get("SILENT", -np.inf)
+    silence = series.values[(series.times_s >= silent_s) & (series.times_s < begun_s)]
+    noise = float((silence - silence.mean(axis=0)).var(axis=0).sum()) if len(silence) else 0.0
+    per_finger = frequencies_hz[np.argmax(power, axis=0)]
+    row.update(
+        best_hz=float(frequencies_hz[best]),
+        best_right_hz=float(per_finger[0]),
+        best_left_hz=float(per_finger[-1]),
+        band_low_hz=float(frequencies_hz[low] - 0.5 * STEP_HZ),
+        band_high_hz=float(frequencies_hz[high] + 0.5 * STEP_HZ),
+        over_noise_db=10.0 * float(np.log10(together[best] / noise)) if noise > 0.0 else None,
+    )
+    return outcome, row
+
+
+def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[Floats, Floats]:
+    """Mean square of what comes back while the sweep passes through each band.
+
+    Args:
+        times_s: Since the sweep began, shape (n,).
+        values: Of the fingers, shape (n, fingers).
+        settings: Of the sweep.
+
+    Returns:
+        The bands' middles in Hz, shape (m,), and the mean squares, shape (m, fingers); bands without a sample are
+        left out.
+    """
+    inside = (times_s >= 0.0) & (times_s < settings.duration_s)
+    slope_hz_s = (settings.to_hz - settings.from_hz) / settings.duration_s
+    swept_hz = abs(slope_hz_s) * times_s[inside]
+    cells = np.floor(swept_hz / STEP_HZ).astype(np.int64)
+    count = np.bincount(cells) if len(cells) else np.empty(0, dtype=np.int64)
+    squares = np.column_stack(
+        [np.bincount(cells, weights=column**2, minlength=len(count)) for column in values[inside].T]
+    )
+    filled = count > 0
+    middles_hz = settings.from_hz + np.sign(slope_hz_s) * (np.arange(len(count)) + 0.5) * STEP_HZ
+    return middles_hz[filled], squares[filled] / count[filled, None]

@@ -1,0 +1,272 @@
+"""A ladder of weights on a bridge: from a recording to its steps, and from steps to gain, hysteresis and resolution.
+
+Definitions are those of Fernandez et al., 4.2, where it has them: a line through zero by least squares; hysteresis is
+the largest difference between loading and unloading at the same load over the full-scale output (its equation 5);
+resolution is "the smallest change detected". What counts as detected is not printed: `DETECTED_SIGMA` here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.recording.series import TrialRecording
+
+DETECTED_SIGMA = 3.5
+"""A change counts as detected when it is as many standard deviations of one sample. Assumption: the paper does not say;
+with Gaussian noise one sample in 4,300 goes as far by itself in either direction."""
+
+CONFIDENCE = 0.95
+"""Of every interval."""
+
+BRIDGES = ("x", "y", "t")
+"""Names of the bridges in the order of the stream's channels."""
+
+
+class Step(NamedTuple):
+    """One load that hung still, as it was recorded.
+
+    Attributes:
+        load_n: What hung.
+        going: "up", "down" or "zero": how the load was come to.
+        cycle: Which cycle, from 0; negative before the first.
+        mean_v: Mean of the bridge.
+        sd_v: Standard deviation of one sample.
+        samples: How many.
+    """
+
+    load_n: float
+    going: str
+    cycle: int
+    mean_v: float
+    sd_v: float
+    samples: int
+
+
+class Estimate(NamedTuple):
+    """A value with its 95 % interval; NaN where there is too little to tell."""
+
+    value: float
+    low: float
+    high: float
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies in the interval."""
+        return self.low <= value <= self.high
+
+
+UNKNOWN = Estimate(math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What the ladder tells of a bridge.
+
+    Attributes:
+        gain_v_n: Slope of the line through zero, V/N.
+        hysteresis: Largest difference between unloading and loading, as a share of the line's output at the top.
+        resolution_n: `DETECTED_SIGMA` standard deviations of one sample, N.
+        zero_v: The bridge with nothing on it, before the first load, V; taken off everything else.
+        nonlinearity: Largest distance of a mean (over cycles and directions) from the line, as a share of full scale.
+        remanence: What is left when everything is taken off after a cycle, as a share of full scale; NaN where that was
+            not recorded.
+        repeat_v_n: Standard deviation of the gain from cycle to cycle, V/N.
+        top_n: Largest load, N.
+        steps: How many loads of cycles it rests on.
+        cycles: How many cycles.
+    """
+
+    gain_v_n: Estimate
+    hysteresis: Estimate
+    resolution_n: Estimate
+    zero_v: float
+    nonlinearity: float
+    remanence: float
+    repeat_v_n: float
+    top_n: float
+    steps: int
+    cycles: int
+
+
+def steps_of(
+    recording: TrialRecording, *, load_stream: str, bridges_stream: str, bridge: str, preloads: int
+) -> list[Step]:
+    """The loads of a trial, in order; the first is the empty bridge.
+
+    A load that was asked for twice in a row (after a pause) counts as it was recorded the second time.
+
+    Args:
+        recording: Of the trial.
+        load_stream: What hung, by the person's word.
+        bridges_stream: The bridges, V.
+        bridge: "x", "y" or "t".
+        preloads: How often the largest weight hung before the first cycle.
+    """
+    channel = BRIDGES.index(bridge)
+    loads, volts = recording.stream(load_stream), recording.stream(bridges_stream)
+    if not len(loads) or not len(volts):
+        return []
+    ends_s = [*loads.times_s[1:].tolist(), math.inf]
+    zeros, before_n = 0, 0.0
+    steps: list[Step] = []
+    for load_n, begin_s, end_s in zip(
+        loads.values[:, channel].tolist(), loads.times_s.tolist(), ends_s, strict=True
+    ):
+        values_v = volts.between(begin_s, end_s).values[:, channel]
+        if len(values_v) < 2:
+            continue
+        again = bool(steps) and steps[-1].load_n == load_n
+        if again:
+            before_n = steps[-2].load_n if len(steps) > 1 else 0.0
+            zeros -= load_n == 0.0
+            steps.pop()
+        zeros += load_n == 0.0
+        going = "zero" if load_n == 0.0 else "up" if load_n > before_n else "down"
+        mean_v, sd_v = float(values_v.mean()), float(values_v.std(ddof=1))
+        # After the empty bridge and the preloads' zeros the first cycle begins; a cycle's own zero ends it.
+        cycle = zeros - 1 - preloads - (load_n == 0.0)
+        steps.append(Step(load_n, going, cycle, mean_v, sd_v, len(values_v)))
+        before_n = load_n
+    return steps
+
+
+def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> Calibration | None:
+    """Gain, hysteresis and resolution of one bridge.
+
+    The line goes through the mean over all cycles of each load and direction: repeating the ladder makes these means
+    better, not the line, for what is left are the loop's own departures from any line. The interval of the gain holds
+    those residuals as if they were independent, and the weights' common error.
+
+    Args:
+        trials: The steps of each trial (`steps_of`); cycles of several trials count alike.
+        weight_uncertainty: Relative standard uncertainty common to all weights.
+
+    Returns:
+        None where no cycle was recorded with two different loads, or the bridge is dead.
+    """
+    cycles: list[list[Step]] = []
+    zeros_v: list[float] = []
+    for steps in trials:
+        if not steps or steps[0].going != "zero":
+            continue
+        zero_v = steps[0].mean_v
+        zeros_v.append(zero_v)
+        own: dict[int, list[Step]] = {}
+        for step in steps[1:]:
+            if step.cycle >= 0:
+                own.setdefault(step.cycle, []).append(step._replace(mean_v=step.mean_v - zero_v))
+        cycles += own.values()
+    points = _mean_points(step for steps in cycles for step in steps if step.going != "zero")
+    loads_n = np.array([load_n for load_n, _ in points])
+    if len(set(loads_n.tolist())) < 2:
+        return None
+    volts = np.array(list(points.values()))
+    gain = _gain(loads_n, volts, weight_uncertainty)
+    if gain.value == 0.0:
+        return None
+    top_n = float(loads_n.max())
+    full_v = gain.value * top_n
+    left_v = [step.mean_v for steps in cycles for step in steps if step.going == "zero"]
+    slopes = [slope for steps in cycles if (slope := _slope_of(steps)) is not None]
+    middles = {
+        load_n: np.mean([v for (n, _), v in points.items() if n == load_n])
+        for load_n in set(loads_n.tolist())
+    }
+    return Calibration(
+        gain_v_n=gain,
+        hysteresis=_hysteresis(cycles, full_v, _relative(gain)),
+        resolution_n=_resolution([step for steps in cycles for step in steps], gain),
+        zero_v=float(np.mean(zeros_v)),
+        nonlinearity=max(abs(float(v) - gain.value * load_n) for load_n, v in middles.items()) / abs(full_v),
+        remanence=float(np.mean(left_v)) / full_v if left_v else math.nan,
+        repeat_v_n=float(np.std(slopes, ddof=1)) if len(slopes) > 1 else math.nan,
+        top_n=top_n,
+        steps=sum(len(steps) for steps in cycles),
+        cycles=len(cycles),
+    )
+
+
+def _mean_points(steps: Iterable[Step]) -> Mapping[tuple[float, str], float]:
+    """Mean over the cycles of each load and direction, V."""
+    found: dict[tuple[float, str], list[float]] = {}
+    for step in steps:
+        found.setdefault((step.load_n, step.going), []).append(step.mean_v)
+    return {key: float(np.mean(values)) for key, values in sorted(found.items())}
+
+
+def _slope(loads_n: NDArray[np.float64], volts: NDArray[np.float64]) -> float:
+    return float(loads_n @ volts / (loads_n @ loads_n))
+
+
+def _slope_of(steps: Sequence[Step]) -> float | None:
+    loaded = [step for step in steps if step.going != "zero"]
+    if not loaded:
+        return None
+    return _slope(np.array([step.load_n for step in loaded]), np.array([step.mean_v for step in loaded]))
+
+
+def _gain(loads_n: NDArray[np.float64], volts: NDArray[np.float64], weight_uncertainty: float) -> Estimate:
+    """Least squares through zero, with the residuals' and the weights' uncertainty."""
+    from scipy.stats import norm, t
+
+    gain = _slope(loads_n, volts)
+    freedom = len(loads_n) - 1
+    residuals_v = volts - gain * loads_n
+    fit = math.sqrt(float(residuals_v @ residuals_v) / freedom / float(loads_n @ loads_n))
+    half = math.hypot(
+        float(t.ppf(0.5 + CONFIDENCE / 2.0, freedom)) * fit,
+        float(norm.ppf(0.5 + CONFIDENCE / 2.0)) * weight_uncertainty * gain,
+    )
+    return Estimate(gain, gain - half, gain + half)
+
+
+def _relative(gain: Estimate) -> float:
+    """Half of the gain's interval, relative."""
+    return abs((gain.high - gain.low) / (2.0 * gain.value))
+
+
+def _hysteresis(cycles: Sequence[Sequence[Step]], full_v: float, relative: float) -> Estimate:
+    """The paper's equation 5, cycle by cycle; the interval holds cycles and gain."""
+    from scipy.stats import t
+
+    shares = []
+    for steps in cycles:
+        up = {step.load_n: step.mean_v for step in steps if step.going == "up"}
+        down = {step.load_n: step.mean_v for step in steps if step.going == "down"}
+        both = up.keys() & down.keys()
+        if both:
+            shares.append(max(abs(down[load_n] - up[load_n]) for load_n in both) / abs(full_v))
+    if not shares:
+        return UNKNOWN
+    mean = float(np.mean(shares))
+    if len(shares) < 2:
+        return Estimate(mean, math.nan, math.nan)
+    cycles_half = (
+        float(t.ppf(0.5 + CONFIDENCE / 2.0, len(shares) - 1))
+        * float(np.std(shares, ddof=1))
+        / math.sqrt(len(shares))
+    )
+    half = math.hypot(cycles_half, relative * mean)
+    return Estimate(mean, mean - half, mean + half)
+
+
+def _resolution(steps: Sequence[Step], gain: Estimate) -> Estimate:
+    """`DETECTED_SIGMA` times the noise of one sample, as force; samples are taken as independent."""
+    from scipy.stats import chi2
+
+    freedom = sum(step.samples - 1 for step in steps)
+    variance = sum((step.samples - 1) * step.sd_v**2 for step in steps) / freedom
+    resolution_n = DETECTED_SIGMA * math.sqrt(variance) / abs(gain.value)
+    below, above = (
+        resolution_n * (1.0 - math.sqrt(freedom / float(chi2.ppf(0.5 + CONFIDENCE / 2.0, freedom)))),
+        resolution_n * (math.sqrt(freedom / float(chi2.ppf(0.5 - CONFIDENCE / 2.0, freedom))) - 1.0),
+    )
+    of_gain = resolution_n * _relative(gain)
+    return Estimate(
+        resolution_n, resolution_n - math.hypot(below, of_gain), resolution_n + math.hypot(above, of_gain)
+    )

@@ -1,0 +1,60 @@
+"""B7: the angle of the contact against the true angle (Fernandez et al., Fig. 2 and 11)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from behaviors.events import Resumed
+from behaviors.pointer import PointerSettings
+from controller.measures.touches import errors_of, touches_of
+from controller.measures.trial import TrialEvidence
+
+COLUMNS = (
+    "touches",
+    "force_n",
+    "theta_bias_rad",
+    "theta_sd_rad",
+    "theta_rms_rad",
+    "theta_max_rad",
+    "theta_hysteresis_rad",
+    "theta_spread_rad",
+)
+
+
+def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Hold the fingertip's angle against the arm's, touch by touch.
+
+    Returns:
+        The outcome, and the columns: touches recorded; their mean normal force; mean, standard deviation, root mean
+        square and largest of the angle's error over all of them; the largest difference between an angle going up and
+        going down; the mean standard deviation of the angle from sample to sample.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    touches = touches_of(
+        evidence.recording,
+        evidence.visits,
+        forces_stream=settings.forces_stream,
+        pose_stream=settings.pose_stream,
+        angles=len(settings.angles_rad),
+        broken_s=frozenset(event.t_s for event in evidence.events if isinstance(event, Resumed)),
+    )
+    row["touches"] = len(touches)
+    if touches:
+        errors = errors_of(touches)
+        row.update(
+            force_n=float(np.mean([touch.force_n for touch in touches])),
+            theta_bias_rad=errors.bias,
+            theta_sd_rad=_known(errors.sd),
+            theta_rms_rad=errors.rms,
+            theta_max_rad=errors.largest,
+            theta_hysteresis_rad=_known(errors.hysteresis),
+            theta_spread_rad=float(np.mean([touch.spread_rad for touch in touches])),
+        )
+    return outcome, row
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -1,0 +1,285 @@
+"""B8: what each slip detector told, when the tip really slipped, and what the paper's statistic showed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.events import Contact, Event, SlipEnded, SlipStarted
+from behaviors.slip_settings import RollSlipSettings, SensorRunSettings
+from controller.measures.trial import TrialEvidence
+from controller.signals.spectrum_blocks import SpectrumBlocks
+from drivers.messages import Sent, Stop
+
+Floats = NDArray[np.float64]
+
+DETECTORS = ("paper", "ours")
+
+_EACH = ("detected", "missed", "early", "delay_s", "first_delay_s", "told_s", "false_alarms", "touch_alarms")
+
+COLUMNS = (
+    "clock_s",
+    "touch_truth_s",
+    "touch_s",
+    "press_n",
+    "reference",
+    "slips",
+    "slide_s",
+    "slip_s",
+    "slip_end_s",
+    "quiet_s",
+    *(f"{detector}_{what}" for detector in DETECTORS for what in _EACH),
+    "peak_product",
+    "peak_product_before",
+    "dominant_hz",
+    "slip_to_stop_s",
+    "stop_travel_m",
+)
+"""`clock_s` is where the paper's time axis begins. `reference` says what the delays run from: the truth of a simulated
+bench, or the moment at which the arm was told to slide. `slide_s` is the first such moment, `slip_s` the first true
+slip, `told_s` a detector's first word after `slide_s`. `early` counts slips that were called between the arm's start
+and the true slip, or that began while the detector called slip already: neither detected nor missed. `touch_alarms`
+are the false ones of descent and pressing; `quiet_s` is the time in which the others can happen."""
+
+BLOCK_S = 0.064
+SLOW_BLOCK_S = 0.16
+SLOW_HZ = 200.0
+"""Blocks of the paper's statistic: N = 64 at 1 kHz (section 3), N = 16 at 100 Hz (5.4)."""
+
+AFTER_S = 0.2
+"""A detector that tells slip so soon after its end is late, not wrong: a block and a half of the slowest sensor's."""
+
+
+class Span(NamedTuple):
+    """A stretch of bench time, s."""
+
+    begin_s: float
+    end_s: float
+
+
+class Slip(NamedTuple):
+    """A slip, bench time in seconds: when the arm was told to slide, when the tip slipped, when it ceased to."""
+
+    told_s: float
+    begin_s: float
+    end_s: float
+
+
+def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure one trial.
+
+    Returns:
+        The outcome and the row's columns; what was not seen is None.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    run = settings.sensors[evidence.factors["sensor"]]
+    row["clock_s"] = evidence.entered_s.get("RESTING")
+    touch = evidence.last(Contact, detector=run.touch)
+    row["touch_s"] = None if touch is None else touch.t_s
+    if evidence.truth is not None:
+        row["touch_truth_s"] = next((t_s for t_s, made in evidence.truth if made), None)
+    commanded = _commanded(evidence)
+    true_slips = None if evidence.slips is None else _spans(evidence.slips)
+    slips = [Slip(t.begin_s, *t) for t in commanded] if true_slips is None else _true(commanded, true_slips)
+    row["reference"] = "command" if true_slips is None else "truth"
+    row["slips"] = len(slips)
+    row["slide_s"] = commanded[0].begin_s if commanded else None
+    if slips:
+        row["slip_s"], row["slip_end_s"] = slips[0].begin_s, slips[-1].end_s
+    excused = [Span(slip.told_s, slip.end_s) for slip in slips] + (true_slips or [])
+    descent = _descent(evidence)
+    row["quiet_s"] = _quiet_s(evidence, run, excused, descent)
+    for who in DETECTORS:
+        words = _words(evidence.events, getattr(run, who))
+        scored = _score(words, slips, settings.missed_after_s, evidence.entered_s.get("HALTING", math.inf))
+        alarms = _alarms(words, excused, descent)
+        if commanded:
+            after = [w.t_s for w in words if isinstance(w, SlipStarted) and w.t_s >= commanded[0].begin_s]
+            row[f"{who}_told_s"] = after[0] if after else None
+        row.update({f"{who}_{what}": value for what, value in {**scored, **alarms}.items()})
+    row["press_n"] = _press(evidence, settings)
+    row.update(_spectrum(evidence, run, slips))
+    row.update(_stop(evidence, settings, run))
+    return outcome, row
+
+
+# --- when it slipped ------------------------------------------------------------------------------
+
+
+def _commanded(evidence: TrialEvidence) -> list[Span]:
+    """From when the arm was told to slide until it stood or was told something else."""
+    ends_s = [t_s for _, t_s in evidence.visits[1:]]
+    if evidence.visits:
+        ends_s.append(max(evidence.visits[-1][1], evidence.events[-1].t_s if evidence.events else 0.0))
+    return [
+        Span(t_s, end_s)
+        for (state, t_s), end_s in zip(evidence.visits, ends_s, strict=True)
+        if state == "SLIPPING"
+    ]
+
+
+def _spans(changes: Sequence[tuple[float, bool]]) -> list[Span]:
+    """Pairs of beginning and end, in order."""
+    begins = [t_s for t_s, began in changes if began]
+    ends = [t_s for t_s, began in changes if not began]
+    return [Span(begin_s, end_s) for begin_s, end_s in zip(begins, ends, strict=True)]
+
+
+def _true(commanded: Sequence[Span], true_slips: Sequence[Span]) -> list[Slip]:
+    """For each time the arm was told to slide, when the tip really slipped; none where it held."""
+    found = []
+    for told in commanded:
+        within = [slip for slip in true_slips if slip.end_s >= told.begin_s and slip.begin_s <= told.end_s]
+        if within:
+            found.append(Slip(told.begin_s, max(told.begin_s, within[0].begin_s), within[-1].end_s))
+    return found
+
+
+# --- what the detectors said ----------------------------------------------------------------------
+
+
+def _words(events: Sequence[Event], detector: str) -> list[SlipStarted | SlipEnded]:
+    return [
+        event for event in events if isinstance(event, SlipStarted | SlipEnded) and event.detector == detector
+    ]
+
+
+def _score(
+    words: Sequence[SlipStarted | SlipEnded], slips: Sequence[Slip], missed_after_s: float, halted_s: float
+) -> Mapping[str, Any]:
+    """Slip by slip; one that the reflex ended before a detector's time was up is not held against that detector."""
+    delays_s: list[float] = []
+    early = missed = 0
+    for slip in slips:
+        before = [word for word in words if word.t_s < slip.begin_s]
+        latest_s = min(slip.begin_s + missed_after_s, slip.end_s + AFTER_S)
+        told = [
+            word.t_s
+            for word in words
+            if isinstance(word, SlipStarted) and slip.begin_s <= word.t_s <= latest_s
+        ]
+        called = [word for word in before if word.t_s >= slip.told_s and isinstance(word, SlipStarted)]
+        if called or (before and isinstance(before[-1], SlipStarted)):
+            early += 1
+        elif told:
+            delays_s.append(told[0] - slip.begin_s)
+        elif halted_s > slip.begin_s + missed_after_s:
+            missed += 1
+    return {
+        "detected": len(delays_s),
+        "missed": missed,
+        "early": early,
+        "delay_s": float(np.median(delays_s)) if delays_s else None,
+        "first_delay_s": delays_s[0] if delays_s else None,
+    }
+
+
+def _alarms(
+    words: Sequence[SlipStarted | SlipEnded], slips: Sequence[Span], descent: Span
+) -> Mapping[str, int]:
+    """Words of slip where there was none: while the tip came down and pressed, and at any other time."""
+    alarms = [
+        word.t_s
+        for word in words
+        if isinstance(word, SlipStarted)
+        and not any(slip.begin_s <= word.t_s <= slip.end_s + AFTER_S for slip in slips)
+    ]
+    touching = sum(descent.begin_s <= t_s < descent.end_s for t_s in alarms)
+    return {"false_alarms": len(alarms) - touching, "touch_alarms": touching}
+
+
+def _quiet_s(
+    evidence: TrialEvidence, run: SensorRunSettings, excused: Sequence[Span], descent: Span
+) -> float | None:
+    """Time from when the slip detectors listen to lifting, without descent, pressing and slips."""
+    from_states = ("RESTING",) if run.listen == "rest" else ("LOADING", "ROLLING", "SLIPPING")
+    begin_s = next((t_s for state, t_s in evidence.visits if state in from_states), None)
+    if begin_s is None:
+        return None
+    end_s = evidence.entered_s.get("LIFTING", evidence.visits[-1][1])
+    busy = sorted([descent, *(Span(span.begin_s, span.end_s + AFTER_S) for span in excused)])
+    quiet_s, here_s = 0.0, begin_s
+    for span in busy:
+        quiet_s += max(0.0, min(span.begin_s, end_s) - here_s)
+        here_s = max(here_s, min(span.end_s, end_s))
+    return quiet_s + max(0.0, end_s - here_s)
+
+
+def _descent(evidence: TrialEvidence) -> Span:
+    """From the beginning of the descent until the tip was pressed and its ring had died away."""
+    begin_s = evidence.entered_s.get("DESCENDING", math.inf)
+    pressing_s = evidence.entered_s.get("PRESSING", math.inf)
+    after_s = [t_s for _, t_s in evidence.visits if t_s > pressing_s]
+    return Span(begin_s, after_s[0] + AFTER_S if after_s else math.inf)
+
+
+# --- what the signals were ------------------------------------------------------------------------
+
+
+def _press(evidence: TrialEvidence, settings: RollSlipSettings) -> float | None:
+    """Mean force along z that the table held against the arm, from the end of pressing to lifting."""
+    pressed_s = _descent(evidence).end_s
+    series = evidence.recording.stream(settings.force_stream)
+    if not len(series.times_s):
+        return None
+    wanted = (series.times_s >= pressed_s) & (series.times_s <= evidence.entered_s.get("LIFTING", math.inf))
+    return float(series.values[wanted, 2].mean()) if wanted.any() else None
+
+
+def _spectrum(evidence: TrialEvidence, run: SensorRunSettings, slips: Sequence[Slip]) -> Mapping[str, Any]:
+    """Largest product of the paper in slip, and between pressing and slip; and the frequency that dominates in slip."""
+    series = evidence.recording.stream(run.stream)
+    if not slips or len(series.times_s) < 2:
+        return {}
+    rate_hz = 1.0 / float(np.median(np.diff(series.times_s)))
+    size = round((SLOW_BLOCK_S if rate_hz < SLOW_HZ else BLOCK_S) * rate_hz)
+    values = series.values if run.channel is None else series.values[:, run.channel : run.channel + 1]
+    ends, power, frequency_hz = SpectrumBlocks(size).push(np.ascontiguousarray(values), rate_hz)
+    if not len(ends):
+        return {}
+    deciding = np.argmax(np.where(np.isnan(frequency_hz), -1.0, frequency_hz), axis=1)
+    rows = np.arange(len(ends))
+    hz, product = frequency_hz[rows, deciding], power[rows, deciding] * frequency_hz[rows, deciding]
+    end_s = series.times_s[ends]
+    begin_s = end_s - size / rate_hz
+    inside = np.zeros(len(ends), bool)
+    for slip in slips:
+        inside |= (begin_s >= slip.begin_s) & (end_s <= slip.end_s)
+    before = (begin_s >= _descent(evidence).end_s) & (end_s < slips[0].told_s)
+    return {
+        "peak_product": float(product[inside].max()) if inside.any() else None,
+        "peak_product_before": float(product[before].max()) if before.any() else None,
+        "dominant_hz": float(np.median(hz[inside])) if inside.any() else None,
+    }
+
+
+def _stop(evidence: TrialEvidence, settings: RollSlipSettings, run: SensorRunSettings) -> Mapping[str, float]:
+    """From the sample that told slip to the arm being told to stop, and how far the tool went until it stood."""
+    halted_s = evidence.entered_s.get("HALTING")
+    if halted_s is None:
+        return {}
+    told = evidence.last(SlipStarted, detector=getattr(run, settings.reflex), t_s=halted_s)
+    sent = next(
+        (
+            event
+            for event in evidence.events
+            if isinstance(event, Sent)
+            and isinstance(event.command, Stop)
+            and event.device == settings.mover
+            and event.t_s >= halted_s
+        ),
+        None,
+    )
+    if told is None or sent is None:
+        return {}
+    found = {"slip_to_stop_s": sent.t_s - told.t_s}
+    still_s = evidence.entered_s.get("STOPPED")
+    times_s, along_m = evidence.series(settings.pose_stream)
+    if still_s is not None and len(times_s):
+        here_m, there_m = np.interp((told.t_s, still_s), times_s, along_m)
+        found["stop_travel_m"] = float(abs(there_m - here_m))
+    return found

@@ -1,0 +1,70 @@
+"""B6: a bridge's gain, hysteresis and resolution from weights (Fernandez et al., 4.2, Fig. 6)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from behaviors.weights import WeightsSettings
+from controller.measures.ladder import Calibration, calibrate, steps_of
+from controller.measures.trial import TrialEvidence
+
+COLUMNS = (
+    "gain_v_n",
+    "gain_low_v_n",
+    "gain_high_v_n",
+    "hysteresis",
+    "hysteresis_low",
+    "hysteresis_high",
+    "resolution_n",
+    "resolution_low_n",
+    "resolution_high_n",
+    "zero_v",
+    "nonlinearity",
+    "remanence",
+    "gain_repeat_v_n",
+    "loads",
+)
+
+
+def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Calibrate one bridge.
+
+    Returns:
+        The outcome, and the columns: gain (V/N), hysteresis (share of full scale) and resolution (N), each with its
+        95 % interval; the empty bridge (V); the largest departure of the mean from the line, and what is left after a
+        cycle (shares of full scale); the standard deviation of the gain from cycle to cycle (V/N); how many loads this
+        rests on.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    steps = steps_of(
+        evidence.recording,
+        load_stream=settings.load_stream,
+        bridges_stream=settings.bridges_stream,
+        bridge=str(evidence.factors["bridge"]),
+        preloads=settings.preloads,
+    )
+    calibration = calibrate([steps], settings.weight_uncertainty)
+    if calibration is not None:
+        row.update({name: None if math.isnan(value) else value for name, value in _told(calibration).items()})
+    return outcome, row
+
+
+def _told(calibration: Calibration) -> dict[str, float]:
+    gain, hysteresis, resolution = calibration.gain_v_n, calibration.hysteresis, calibration.resolution_n
+    return {
+        "gain_v_n": gain.value,
+        "gain_low_v_n": gain.low,
+        "gain_high_v_n": gain.high,
+        "hysteresis": hysteresis.value,
+        "hysteresis_low": hysteresis.low,
+        "hysteresis_high": hysteresis.high,
+        "resolution_n": resolution.value,
+        "resolution_low_n": resolution.low,
+        "resolution_high_n": resolution.high,
+        "zero_v": calibration.zero_v,
+        "nonlinearity": calibration.nonlinearity,
+        "remanence": calibration.remanence,
+        "gain_repeat_v_n": calibration.repeat_v_n,
+        "loads": calibration.steps,
+    }

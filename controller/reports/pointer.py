@@ -1,0 +1,277 @@
+"""The part of the page on B7: the angle of the contact against the true angle, beside the paper's Fig. 2 and 11."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+
+from controller.measures.touches import Errors, Touch, errors_of, touches_of
+from controller.reports.fernandez import CITATION
+from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
+from controller.reports.run_account import setting_of
+from controller.reports.section import Section
+from controller.reports.text import number, signed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from controller.recording.reader import Run
+
+DEGREES = 180.0 / math.pi
+
+SAME_FORCE = 0.05
+"""Trials whose thresholds differ by less than this share were touched with the same force."""
+
+_SIMULATED = (
+    "The simulated tip feels Fn sin θ and Fn cos θ exactly; its bridges add the hysteresis, noise and "
+    "steps of 4.2, as a play that opens no loop below a quarter of the range. No eccentricity, cross-talk "
+    "or gravity is modelled, and the calibration is exact: a real tip's error is larger."
+)
+_ARM = (
+    "The true angle is that of the arm's own pose, which turns the tip over a table; in the paper's Fig. "
+    "2 a pointer touches the tip."
+)
+
+_EMULATED = (
+    "Where the bench is emulated, the arm's pose and motion are those of the emulated controller: no "
+    "figure of the angle is a real arm's."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """All touches of one force.
+
+    Attributes:
+        force_n: Threshold that ended the descents; NaN where the profile has none.
+        trials: The touches of each trial.
+        errors: Over all of them; the hysteresis is the largest of any trial.
+    """
+
+    force_n: float
+    trials: Sequence[Sequence[Touch]]
+    errors: Errors
+
+    @property
+    def touches(self) -> Sequence[Touch]:
+        """All of them."""
+        return [touch for touches in self.trials for touch in touches]
+
+    @property
+    def pressed_n(self) -> float:
+        """Mean normal force."""
+        return float(np.mean([touch.force_n for touch in self.touches]))
+
+
+def read_sweeps(runs: Sequence[Run]) -> list[Sweep]:
+    """The sweeps of some runs, from the least force to the largest."""
+    found: dict[float, list[Sequence[Touch]]] = {}
+    for run in runs:
+        for row in run.trials:
+            trial = int(row["trial"] or 0)
+            touches = _touches(run, trial) if trial in run.recorded_trials else []
+            if touches:
+                force_n = _force_n(run, row)
+                same = next(
+                    (known for known in found if abs(known - force_n) <= SAME_FORCE * force_n), force_n
+                )
+                found.setdefault(same, []).append(touches)
+    return [_sweep(force_n, trials) for force_n, trials in sorted(found.items())]
+
+
+def _sweep(force_n: float, trials: Sequence[Sequence[Touch]]) -> Sweep:
+    whole = errors_of([touch for touches in trials for touch in touches])
+    loops = [errors_of(touches).hysteresis for touches in trials]
+    known = [width for width in loops if not math.isnan(width)]
+    return Sweep(force_n, trials, whole._replace(hysteresis=max(known, default=math.nan)))
+
+
+def _force_n(run: Run, row: Mapping[str, Any]) -> float:
+    detector = str(setting_of(run, "behavior", "detector"))
+    value = row.get(f"detectors.{detector}.threshold")
+    if value is None:
+        value = setting_of(run, "detectors", detector, "threshold")
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _touches(run: Run, trial: int) -> list[Touch]:
+    own = [event for event in run.events if event["trial"] == trial]
+    visits = [(str(event["next"]), float(event["t_s"])) for event in own if event["next"] != event["state"]]
+    return touches_of(
+        run.recording(trial),
+        visits,
+        forces_stream=str(setting_of(run, "behavior", "forces_stream")),
+        pose_stream=str(setting_of(run, "behavior", "pose_stream")),
+        angles=len(setting_of(run, "behavior", "angles_rad") or ()),
+        broken_s=frozenset(float(event["t_s"]) for event in own if event["event"] == "Resumed"),
+    )
+
+
+def section(runs: Sequence[Run], figures: Figures) -> Section:
+    """Table and figures of all sweeps of some runs on one kind of bench."""
+    sweeps = read_sweeps(runs)
+    paragraphs = [
+        "The arm turns the tip in the air, touches the table, waits, records and lifts, angle by angle "
+        "over the tip's range and back. The angle that the fingertip tells is atan2(Fx, Fy) of the mean "
+        "calibrated forces of a touch."
+    ]
+    if not sweeps:
+        paragraphs.append(f"No touch was recorded ({sum(len(run.trials) for run in runs)} trials began).")
+    simulated = all(run.simulated for run in runs)
+    emulated = any(run.manifest.get("bench") == "emulated" for run in runs)
+    return Section(
+        title="Angle of the contact (B7)",
+        template="plain.html.j2",
+        citation=CITATION,
+        summary=[(None, _sentence(sweeps))] if sweeps else [],
+        not_the_papers=[_ARM, *([_SIMULATED] if simulated else []), *([_EMULATED] if emulated else [])],
+        context={
+            "paragraphs": paragraphs,
+            "tables": [_table(sweeps)] if sweeps else [],
+            "figures": _drawn(figures, sweeps) if sweeps else [],
+            "notes": _notes(sweeps) if sweeps else [],
+        },
+    )
+
+
+def _range(sweeps: Sequence[Sweep]) -> tuple[float, float]:
+    angles = [touch.true_rad for sweep in sweeps for touch in sweep.touches]
+    return min(angles), max(angles)
+
+
+def _sentence(sweeps: Sequence[Sweep]) -> str:
+    low, high = _range(sweeps)
+    worst = max(sweeps, key=lambda sweep: sweep.errors.largest)
+    bias = errors_of([touch for sweep in sweeps for touch in sweep.touches])
+    return (
+        f"From {signed(low * DEGREES, 0)}° to {signed(high * DEGREES, 0)}° the contact's angle is off by "
+        f"{number(bias.rms * DEGREES, 2)}° (root mean square), at most "
+        f"{number(worst.errors.largest * DEGREES, 2)}° ({number(worst.pressed_n, 1)} N); the paper prints "
+        "no error."
+    )
+
+
+def _table(sweeps: Sequence[Sweep]) -> Mapping[str, Any]:
+    rows = []
+    for sweep in sweeps:
+        errors, spread = sweep.errors, float(np.mean([touch.spread_rad for touch in sweep.touches]))
+        rows.append(
+            [
+                f"{number(sweep.pressed_n, 2)} N",
+                str(len(sweep.touches)),
+                signed(errors.bias * DEGREES, 2),
+                *(
+                    number(value * DEGREES, 2)
+                    for value in (errors.sd, errors.rms, errors.largest, errors.hysteresis, spread)
+                ),
+            ]
+        )
+    return {
+        "caption": "Error of the angle, told less true, in degrees, over the whole range. “Hysteresis” is "
+        "the largest difference between the same angle going up and going down, “one sample” the spread "
+        "from sample to sample within a touch.",
+        "head": ["force", "touches", "bias", "sd", "rms", "largest", "hysteresis", "one sample"],
+        "rows": rows,
+        "left": 1,
+    }
+
+
+def _notes(sweeps: Sequence[Sweep]) -> list[str]:
+    notes = []
+    for sweep in sweeps:
+        worst = max(sweep.touches, key=lambda touch: abs(touch.error_rad))
+        third = [touch for touch in sweep.touches if abs(touch.true_rad) > 1.0]
+        middle = [touch for touch in sweep.touches if abs(touch.true_rad) <= 1.0]
+        beyond, within = errors_of(third).rms * DEGREES, errors_of(middle).rms * DEGREES
+        notes.append(
+            f"{number(sweep.pressed_n, 1)} N: largest error {signed(worst.error_rad * DEGREES, 2)}° at "
+            f"{signed(worst.true_rad * DEGREES, 0)}°, angles "
+            f"{'ascending' if worst.going == 'up' else 'descending'}; rms {number(within, 2)}° within a "
+            f"radian of the middle, {number(beyond, 2)}° beyond."
+        )
+    return notes
+
+
+# --- figures -----------------------------------------------------------------------------------------
+
+
+def _drawn(figures: Figures, sweeps: Sequence[Sweep]) -> list[Mapping[str, Any]]:
+    return [
+        {
+            "svg": Markup(_draw_pointers(figures, sweeps)),
+            "caption": "Fig. 2. Where the fingertip is touched: thick and pale the true direction, thin "
+            "and dark the one that the bridges tell, as long as the normal force is large; all touches of "
+            "the first trial of each force.",
+        },
+        {
+            "svg": Markup(_draw_errors(figures, sweeps)),
+            "caption": "Fig. 11, for standing contacts. Above: the angle told against the true one; "
+            "dashed is equality. Below: what it is off by, angles ascending and descending.",
+        },
+    ]
+
+
+def _draw_pointers(figures: Figures, sweeps: Sequence[Sweep]) -> str:
+    with figures.figure(1.9, columns=len(sweeps), subplot_kw={"projection": "polar"}) as drawing:
+        for axes, sweep in zip(drawing.axes, sweeps, strict=True):
+            polar: Any = axes
+            polar.set_theta_zero_location("S")
+            polar.set_thetamin(-95)
+            polar.set_thetamax(95)
+            for touch in sweep.trials[0]:
+                polar.plot(
+                    [touch.true_rad] * 2, [0.0, touch.force_n], color=FAINT, lw=3.4, solid_capstyle="butt"
+                )
+            for touch in sweep.trials[0]:
+                polar.plot([touch.told_rad] * 2, [0.0, touch.force_n], color=OURS, lw=0.8)
+                polar.plot([touch.told_rad], [touch.force_n], color=OURS, marker="o", ms=2.0)
+            angles = [-90, -60, -30, 0, 30, 60, 90]
+            polar.set_thetagrids(angles, [f"{signed(angle, 0)}°" for angle in angles])
+            polar.set_rmax(1.08 * max(touch.force_n for touch in sweep.trials[0]))
+            polar.set_rticks([])
+            polar.grid(color=FAINT, lw=0.4)
+            polar.set_title(f"{sweep.pressed_n:.1f} N", loc="center", pad=-16.0)
+        return drawing.save("fig_2_pointers")
+
+
+def _draw_errors(figures: Figures, sweeps: Sequence[Sweep]) -> str:
+    with figures.figure(
+        4.1, rows=2, columns=len(sweeps), sharex=True, sharey="row", height_ratios=[1.4, 1.0]
+    ) as drawing:
+        for column, sweep in enumerate(sweeps):
+            above, below = drawing.axes[column], drawing.axes[len(sweeps) + column]
+            low, high = (angle * DEGREES for angle in _range([sweep]))
+            above.plot([low, high], [low, high], color=PAPER, lw=0.9, ls=(0, (4, 3)), zorder=0)
+            below.axhline(0.0, color=FAINT, lw=0.7, zorder=0)
+            for going, color, marker, label in (
+                ("up", GOOD, "^", "ascending"),
+                ("down", FALSE, "v", "descending"),
+            ):
+                _draw_direction(above, below, sweep, going, color=color, marker=marker, label=label)
+            above.set_title(f"{sweep.pressed_n:.1f} N")
+            below.set_xlabel("true angle (°)")
+            below.set_xticks([-90, -45, 0, 45, 90])
+            above.set_yticks([-90, -45, 0, 45, 90])
+        drawing.axes[0].set_ylabel("angle told, θ (°)")
+        drawing.axes[len(sweeps)].set_ylabel("error (°)")
+        drawing.axes[0].legend(loc="upper left")
+        return drawing.save("fig_11_theta")
+
+
+def _draw_direction(
+    above: Axes, below: Axes, sweep: Sweep, going: str, *, color: str, marker: str, label: str
+) -> None:
+    for index, touches in enumerate(sweep.trials):
+        own = [touch for touch in touches if touch.going == going]
+        true = [touch.true_rad * DEGREES for touch in own]
+        name = label if index == 0 else None
+        told = [(touch.true_rad + touch.error_rad) * DEGREES for touch in own]
+        above.plot(true, told, ls="", color=color, marker=marker, ms=3.4, label=name)
+        below.plot(
+            true, [touch.error_rad * DEGREES for touch in own], color=color, marker=marker, ms=3.2, lw=0.8
+        )

@@ -1,0 +1,159 @@
+"""The figures of B8: Fig. 8 to 11, 13, 15, 17 and 19 of the paper on slip."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from controller.measures.slip import BLOCK_S, SLOW_BLOCK_S, SLOW_HZ
+from controller.recording.reader import Run
+from controller.recording.series import Series
+from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
+from controller.reports.run_account import setting_of
+from controller.signals.spectrum_blocks import SpectrumBlocks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+
+def draw_run(figures: Figures, run: Run, row: Mapping[str, Any], sensor: str) -> Markup | None:
+    """One trial: the signal (forces and angle of a fingertip), peak and frequency of each block, their product."""
+    settings = setting_of(run, "behavior", "sensors", sensor) or {}
+    recording = run.recording(int(row["trial"]))
+    series = recording.stream(str(settings.get("stream")))
+    if len(series) < 2:
+        return None
+    zero_s = float(row.get("clock_s") or 0.0)
+    # Lifting off shakes the tip as nothing else does: it is not part of the paper's runs.
+    lifted_s = next(
+        (
+            float(event["t_s"])
+            for event in run.events
+            if event.get("trial") == row["trial"] and event.get("next") == "LIFTING"
+        ),
+        np.inf,
+    )
+    series = series.between(zero_s, lifted_s)
+    if len(series) < 2:
+        return None
+    forces = (
+        recording.stream(str(settings.get("forces_stream") or "")) if settings.get("forces_stream") else None
+    )
+    blocks = _blocks(series, settings.get("channel"))
+    panels = 5 if forces is not None and len(forces) else 4
+    with figures.figure(1.15 * panels + 0.6, rows=panels, sharex=True) as drawing:
+        axes = list(drawing.axes)
+        if panels == 5 and forces is not None:
+            _draw_forces(axes[0], axes[1], forces.between(zero_s, lifted_s), zero_s)
+        else:
+            _draw_signal(axes[0], series, settings.get("channel"), zero_s)
+        peak, frequency, product = axes[-3:]
+        ends_s, power, frequency_hz, _ = blocks
+        for panel, values in ((peak, power), (frequency, frequency_hz), (product, power * frequency_hz)):
+            panel.step(ends_s - zero_s, values, where="pre", color=OURS, lw=0.8)
+        peak.set_ylabel(f"peak ({series.unit}²)")
+        frequency.set_ylabel("frequency (Hz)")
+        product.set_ylabel("product")
+        threshold = setting_of(run, "detectors", str(settings.get("paper")), "threshold")
+        if isinstance(threshold, int | float):
+            product.axhline(threshold, color=FALSE, lw=0.8, ls=(0, (4, 2)))
+        _mark(run, row, settings, product, zero_s, float(np.nanmax(power * frequency_hz, initial=0.0)))
+        for panel in axes:
+            if row.get("slip_s") is not None and row.get("slip_end_s") is not None:
+                panel.axvspan(
+                    row["slip_s"] - zero_s, row["slip_end_s"] - zero_s, color=FAINT, alpha=0.35, lw=0
+                )
+            panel.set_xlim(left=max(0.0, float(series.times_s[0]) - zero_s))
+        axes[-1].set_xlabel("time (s)")
+        drawing.figure.align_ylabels()
+        return Markup(drawing.save(f"slip_{sensor}"))
+
+
+def draw_fingertip_spectra(figures: Figures, run: Run, row: Mapping[str, Any]) -> Markup | None:
+    """Fig. 9: the spectrum of one block of Ft before contact, while it rolls, while it slips and at rest after it."""
+    settings = setting_of(run, "behavior", "sensors", "fingertip") or {}
+    series = run.recording(int(row["trial"])).stream(str(settings.get("stream")))
+    slip_s, end_s, touch_s = row.get("slip_s"), row.get("slip_end_s"), row.get("touch_s")
+    if slip_s is None or end_s is None or touch_s is None or len(series) < 2:
+        return None
+    rate_hz = 1.0 / float(np.median(np.diff(series.times_s)))
+    size = round(BLOCK_S * rate_hz)
+    instants = {
+        "before contact": touch_s - 0.3,
+        "rolling": 0.5 * (touch_s + slip_s),
+        "slipping": 0.5 * (slip_s + end_s),
+        "at rest": end_s + 1.0,
+    }
+    with figures.figure(3.6, rows=2, columns=2, sharex=True) as drawing:
+        for axes, (name, at_s) in zip(drawing.axes, instants.items(), strict=True):
+            first = int(np.searchsorted(series.times_s, at_s))
+            block = series.values[first : first + size, int(settings.get("channel") or 0)]
+            if len(block) < size:
+                continue
+            power = np.abs(np.fft.rfft(block)[1:]) ** 2 / size
+            axes.vlines(np.arange(1, len(power) + 1) * rate_hz / size, 0.0, power, color=OURS, lw=1.4)
+            axes.set_ylim(bottom=0.0)
+            axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3))
+            axes.set_title(f"{name}, t = {at_s - float(row.get('clock_s') or 0.0):.1f} s")
+        for axes in drawing.axes[2:]:
+            axes.set_xlabel("frequency (Hz)")
+        for axes in drawing.axes[::2]:
+            axes.set_ylabel(f"power ({series.unit}²)")
+        return Markup(drawing.save("fig_9_spectra"))
+
+
+def _blocks(series: Series, channel: int | None) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+    """Ends of the paper's blocks in seconds, peak, frequency, and the channel that decides, each of shape (m,)."""
+    rate_hz = 1.0 / float(np.median(np.diff(series.times_s)))
+    size = round((SLOW_BLOCK_S if rate_hz < SLOW_HZ else BLOCK_S) * rate_hz)
+    values = series.values if channel is None else series.values[:, channel : channel + 1]
+    ends, power, frequency_hz = SpectrumBlocks(size).push(np.ascontiguousarray(values), rate_hz)
+    deciding = np.argmax(np.where(np.isnan(frequency_hz), -1.0, frequency_hz), axis=1)
+    rows = np.arange(len(ends))
+    return series.times_s[ends], power[rows, deciding], frequency_hz[rows, deciding], deciding
+
+
+def _draw_forces(forces: Axes, angle: Axes, series: Series, zero_s: float) -> None:
+    """Fig. 8a and 11: Fx, Fy, Ft, and below Fn with theta."""
+    times_s = series.times_s - zero_s
+    for column, name, color in zip(
+        series.values[:, :3].T, ("Fx", "Fy", "Ft"), (PAPER, FAINT, OURS), strict=True
+    ):
+        forces.plot(times_s, column, color=color, lw=0.8, label=name)
+    forces.set_ylabel("force (N)")
+    forces.legend(ncols=3, loc="upper right")
+    angle.plot(times_s, series.values[:, 3], color=INK, lw=0.8, label="Fn")
+    angle.set_ylabel("Fn (N)")
+    pressed = series.values[:, 3] > 0.5
+    theta = np.where(pressed, np.degrees(series.values[:, 4]), np.nan)
+    other = angle.twinx()
+    other.plot(times_s, theta, color=GOOD, lw=0.8)
+    other.set_ylabel("θ (°)", color=GOOD)
+    other.spines["right"].set_visible(True)
+
+
+def _draw_signal(axes: Axes, series: Series, channel: int | None, zero_s: float) -> None:
+    """The channel that slip is looked for in; of many the one that is loaded most."""
+    column = channel if channel is not None else int(np.argmax(series.values.mean(axis=0)))
+    axes.plot(series.times_s - zero_s, series.values[:, column], color=OURS, lw=0.6)
+    axes.set_ylabel(f"signal ({series.unit})")
+
+
+def _mark(
+    run: Run, row: Mapping[str, Any], settings: Mapping[str, Any], axes: Axes, zero_s: float, top: float
+) -> None:
+    """The words of both detectors, above the product."""
+    for event in run.events:
+        if event.get("trial") != row["trial"] or event.get("event") != "SlipStarted":
+            continue
+        at_s = float(event["t_s"]) - zero_s
+        if event.get("detector") == settings.get("ours"):
+            axes.plot(at_s, 1.1 * top, marker="o", mfc="none", color=GOOD, ms=4.0, ls="none", clip_on=False)
+        elif event.get("detector") == settings.get("paper"):
+            axes.plot(at_s, 1.1 * top, marker="x", color=FALSE, ms=4.0, ls="none", clip_on=False)

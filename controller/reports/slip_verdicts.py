@@ -1,0 +1,29 @@
+"""What good, regular and bad mean where slip detection is judged: by the study and by reports of runs."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+FILE = Path(__file__).with_suffix(".toml")
+"""Fixed before anything was judged by it."""
+
+VERDICTS: Mapping[str, Any] = tomllib.loads(FILE.read_text(encoding="utf-8"))
+"""`missed_after_s`, `false_alarm_interval_s`, and for `good` and `regular` the largest `missed` (share) and
+`median_s`."""
+
+
+def verdict(missed: float, median_s: float) -> str:
+    """good, regular or bad.
+
+    Args:
+        missed: Share of slips that were not reported within `missed_after_s`; NaN where there was none.
+        median_s: Median delay, infinite where half or more are missed; NaN where there was no slip.
+    """
+    for word in ("good", "regular"):
+        limit = VERDICTS[word]
+        if missed <= limit["missed"] and median_s <= limit["median_s"]:
+            return word
+    return "bad"

@@ -1,0 +1,131 @@
+import pytest
+
+from behaviors.aura import Aura, AuraFactors, AuraSettings
+from behaviors.chirp import ChirpFactors, ChirpSettings, ChirpSweep
+from behaviors.events import Contact, PreTouch, Resumed, Tick
+from drivers.messages import Chirp, Excite, Failed, Home, MovePose, Reached, Release, Standstill, Stop, Tone
+
+STATES = Aura.States
+PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.051, 0.0, 0.0)}}
+DETECTORS = frozenset({"pretouch_ours", "contact_ours", "contact_paper"})
+
+
+def aura(**settings):
+    return Aura(AuraSettings(paths=PATHS, contact="contact_ours", **settings), AuraFactors(), DETECTORS)
+
+
+def arm(t_s):
+    return Reached(t_s, "arm", 0.0)
+
+
+def jaws(t_s):
+    return Reached(t_s, "gripper", 0.056)
+
+
+PATH = {
+    STATES.CLEARING: [],
+    STATES.CALIBRATING: [arm(1.0)],
+    STATES.OPENING: [jaws(2.0)],
+    STATES.ENTERING: [jaws(3.0)],
+    STATES.BASELINE: [arm(4.0)],
+    STATES.APPROACHING: [Tick(6.0)],
+    STATES.HOLDING: [arm(11.1)],
+    STATES.RETRACTING: [Tick(13.2)],
+    STATES.LEAVING: [arm(18.3)],
+}
+
+
+def to(state, **settings):
+    behavior = aura(**settings)
+    commands = list(behavior.begin(0.0))
+    for name, events in PATH.items():
+        for event in events:
+            commands = list(behavior.handle(event))
+        if name is state:
+            break
+    assert behavior.state is state
+    return behavior, commands
+
+
+def go(x_m, z_m, speed_m_s):
+    return MovePose("arm", (x_m, 0.0, z_m, 0.0, 0.0, 0.0), speed_m_s)
+
+
+def test_it_goes_along_the_path_and_back():
+    assert to(STATES.CLEARING)[1] == [go(0.0, 0.1, 0.05)]
+    assert to(STATES.CALIBRATING)[1] == [Home("gripper")]
+    assert to(STATES.OPENING)[1] == [Release("gripper", 0.02)]
+    assert to(STATES.ENTERING)[1] == [Tone("audio", 40_000.0, 0.5), go(0.0, 0.0, 0.05)]
+    assert to(STATES.APPROACHING)[1] == [go(0.051, 0.0, 0.01)]
+    assert to(STATES.RETRACTING)[1] == [go(0.0, 0.0, 0.01)]
+    behavior, commands = to(STATES.LEAVING)
+    assert commands == [go(0.0, 0.1, 0.05)]
+    assert behavior.handle(arm(20.0)) == [Excite("audio", False)]
+    assert behavior.outcome == "no_contact"
+
+
+def test_words_stop_nothing_in_an_approach_that_does_not_touch():
+    behavior, _ = to(STATES.APPROACHING)
+    assert behavior.handle(PreTouch(7.0, "pretouch_ours", 1.0, 0.5)) == []
+    assert behavior.handle(Contact(8.0, "contact_ours", 9.0, 5.0)) == []
+    assert behavior.state is STATES.APPROACHING
+
+
+def test_the_acting_detector_alone_stops_an_approach_that_touches():
+    behavior, _ = to(STATES.APPROACHING, touch=True)
+    assert behavior.handle(Contact(8.0, "contact_paper", 9.0, 5.0)) == []
+    assert behavior.handle(Contact(8.1, "contact_ours", 9.0, 5.0)) == [Stop("arm")]
+    behavior.handle(Standstill(8.2, "arm", 0.02))
+    assert behavior.state is STATES.HOLDING
+    assert behavior.outcome == "contact"
+
+
+def test_it_approaches_as_often_as_it_is_asked_to():
+    behavior, _ = to(STATES.RETRACTING, cycles=2)
+    behavior.handle(arm(18.3))
+    assert behavior.state is STATES.BASELINE
+    for event in (Tick(21.0), arm(26.0), Tick(28.5), arm(33.0)):
+        behavior.handle(event)
+    assert behavior.state is STATES.LEAVING
+
+
+def test_an_axis_without_a_path_is_named():
+    with pytest.raises(ValueError, match=r"axis = z: no such path in behavior\.paths; there are x"):
+        Aura(AuraSettings(paths=PATHS), AuraFactors(axis="z"), DETECTORS)
+
+
+@pytest.mark.parametrize("state", list(PATH))
+def test_a_failure_in_any_state_stops_both_movers(state):
+    behavior, _ = to(state)
+    said = behavior.handle(Failed(30.0, "audio", "the link is gone"))
+    assert said == [Stop("arm"), Stop("gripper"), Excite("audio", False)]
+    assert behavior.outcome == "fault"
+
+
+def test_after_a_pause_near_the_object_it_backs_off_first():
+    behavior, _ = to(STATES.APPROACHING)
+    assert behavior.handle(Resumed(9.0)) == [go(0.0, 0.0, 0.01)]
+
+
+def test_a_sweep_is_silence_chirp_silence():
+    sweep = ChirpSweep(ChirpSettings(), ChirpFactors(), frozenset())
+    assert sweep.begin(0.0) == [Excite("audio", False)]
+    assert sweep.handle(Tick(0.2)) == [Chirp("audio", 20_000.0, 46_000.0, 4.0, 0.5)]
+    assert sweep.handle(Reached(2.0, "arm", 0.0)) == [], "another device's word"
+    sweep.handle(Reached(4.2, "audio", 0.0))
+    sweep.handle(Tick(4.4))
+    assert (sweep.done, sweep.outcome) == (True, "no_contact")
+
+
+def test_an_approach_that_a_pause_broke_off_is_made_again():
+    behavior, _ = to(STATES.APPROACHING)
+    behavior.handle(Resumed(9.0))
+    assert behavior.state is STATES.RETRACTING
+    behavior.handle(arm(12.0))
+    assert behavior.state is STATES.BASELINE
+    assert behavior.handle(Tick(14.1)) == [go(0.051, 0.0, 0.01)]
+    behavior.handle(arm(19.3))
+    behavior.handle(Resumed(20.0))
+    assert behavior.state is STATES.RETRACTING, "paused at its end"
+    behavior.handle(arm(25.1))
+    assert behavior.state is STATES.LEAVING

@@ -1,0 +1,212 @@
+import math
+
+import pytest
+
+from behaviors.centering import Centering, CenteringFactors, CenteringSettings
+from behaviors.events import Contact, ContactLost, PreTouch, Resumed, Tick
+from drivers.messages import (
+    Excite,
+    Failed,
+    Grip,
+    Gripped,
+    Home,
+    MoveAt,
+    MovePose,
+    MoveTo,
+    Reached,
+    Release,
+    Standstill,
+    Stop,
+    Tone,
+)
+
+STATES = Centering.States
+DETECTORS = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})
+
+
+def seen(t_s, detector, position_m=math.nan):
+    return PreTouch(t_s, detector, 1.0, 0.5, position_m)
+
+
+def touch(t_s, detector):
+    return Contact(t_s, detector, 9.0, 5.0)
+
+
+def arm(t_s, position_m=0.0):
+    return Reached(t_s, "arm", position_m)
+
+
+def jaws(t_s):
+    return Reached(t_s, "gripper", 0.056)
+
+
+PATH = {
+    STATES.CLEARING: [],
+    STATES.CALIBRATING: [arm(1.0)],
+    STATES.OPENING: [jaws(2.0)],
+    STATES.ENTERING: [jaws(3.0)],
+    STATES.BASELINE: [arm(4.0)],
+    STATES.SEEKING_FORWARD: [Tick(6.0)],
+    STATES.TURNING: [seen(6.5, "left_ours", 0.005)],
+    STATES.SEEKING_BACKWARD: [Standstill(6.6, "arm", 0.0055)],
+    STATES.STOPPING: [seen(8.0, "right_ours", -0.001)],
+    STATES.CENTERING: [Standstill(8.1, "arm", -0.0015)],
+    STATES.RESTING: [arm(9.0, 0.002)],
+    STATES.CLOSING: [Tick(11.0)],
+    STATES.CONFIRMING: [Gripped(12.0, "gripper", True, 0.019, 10.0)],
+    STATES.HOLDING: [touch(12.1, "left_contact"), touch(12.2, "right_contact")],
+    STATES.RELEASING: [Tick(13.5)],
+    STATES.LEAVING: [jaws(14.0)],
+}
+
+
+def to(state, **settings):
+    behavior = Centering(CenteringSettings(**settings), CenteringFactors(), DETECTORS)
+    commands = list(behavior.begin(0.0))
+    for name, events in PATH.items():
+        for event in events:
+            commands = list(behavior.handle(event))
+        if name is state:
+            break
+    assert behavior.state is state
+    return behavior, commands
+
+
+def test_it_searches_one_way_then_the_other_and_goes_to_the_middle():
+    assert to(STATES.CLEARING)[1] == [MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)]
+    assert to(STATES.CALIBRATING)[1] == [Home("gripper")]
+    assert to(STATES.OPENING)[1] == [Release("gripper", 0.02)]
+    assert to(STATES.ENTERING)[1] == [Tone("audio", 40_000.0, 0.5), MovePose("arm", (0.0,) * 6, 0.05)]
+    assert to(STATES.SEEKING_FORWARD)[1] == [MoveAt("arm", 0.01, 0.017)]
+    assert to(STATES.TURNING)[1] == [Stop("arm")]
+    assert to(STATES.SEEKING_BACKWARD)[1] == [MoveAt("arm", -0.01, -0.017)]
+    assert to(STATES.STOPPING)[1] == [Stop("arm")]
+    assert to(STATES.CENTERING)[1] == [MoveTo("arm", 0.002, 0.01)]
+    assert to(STATES.CLOSING)[1] == [Grip("gripper", 0.0, 0.02, 10.0)]
+    assert to(STATES.RELEASING)[1] == [Release("gripper", 0.02)]
+    behavior, _ = to(STATES.LEAVING)
+    assert behavior.handle(arm(15.0)) == [Excite("audio", False)]
+    assert (behavior.done, behavior.outcome) == (True, "contact")
+
+
+def test_a_finger_that_does_not_say_where_is_taken_to_be_where_the_arm_came_to_stand():
+    behavior, _ = to(STATES.SEEKING_FORWARD)
+    for event in (seen(6.5, "left_ours"), Standstill(6.6, "arm", 0.006), seen(8.0, "right_ours")):
+        behavior.handle(event)
+    assert behavior.handle(Standstill(8.1, "arm", -0.002)) == [MoveTo("arm", pytest.approx(0.002), 0.01)]
+
+
+def test_the_finger_behind_the_motion_is_not_heeded():
+    behavior, _ = to(STATES.SEEKING_FORWARD)
+    assert behavior.handle(seen(6.2, "right_ours", 0.001)) == []
+    assert behavior.state is STATES.SEEKING_FORWARD
+
+
+def test_a_sweep_that_sees_nothing_leaves_and_says_which_finger():
+    behavior, _ = to(STATES.SEEKING_BACKWARD)
+    assert behavior.handle(arm(9.0, -0.017)) == [MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)]
+    behavior.handle(arm(10.0))
+    assert behavior.outcome == "no_contact"
+    assert "right finger saw nothing" in behavior.reason
+
+
+def test_a_touch_during_the_search_stops_at_once():
+    behavior, _ = to(STATES.SEEKING_FORWARD)
+    assert behavior.handle(touch(6.3, "left_contact")) == [Stop("arm")]
+    behavior.handle(Standstill(6.4, "arm", 0.01))
+    assert behavior.state is STATES.LEAVING
+    assert behavior.reason == "touched during the search"
+
+
+def test_a_grip_that_one_finger_alone_feels_is_not_confirmed():
+    behavior, _ = to(STATES.CONFIRMING)
+    behavior.handle(touch(12.1, "left_contact"))
+    behavior.handle(ContactLost(12.2, "left_contact", 0.0, 5.0))
+    assert behavior.handle(touch(12.3, "right_contact")) == []
+    assert behavior.state is STATES.CONFIRMING
+    assert behavior.handle(Tick(13.1)) == [Release("gripper", 0.02)]
+    assert "no contact felt" in behavior.reason
+
+
+def test_fingers_that_feel_it_before_the_gripper_says_so_confirm_at_once():
+    behavior, _ = to(STATES.CLOSING)
+    behavior.handle(touch(11.5, "left_contact"))
+    behavior.handle(touch(11.6, "right_contact"))
+    behavior.handle(Gripped(12.0, "gripper", True, 0.019, 10.0))
+    assert behavior.state is STATES.HOLDING
+
+
+def test_jaws_that_close_on_nothing_open_again():
+    behavior, _ = to(STATES.CLOSING)
+    assert behavior.handle(Gripped(12.0, "gripper", False, 0.008, 0.0)) == [Release("gripper", 0.02)]
+    assert behavior.reason == "the jaws closed on nothing"
+
+
+def test_without_a_grasp_it_leaves_from_the_middle():
+    behavior, _ = to(STATES.CENTERING, grasp=False)
+    behavior.handle(arm(9.0, 0.002))
+    assert behavior.state is STATES.LEAVING
+
+
+@pytest.mark.parametrize("state", list(PATH))
+def test_a_failure_in_any_state_stops_both_movers(state):
+    behavior, _ = to(state)
+    assert behavior.handle(Failed(20.0, "audio", "the link is gone")) == [
+        Stop("arm"),
+        Stop("gripper"),
+        Excite("audio", False),
+    ]
+    assert behavior.outcome == "fault"
+
+
+@pytest.mark.parametrize(
+    ("state", "first"),
+    [
+        (STATES.OPENING, MovePose),
+        (STATES.SEEKING_BACKWARD, Tone),
+        (STATES.CENTERING, Tone),
+        (STATES.HOLDING, Release),
+        (STATES.LEAVING, MovePose),
+    ],
+)
+def test_after_a_pause_it_goes_back_to_where_it_is_safe(state, first):
+    behavior, _ = to(state)
+    assert isinstance(behavior.handle(Resumed(30.0))[0], first)
+
+
+def test_the_finders_are_heard_while_it_searches_and_not_while_it_turns():
+    finders = {"left_ours", "right_ours"}
+    for state in PATH:
+        heard = to(state)[0].plan.detectors & finders
+        assert bool(heard) == (state.name in ("BASELINE", "SEEKING_FORWARD", "SEEKING_BACKWARD")), state
+
+
+def test_with_a_run_up_the_right_finger_goes_first_and_what_it_finds_is_thrown_away():
+    behavior, _ = to(STATES.BASELINE, run_up=True)
+    assert behavior.handle(Tick(6.0)) == [MoveAt("arm", -0.01, -0.017)]
+    assert behavior.state is STATES.RUNNING_UP
+    assert behavior.handle(seen(6.4, "left_ours", -0.003)) == [], "it is behind the motion"
+    assert behavior.handle(seen(6.5, "right_ours", -0.005)) == [Stop("arm")]
+    assert not behavior.plan.detectors & {"left_ours", "right_ours"}
+    assert behavior.handle(Standstill(6.6, "arm", -0.0055)) == [MoveAt("arm", 0.01, 0.017)]
+    behavior.handle(seen(7.5, "left_ours", 0.005))
+    behavior.handle(Standstill(7.6, "arm", 0.0055))
+    behavior.handle(seen(8.5, "right_ours", -0.002))
+    assert behavior.handle(Standstill(8.6, "arm", -0.0025)) == [MoveTo("arm", pytest.approx(0.0015), 0.01)]
+
+
+def test_the_papers_way_has_no_run_up():
+    names = frozenset({"left_paper", "right_paper"})
+    behavior = Centering(CenteringSettings(run_up=True), CenteringFactors(method="paper"), names)
+    behavior.begin(0.0)
+    for event in (arm(1.0), jaws(2.0), jaws(3.0), arm(4.0)):
+        behavior.handle(event)
+    assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
+
+
+def test_a_touch_that_is_felt_as_the_arm_sets_out_is_not_heeded():
+    behavior, _ = to(STATES.SEEKING_BACKWARD)
+    assert behavior.handle(touch(6.7, "left_contact")) == [], "0.1 s after the turn"
+    assert behavior.state is STATES.SEEKING_BACKWARD
+    assert behavior.handle(touch(6.8, "right_contact")) == [Stop("arm")]
+    assert behavior.reason == "touched during the search"

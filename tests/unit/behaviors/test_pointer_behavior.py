@@ -1,0 +1,168 @@
+import pytest
+from pydantic import ValidationError
+
+from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
+from behaviors.pointer import Pointer, PointerFactors, PointerSettings
+from drivers.messages import Failed, Home, MoveAt, Reached, Refused, Stalled, Standstill, Stop, Twist
+
+STATES = Pointer.States
+
+
+def pointer(**settings):
+    given = {"angles_rad": (-0.5, 0.5), **settings}
+    return Pointer(PointerSettings(**given), PointerFactors(), frozenset({"touch"}))
+
+
+def reached(t_s):
+    return Reached(t_s, "arm", 0.0)
+
+
+def ready(t_s, detector="touch"):
+    return BaselineReady(t_s, detector, 0.0, 1.0)
+
+
+def contact(t_s, detector="touch"):
+    return Contact(t_s, detector, 1.1, 1.0)
+
+
+TOUCH = [
+    (STATES.WAITING, ready),
+    (STATES.DESCENDING, contact),
+    (STATES.STOPPING, lambda t_s: Standstill(t_s, "arm", 0.003)),
+    (STATES.RESTING, Tick),
+    (STATES.RECORDING, Tick),
+    (STATES.LIFTING, reached),
+]
+"""The event that leads out of each state of a touch."""
+
+BEFORE = [(STATES.HOMING, reached), (STATES.ZEROING, Tick), (STATES.TURNING, reached)]
+
+
+def to(state):
+    """A trial, driven into a state by the events that lead there."""
+    behavior = pointer()
+    behavior.begin(0.0)
+    t_s = 0.0
+    for at, event in [*BEFORE, *TOUCH]:
+        if state is at:
+            break
+        assert behavior.state is at
+        t_s += 1.0
+        behavior.handle(event(t_s))
+    return behavior, t_s
+
+
+def run(behavior):
+    """Goes through a whole trial; returns every command, in order."""
+    leave = dict([*BEFORE, *TOUCH])
+    leave[STATES.UNTURNING] = leave[STATES.RETURNING] = reached
+    commands = list(behavior.begin(0.0))
+    t_s = 0.0
+    while not behavior.done:
+        t_s += 1.0
+        event = leave[behavior.state](t_s)
+        if behavior.state is STATES.TURNING and commands[-1] == Stop("arm"):
+            event = Standstill(t_s, "arm", 0.0)
+        commands += behavior.handle(event)
+    return commands
+
+
+def test_every_angle_is_touched_up_and_then_down_again():
+    behavior = pointer(angles_rad=(-0.5, 0.0, 0.5), turn_rad_s=0.5)
+    commands = run(behavior)
+    turns = [command for command in commands if isinstance(command, Twist)]
+    turned, angles = 0.0, []
+    for turn in turns:
+        assert turn.twist[:4] + turn.twist[5:] == (0.0,) * 5
+        turned += turn.twist[4] * turn.duration_s
+        angles.append(turned)
+    assert angles == pytest.approx([-0.5, 0.0, 0.5, 0.0, -0.5, 0.0]), (
+        "the last angle up is the first one down"
+    )
+    descents = [command for command in commands if isinstance(command, MoveAt) and command.velocity_m_s > 0.0]
+    assert len(descents) == 6
+    assert commands[0] == commands[-1] == Home("arm")
+    assert behavior.outcome == "contact"
+
+
+def test_a_touch_stops_the_arm_rests_records_and_lifts_turned_as_it_is():
+    behavior, t_s = to(STATES.DESCENDING)
+    assert behavior.handle(contact(t_s)) == [Stop("arm")]
+    assert behavior.handle(Standstill(t_s, "arm", 0.003)) == []
+    assert behavior.handle(Tick(t_s + 0.3)) == []
+    assert behavior.state is STATES.RECORDING
+    assert behavior.handle(Tick(t_s + 0.8)) == [MoveAt("arm", -0.01, 0.0)]
+
+
+def test_another_detector_starts_and_ends_no_descent():
+    behavior, t_s = to(STATES.WAITING)
+    assert behavior.handle(ready(t_s, "other")) == []
+    behavior, t_s = to(STATES.DESCENDING)
+    assert behavior.handle(contact(t_s, "other")) == []
+    assert behavior.state is STATES.DESCENDING
+
+
+def test_an_angle_without_a_table_ends_the_trial_without_contact():
+    behavior, t_s = to(STATES.DESCENDING)
+    assert behavior.handle(reached(t_s)) == [MoveAt("arm", -0.01, 0.0)]
+    (turn,) = behavior.handle(reached(t_s + 1.0))
+    assert turn.twist[4] * turn.duration_s == pytest.approx(0.5), "turned back"
+    assert behavior.handle(reached(t_s + 2.0)) == [Home("arm")]
+    behavior.handle(reached(t_s + 3.0))
+    assert behavior.done
+    assert (behavior.outcome, behavior.reason) == ("no_contact", "no contact up to 0.006 m at -0.5 rad")
+
+
+@pytest.mark.parametrize("state", [STATES.TURNING, STATES.DESCENDING, STATES.RECORDING])
+def test_after_a_pause_it_lifts_goes_home_and_turns_to_the_same_angle(state):
+    behavior, t_s = to(state)
+    assert behavior.handle(Resumed(t_s)) == [MoveAt("arm", -0.01, 0.0)]
+    assert behavior.handle(reached(t_s + 1.0)) == [Home("arm")]
+    behavior.handle(reached(t_s + 2.0))
+    (turn,) = behavior.handle(Tick(t_s + 3.0))
+    assert turn.twist[4] * turn.duration_s == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize("state", [state for state in STATES if state not in Pointer.final])
+@pytest.mark.parametrize(
+    ("event", "outcome"),
+    [
+        (Failed(95.0, "board", "the link is gone"), "fault"),
+        (Stalled(95.0, "arm", "protective stop"), "fault"),
+        (Refused(95.0, "arm", Stop("arm"), "local control"), "fault"),
+        (GuardStopped(95.0, "11 N"), "guard"),
+    ],
+)
+def test_a_failure_in_any_state_stops_the_arm_and_ends_the_trial(state, event, outcome):
+    behavior, _ = to(state)
+    if state in (STATES.UNTURNING, STATES.RETURNING):
+        behavior, _ = to(STATES.DESCENDING)
+        behavior.handle(reached(10.0))
+        behavior.handle(reached(11.0))
+    if state is STATES.RETURNING:
+        behavior.handle(reached(12.0))
+    assert behavior.state is state
+    assert behavior.handle(event) == [Stop("arm")]
+    assert (behavior.done, behavior.outcome) == (True, outcome)
+    assert event.reason in behavior.reason
+
+
+def test_a_baseline_that_is_refused_ends_the_trial():
+    behavior, t_s = to(STATES.WAITING)
+    behavior.handle(BaselineRefused(t_s, "touch", 0.0, 1.0, "a value is not finite"))
+    assert behavior.outcome == "fault"
+    assert "not finite" in behavior.reason
+
+
+def test_only_the_touch_detector_is_armed_and_only_touches_and_the_start_are_recorded():
+    plans = pointer().plans
+    assert plans[STATES.WAITING].detectors == plans[STATES.DESCENDING].detectors == {"touch"}
+    assert plans[STATES.ZEROING].measures == {"arm.pose"}
+    assert plans[STATES.RECORDING].measures == {"signals.tip", "arm.pose"}
+    assert plans[STATES.LIFTING].measures == frozenset()
+
+
+@pytest.mark.parametrize("angles", [(0.5, -0.5), (0.0,), (0.0, 1.6)])
+def test_angles_that_do_not_ascend_or_leave_the_half_cylinder_are_refused(angles):
+    with pytest.raises(ValidationError):
+        PointerSettings(angles_rad=angles)

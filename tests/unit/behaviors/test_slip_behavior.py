@@ -1,0 +1,230 @@
+"""B8's machine: which commands follow from which events."""
+
+import pytest
+from pydantic import ValidationError
+
+from behaviors.events import BaselineRefused, Contact, GuardStopped, Resumed, SlipStarted, Tick
+from behaviors.slip import RollSlip
+from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
+from drivers.messages import Home, MoveAt, Reached, Sent, Standstill, Stop, Tare, Twist
+
+STATES = RollSlip.States
+
+RUN = {
+    "stream": "board.fingertip",
+    "forces_stream": "signals.tip",
+    "touch": "touch",
+    "paper": "paper",
+    "ours": "ours",
+    "tilt_rad": -0.4,
+    "press_m": 0.001,
+    "steps": (
+        {"do": "hold", "duration_s": 0.2},
+        {"do": "roll", "duration_s": 2.0, "turn_rad": 0.8},
+        {"do": "load", "duration_s": 0.5, "speed_m_s": -0.0005},
+        {"do": "slip", "duration_s": 3.0, "speed_m_s": -0.01},
+        {"do": "hold", "duration_s": 1.0},
+    ),
+}
+
+
+def trial(run=None, **settings):
+    made = RollSlipSettings(sensors={"fingertip": {**RUN, **(run or {})}}, **settings)
+    return RollSlip(made, RollSlipFactors(sensor="fingertip"), frozenset({"touch", "paper", "ours", "other"}))
+
+
+def reached(t_s, position_m=0.0):
+    return Reached(t_s, "arm", position_m)
+
+
+def slip(t_s, detector="ours"):
+    return SlipStarted(t_s, detector, 12.0, 7.0)
+
+
+def touch(t_s, detector="touch"):
+    return Contact(t_s, detector, 0.4, 0.3)
+
+
+PATH = [
+    (STATES.ZEROING, reached(0.5)),
+    (STATES.TILTING, Tick(0.7)),
+    (STATES.RESTING, reached(2.7)),
+    (STATES.DESCENDING, Tick(3.7)),
+    (STATES.STOPPING, touch(5.2)),
+    (STATES.PRESSING, Standstill(5.21, "arm", 0.0031)),
+    (STATES.HOLDING, reached(5.7, 0.0041)),
+    (STATES.ROLLING, Tick(5.9)),
+    (STATES.LOADING, reached(7.3)),
+    (STATES.SLIPPING, reached(7.9)),
+    (STATES.HOLDING, reached(10.9)),
+    (STATES.LIFTING, Tick(11.9)),
+    (STATES.LEVELLING, reached(12.5)),
+    (STATES.RETURNING, reached(13.0)),
+    (STATES.DONE, reached(14.0)),
+]
+
+
+MOVING_FREELY = (STATES.ZEROING, STATES.TILTING, STATES.LIFTING, STATES.LEVELLING, STATES.RETURNING)
+
+
+def led_to(state, **settings):
+    behavior = trial(**settings)
+    behavior.begin(0.0)
+    for name, event in PATH:
+        if behavior.state is state:
+            return behavior
+        behavior.handle(event)
+        assert behavior.state is name
+    return behavior
+
+
+def test_a_trial_touches_presses_rolls_slides_and_goes_home():
+    behavior = trial()
+    said = [list(behavior.begin(0.0))]
+    for state, event in PATH:
+        said.append(list(behavior.handle(event)))
+        assert behavior.state is state
+    assert said == [
+        [Home("arm")],
+        [Tare("arm", "arm.force")],
+        [Twist("arm", (0.0, 0.0, 0.0, 0.0, -0.2, 0.0), pytest.approx(2.0))],
+        [],
+        [MoveAt("arm", 0.002, 0.006)],
+        [Stop("arm")],
+        [MoveAt("arm", 0.002, pytest.approx(0.0041))],
+        [],
+        # rolling: 0.4 rad/s, and 12 mm along for each radian
+        [Twist("arm", (pytest.approx(0.0048), 0.0, 0.0, 0.0, 0.4, 0.0), 2.0)],
+        [Twist("arm", (-0.0005, 0.0, 0.0, 0.0, 0.0, 0.0), 0.5)],
+        [Twist("arm", (-0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 3.0)],
+        [],
+        [MoveAt("arm", -0.01, 0.0)],
+        # tilted by -0.4, rolled by 0.8: 0.4 rad to turn back
+        [Twist("arm", (0.0, 0.0, 0.0, 0.0, -0.2, 0.0), pytest.approx(2.0))],
+        [Home("arm")],
+        [],
+    ]
+    assert behavior.outcome == "contact"
+
+
+def test_only_the_sensors_own_detectors_listen_from_rest_until_it_lifts():
+    for state, _ in PATH[:-1]:
+        plan = led_to(state).plan
+        listening = state not in (
+            STATES.ZEROING,
+            STATES.TILTING,
+            STATES.LIFTING,
+            STATES.LEVELLING,
+            STATES.RETURNING,
+        )
+        assert plan.detectors == (frozenset({"touch", "paper", "ours"}) if listening else frozenset()), state
+        assert ("signals.tip" in plan.measures) is listening
+
+
+def test_slip_detectors_may_listen_from_the_first_motion_on_and_learn_there():
+    behavior = trial({"listen": "motion"})
+    behavior.begin(0.0)
+    for state, event in PATH:
+        behavior.handle(event)
+        after_motion = state in (STATES.ROLLING, STATES.LOADING, STATES.SLIPPING) or event.t_s > 10.0
+        if state not in (*MOVING_FREELY, STATES.DONE):
+            expected = {"touch", "paper", "ours"} if after_motion else {"touch"}
+            assert behavior.plan.detectors == expected, state
+
+
+def test_without_a_tilt_it_rests_at_once():
+    behavior = trial({"tilt_rad": 0.0})
+    behavior.begin(0.0)
+    behavior.handle(reached(0.5))
+    behavior.handle(Tick(0.7))
+    assert behavior.state is STATES.RESTING
+
+
+@pytest.mark.parametrize("reflex", ["ours", "paper"])
+def test_stop_on_slip_stops_at_once_for_the_reflex_detector_alone(reflex):
+    behavior = led_to(STATES.SLIPPING, stop_on_slip=True, reflex=reflex)
+    other = {"ours": "paper", "paper": "ours"}[reflex]
+    assert behavior.handle(slip(8.0, other)) == []
+    assert behavior.handle(slip(8.1, reflex)) == [Stop("arm")]
+    assert behavior.handle(Sent(8.1, "arm", Stop("arm"))) == []
+    assert behavior.handle(Standstill(8.2, "arm", 0.004)) == []
+    assert behavior.state is STATES.STOPPED
+    assert behavior.handle(Tick(8.7)) == [MoveAt("arm", -0.01, 0.0)]
+
+
+def test_a_roll_that_is_cut_short_is_turned_back_by_what_it_turned():
+    behavior = led_to(STATES.ROLLING, stop_on_slip=True)
+    for event in (slip(5.9 + 0.5), Standstill(6.5, "arm", 0.004), Tick(7.1)):
+        behavior.handle(event)
+    # a quarter of 0.8 rad from -0.4 rad: 0.2 rad are left
+    assert behavior.handle(reached(7.6)) == [Twist("arm", (0.0, 0.0, 0.0, 0.0, 0.2, 0.0), pytest.approx(1.0))]
+
+
+def test_without_stop_on_slip_nothing_follows_from_slip():
+    behavior = led_to(STATES.SLIPPING)
+    assert behavior.handle(slip(8.0)) == []
+    assert behavior.state is STATES.SLIPPING
+
+
+def test_a_table_that_is_not_there_ends_the_trial_without_contact():
+    behavior = led_to(STATES.DESCENDING)
+    assert behavior.handle(reached(6.7, 0.006)) == [MoveAt("arm", -0.01, 0.0)]
+    assert behavior.outcome == "no_contact"
+    assert "0.006 m" in behavior.reason
+
+
+def test_the_touch_of_another_detector_is_not_its_own():
+    behavior = led_to(STATES.DESCENDING)
+    assert behavior.handle(touch(5.0, "other")) == []
+    assert behavior.state is STATES.DESCENDING
+
+
+@pytest.mark.parametrize(
+    "state", [state for state in STATES if state not in (STATES.HALTING, STATES.STOPPED, *RollSlip.final)]
+)
+def test_the_guards_word_ends_the_trial_from_every_state(state):
+    behavior = led_to(state)
+    assert behavior.handle(GuardStopped(20.0, "signals.tip is beyond its range")) == [Stop("arm")]
+    assert (behavior.done, behavior.outcome) == (True, "guard")
+
+
+def test_a_pause_in_the_air_begins_anew_and_one_in_contact_gives_up():
+    resting = led_to(STATES.RESTING)
+    assert resting.handle(Resumed(3.0)) == [Home("arm")]
+    rolling = led_to(STATES.ROLLING)
+    assert rolling.handle(Resumed(6.0)) == [MoveAt("arm", -0.01, 0.0)]
+    assert rolling.outcome == "aborted"
+    assert "ROLLING" in rolling.reason
+
+
+def test_a_refused_baseline_is_a_fault_that_says_why():
+    behavior = led_to(STATES.RESTING)
+    behavior.handle(BaselineRefused(3.0, "touch", float("nan"), 0.3, "a value is not finite"))
+    assert (behavior.done, behavior.outcome) == (True, "fault")
+    assert "not finite" in behavior.reason
+
+
+def test_a_motion_that_never_ends_is_a_fault_that_says_where():
+    behavior = led_to(STATES.ROLLING)
+    assert behavior.handle(Tick(5.9 + 2.0 + 29.9)) == []
+    assert behavior.handle(Tick(5.9 + 2.0 + 30.0)) == [Stop("arm")]
+    assert "ROLLING" in behavior.reason
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        {"do": "roll", "duration_s": 1.0},
+        {"do": "slip", "duration_s": 1.0, "turn_rad": 1.0},
+        {"do": "hold", "duration_s": 1.0, "speed_m_s": 0.01},
+    ],
+)
+def test_a_step_without_its_number_or_with_anothers_is_refused(step):
+    with pytest.raises(ValidationError, match="each its own"):
+        trial({"steps": (step,)})
+
+
+def test_two_steps_of_a_kind_in_a_row_are_refused():
+    twice = {"do": "slip", "duration_s": 1.0, "speed_m_s": 0.01}
+    with pytest.raises(ValidationError, match="two of a kind"):
+        trial({"steps": (twice, {**twice, "speed_m_s": -0.01})})

@@ -1,0 +1,161 @@
+import pytest
+from pydantic import ValidationError
+
+from behaviors.events import GuardStopped, Resumed, Tick
+from behaviors.weights import Weights, WeightsFactors, WeightsSettings
+from drivers.messages import Answered, Ask, Failed, Loaded, LoadWeight, Refused
+
+STATES = Weights.States
+
+
+def weights(bridge="x", **settings):
+    given = {
+        "weights_x_n": (1.0, 2.0),
+        "cycles": 1,
+        "preloads": 0,
+        "swing_s": 1.0,
+        "record_s": 0.5,
+        **settings,
+    }
+    return Weights(WeightsSettings(**given), WeightsFactors(bridge=bridge), frozenset())
+
+
+def answered(t_s):
+    return Answered(t_s, "operator", "set up")
+
+
+def run(behavior):
+    """Answers whatever is asked; returns every load that was recorded, in order."""
+    recorded, t_s = [], 0.0
+    commands = behavior.begin(t_s)
+    while not behavior.done:
+        t_s += 1.0
+        match commands:
+            case [Ask()]:
+                commands = behavior.handle(answered(t_s))
+            case [LoadWeight(device=device, bridge=bridge, force_n=force_n)]:
+                behavior.handle(Loaded(t_s, device, bridge, force_n))
+                if behavior.state is STATES.SWINGING:
+                    behavior.handle(Tick(t_s + 1.0))
+                    assert behavior.state is STATES.RECORDING
+                    recorded.append(force_n)
+                    t_s += 2.0
+                    commands = behavior.handle(Tick(t_s))
+            case _:
+                raise AssertionError(commands)
+    return recorded
+
+
+def test_it_asks_for_the_setup_first_and_then_for_nothing_on_it():
+    behavior = weights()
+    assert behavior.begin(0.0) == [
+        Ask("operator", "set the fingertip up for weights on bridge Fx, with nothing on it")
+    ]
+    assert behavior.handle(answered(9.0)) == [LoadWeight("operator", "x", 0.0)]
+
+
+def test_a_cycle_goes_up_through_all_weights_and_down_again():
+    behavior = weights(weights_x_n=(1.0, 2.0, 3.0), cycles=2, preloads=1)
+    cycle = [1.0, 2.0, 3.0, 2.0, 1.0, 0.0]
+    assert run(behavior) == [0.0, 3.0, 0.0, *cycle, *cycle]
+    assert behavior.outcome == "contact"
+
+
+def test_listed_weights_come_in_their_order():
+    assert run(weights(weights_x_n=(2.0, 0.5, 1.0), order="listed")) == [0.0, 2.0, 0.5, 1.0, 0.0]
+
+
+def test_at_the_end_everything_is_taken_off():
+    behavior = weights(weights_x_n=(1.0, 2.0), order="listed")
+    asked = []
+    commands = behavior.begin(0.0)
+    t_s = 0.0
+    while not behavior.done:
+        t_s += 10.0
+        asked += [command.force_n for command in commands if isinstance(command, LoadWeight)]
+        if behavior.state is STATES.SETTING_UP:
+            commands = behavior.handle(answered(t_s))
+        elif behavior.state is STATES.HANGING:
+            commands = behavior.handle(Loaded(t_s, "operator", "x", asked[-1]))
+        else:
+            commands = behavior.handle(Tick(t_s))
+    assert asked == [0.0, 1.0, 2.0, 0.0, 0.0]
+
+
+def test_the_wrong_weight_is_waited_out():
+    behavior = weights()
+    behavior.begin(0.0)
+    behavior.handle(answered(1.0))
+    for wrong in (
+        Loaded(2.0, "operator", "x", 1.0),
+        Loaded(2.0, "operator", "y", 0.0),
+        Loaded(2.0, "board", "x", 0.0),
+    ):
+        assert behavior.handle(wrong) == []
+        assert behavior.state is STATES.HANGING
+    behavior.handle(Loaded(3.0, "operator", "x", 0.0))
+    assert behavior.state is STATES.SWINGING
+
+
+def test_a_person_who_does_not_answer_ends_the_trial_and_it_is_said_of_what_they_were_asked():
+    behavior = weights(answer_timeout_s=60.0)
+    behavior.begin(0.0)
+    behavior.handle(answered(1.0))
+    behavior.handle(Tick(60.9))
+    assert not behavior.done
+    behavior.handle(Tick(61.0))
+    assert behavior.done
+    assert behavior.outcome == "aborted"
+    assert behavior.reason == "operator did not answer within 60 s when asked for 0 N on bridge x"
+
+
+@pytest.mark.parametrize(
+    ("event", "outcome"),
+    [
+        (Refused(5.0, "operator", LoadWeight("operator", "x", 0.0), "the person says no"), "fault"),
+        (Failed(5.0, "board", "the link is gone"), "fault"),
+        (GuardStopped(5.0, "saturated"), "guard"),
+    ],
+)
+def test_a_failure_ends_the_trial_with_its_reason(event, outcome):
+    behavior = weights()
+    behavior.begin(0.0)
+    behavior.handle(answered(1.0))
+    behavior.handle(event)
+    assert behavior.done
+    assert behavior.outcome == outcome
+    assert event.reason in behavior.reason
+
+
+def test_after_a_pause_the_same_weight_is_asked_for_again():
+    behavior = weights()
+    behavior.begin(0.0)
+    behavior.handle(answered(1.0))
+    behavior.handle(Loaded(2.0, "operator", "x", 0.0))
+    behavior.handle(Tick(3.0))
+    assert behavior.state is STATES.RECORDING
+    assert behavior.handle(Resumed(3.2)) == [LoadWeight("operator", "x", 0.0)]
+    assert behavior.state is STATES.HANGING
+
+
+def test_while_it_waits_for_the_person_only_their_word_is_heard_and_only_still_weights_are_recorded():
+    plans = weights().plans
+    assert plans[STATES.HANGING].measures == {"operator.load"}
+    assert plans[STATES.SWINGING].measures == frozenset()
+    assert plans[STATES.RECORDING].measures == {"board.fingertip"}
+
+
+@pytest.mark.parametrize(
+    "given", [{"weights_y_n": (2.0, 1.0)}, {"weights_t_n": (1.0,)}, {"weights_x_n": (0.0, 1.0)}]
+)
+def test_a_ladder_that_does_not_ascend_or_has_one_rung_is_refused(given):
+    with pytest.raises(ValidationError):
+        WeightsSettings(**given)
+
+
+def test_the_default_ladders_end_where_the_paper_tested_and_pass_the_middle():
+    settings = WeightsSettings()
+    for bridge, top_n in (("x", 7.0), ("y", 7.0), ("t", 1.0)):
+        ladder = settings.weights_n(bridge)
+        assert ladder[-1] == top_n
+        assert top_n / 2.0 in ladder

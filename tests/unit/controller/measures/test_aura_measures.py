@@ -1,0 +1,241 @@
+"""C1 to C5 measured on evidence written by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from behaviors.aura import AuraSettings
+from behaviors.centering import CenteringSettings
+from behaviors.chirp import ChirpSettings
+from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
+from controller.measures import aura, centering, chirp
+from controller.measures.trial import TrialEvidence
+from controller.recording.series import TrialRecording
+from drivers.messages import Gripped, MoveAt, Reached, SampleBlock, Sent, Standstill, Stop
+
+PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.05, 0.0, 0.0)}}
+SPEED_M_S = 0.01
+
+
+def approach(events, truth, thing="pipe", per_cm=2.33):
+    """Rest 0 to 2 s, approach 2 to 7 s at 1 cm/s, hold to 9 s, back to 14 s; an envelope with `per_cm` undulations."""
+    recording = TrialRecording(1)
+    times_s = np.arange(0.0, 14.0, 0.002)
+    x_m = np.interp(times_s, [0.0, 2.0, 7.0, 9.0, 14.0], [0.0, 0.0, 0.05, 0.05, 0.0])
+    pose = np.column_stack([x_m, *[np.zeros_like(x_m)] * 5])
+    recording.add(SampleBlock("arm.pose", 0, 0.0, pose, rate_hz=500.0, unit="m"))
+    fine_s = np.arange(0.0, 14.0, 0.001)
+    z = np.exp(2j * np.pi * 100.0 * per_cm * np.interp(fine_s, times_s, x_m))
+    recording.add(
+        SampleBlock("signals.right", 0, 0.0, np.column_stack([z.real, z.imag]), rate_hz=1000.0, unit="FS")
+    )
+    return TrialEvidence(
+        {"object": thing},
+        recording,
+        events=sorted(events, key=lambda event: event.t_s),
+        visits=[
+            ("BASELINE", 0.0),
+            ("APPROACHING", 2.0),
+            ("HOLDING", 7.0),
+            ("RETRACTING", 9.0),
+            ("LEAVING", 14.0),
+        ],
+        truth=truth,
+    )
+
+
+def row_of(events, truth=(), **extra):
+    gap_m = extra.pop("end_gap_m", 0.0)
+    settings = AuraSettings(paths=PATHS, end_gap_m=gap_m, methods=extra.pop("methods", ("paper", "ours")))
+    return aura.measure(approach(events, list(truth), **extra), settings, "no_contact")[1]
+
+
+def near(t_s, method="ours"):
+    return PreTouch(t_s, f"pretouch_{method}", 1.0, 0.5)
+
+
+TOUCH = ((6.0, True), (9.5, False))
+
+
+def test_undulations_are_counted_along_the_way():
+    assert row_of([])["undulations_per_cm"] == pytest.approx(2.33, abs=0.02)
+    assert row_of([], per_cm=1.5)["undulations_per_cm"] == pytest.approx(1.5, abs=0.02)
+
+
+def test_pre_touch_in_time_is_seen_and_its_distance_is_to_the_touch():
+    row = row_of([near(4.0)], TOUCH)
+    assert (row["seen_ours"], row["alarms_ours"]) == (1, 0)
+    assert row["distance_m_ours"] == pytest.approx(0.02, abs=1e-4)
+    assert row["seen_paper"] == 0, "it said nothing"
+    assert row_of([near(4.0)], TOUCH, methods=("ours",))["seen_paper"] is None, "it was not asked"
+
+
+def test_without_a_touch_the_distance_counts_from_beyond_the_ways_end():
+    row = row_of([near(4.0)], end_gap_m=0.004)
+    assert row["distance_m_ours"] == pytest.approx(0.034, abs=1e-4)
+
+
+def test_pre_touch_after_the_touch_or_before_the_approach_is_not_seen():
+    assert row_of([near(6.5)], TOUCH)["seen_ours"] == 0
+    early = row_of([near(1.0)], TOUCH)
+    assert (early["seen_ours"], early["alarms_ours"]) == (0, 1)
+
+
+def test_an_approach_that_a_pause_broke_off_is_no_approach_and_the_next_one_is_one():
+    """Paused at 1 s, sent back, and begun again: the whole approach of `approach` is the second one."""
+    evidence = approach([near(4.0)], [])
+    broken = [("BASELINE", 0.0), ("APPROACHING", 0.5), ("RETRACTING", 1.0), ("BASELINE", 1.5)]
+    evidence.visits = [*broken, *evidence.visits[1:]]
+    _, row = aura.measure(evidence, AuraSettings(paths=PATHS, end_gap_m=0.0), "no_contact")
+    assert (row["approaches"], row["seen_ours"]) == (1, 1)
+    evidence.visits = [*broken[:3], ("LEAVING", 1.5)]
+    _, row = aura.measure(evidence, AuraSettings(paths=PATHS, end_gap_m=0.0), "no_contact")
+    assert row["approaches"] == 0
+
+
+def test_pre_touch_before_nothing_is_an_alarm():
+    row = row_of([near(4.0)], thing="none")
+    assert (row["alarms_ours"], row["seen_ours"]) == (1, None)
+
+
+def test_a_touch_is_felt_held_and_ended():
+    words = [
+        Contact(6.02, "contact_ours", 9.0, 5.0),
+        ContactHeld(7.0, "contact_ours", 9.0, 5.0),
+        ContactLost(9.6, "contact_ours", 1.0, 5.0),
+    ]
+    row = row_of(words, TOUCH)
+    assert (row["touches"], row["felt_ours"], row["held_ours"], row["ended_ours"]) == (1, 1, 1, 1)
+    assert row["delay_s_ours"] == pytest.approx(0.02)
+    assert row["false_ours"] == 0
+
+
+def test_a_contact_that_is_taken_back_too_soon_is_not_held():
+    words = [
+        Contact(6.02, "contact_ours", 9.0, 5.0),
+        ContactHeld(6.5, "contact_ours", 9.0, 5.0),
+        ContactLost(7.5, "contact_ours", 1.0, 5.0),
+    ]
+    row = row_of(words, TOUCH)
+    assert (row["felt_ours"], row["held_ours"], row["ended_ours"]) == (1, 0, 0)
+
+
+def test_contact_where_nothing_touches_is_false():
+    assert row_of([Contact(4.0, "contact_ours", 9.0, 5.0)], TOUCH)["false_ours"] == 1
+    late = row_of([Contact(6.9, "contact_ours", 9.0, 5.0)], TOUCH)
+    assert (late["felt_ours"], late["false_ours"]) == (0, 0), "late, yet true"
+
+
+def search(events, visits, truth=(), **factors):
+    given = {"object_x_m": 0.002, "method": "ours", **factors}
+    return TrialEvidence(given, TrialRecording(1), list(events), dict(visits), list(visits), list(truth))
+
+
+VISITS = [("SEEKING_FORWARD", 6.0), ("SEEKING_BACKWARD", 6.6), ("CENTERING", 8.1), ("RESTING", 9.0)]
+
+
+def test_the_error_is_where_it_stands_less_where_the_object_is():
+    events = [
+        PreTouch(6.5, "left_ours", 1.0, 0.5, 0.005),
+        PreTouch(8.0, "right_ours", 1.0, 0.5),
+        Standstill(8.1, "arm", -0.0016),
+        Reached(9.0, "arm", 0.0017),
+    ]
+    _, row = centering.measure(search(events, VISITS), CenteringSettings(), "no_contact")
+    assert row["error_m"] == pytest.approx(-0.0003)
+    assert (row["left_m"], row["right_m"]) == (0.005, -0.0016)
+    assert row["search_s"] == pytest.approx(2.1)
+    assert row["gripped"] is None
+
+
+def test_a_search_that_never_ended_has_no_error_and_counts_touches():
+    truth = [(5.0, True), (5.5, False), (6.2, True)]
+    _, row = centering.measure(
+        search([], [("SEEKING_FORWARD", 6.0), ("LEAVING", 7.0)], truth), CenteringSettings(), "contact"
+    )
+    assert (row["error_m"], row["touched"]) == (None, 1)
+
+
+def test_what_a_search_before_a_pause_came_to_counts_no_more():
+    """Paused on its way to the middle, the search begins anew and sees nothing."""
+    events = [PreTouch(6.5, "left_ours", 1.0, 0.5, 0.005), PreTouch(8.0, "right_ours", 1.0, 0.5, -0.003)]
+    again = [("SEEKING_FORWARD", 20.0), ("LEAVING", 24.0)]
+    _, row = centering.measure(
+        search([*events, Reached(24.0, "arm", 0.03)], [*VISITS[:3], *again]),
+        CenteringSettings(),
+        "no_contact",
+    )
+    assert all(row[name] is None for name in ("error_m", "middle_m", "left_m", "right_m", "search_s"))
+
+
+def test_a_grasp_says_when_each_finger_felt_it():
+    events = [
+        Reached(9.0, "arm", 0.002),
+        Contact(11.4, "left_contact", 9.0, 5.0),
+        Gripped(12.0, "gripper", True, 0.019, 10.0),
+    ]
+    visits = [*VISITS, ("CLOSING", 11.0), ("RELEASING", 14.0)]
+    _, row = centering.measure(search(events, visits), CenteringSettings(), "contact")
+    assert row["gripped"] == 1
+    assert row["contact_left_s"] == pytest.approx(0.4)
+    assert row["contact_right_s"] is None
+
+
+def test_the_best_frequency_is_where_most_comes_back():
+    settings = ChirpSettings(duration_s=1.0)
+    times_s = np.arange(0, 1.2, 1.0 / 96_000.0)
+    swept_s = times_s - 0.1
+    f_hz = 20_000.0 + 26_000.0 * swept_s
+    gain = 1.0 / np.sqrt(1.0 + ((f_hz - 39_500.0) / 1000.0) ** 2)
+    tone = np.where(
+        (swept_s >= 0) & (swept_s < 1.0),
+        gain * np.sin(2 * np.pi * (20_000.0 * swept_s + 13_000.0 * swept_s**2)),
+        0.0,
+    )
+    recording = TrialRecording(1)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((len(tone), 2))
+    recording.add(
+        SampleBlock("audio.fingers", 0, 0.0, tone[:, None] * [1.0, 0.5] + noise, rate_hz=96_000.0, unit="FS")
+    )
+    evidence = TrialEvidence({}, recording, entered_s={"SWEEPING": 0.1})
+    _, row = chirp.measure(evidence, settings, "no_contact")
+    assert row["best_hz"] == pytest.approx(39_500.0, abs=chirp.STEP_HZ)
+    assert row["band_low_hz"] == pytest.approx(38_500.0, abs=2 * chirp.STEP_HZ)
+    assert row["band_high_hz"] == pytest.approx(40_500.0, abs=2 * chirp.STEP_HZ)
+    # (1 + 1/4) / 2 over twice the noise's variance
+    assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.625 / 2e-6), abs=1.0)
+
+
+def test_a_sweep_that_a_pause_broke_off_is_not_taken_for_silence():
+    """A loud tone in the first second, silence from 2 s, the sweep from 3 s on."""
+    times_s = np.arange(0.0, 4.2, 1.0 / 96_000.0)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(len(times_s))
+    sound = np.where((times_s < 1.0) | ((times_s >= 3.0) & (times_s < 4.0)), np.sin(2e5 * times_s), 0.0)
+    recording = TrialRecording(1)
+    values = np.column_stack([sound + noise] * 2)
+    recording.add(SampleBlock("audio.fingers", 0, 0.0, values, rate_hz=96_000.0, unit="FS"))
+    evidence = TrialEvidence({}, recording, entered_s={"SILENT": 2.0, "SWEEPING": 3.0})
+    _, row = chirp.measure(evidence, ChirpSettings(duration_s=1.0), "no_contact")
+    # half a square over the noise's variance
+    assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.5 / 1e-6), abs=1.0)
+
+
+def test_a_sweep_downwards_is_a_mistake_of_the_profile():
+    with pytest.raises(ValueError, match="from_hz must be below to_hz"):
+        ChirpSettings(from_hz=46_000.0, to_hz=20_000.0)
+
+
+def test_the_stops_are_timed_from_the_samples_that_saw_the_object():
+    events = [
+        Sent(6.4, "arm", MoveAt("arm", 0.01, 0.03)),
+        Sent(6.509, "gripper", Stop("gripper")),
+        Sent(6.512, "arm", Stop("arm")),
+        Sent(8.02, "arm", Stop("arm")),
+    ]
+    visits = [("SEEKING_FORWARD", 6.0), ("TURNING", 6.5), ("SEEKING_BACKWARD", 6.6), ("STOPPING", 8.0)]
+    _, row = centering.measure(search(events, visits), CenteringSettings(), "no_contact")
+    assert row["seen_to_stop_left_s"] == pytest.approx(0.012)
+    assert row["seen_to_stop_right_s"] == pytest.approx(0.02)
+    _, unseen = centering.measure(search(events, visits[:1]), CenteringSettings(), "no_contact")
+    assert unseen["seen_to_stop_left_s"] is None

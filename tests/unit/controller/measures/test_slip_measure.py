@@ -1,0 +1,202 @@
+"""What a roll-and-slip trial's row says, from events and a recording made by hand."""
+
+import numpy as np
+import pytest
+
+from behaviors.events import Contact, SlipEnded, SlipStarted
+from behaviors.slip_settings import RollSlipSettings
+from controller.measures.slip import COLUMNS, measure
+from controller.measures.trial import TrialEvidence
+from controller.recording.series import Series
+from drivers.messages import Sent, Standstill, Stop
+
+SETTINGS = RollSlipSettings(
+    sensors={
+        "fingertip": {
+            "stream": "board.fingertip",
+            "channel": 1,
+            "touch": "touch",
+            "paper": "p",
+            "ours": "o",
+            "press_m": 0.001,
+            "steps": ({"do": "slip", "duration_s": 1.0, "speed_m_s": 0.01},),
+        }
+    }
+)
+
+VISITS = [
+    ("HOMING", 0.0),
+    ("RESTING", 1.0),
+    ("DESCENDING", 2.0),
+    ("STOPPING", 3.5),
+    ("PRESSING", 3.6),
+    ("HOLDING", 4.0),
+    ("SLIPPING", 5.0),
+    ("HOLDING", 6.0),
+    ("LIFTING", 8.0),
+]
+
+BOTH = [*VISITS[:-1], ("SLIPPING", 7.0), ("LIFTING", 8.0)]
+"""Forth, and back."""
+
+
+class Recorded:
+    """Streams that somebody recorded."""
+
+    def __init__(self, streams):
+        self.streams = streams
+
+    def stream(self, name):
+        return self.streams.get(name, Series(np.empty(0), np.empty((0, 6))))
+
+
+def started(t_s, who):
+    return SlipStarted(t_s, who, 12.0, 7.0)
+
+
+def ended(t_s, who):
+    return SlipEnded(t_s, who, 1.0, 7.0)
+
+
+def tone(hz=187.5, volt=0.2, since_s=5.02, until_s=6.0):
+    """Three channels at 1 kHz, the second with a tone while it slips."""
+    times_s = np.arange(2000, 8000) / 1000.0
+    values = np.zeros((len(times_s), 3))
+    slipping = (times_s >= since_s) & (times_s < until_s)
+    values[:, 1] = volt * np.sin(2 * np.pi * hz * times_s) * slipping
+    return Series(times_s, values, "V")
+
+
+def evidence(words=(), slips=((5.02, True), (6.0, False)), streams=None, extra=(), visits=VISITS):
+    events = [
+        Contact(3.5, "touch", 0.4, 0.3),
+        *words,
+        *extra,
+    ]
+    return TrialEvidence(
+        {"sensor": "fingertip"},
+        Recorded(streams or {}),
+        sorted(events, key=lambda event: event.t_s),
+        dict(visits),
+        list(visits),
+        truth=[(3.4, True), (8.1, False)],
+        slips=slips,
+    )
+
+
+def row_of(*args, **given):
+    outcome, row = measure(evidence(*args, **given), SETTINGS, "contact")
+    assert outcome == "contact"
+    assert set(row) <= set(COLUMNS)
+    return row
+
+
+def test_delays_run_from_the_true_slip_to_each_detectors_first_word():
+    row = row_of([started(5.026, "o"), started(5.108, "p"), ended(6.05, "o"), ended(6.08, "p")])
+    assert (row["reference"], row["slips"], row["slip_s"], row["slip_end_s"]) == ("truth", 1, 5.02, 6.0)
+    assert row["ours_delay_s"] == row["ours_first_delay_s"] == pytest.approx(0.006)
+    assert row["paper_delay_s"] == pytest.approx(0.088)
+    assert [
+        row[f"{who}_{what}"] for who in ("paper", "ours") for what in ("detected", "missed", "early")
+    ] == [
+        *(1, 0, 0),
+        *(1, 0, 0),
+    ]
+    assert [row[f"{who}_false_alarms"] for who in ("paper", "ours")] == [0, 0]
+    assert (row["clock_s"], row["touch_s"], row["touch_truth_s"]) == (1.0, 3.5, 3.4)
+
+
+def test_a_word_after_the_patience_is_a_miss_and_none_is_one_too():
+    row = row_of([started(5.02 + 0.76, "o")])
+    assert (row["ours_missed"], row["ours_detected"], row["ours_delay_s"]) == (1, 0, None)
+    assert row["paper_missed"] == 1
+    assert row["ours_false_alarms"] == 0, "late, not false"
+
+
+def test_a_detector_that_already_calls_slip_when_it_begins_is_early_and_its_word_false():
+    row = row_of([started(4.9, "o"), ended(5.5, "o")])
+    assert (row["ours_early"], row["ours_missed"], row["ours_detected"]) == (1, 0, 0)
+    assert row["ours_false_alarms"] == 1
+
+
+def test_a_word_between_the_arms_start_and_the_slip_is_early_and_not_false():
+    row = row_of([started(5.01, "o"), ended(5.5, "o")])
+    assert (row["ours_early"], row["ours_missed"], row["ours_detected"], row["ours_false_alarms"]) == (
+        1,
+        0,
+        0,
+        0,
+    )
+    assert (row["slide_s"], row["slip_s"], row["ours_told_s"]) == (5.0, 5.02, 5.01)
+
+
+def test_alarms_of_the_descent_are_told_apart():
+    row = row_of([started(3.42, "o"), ended(3.5, "o"), started(3.7, "o"), ended(3.8, "o"), started(4.6, "o")])
+    assert (row["ours_touch_alarms"], row["ours_false_alarms"]) == (2, 1)
+
+
+def test_a_word_just_after_the_end_is_late_and_one_long_after_false():
+    late = [started(5.03, "o"), ended(5.9, "o"), started(6.1, "o"), ended(6.2, "o")]
+    assert row_of(late)["ours_false_alarms"] == 0
+    assert row_of([*late, started(6.3, "o")])["ours_false_alarms"] == 1
+
+
+def test_quiet_is_what_is_neither_descent_nor_slip():
+    # rest 1 to 2 s, after pressing from 4.2 to 5 s, after the slip from 6.2 s until it lifts at 8 s
+    assert row_of()["quiet_s"] == pytest.approx(1.0 + 0.8 + 1.8)
+
+
+def test_a_true_slip_that_nobody_asked_for_is_no_false_alarm_and_not_scored():
+    slips = ((3.55, True), (3.6, False), (5.02, True), (6.0, False))
+    row = row_of([started(3.56, "o"), ended(3.65, "o"), started(5.03, "o")], slips)
+    assert (row["slips"], row["ours_detected"], row["ours_touch_alarms"]) == (1, 1, 0)
+
+
+def test_two_slides_are_two_slips_and_one_where_the_tip_held_is_none():
+    both = ((5.02, True), (6.0, False), (7.1, True), (8.0, False))
+    words = [started(5.03, "o"), ended(6.1, "o"), started(7.13, "o")]
+    row = row_of(words, both, visits=BOTH)
+    assert (row["slips"], row["ours_detected"]) == (2, 2)
+    assert row["ours_delay_s"] == pytest.approx(0.02), "the median of 10 and 30 ms"
+    assert row_of(words, both[:2], visits=BOTH)["slips"] == 1
+
+
+def test_without_the_truth_the_command_is_what_counts():
+    row = row_of([started(5.03, "o")], None)
+    assert (row["reference"], row["slip_s"], row["slip_end_s"]) == ("command", 5.0, 6.0)
+    assert row["ours_delay_s"] == pytest.approx(0.03)
+
+
+def test_the_papers_product_and_the_frequency_that_dominates_are_those_of_the_slip():
+    row = row_of(streams={"board.fingertip": tone()})
+    # a tone of amplitude A in the middle of a bin has A^2 N / 4 of the power
+    assert row["peak_product"] == pytest.approx(0.2**2 * 64 / 4 * 187.5, rel=0.02)
+    assert row["dominant_hz"] == pytest.approx(187.5)
+    assert row["peak_product_before"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_press_is_the_mean_force_of_the_table_while_pressed():
+    times_s = np.arange(0.0, 9.0, 0.002)
+    values = np.zeros((len(times_s), 6))
+    values[(times_s > 3.8) & (times_s < 8.1), 2] = 5.0
+    assert row_of(streams={"arm.force": Series(times_s, values, "N")})["press_n"] == pytest.approx(5.0)
+
+
+def test_the_stop_is_timed_from_the_sample_that_told_slip_to_the_command_on_its_way():
+    words = [started(5.026, "o")]
+    stop = [Sent(5.031, "arm", Stop("arm")), Standstill(5.05, "arm", 0.004)]
+    times_s = np.arange(4.0, 6.0, 0.002)
+    pose = np.zeros((len(times_s), 6))
+    pose[:, 0] = 0.01 * np.clip(times_s - 5.0, 0.0, 0.035)
+    visits = [*VISITS[:7], ("HALTING", 5.026), ("STOPPED", 5.05), ("LIFTING", 5.55)]
+    row = row_of(words, extra=stop, visits=visits, streams={"arm.pose": Series(times_s, pose, "m")})
+    assert row["slip_to_stop_s"] == pytest.approx(0.005)
+    assert (row["ours_detected"], row["paper_missed"]) == (1, 0), "the paper's had no time to speak"
+    assert row["stop_travel_m"] == pytest.approx(0.01 * 0.009, abs=1e-6)
+
+
+def test_a_trial_that_never_touched_has_a_row_without_slips():
+    bare = TrialEvidence({"sensor": "fingertip"}, Recorded({}), [], {"RESTING": 1.0}, [("RESTING", 1.0)])
+    outcome, row = measure(bare, SETTINGS, "no_contact")
+    assert outcome == "no_contact"
+    assert (row["slips"], row["ours_missed"], row["peak_product"], row["touch_s"]) == (0, 0, None, None)
