@@ -43,6 +43,7 @@ diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behavio
 lock:                           ## new pins from requirements/*.in (needs uv)
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -o requirements/run.txt requirements/run.in
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -c requirements/run.txt -o requirements/dev.txt requirements/dev.in
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -c requirements/run.txt -o requirements/sound.txt requirements/sound.in
 
 clean:                          ## all that was made here, runs excepted
 	rm -rf .venv .mypy_cache .ruff_cache

@@ -12,12 +12,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from config.verbs import DEVICE, DONE, Program, Verb, complain, explained, out_option, set_option, span
+from config.verbs import (
+    DEVICE,
+    DONE,
+    Program,
+    Verb,
+    complain,
+    explained,
+    out_option,
+    recording_options,
+    set_option,
+)
 
 if TYPE_CHECKING:
     from config.profile import Profile
     from controller.campaign import Console
     from controller.console import Operator
+    from controller.detectors.protocol import Detector
+    from drivers.messages import SampleBlock
 
 
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
@@ -33,8 +45,9 @@ def cli() -> None:
     """
 
 
-@cli.command("list", cls=Verb, short_help="Show profiles, detectors or drivers.")
+@cli.command("list", cls=Verb, short_help="Show profiles, detectors, signals or drivers.")
 @click.option("--detectors", "shown", flag_value="detectors", help="List kinds of detectors instead.")
+@click.option("--signals", "shown", flag_value="signals", help="List kinds of signals instead.")
 @click.option("--drivers", "shown", flag_value="drivers", help="List drivers instead.")
 def list_(shown: str | None) -> None:
     """Show the profiles, with the bench and the devices that each needs.
@@ -44,9 +57,15 @@ def list_(shown: str | None) -> None:
       run.py list
       run.py list --detectors
     """
-    from config.listing import listed_detectors, listed_drivers, listed_profiles
+    from config.listing import listed_detectors, listed_drivers, listed_profiles, listed_signals
 
-    lines = {"detectors": listed_detectors, "drivers": listed_drivers, None: listed_profiles}[shown]()
+    listed = {
+        "detectors": listed_detectors,
+        "signals": listed_signals,
+        "drivers": listed_drivers,
+        None: listed_profiles,
+    }
+    lines = listed[shown]()
     click.echo("\n".join(lines))
 
 
@@ -142,9 +161,10 @@ def run(
     loaded = _loaded(profile, overrides, csv)
     trials = loaded.trials(seed)
     plan = plan_campaign(loaded, only(trials, numbers) if numbers else trials, seed)
-    with closing(build_rig(loaded, _endpoints(endpoints))) as rig, Operator() as operator:
+    with closing(build_rig(loaded, _endpoints(endpoints))) as rig, Operator(asking=rig.asking) as operator:
         outcome = Campaign(plan, rig, _console(operator), out).run()
-    (complain if outcome.exit_code else click.echo)(outcome.line)
+    if outcome.error is None:
+        (complain if outcome.exit_code else click.echo)(outcome.line)
     try:
         if reported:
             _report([outcome.folder])
@@ -152,6 +172,8 @@ def run(
         if not outcome.exit_code:
             raise
         complain(f"no report: {explained(error)[1]}")
+    if outcome.error is not None:
+        raise outcome.error
     return outcome.exit_code
 
 
@@ -183,32 +205,8 @@ def emulate(profile: str, overrides: Mapping[str, str]) -> None:
 
 
 @cli.command(cls=Verb, short_help="Let a detector hear a recording.")
-@click.argument("recording", type=click.Path(path_type=Path))
-@click.option(
-    "--detector", required=True, metavar="NAME", help="Kind of detector: see run.py list --detectors."
-)
-@set_option
-@click.option("--column", help="Column of a CSV or NPZ file; channel of a WAV file, from 0.")
-@click.option(
-    "--rate",
-    "rate_hz",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="HZ",
-    help="Sample rate of a file without a column t_s.",
-)
-@click.option(
-    "--baseline", callback=span, metavar="T0:T1", help="Hear from T0 on; learn for T1 - T0 seconds."
-)
-@click.option("--trial", type=int, help="Trial of a run folder; its first one otherwise.")
-def replay(
-    recording: Path,
-    detector: str,
-    overrides: Mapping[str, str],
-    column: str | None,
-    rate_hz: float | None,
-    baseline: tuple[float, float] | None,
-    trial: int | None,
-) -> None:
+@recording_options
+def replay(detector: str, **given: Any) -> None:
     """Let a detector hear a RECORDING and print one JSON line an event.
 
     RECORDING is a run folder, a part of its name or `latest`, or a CSV, NPZ or WAV file.
@@ -217,27 +215,53 @@ def replay(
     Example:
       run.py replay latest --detector resonance --trial 4
       run.py replay finger.csv --detector resonance.paper --column period_s --baseline 2:3 --set threshold_sigma=4
+      run.py replay drag.wav --detector slip --column 0 --set threshold=21
     """
-    from config.assemble import make_detector
-    from controller.recording.run_folder import RunFolder
-    from controller.replay import as_line, between, read_blocks
+    from controller.replay import as_line
     from controller.replay import replay as replayed
 
-    if not recording.exists() and not recording.suffix:
-        recording = RunFolder.find(recording).path
-    if baseline is not None:
-        overrides = {**overrides, "baseline_s": repr(baseline[1] - baseline[0])}
-    heard = make_detector(detector, overrides)
-    blocks = read_blocks(recording, heard.inputs[0], column=column, rate_hz=rate_hz, trial=trial)
-    if baseline is not None:
-        blocks = between(blocks, baseline[0])
+    heard, blocks = _heard(detector, **given)
     silent = True
     for event in replayed(blocks, heard):
         click.echo(json.dumps(as_line(event, detector)))
         silent = False
     if silent:
         samples = sum(len(block) for block in blocks)
-        complain(f"{detector} found nothing in {samples} samples: not even a baseline")
+        complain(f"{detector} found nothing in {samples} samples")
+
+
+@cli.command(cls=Verb, short_help="Find the threshold that a recording without events asks for.")
+@recording_options
+@click.option(
+    "--false-alarm-interval",
+    "interval_s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="S",
+    required=True,
+    help="Mean time between false alarms, in seconds.",
+)
+def calibrate(detector: str, interval_s: float, **given: Any) -> None:
+    """Find the threshold with which a detector alarms falsely once in a stated time, on average.
+
+    RECORDING is one in which nothing happens that the detector shall report, but everything that it shall not: a run
+    folder, a part of its name or `latest`, or a CSV, NPZ or WAV file. Prints one JSON line: the threshold, its 95 %
+    interval, and whether the recording was so short that the threshold was extrapolated.
+
+    \b
+    Example:
+      run.py calibrate rolling.csv --detector slip --column ft_v --rate 1000 --false-alarm-interval 3600
+      run.py calibrate latest --detector slip.paper --set input=board.flexible --false-alarm-interval 600
+    """
+    from config.assemble import calibratable
+    from controller.detectors.calibration import Statistic
+    from controller.replay import ReplayError, calibration_line
+
+    heard, blocks = _heard(detector, **given)
+    if not isinstance(heard, Statistic):
+        raise ReplayError(
+            f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
+        )
+    click.echo(json.dumps(calibration_line(blocks, heard, detector, interval_s)))
 
 
 @cli.command(cls=Verb, short_help="Write the report of one or more runs.")
@@ -260,6 +284,27 @@ def report(runs: Sequence[str], out: Path) -> None:
 
 
 # --- what the verbs share ------------------------------------------------------------------------
+
+
+def _heard(
+    detector: str,
+    recording: Path,
+    overrides: Mapping[str, str],
+    column: str | None,
+    rate_hz: float | None,
+    baseline: tuple[float, float] | None,
+    trial: int | None,
+) -> tuple[Detector, Sequence[SampleBlock]]:
+    """A detector, and the blocks of a recording that it shall hear."""
+    from config.assemble import make_detector
+    from controller.recording.run_folder import RunFolder
+    from controller.replay import between, read_blocks
+
+    made = make_detector(detector, overrides, baseline)
+    if not recording.exists() and not recording.suffix:
+        recording = RunFolder.find(recording).path
+    blocks = read_blocks(recording, made.inputs[0], column=column, rate_hz=rate_hz, trial=trial)
+    return made, blocks if baseline is None else between(blocks, baseline[0])
 
 
 def _loaded(profile: str, overrides: Mapping[str, str], csv: Path | None = None) -> Profile:

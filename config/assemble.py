@@ -8,11 +8,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
+    from behaviors.machine import Behavior
     from config.profile import Profile
     from config.trials import Trial
     from controller.campaign import CampaignPlan, TrialPlan
     from controller.detectors.protocol import Detector
     from controller.rig import Rig
+    from controller.signals.protocol import Signal
     from drivers.clock import WallClock
     from drivers.mock.emulator_process import EmulatorProcess
     from drivers.protocols import Device
@@ -61,9 +63,59 @@ DRIVERS: Mapping[str, DriverEntry] = {
         "drivers.ur_arm.driver:UrArm",
         "drivers.mock.ur_arm:MockUrArm",
     ),
+    "audio": DriverEntry(
+        "two fingers' sound at 96 kHz and their drive: sound card, WAV/FLAC file or a recorder over TCP",
+        "drivers.audio.driver:Audio",
+        "drivers.mock.audio:MockAudio",
+    ),
+    "can_gripper": DriverEntry(
+        "SSG-48 gripper on a CAN bus: position, speed and force of its jaws",
+        "drivers.can_gripper.driver:CanGripper",
+        "drivers.mock.can_gripper:MockCanGripper",
+    ),
+    "barrett_hand": DriverEntry(
+        "finger torques of a BarrettHand on a CAN bus",
+        "drivers.barrett_hand.driver:BarrettHand",
+        "drivers.mock.barrett_hand:MockBarrettHand",
+    ),
+    "dsa_matrix": DriverEntry(
+        "tactile matrices DSA 9210 on a DSACON32-M, over serial",
+        "drivers.dsa_matrix.driver:DsaMatrix",
+        "drivers.mock.dsa_matrix:MockDsaMatrix",
+    ),
+    "operator": DriverEntry(
+        "the person at the bench, asked in words: on the console, or a JSON line at a time over a port",
+        "drivers.operator.driver:Person",
+        "drivers.mock.operator:MockPerson",
+    ),
 }
 
 DETECTORS: Mapping[str, KindEntry] = {
+    "force.threshold": KindEntry(
+        "contact while a force is farther from its level at rest than a threshold",
+        "controller.detectors.threshold:ForceThresholdDetector",
+        "controller.detectors.threshold:ForceThresholdSettings",
+    ),
+    "level": KindEntry(
+        "contact by a jump of I and Q off an undulation's circle, after which the level stays; start, hold and end",
+        "controller.detectors.level:LevelDetector",
+        "controller.detectors.level:LevelSettings",
+    ),
+    "level.paper": KindEntry(
+        "contact by a sample's z-score in its own window (Rupavatharam et al.)",
+        "controller.detectors.level:LevelPaperDetector",
+        "controller.detectors.level:LevelPaperSettings",
+    ),
+    "pretouch": KindEntry(
+        "pre-touch by a matched filter along the way: I and Q beside the mover's encoder, any speed",
+        "controller.detectors.pretouch:PreTouchDetector",
+        "controller.detectors.pretouch:PreTouchSettings",
+    ),
+    "pretouch.paper": KindEntry(
+        "pre-touch by spectral power between 0 and 100 Hz, window by window (Rupavatharam et al.)",
+        "controller.detectors.pretouch_paper:PreTouchPaperDetector",
+        "controller.detectors.pretouch_paper:PreTouchPaperSettings",
+    ),
     "resonance.paper": KindEntry(
         "contact from the resonant frequency: 10-sample average, 1 s baseline, 3 sigma (Backus and Dollar)",
         "controller.detectors.resonance:ResonanceDetector",
@@ -74,9 +126,67 @@ DETECTORS: Mapping[str, KindEntry] = {
         "controller.detectors.resonance:ResonanceDetector",
         "controller.detectors.resonance:ResonanceLongBaselineSettings",
     ),
+    "slip.paper": KindEntry(
+        "slip from vibration: spectral peak x its frequency, every 64 ms (Fernandez et al.)",
+        "controller.detectors.slip:SlipPaperDetector",
+        "controller.detectors.slip:SlipPaperSettings",
+    ),
+    "slip": KindEntry(
+        "slip from knocks that no past foretells: whitened, bounded, summed; bumps are not slip",
+        "controller.detectors.slip:SlipDetector",
+        "controller.detectors.slip:SlipSettings",
+    ),
+}
+
+SIGNALS: Mapping[str, KindEntry] = {
+    "strain": KindEntry(
+        "a strain-gauge fingertip's three bridges as forces: Fx, Fy, Ft, Fn and the contact's angle",
+        "controller.signals.strain:Strain",
+        "controller.signals.strain:StrainSettings",
+    ),
+    "iq": KindEntry(
+        "one finger's sound as I and Q against the drive, at 1 kHz (Rupavatharam et al., III.B, with Q)",
+        "controller.signals.iq:Iq",
+        "controller.signals.iq:IqSettings",
+    ),
 }
 
 EXPERIMENTS: Mapping[str, ExperimentEntry] = {
+    "aura": ExperimentEntry(
+        "a finger approaches an object, may touch it, and comes back: pre-touch, contact, objects (C2, C4, C5)",
+        "behaviors.aura:Aura",
+        "behaviors.aura:AuraSettings",
+        "behaviors.aura:AuraFactors",
+        "controller.measures.aura",
+    ),
+    "centering": ExperimentEntry(
+        "find an object between two fingers without touching it, go to the middle, close (C3)",
+        "behaviors.centering:Centering",
+        "behaviors.centering:CenteringSettings",
+        "behaviors.centering:CenteringFactors",
+        "controller.measures.centering",
+    ),
+    "chirp": ExperimentEntry(
+        "sweep the drive for the frequency that transfers best (C1)",
+        "behaviors.chirp:ChirpSweep",
+        "behaviors.chirp:ChirpSettings",
+        "behaviors.chirp:ChirpFactors",
+        "controller.measures.chirp",
+    ),
+    "pointer": ExperimentEntry(
+        "touch with the tip turned over its whole range: the contact's angle against the true one (B7)",
+        "behaviors.pointer:Pointer",
+        "behaviors.pointer:PointerSettings",
+        "behaviors.pointer:PointerFactors",
+        "controller.measures.pointer",
+    ),
+    "slip": ExperimentEntry(
+        "touch, roll, slip, stop with one of five force sensors, and what slip detectors make of it (B1 to B5, B8)",
+        "behaviors.slip:RollSlip",
+        "behaviors.slip_settings:RollSlipSettings",
+        "behaviors.slip_settings:RollSlipFactors",
+        "controller.measures.slip",
+    ),
     "static": ExperimentEntry(
         "none, light and full contact at rest: waveform, frequency, amplitude (A1)",
         "behaviors.static:Static",
@@ -91,6 +201,13 @@ EXPERIMENTS: Mapping[str, ExperimentEntry] = {
         "behaviors.transient:TransientFactors",
         "controller.measures.transient",
     ),
+    "weights": ExperimentEntry(
+        "known weights on a bridge of the fingertip: gain, hysteresis, resolution (B6)",
+        "behaviors.weights:Weights",
+        "behaviors.weights:WeightsSettings",
+        "behaviors.weights:WeightsFactors",
+        "controller.measures.weights",
+    ),
 }
 
 PLANTS: Mapping[str, KindEntry] = {
@@ -98,6 +215,16 @@ PLANTS: Mapping[str, KindEntry] = {
         "the resonant finger and the probe that meets it",
         "drivers.mock.finger_bench:FingerBench",
         "drivers.mock.finger_bench:FingerBenchSettings",
+    ),
+    "slip": KindEntry(
+        "a tip on a table, touching, rolling and slipping, with one of five force sensors",
+        "drivers.mock.slip_bench:SlipBench",
+        "drivers.mock.slip_scene:SlipBenchSettings",
+    ),
+    "aura": KindEntry(
+        "two sonic fingers on a gripper, an object between them or before one of them",
+        "drivers.mock.aura_bench:AuraBench",
+        "drivers.mock.aura_bench:AuraBenchSettings",
     ),
 }
 
@@ -114,6 +241,7 @@ class Table:
 
     drivers: Sequence[str] = tuple(DRIVERS)
     detectors: Sequence[str] = tuple(DETECTORS)
+    signals: Sequence[str] = tuple(SIGNALS)
     experiments: Sequence[str] = tuple(EXPERIMENTS)
     plants: Sequence[str] = tuple(PLANTS)
 
@@ -125,6 +253,10 @@ class Table:
     def detector_settings(self, kind: str) -> type[Settings]:
         """Settings of a kind of detector."""
         return _settings(DETECTORS[kind].settings)
+
+    def signal_settings(self, kind: str) -> type[Settings]:
+        """Settings of a kind of signal."""
+        return _settings(SIGNALS[kind].settings)
 
     def behavior_settings(self, experiment: str) -> type[Settings]:
         """Settings of an experiment."""
@@ -181,13 +313,13 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None) -> R
 def _wire_devices(
     profile: Profile, clock: WallClock, ports: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Device]:
-    """Real drivers; `ports` says where the emulated ones are."""
-    return {
-        name: found(DRIVERS[entry.driver].wire)(
-            name, entry.settings.model_copy(update=dict(ports.get(name, {}))), clock
-        )
-        for name, entry in profile.devices.items()
-    }
+    """Real drivers; `ports` says where the emulated ones are, beside which a device may have a port of its own."""
+    devices = {}
+    for name, entry in profile.devices.items():
+        there = dict(ports.get(name, {})) if entry.port == "emulated" else {}
+        settings = entry.settings.model_copy(update=there)
+        devices[name] = found(DRIVERS[entry.driver].wire)(name, settings, clock)
+    return devices
 
 
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None) -> Rig:
@@ -248,6 +380,7 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
                 "settings": entry.settings.model_dump(mode="json"),
             }
             for name, entry in profile.devices.items()
+            if entry.port == "emulated"
         },
         "faults": [fault.model_dump(mode="json") for fault in profile.faults],
     }
@@ -277,7 +410,13 @@ def _mock_rig(profile: Profile) -> Rig:
             schedule.restart(scene.trial)
 
     return Rig(
-        "mock", devices, clock, begin_trial=begin_trial, truth=lambda: bench.contacts, account=bench.account
+        "mock",
+        devices,
+        clock,
+        begin_trial=begin_trial,
+        truth=lambda: bench.contacts,
+        slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
+        account=bench.account,
     )
 
 
@@ -291,9 +430,13 @@ def plan_campaign(profile: Profile, trials: Sequence[Trial], seed: int) -> Campa
         profile: The bench and the experiment.
         trials: In the order of running.
         seed: Of order and noise.
+
+    Raises:
+        ProfileError: a trial that its behavior cannot run, or a detector that it listens to and the profile has not.
     """
     from controller.campaign import CampaignPlan
 
+    _check_behaviors(profile, trials)
     measures = import_module(EXPERIMENTS[profile.experiment].measures)
     names: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.id):
@@ -315,6 +458,7 @@ def plan_campaign(profile: Profile, trials: Sequence[Trial], seed: int) -> Campa
         columns=measures.COLUMNS,
         loop=profile.loop,  # type: ignore[arg-type]
         roles=roles,
+        signals={signal.info.name: signal.info for signal in make_signals(profile)},
     )
 
 
@@ -323,9 +467,7 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
     from controller.guard import Guard
     from controller.rig import TrialScene
 
-    entry = EXPERIMENTS[profile.experiment]
-    behavior = found(entry.behavior)
-    measure = found(f"{entry.measures}:measure")
+    measure = found(f"{EXPERIMENTS[profile.experiment].measures}:measure")
     for trial in trials:
         own = profile.for_trial(trial)
         detectors = make_detectors(own)
@@ -334,11 +476,55 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
             trial=trial.id,
             factors=trial.factors,
             scene=TrialScene(trial.id, seed, trial.factors, plant),
-            behavior=behavior(own.behavior, own.factors_of(trial), frozenset(detectors)),
+            behavior=_behavior(own, trial),
             detectors=detectors,
             guard=Guard(own.limits),  # type: ignore[arg-type]
+            signals=make_signals(own),
             measure=lambda evidence, outcome, own=own: measure(evidence, own.behavior, outcome),  # type: ignore[misc]
         )
+
+
+def _behavior(profile: Profile, trial: Trial) -> Behavior:
+    """A trial's behavior, fresh.
+
+    Args:
+        profile: With the trial's factors laid over it.
+        trial: Which.
+
+    Raises:
+        ProfileError: what it needs is not there.
+    """
+    from config.hints import near_or_all
+    from config.source import ProfileError
+
+    made = found(EXPERIMENTS[profile.experiment].behavior)
+    try:
+        behavior: Behavior = made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
+    except ValueError as error:
+        raise ProfileError(f"{profile.name}: trial {trial.id}: [behavior] {error}") from None
+    heard = {name for plan in behavior.plans.values() for name in plan.detectors}
+    for name in sorted(heard - profile.detectors.keys()):
+        hint = near_or_all(name, profile.detectors)
+        raise ProfileError(
+            f"{profile.name}: trial {trial.id}: {profile.experiment} listens to a detector '{name}', which has no"
+            f" [detectors.{name}]; {hint}"
+        )
+    return behavior
+
+
+def _check_behaviors(profile: Profile, trials: Sequence[Trial]) -> None:
+    """Make each trial's behavior once, repetitions aside, before anything is opened."""
+    seen = set()
+    for trial in trials:
+        key = repr(sorted(trial.factors.items(), key=lambda item: item[0]))
+        if key not in seen:
+            seen.add(key)
+            _behavior(profile.for_trial(trial), trial)
+
+
+def make_signals(profile: Profile) -> Sequence[Signal]:
+    """The profile's signals, fresh."""
+    return [found(SIGNALS[entry.kind].made)(name, entry.settings) for name, entry in profile.signals.items()]
 
 
 def make_detectors(profile: Profile) -> dict[str, Detector]:
@@ -349,12 +535,15 @@ def make_detectors(profile: Profile) -> dict[str, Detector]:
     }
 
 
-def make_detector(kind: str, overrides: Mapping[str, str]) -> Detector:
-    """One detector by itself, for a replay.
+def make_detector(
+    kind: str, overrides: Mapping[str, str], baseline: tuple[float, float] | None = None
+) -> Detector:
+    """One detector by itself, for a recording.
 
     Args:
         kind: As `run.py list --detectors` shows it.
         overrides: Its settings, as TOML values.
+        baseline: Times in seconds between which a detector with a baseline shall learn it.
 
     Raises:
         ProfileError: no such kind, or settings that it does not take.
@@ -366,16 +555,24 @@ def make_detector(kind: str, overrides: Mapping[str, str]) -> Detector:
     if kind not in DETECTORS:
         raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, DETECTORS)}")
     problems: list[str] = []
+    model = _settings(DETECTORS[kind].settings)
     given = {key: toml_value(text) for key, text in overrides.items()}
+    if baseline is not None and "baseline_s" in model.model_fields:
+        given["baseline_s"] = baseline[1] - baseline[0]
 
     def where(path: tuple[str, ...], place: tuple[str, ...]) -> str:
         return f"--set {'.'.join((*path, *place))}"
 
-    settings = validated(_settings(DETECTORS[kind].settings), given, (), where, problems)
+    settings = validated(model, given, (), where, problems)
     if settings is None:
         raise ProfileError(problems)
     detector: Detector = found(DETECTORS[kind].made)(kind, settings)
     return detector
+
+
+def calibratable() -> Sequence[str]:
+    """Kinds of detectors that can show the number which they hold against their threshold."""
+    return [kind for kind, entry in DETECTORS.items() if hasattr(found(entry.made), "statistic")]
 
 
 def diagram(experiment: str) -> str:

@@ -24,6 +24,10 @@ class SettingsTable(Protocol):
         """Kinds of detectors."""
 
     @property
+    def signals(self) -> Collection[str]:
+        """Kinds of signals."""
+
+    @property
     def experiments(self) -> Collection[str]:
         """Names of experiments."""
 
@@ -36,6 +40,9 @@ class SettingsTable(Protocol):
 
     def detector_settings(self, kind: str) -> type[Settings]:
         """Settings of a detector."""
+
+    def signal_settings(self, kind: str) -> type[Settings]:
+        """Settings of a signal."""
 
     def behavior_settings(self, experiment: str) -> type[Settings]:
         """Settings of an experiment's behavior."""
@@ -68,6 +75,14 @@ class DeviceEntry:
 @dataclass(frozen=True)
 class DetectorEntry:
     """One detector: of which kind, with which settings."""
+
+    kind: str
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class SignalEntry:
+    """One signal: of which kind, with which settings."""
 
     kind: str
     settings: Settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from config.assemble import DETECTORS, DRIVERS
+from config.assemble import DETECTORS, DRIVERS, SIGNALS
 from config.source import ProfileError, bench_of, profile_names, read_source
 
 
@@ -32,6 +32,11 @@ def listed_profiles() -> list[str]:
 def listed_detectors() -> list[str]:
     """Every kind of detector."""
     return [f"{kind:<20}{entry.summary}" for kind, entry in DETECTORS.items()]
+
+
+def listed_signals() -> list[str]:
+    """Every kind of signal."""
+    return [f"{kind:<20}{entry.summary}" for kind, entry in SIGNALS.items()]
 
 
 def listed_drivers() -> list[str]:

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable
+from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable, SignalEntry
 from config.hints import did_you_mean, near_or_all
 from config.sections import ADDRESS, Sections
 from config.source import Bench, KeyPath, ProfileError, Source, Table, nest, read_source
@@ -19,7 +19,7 @@ from config.trials import Trial, TrialsSettings, combinations, in_order, trials_
 from config.validation import as_table, validated
 from drivers.settings import Settings
 
-TRIAL_SECTIONS = ("detectors", "behavior", "limits", "plant")
+TRIAL_SECTIONS = ("signals", "detectors", "behavior", "limits", "plant")
 """What a trial's dotted factors may change: devices and loop are set up once for all trials."""
 
 
@@ -34,6 +34,7 @@ class Profile:
         experiment: Name of the behavior.
         bench: What the devices' ports make of it.
         devices: By name, in the order of the profile.
+        signals: By name.
         detectors: By name.
         behavior: Settings of the experiment.
         limits: Settings of the guard.
@@ -50,6 +51,7 @@ class Profile:
     experiment: str
     bench: Bench
     devices: Mapping[str, DeviceEntry]
+    signals: Mapping[str, SignalEntry]
     detectors: Mapping[str, DetectorEntry]
     behavior: Settings
     limits: Settings
@@ -71,6 +73,9 @@ class Profile:
             "devices": {
                 name: {"driver": entry.driver, "port": entry.port, **_own(entry.settings)}
                 for name, entry in self.devices.items()
+            },
+            "signals": {
+                name: {"kind": entry.kind, **as_table(entry.settings)} for name, entry in self.signals.items()
             },
             "detectors": {
                 name: {"kind": entry.kind, **as_table(entry.settings)}
@@ -107,11 +112,15 @@ class Profile:
             self._check_overridable(trial, name)
         source = self.source.joined(nest(trial.overrides.items()), self._where(trial))
         sections = Sections(source, self.table)
-        detectors, behavior = sections.detectors(), sections.behavior(self.experiment)
+        signals, detectors = sections.signals(), sections.detectors()
+        behavior = sections.behavior(self.experiment)
         limits, plant = sections.limits(), sections.plant(self.bench)
+        sections.check_drive(behavior, signals, detectors)
         if sections.problems or behavior is None or limits is None:
             raise ProfileError(sections.problems)
-        return replace(self, detectors=detectors, behavior=behavior, limits=limits, plant=plant)
+        return replace(
+            self, signals=signals, detectors=detectors, behavior=behavior, limits=limits, plant=plant
+        )
 
     def factors_of(self, trial: Trial) -> Settings:
         """A trial's own factors, validated.
@@ -134,9 +143,10 @@ class Profile:
         if section not in TRIAL_SECTIONS:
             hint = did_you_mean(section, TRIAL_SECTIONS) or f"a trial may change {', '.join(TRIAL_SECTIONS)}"
             raise ProfileError(f"{self._where(trial, name)}: not for a trial to change; {hint}")
-        if section == "detectors" and rest[0] not in self.detectors:
-            hint = near_or_all(rest[0], self.detectors)
-            raise ProfileError(f"{self._where(trial, name)}: no detector '{rest[0]}'; {hint}")
+        known = {"detectors": self.detectors, "signals": self.signals}.get(section)
+        if known is not None and rest[0] not in known:
+            hint = near_or_all(rest[0], known)
+            raise ProfileError(f"{self._where(trial, name)}: no {section[:-1]} '{rest[0]}'; {hint}")
 
     def _where(self, trial: Trial, factor: str = "") -> str:
         """Where a trial's factor was written."""
@@ -196,12 +206,13 @@ def _validated(source: Source, table: SettingsTable) -> Profile:
     sections = Sections(source, table)
     bench = sections.bench()
     title, description = sections.text("title"), sections.text("description")
-    devices, detectors = sections.devices(), sections.detectors()
+    devices, signals, detectors = sections.devices(), sections.signals(), sections.detectors()
     limits, loop = sections.limits(), sections.loop()
     plant, faults = sections.plant(bench), sections.faults(bench)
     trials = sections.trials()
     experiment = sections.experiment()
     behavior = sections.behavior(experiment) if experiment else None
+    sections.check_drive(behavior, signals, detectors)
     if sections.problems or not (experiment and behavior and limits and loop and trials):
         raise ProfileError(list(dict.fromkeys(sections.problems)))
     profile = Profile(
@@ -211,6 +222,7 @@ def _validated(source: Source, table: SettingsTable) -> Profile:
         experiment=experiment,
         bench=bench,
         devices=devices,
+        signals=signals,
         detectors=detectors,
         behavior=behavior,
         limits=limits,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, TypeVar
 
-from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable
+from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable, SignalEntry
 from config.hints import did_you_mean, near_or_all
 from config.source import Bench, KeyPath, Source, Table, bench_of, flatten
 from config.trials import TrialsSettings, combinations
@@ -19,6 +19,7 @@ KEYS = (
     "description",
     "experiment",
     "devices",
+    "signals",
     "detectors",
     "behavior",
     "limits",
@@ -36,13 +37,22 @@ NO_PLANT = "none"
 ADDRESS = "host"
 """Setting of a driver that a profile gives as the device's `port`."""
 
+SIGNALS = "signals"
+"""Section of the signals, and what their streams' names begin with."""
+
+DRIVE = "drive_hz"
+"""Setting by this name of a behavior, a signal or a detector is the frequency with which the transducers are driven."""
+
 _NAMED_ABOVE = ("driver", "port", "kind")
 """Keys that choose the settings class, so most classes do not have them as fields."""
 
-_DEVICES = ("mover", "exciter", "device")
-_STREAMS = ("input", "inputs", "measures")
+_DEVICES = ("mover", "exciter", "device", "operator")
+_STREAMS = ("input", "inputs", "measures", "stream")
 _STREAM_ENDING = "_stream"
 """Settings by these names speak of devices or of their streams (`device.stream`): they must be there."""
+
+_DETECTORS = ("detector", "touch", "paper", "ours")
+"""Settings by these names speak of detectors: likewise."""
 
 
 class Sections:
@@ -110,6 +120,8 @@ class Sections:
                 settings = self._settings(model, self._with_address(model, table, path, port), path)
                 if settings:
                     entries[name] = DeviceEntry(driver, port, settings)
+        if SIGNALS in self._table_of("devices"):
+            self._say(("devices",), SIGNALS, ": the name is taken by the signals' streams; choose another")
         if not self._table_of("devices"):
             self._say((), "devices", " is missing: a bench has at least one device")
         return entries
@@ -133,10 +145,54 @@ class Sections:
                 entries[name] = DetectorEntry(kind, settings)
         return entries
 
+    def signals(self) -> dict[str, SignalEntry]:
+        """The signals that are sound."""
+        entries = {}
+        for name, table in self._tables("signals"):
+            path = ("signals", name)
+            kind = self._name(path, table, "kind", self._table.signals)
+            settings = kind and self._settings(self._table.signal_settings(kind), table, path)
+            if kind and settings:
+                entries[name] = SignalEntry(kind, settings)
+        self._check_circles(entries)
+        return entries
+
+    def _check_circles(self, entries: Mapping[str, SignalEntry]) -> None:
+        """A signal that is made of itself, however far round, is never made."""
+        heard = {name: getattr(entry.settings, "input", "") for name, entry in entries.items()}
+        for first in entries:
+            name, way = first, [first]
+            while (stream := heard.get(name, "")).startswith(f"{SIGNALS}."):
+                name = stream.partition(".")[2]
+                if name == first:
+                    circle = " → ".join([first, *reversed(way)])
+                    self._say(
+                        ("signals", first), "input", f" = {shown(heard[first])}: goes in a circle, {circle}"
+                    )
+                if name in way:
+                    break
+                way.append(name)
+
     def behavior(self, experiment: str) -> Settings | None:
         """Settings of the experiment."""
         model = self._table.behavior_settings(experiment)
         return self._settings(model, self._table_of("behavior"), ("behavior",))
+
+    def check_drive(
+        self,
+        behavior: Settings | None,
+        signals: Mapping[str, SignalEntry],
+        detectors: Mapping[str, DetectorEntry],
+    ) -> None:
+        """Whoever listens for the drive must know its frequency: at another one there is nothing to be heard."""
+        driven_hz = getattr(behavior, DRIVE, None)
+        listeners = [(SIGNALS, name, entry.settings) for name, entry in signals.items()]
+        listeners += [("detectors", name, entry.settings) for name, entry in detectors.items()]
+        for section, name, settings in listeners:
+            heard_hz = getattr(settings, DRIVE, driven_hz)
+            if driven_hz is not None and heard_hz != driven_hz:
+                said = f" = {shown(heard_hz)}: [behavior] has {DRIVE} = {shown(driven_hz)}; write the same in both"
+                self._say((section, name), DRIVE, said)
 
     def limits(self) -> Settings | None:
         """Settings of the guard."""
@@ -248,14 +304,28 @@ class Sections:
         devices = self._table_of("devices")
         for key in type(settings).model_fields:
             value = getattr(settings, key)
+            if isinstance(value, dict):
+                for name, inner in value.items():
+                    if isinstance(inner, Settings):
+                        self._check_names(inner, (*path, key, str(name)))
+            if key in _DETECTORS and isinstance(value, str) and value not in self._table_of("detectors"):
+                hint = near_or_all(value, self._table_of("detectors"))
+                self._say(path, key, f" = {shown(value)}: no detector '{value}'; {hint}")
             values = (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ()
             is_stream = key in _STREAMS or key.endswith(_STREAM_ENDING)
             for name in values if is_stream or key in _DEVICES else ():
-                device = name.partition(".")[0] if is_stream else name
-                if device not in devices:
+                device, _, stream = name.partition(".") if is_stream else (name, "", "")
+                if device == SIGNALS:
+                    self._check_signal(path, key, name, stream)
+                elif device not in devices:
                     self._say(
                         path, key, f" = {shown(name)}: no device '{device}'; {near_or_all(device, devices)}"
                     )
+
+    def _check_signal(self, path: KeyPath, key: str, name: str, signal: str) -> None:
+        signals = self._table_of(SIGNALS)
+        if signal not in signals:
+            self._say(path, key, f" = {shown(name)}: no signal '{signal}'; {near_or_all(signal, signals)}")
 
     def _say(self, path: KeyPath, key: str, what: str) -> None:
         self.problems.append(f"{self._where(path, (key,))}{what}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,9 @@ import click
 
 DONE, FAILED, USAGE, DEVICE, GUARD, INTERRUPTED = 0, 1, 2, 3, 4, 130
 """Exit codes."""
+
+RATE_HZ = (0.01, 1e7)
+"""Sample rates that a recording may have, Hz. Assumption: slower is a log book, faster no sensor of touch."""
 
 MISTAKES = 8
 """How many mistakes of a profile are listed at once."""
@@ -128,3 +131,39 @@ out_option = click.option(
     show_default=True,
     help="Folder of all runs.",
 )
+
+
+def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """What `replay` and `calibrate` ask of a recording and of the detector that hears it."""
+    for decorate in reversed(
+        (
+            click.argument("recording", type=click.Path(path_type=Path)),
+            click.option(
+                "--detector",
+                required=True,
+                metavar="NAME",
+                help="Kind of detector: see run.py list --detectors.",
+            ),
+            set_option,
+            click.option(
+                "--column",
+                help="Column of a CSV or NPZ file; channel of a WAV file or a run's stream, from 0.",
+            ),
+            click.option(
+                "--rate",
+                "rate_hz",
+                type=click.FloatRange(min=RATE_HZ[0], max=RATE_HZ[1]),
+                metavar="HZ",
+                help="Sample rate of a CSV or NPZ file without a column t_s, or in place of it.",
+            ),
+            click.option(
+                "--baseline",
+                callback=span,
+                metavar="T0:T1",
+                help="Hear from T0 on; a detector with a baseline learns for T1 - T0 seconds.",
+            ),
+            click.option("--trial", type=int, help="Trial of a run folder; its first one otherwise."),
+        )
+    ):
+        verb = decorate(verb)
+    return verb

@@ -155,7 +155,7 @@ def test_the_program_alone_shows_its_verbs(verb):
     assert "run.py run mock/transient" in out
 
 
-@pytest.mark.parametrize("name", ["list", "check", "run", "emulate", "replay", "report"])
+@pytest.mark.parametrize("name", ["list", "check", "run", "emulate", "replay", "calibrate", "report"])
 def test_every_verb_explains_itself_with_an_example(verb, name):
     code, out, _ = verb(name, "--help")
     assert code == 0

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import select
-import tempfile
 import threading
 import time
 import tty
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Protocol
 
 import pytest
@@ -102,11 +99,3 @@ def serve() -> Iterator[Serve]:
     served = Serve()
     yield served
     served.close()
-
-
-@pytest.fixture
-def one_arm() -> Iterator[None]:
-    """One arm at a time, whichever worker has it: ur_rtde's threads spin, and two of them take two cores."""
-    with (Path(tempfile.gettempdir()) / "touchbench-one-arm.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield

@@ -22,6 +22,7 @@ from drivers.messages import (
     Listen,
     Lost,
     MoveAt,
+    MovePose,
     MoveTo,
     Reached,
     Refused,
@@ -35,9 +36,9 @@ from drivers.messages import (
     Twist,
 )
 from drivers.ur_arm.driver import UrArm
-from drivers.ur_arm.settings import UrArmSettings
+from drivers.ur_arm.settings import Axis, UrArmSettings
 
-pytestmark = pytest.mark.usefixtures("one_arm")
+pytestmark = pytest.mark.alone
 
 FORCE, POSITION = "arm.force", "arm.position"
 
@@ -172,6 +173,24 @@ def test_an_approach_a_stop_a_move_a_twist_and_home(hand: Callable[..., Hand]) -
     assert state["pose"] == pytest.approx(list(settings(one.emulated).start_pose), abs=1e-5)
     assert state["log"] == []
     assert not {"rtde_control", "rtde_receive"} & sys.modules.keys()
+
+
+def test_a_tool_moves_turns_and_comes_back_in_all_directions(hand: Callable[..., Hand]) -> None:
+    one = hand()
+    axis = Axis(settings(one.emulated))
+    offset = (0.01, -0.02, 0.01, 0.05, 0.0, 0.0)
+    reached = one.do(MovePose("arm", offset, 0.05), Reached)
+    assert reached.position_m == pytest.approx(-0.01, abs=1e-4)
+    assert one.emulated.order()["pose"] == pytest.approx(list(axis.displaced(offset)), abs=1e-5)
+    begin = np.array(one.emulated.order()["pose"][:3])
+    one.do(Twist("arm", (0.02, 0.0, 0.0, 0.0, 0.1, 0.0), 0.5), Reached)
+    # 10 mm; a cycle of 8 ms more or less, on a busy machine two.
+    assert np.array(one.emulated.order()["pose"][:3]) - begin == pytest.approx([0.01, 0.0, 0.0], abs=4e-4)
+    one.set_out(MovePose("arm", (-0.03, 0.0, 0.0, 0.0, 0.0, 0.0), 0.02))
+    one.do(Stop("arm"), Standstill)
+    one.do(MovePose("arm", (0.0,) * 6, 0.1), Reached)
+    assert one.emulated.order()["pose"] == pytest.approx(list(axis.pose(0.0)), abs=1e-5)
+    assert one.emulated.order()["log"] == []
 
 
 def test_streams_come_at_500_hz_with_the_controller_s_time_and_their_loss_is_counted(

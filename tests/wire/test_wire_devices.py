@@ -34,7 +34,7 @@ class TestWireDevices(_WireBench, DeviceContract):
     pass
 
 
-@pytest.mark.usefixtures("one_arm")
+@pytest.mark.alone
 class TestWireArm(_WireBench, DeviceContract):
     profile = "emulated/transient_arm"
     settings = PATIENT

@@ -17,7 +17,7 @@ from controller.rig import TrialScene
 from drivers.messages import Home, Listen, MoveTo, Reached
 from tests.contracts.device_suite import Bench
 
-pytestmark = pytest.mark.usefixtures("one_arm")
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture

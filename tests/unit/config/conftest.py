@@ -73,6 +73,7 @@ class FaultSettings(Settings):
 class FakeTable:
     drivers: tuple[str, ...] = ("zaber_stage", "sensor_board", "ur_arm")
     detectors: tuple[str, ...] = ("resonance", "resonance.paper", "level")
+    signals: tuple[str, ...] = ("scaled",)
     experiments: tuple[str, ...] = ("touch",)
     plants: tuple[str, ...] = ("finger",)
 
@@ -83,6 +84,9 @@ class FakeTable:
 
     def detector_settings(self, kind: str) -> type[Settings]:
         return LevelSettings if kind == "level" else ResonanceSettings
+
+    def signal_settings(self, kind: str) -> type[Settings]:
+        return LevelSettings
 
     def behavior_settings(self, experiment: str) -> type[Settings]:
         return TouchSettings

@@ -304,3 +304,64 @@ def test_a_mistake_in_rows_from_elsewhere_is_named_with_their_label(write, table
     assert first == 'trials.csv: row 2, column speed_m_s = "fast": must be a number, in m/s'
     first = refusal(table, rows=[{"plant": {"noise_scale": -1}, "speed_m_s": 0.001}])[0]
     assert first == "row 1: [plant] noise_scale = -1: must be >= 0"
+
+
+def test_a_detector_may_hear_a_signal(write, table):
+    write(
+        "heard.toml",
+        """
+extends = "touch"
+[signals.near]
+kind = "scaled"
+input = "stage.position"
+[detectors.contact]
+input = "signals.near"
+""",
+    )
+    profile = load_profile("heard.toml", table=table)
+    assert profile.signals["near"].settings.input == "stage.position"
+    assert profile.detectors["contact"].settings.input == "signals.near"
+    assert load_resolved("again", profile.resolved, table=table).hash == profile.hash
+
+
+def test_a_signal_that_is_not_there_is_named(write, table):
+    write(
+        "heard.toml",
+        """
+extends = "touch"
+[signals.near]
+kind = "scaled"
+[detectors.contact]
+input = "signals.neat"
+""",
+    )
+    (problem,) = refusal(table, "heard.toml")
+    assert "[detectors.contact] input = 'signals.neat': no signal 'neat'" in problem.replace('"', "'")
+    assert "near" in problem
+
+
+def test_no_device_may_bear_the_name_of_the_signals(write, table):
+    write(
+        "odd.toml",
+        """
+extends = "touch"
+[devices.signals]
+driver = "zaber_stage"
+port = "mock"
+""",
+    )
+    assert "the name is taken" in refusal(table, "odd.toml")[0]
+
+
+def test_a_trial_may_change_a_signal(write, table):
+    write(
+        "heard.toml",
+        """
+extends = "touch"
+[signals.near]
+kind = "scaled"
+""",
+    )
+    profile = load_profile("heard.toml", table=table)
+    changed = profile.for_trial(Trial(1, {"speed_m_s": 0.004, "signals.near.gamma": 5.0}))
+    assert changed.signals["near"].settings.gamma == 5.0

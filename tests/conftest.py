@@ -1,0 +1,30 @@
+"""Whose turn it is: a test marked `alone` has the machine to itself, whatever the other workers are at."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+LOCKS = Path(tempfile.gettempdir()) / f"touchbench-tests-{os.getuid()}"
+"""Shared by all workers and runs of this user, for it is the same machine that they share."""
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """All tests share the room, but for one that is alone in it, fixtures and all.
+
+    An arm over the wire takes one core and a half before all others (real-time scheduling, and a client that spins),
+    so that of two cores nothing is left for the program under test where another worker wants one.
+    """
+    LOCKS.mkdir(exist_ok=True)
+    with (LOCKS / "door").open("w") as door, (LOCKS / "room").open("w") as room:
+        # who waits for an empty room holds the door, or those in it would take turns for ever
+        fcntl.flock(door, fcntl.LOCK_EX)
+        fcntl.flock(room, fcntl.LOCK_EX if item.get_closest_marker("alone") else fcntl.LOCK_SH)
+        fcntl.flock(door, fcntl.LOCK_UN)
+        return (yield)

@@ -1,0 +1,184 @@
+"""Thresholds from recordings, on the command line."""
+
+import json
+
+import numpy as np
+import pytest
+
+from config.assemble import calibratable
+from run import cli
+
+
+@pytest.fixture
+def verb(capsys):
+    """Calls the program as `run.py …` does; gives exit code, output and errors."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([str(argument) for argument in arguments], prog_name="run.py")
+        said = capsys.readouterr()
+        return ended.value.code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+def rolling(tmp_path):
+    """Two minutes without slip at 1 kHz, two columns."""
+    noise = 0.003 * np.random.default_rng(1).standard_normal((120_000, 2))
+    np.savez(tmp_path / "rolling.npz", ft_v=noise[:, 0], fx_v=3.0 * noise[:, 1])
+    return tmp_path / "rolling.npz"
+
+
+@pytest.mark.parametrize("kind", ["slip", "slip.paper"])
+def test_a_recording_without_slip_gives_one_json_line(verb, rolling, kind):
+    code, out, err = verb(
+        "calibrate",
+        rolling,
+        "--detector",
+        kind,
+        "--column",
+        "ft_v",
+        "--rate",
+        1000,
+        "--false-alarm-interval",
+        15,
+    )
+    assert (code, err) == (0, "")
+    (line,) = out.splitlines()
+    found = json.loads(line)
+    assert list(found) == [
+        "detector",
+        "threshold",
+        "threshold_low",
+        "threshold_high",
+        "false_alarm_interval_s",
+        "recording_s",
+        "extrapolated",
+    ]
+    assert (found["detector"], found["false_alarm_interval_s"], found["extrapolated"]) == (kind, 15.0, False)
+    assert 0.0 < found["threshold_low"] <= found["threshold"] <= found["threshold_high"]
+
+
+def test_the_threshold_alarms_as_often_on_the_recording_as_was_asked_for(verb, rolling):
+    recording = [rolling, "--detector", "slip.paper", "--column", "ft_v", "--rate", 1000]
+    found = json.loads(verb("calibrate", *recording, "--false-alarm-interval", 12)[1])
+    code, out, _ = verb("replay", *recording, "--set", f"threshold={found['threshold']}")
+    alarms = [json.loads(line) for line in out.splitlines() if "SlipStarted" in line]
+    assert code == 0
+    # 120 s / 12 s are ten; the tenth largest second is the threshold itself and does not exceed it
+    assert len({int(alarm["t_s"]) for alarm in alarms}) == 9
+
+
+def test_a_recording_too_short_for_its_interval_is_extrapolated_and_says_so(verb, rolling):
+    code, out, _ = verb(
+        "calibrate",
+        rolling,
+        "--detector",
+        "slip",
+        "--column",
+        "fx_v",
+        "--rate",
+        1000,
+        "--false-alarm-interval",
+        3600,
+    )
+    found = json.loads(out)
+    assert (code, found["extrapolated"]) == (0, True)
+    assert found["threshold_low"] < found["threshold"] < found["threshold_high"]
+
+
+def test_hearing_begins_where_it_is_told_to(verb, rolling):
+    arguments = ["calibrate", rolling, "--detector", "slip.paper", "--column", "ft_v", "--rate", 1000]
+    code, out, _ = verb(*arguments, "--false-alarm-interval", 10, "--baseline", "20:21")
+    assert (code, json.loads(out)["recording_s"]) == (0, 100.0)
+
+
+def test_every_detector_with_a_statistic_is_offered_where_one_has_none(verb, rolling):
+    arguments = ["calibrate", rolling, "--column", "ft_v", "--rate", 1000, "--false-alarm-interval", 10]
+    code, out, err = verb(*arguments, "--detector", "resonance")
+    assert (code, out) == (2, "")
+    assert "--detector resonance: no threshold that a recording could set" in err
+    assert {"slip", "slip.paper"} <= set(calibratable())
+    assert all(kind in err for kind in calibratable())
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--detector", "slip", "--column", "ft_v"], "the sample rate is needed: --rate HZ"),
+        (
+            ["--detector", "slip", "--rate", "1000"],
+            "which column? choose with --column; there are ft_v, fx_v",
+        ),
+        (["--detector", "slip", "--column", "ft_v", "--rate", "0"], "--rate"),
+        (["--detector", "slop", "--column", "ft_v", "--rate", "1000"], "did you mean 'slip'?"),
+        (["--detector", "slip", "--column", "ft_v", "--rate", "1e6"], "0 s in which the detector decides"),
+        (
+            ["--detector", "slip.paper", "--column", "ft_v", "--rate", "1000", "--set", "block_s=0.001"],
+            "a block of 1 samples has no frequency",
+        ),
+        (
+            ["--detector", "slip", "--column", "ft_v", "--rate", "1000", "--set", "channel=3"],
+            "no channel 3 while detecting slip: it has 1",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_code_2(verb, rolling, arguments, said):
+    code, out, err = verb("calibrate", rolling, "--false-alarm-interval", 10, *arguments)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
+def test_nan_in_a_recording_is_said_with_its_time(verb, tmp_path):
+    values = np.random.default_rng(2).standard_normal(50_000)
+    values[12_345] = np.nan
+    np.savez(tmp_path / "a.npz", values)
+    code, _, err = verb(
+        "calibrate", tmp_path / "a.npz", "--detector", "slip", "--rate", 1000, "--false-alarm-interval", 10
+    )
+    assert (code, err) == (2, "slip: a value at 12.345 s is not finite; cut the recording there\n")
+
+
+def test_an_interval_is_needed(verb, rolling):
+    code, _, err = verb("calibrate", rolling, "--detector", "slip", "--column", "ft_v", "--rate", 1000)
+    assert code == 2
+    assert "--false-alarm-interval" in err
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    """A trial with a baseline of a minute: so long nothing touches the load cell."""
+    out = tmp_path_factory.mktemp("runs")
+    settings = [
+        "behavior.settle_s=2.0",
+        "behavior.baseline_timeout_s=70.0",
+        "detectors.contact.baseline_s=60.0",
+    ]
+    arguments = ["run", "mock/transient", "--only", "16", "--no-report", "--out", str(out)]
+    with pytest.raises(SystemExit):
+        cli.main([*arguments, *(part for each in settings for part in ("--set", each))], prog_name="run.py")
+    (folder,) = out.iterdir()
+    return folder
+
+
+LOAD_CELL = ["--detector", "slip.paper", "--set", "input=board.load_cell"]
+
+
+def test_a_run_folder_is_calibrated_like_a_file(verb, run_folder):
+    code, out, err = verb("calibrate", run_folder, *LOAD_CELL, "--false-alarm-interval", 5)
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["recording_s"] > 40.0
+    assert 0.0 < found["threshold_low"] < found["threshold"] < found["threshold_high"]
+
+
+def test_a_run_folder_is_replayed_by_channel(verb, run_folder):
+    code, out, err = verb("replay", run_folder, *LOAD_CELL, "--set", "threshold=1e-12", "--column", 0)
+    assert (code, err) == (0, "")
+    assert json.loads(out.splitlines()[0])["event"] == "SlipStarted"
+    code, _, err = verb("replay", run_folder, *LOAD_CELL, "--column", 7)
+    assert code == 2
+    assert "board.load_cell has no channel 7; there are 0 to 0" in err

@@ -1,0 +1,106 @@
+"""C1, C2, C4 and C5 on the mock bench: the sweep, the undulations, contact, and what an error does."""
+
+import pytest
+
+from config.script import run_trials
+from controller.campaign import EXIT_DEVICE, EXIT_DONE
+from controller.reports.report import build_report
+from drivers.messages import Standstill, Stop
+
+
+def run_aura(out, profile, rows, seed=1, **settings):
+    return run_trials(profile, rows, settings=settings, seed=seed, out=out, say=lambda line: None)
+
+
+@pytest.fixture(scope="module")
+def approaches(tmp_path_factory):
+    """The pipe, straight ahead of two sides at both speeds."""
+    rows = [
+        {"side": side, "speed_m_s": speed_m_s} for side in ("normal", "front") for speed_m_s in (0.01, 0.03)
+    ]
+    outcome, run = run_aura(tmp_path_factory.mktemp("runs"), "mock/pretouch", rows)
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    return run
+
+
+def row_of(run, **factors):
+    return next(row for row in run.trials if all(row[name] == value for name, value in factors.items()))
+
+
+def test_the_sweep_finds_the_frequency_at_which_the_fingers_transfer_best(tmp_path):
+    outcome, run = run_aura(tmp_path, "mock/chirp", [{}])
+    assert outcome.exit_code == EXIT_DONE
+    (row,) = run.trials
+    assert row["best_hz"] == pytest.approx(40_000.0, abs=500.0)
+    # A resonance of quality 25 is 1.6 kHz wide at half its power, two bands of averaging on top.
+    assert 1_000.0 < row["band_high_hz"] - row["band_low_hz"] < 3_000.0
+
+
+@pytest.mark.parametrize("side", ["normal", "front"])
+def test_undulations_per_way_are_the_same_at_both_speeds(approaches, side):
+    slow, fast = (row_of(approaches, side=side, speed_m_s=v)["undulations_per_cm"] for v in (0.01, 0.03))
+    # Two for each wavelength of 343.2 m/s at 40 kHz.
+    assert slow == pytest.approx(2 * 40_000 / 343.2 / 100, rel=0.02)
+    assert fast == pytest.approx(slow, rel=0.01)
+
+
+def test_the_pipe_is_seen_before_it_is_touched_and_never_in_the_rest_before(approaches):
+    for row in approaches.trials:
+        assert row["seen_ours"] == 1, row
+        assert row["alarms_ours"] == 0, row
+        assert 0.004 < row["distance_m_ours"] <= 0.055
+        assert row["touches"] == 0
+
+
+def test_before_nothing_nothing_is_seen(tmp_path):
+    outcome, run = run_aura(tmp_path, "mock/pretouch", [{"object": "none", "speed_m_s": 0.03}] * 3)
+    assert outcome.exit_code == EXIT_DONE
+    assert [(row["seen_ours"], row["alarms_ours"]) for row in run.trials] == [(None, 0)] * 3
+
+
+def test_the_rate_of_turns_changes_no_word_of_a_detector(tmp_path):
+    words = []
+    for number, rate_hz in enumerate(("50.0", "200.0")):
+        _, run = run_aura(
+            tmp_path / str(number), "mock/pretouch", [{"speed_m_s": 0.03}], **{"loop.rate_hz": rate_hz}
+        )
+        words.append(
+            [
+                (event["detector"], event["event"], round(event["value"], 6))
+                for event in run.events
+                if event["trial"] == 1 and "detector" in event
+            ]
+        )
+    assert words[0]
+    assert words[0] == words[1]
+
+
+def test_a_touch_stops_the_arm_and_is_told_to_its_end(tmp_path):
+    outcome, run = run_aura(tmp_path, "mock/touch", [{"side": "back", "speed_m_s": 0.01}] * 5)
+    assert outcome.exit_code == EXIT_DONE
+    felt = [row for row in run.trials if row["felt_ours"]]
+    assert len(felt) >= 3, "back is a side that feels; a false contact ends a trial too"
+    for row in felt:
+        assert row["touches"] == row["held_ours"] == row["ended_ours"] == 1
+        assert 0.0 <= row["delay_s_ours"] < 0.3
+
+
+def test_a_sound_that_ends_stops_the_arm_with_one_line(tmp_path):
+    faults = tmp_path / "faulty.toml"
+    faults.write_text(
+        'extends = "mock/pretouch"\n[[faults]]\ndevice = "audio"\nkind = "unplug"\nat_s = 10.0\ntrial = 1\n'
+    )
+    outcome, run = run_aura(tmp_path / "runs", str(faults), [{"speed_m_s": 0.01}])
+    assert outcome.exit_code == EXIT_DEVICE
+    assert "audio" in outcome.line
+    assert "\n" not in outcome.line
+    told = [event["commands"] for event in run.events if event["next"] == "FAILED"]
+    assert any(f"{Stop.__name__}(arm)" in command for commands in told for command in commands)
+    assert any(event["event"] == Standstill.__name__ and event["device"] == "arm" for event in run.events)
+
+
+def test_each_report_tells_of_its_experiment(approaches, tmp_path):
+    page = build_report([approaches], tmp_path).read_text("utf-8")
+    assert "Pre-touch (C2)" in page
+    assert "SonicFinger" in page
+    assert "Undulations per cm of the normal side: 2.33 at 0.01 m/s, 2.33 at 0.03 m/s." in page

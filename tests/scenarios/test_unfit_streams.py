@@ -1,0 +1,132 @@
+"""A profile that asks for what the bench cannot give: one line, an exit code, nothing that moves, and the row kept."""
+
+import warnings
+from dataclasses import replace
+
+import pytest
+
+from config import assemble
+from config.profile import load_profile
+from config.source import ProfileError
+from controller.campaign import EXIT_FAILED, EXIT_GUARD, EXIT_USAGE, Campaign
+from controller.recording.reader import open_run
+from controller.reports.report import build_report
+from run import cli
+
+
+@pytest.fixture
+def run(tmp_path, script):
+    """Runs the first trial of a profile; returns the outcome, the run and the rig."""
+
+    def run(name, wrap=None, **sets):
+        overrides = {key.replace("__", "."): value for key, value in sets.items()}
+        profile = load_profile(name, overrides, table=assemble.Table())
+        rig = assemble.build_rig(profile)
+        if wrap is not None:
+            wrap(rig)
+        trials = [trial for trial in profile.trials(0) if trial.id == 1]
+        outcome = Campaign(assemble.plan_campaign(profile, trials, 0), rig, script, tmp_path).run()
+        return outcome, open_run(outcome.folder), rig
+
+    return run
+
+
+def test_a_signal_that_cannot_hear_its_stream_ends_the_run_in_one_line(run):
+    outcome, kept, rig = run("mock/pretouch", signals__right__channel="5")
+    assert (outcome.exit_code, outcome.error) == (EXIT_USAGE, None)
+    assert outcome.line.startswith("audio.fingers: 4 channels where signals.right needs 12")
+    assert [row["outcome"] for row in kept.trials] == ["fault"]
+    assert kept.manifest["exit"]["reason"] == outcome.line
+    assert not rig.devices["arm"].axis.moving(rig.clock.now())
+
+
+def test_a_stream_that_is_no_sound_is_not_taken_for_an_envelope(run):
+    outcome, _, _ = run("mock/pretouch", signals__right__input="arm.pose")
+    assert outcome.exit_code == EXIT_USAGE
+    assert "neither sound nor an envelope" in outcome.line
+
+
+def test_a_detector_that_loses_its_rate_while_the_arm_descends_stops_the_arm(run):
+    moved_m = []
+
+    def wrap(rig):
+        arm, board = rig.devices["arm"], rig.devices["board"]
+        read = board.read
+
+        def irregular():
+            now_s = rig.clock.now()
+            moving = arm.axis.moving(now_s) and arm.axis.position(now_s) > 5e-4
+            if moving:
+                moved_m.append(arm.axis.position(now_s))
+            return [replace(b, rate_hz=None, times_s=b.times) if moving else b for b in read()]
+
+        board.read = irregular
+
+    outcome, kept, rig = run("mock/pointer", wrap)
+    assert moved_m, "the arm was on its way down"
+    assert outcome.exit_code == EXIT_USAGE
+    assert outcome.line.startswith("touch: signals.tip: samples at irregular times")
+    assert [row["outcome"] for row in kept.trials] == ["fault"]
+    assert not rig.devices["arm"].axis.moving(rig.clock.now())
+
+
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        ({"limits__force_stream": "arm.nix"}, "limits.force_stream = arm.nix: the bench has no such stream"),
+        ({"limits__force_channels": "[9]"}, "channel 9 is to be watched, but it has 6"),
+    ],
+)
+def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, limits, says):
+    outcome, kept, _ = run("mock/pretouch", **limits)
+    assert outcome.exit_code == EXIT_GUARD
+    assert says in outcome.line
+    assert [row["outcome"] for row in kept.trials] == ["guard"]
+    assert not any(event["event"] == "Sent" and "Move" in str(event) for event in kept.events)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert build_report([kept]).is_file(), "a trial of which the finger was not heard is drawn as nothing"
+
+
+def test_a_trial_that_its_behavior_cannot_run_is_told_before_the_bench_is_opened():
+    profile = load_profile("mock/touch", {"behavior.contact": "nix"}, table=assemble.Table())
+    with pytest.raises(ProfileError, match="contact = nix: no such detector to stop an approach"):
+        assemble.plan_campaign(profile, profile.trials(0), 0)
+    profile = load_profile("mock/pretouch", {"trials.list": '[{ axis = "z" }]'}, table=assemble.Table())
+    along_x = profile.behavior.model_copy(update={"paths": {"x": profile.behavior.paths["x"]}})
+    with pytest.raises(ProfileError, match="axis = z: no such path"):
+        assemble.plan_campaign(replace(profile, behavior=along_x), profile.trials(0), 0)
+
+
+def test_a_detector_that_a_behavior_listens_to_must_be_there():
+    profile = load_profile("mock/centering", {}, table=assemble.Table())
+    others = {name: entry for name, entry in profile.detectors.items() if name != "left_ours"}
+    without = replace(profile, detectors=others)
+    with pytest.raises(ProfileError, match="listens to a detector 'left_ours'"):
+        assemble.plan_campaign(without, without.trials(0), 0)
+
+
+def test_an_acting_detector_that_is_not_there_is_a_mistake_of_the_profile():
+    for name in ("mock/pointer", "mock/transient"):
+        with pytest.raises(ProfileError, match="no detector 'nix'"):
+            load_profile(name, {"behavior.detector": "nix"}, table=assemble.Table())
+
+
+def test_signals_that_are_made_of_each_other_are_a_mistake_of_the_profile():
+    circle = {"signals.right.input": "signals.left", "signals.left.input": "signals.right"}
+    with pytest.raises(ProfileError, match="goes in a circle, right → left → right"):
+        load_profile("mock/pretouch", circle, table=assemble.Table())
+
+
+def test_a_fault_of_the_program_is_called_one_and_debug_shows_where(tmp_path, monkeypatch, capsys):
+    def broken(*_):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr("controller.loop.Loop.run", broken)
+    asked = ["run", "mock/pretouch", "--only", "1", "--no-report", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit) as ended:
+        cli(asked)
+    assert ended.value.code == EXIT_FAILED
+    assert "unexpected RuntimeError: a bug; run again with --debug" in capsys.readouterr().err
+    with pytest.raises(RuntimeError, match="a bug"):
+        cli([*asked, "--debug"])

@@ -1,0 +1,91 @@
+"""B6 on the mock bench: the printed figures come back from weights, and a person who fails ends it clearly."""
+
+import pytest
+
+PRINTED = {"x": (0.0694, 0.06, 0.12), "y": (0.0326, 0.048, 0.12), "t": (1.0291, 0.05, 0.01)}
+"""Gain (V/N), hysteresis (share of full scale) and resolution (N) of each bridge: Fernandez et al., 4.2."""
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    from config.script import run_trials
+
+    outcome, run = run_trials(
+        "mock/weights",
+        [{"bridge": bridge} for bridge in PRINTED],
+        settings={"behavior.cycles": "3"},
+        seed=11,
+        out=tmp_path_factory.mktemp("runs"),
+        say=lambda line: None,
+    )
+    assert outcome.exit_code == 0
+    return {row["bridge"]: row for row in run.trials}
+
+
+@pytest.mark.parametrize("bridge", PRINTED)
+@pytest.mark.parametrize(("place", "name", "unit"), [(0, "gain", "_v_n"), (1, "hysteresis", "")])
+def test_the_papers_figure_lies_in_the_interval(rows, bridge, place, name, unit):
+    low, high = rows[bridge][f"{name}_low{unit}"], rows[bridge][f"{name}_high{unit}"]
+    assert low <= PRINTED[bridge][place] <= high
+    assert high - low < 0.1 * PRINTED[bridge][place], "an interval that holds anything proves nothing"
+
+
+@pytest.mark.parametrize("bridge", PRINTED)
+def test_every_resolution_in_the_interval_is_printed_as_the_papers(rows, bridge):
+    """The paper gives two decimals; the simulated bridges' resolutions are 0.121, 0.118 and 0.0099 N."""
+    assert {round(rows[bridge][f"resolution{end}_n"], 2) for end in ("", "_low", "_high")} == {
+        PRINTED[bridge][2]
+    }
+
+
+def run_weights(tmp_path, **overrides):
+    from config.script import run_trials
+
+    faults = overrides.pop("faults", None)
+    settings = {"behavior.cycles": "1", "behavior.preloads": "0", **overrides}
+    if faults:
+        settings["faults"] = faults
+    return run_trials(
+        "mock/weights", [{"bridge": "t"}], settings=settings, out=tmp_path, say=lambda line: None
+    )
+
+
+def test_weights_that_pull_otherwise_than_they_say_move_the_gain_and_the_interval_knows_when_told(tmp_path):
+    """Nothing is tied to the answer: what hangs decides, and the interval knows what it is told of the weights."""
+    wrong = {"devices.operator.weight_error": "0.1"}
+    told = {**wrong, "behavior.weight_uncertainty": "0.1"}
+    exact, unaware, aware = (
+        run_weights(tmp_path, **settings)[1].trials[0]
+        for settings in ({"devices.operator.weight_error": "0.0"}, wrong, told)
+    )
+    assert abs(unaware["gain_v_n"] / exact["gain_v_n"] - 1.0) > 0.005
+    assert aware["gain_v_n"] == unaware["gain_v_n"]
+    assert aware["gain_high_v_n"] > unaware["gain_high_v_n"]
+
+
+def test_without_noise_the_resolution_is_what_the_converter_leaves(tmp_path):
+    _, run = run_weights(tmp_path, **{"plant.noise_scale": "0.0"})
+    assert run.trials[0]["resolution_n"] < 0.001
+
+
+def test_a_silent_person_is_waited_for_and_then_the_trial_is_aborted(tmp_path):
+    outcome, run = run_weights(
+        tmp_path,
+        faults='[{device = "operator", kind = "silent", at_s = 5.0}]',
+        **{"behavior.answer_timeout_s": "30.0"},
+    )
+    assert outcome.exit_code == 1
+    assert run.trials[0]["outcome"] == "aborted"
+    assert "operator did not answer within 30 s" in outcome.line
+
+
+def test_a_person_who_says_no_ends_the_run(tmp_path):
+    outcome, run = run_weights(tmp_path, faults='[{device = "operator", kind = "refuse", at_s = 5.0}]')
+    assert outcome.exit_code == 3
+    assert run.trials[0]["outcome"] == "fault"
+    assert "operator refused" in outcome.line
+
+
+def test_one_seed_gives_one_file_to_the_byte(tmp_path):
+    rows = [run_weights(tmp_path / name)[1].folder.trials_path.read_bytes() for name in ("a", "b")]
+    assert rows[0] == rows[1]

@@ -1,0 +1,61 @@
+"""The profiles of the sonic fingers: the three benches ask for the same, and agree with themselves."""
+
+import pytest
+
+from config.assemble import Table
+from config.profile import load_profile
+from config.source import ProfileError, read_source
+
+
+def loaded(name, overrides=None):
+    return load_profile(name, overrides, table=Table())
+
+
+@pytest.mark.parametrize("experiment", ["centering", "chirp", "pretouch"])
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+def test_other_benches_ask_for_the_same_of_behavior_detectors_and_signals(bench, experiment):
+    mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
+    for section in ("experiment", "detectors", "signals"):
+        assert other.get(section) == mock.get(section)
+    # on a real bench closing takes the object along
+    grasp = {"grasp": False} if (bench, experiment) == ("hardware", "centering") else {}
+    assert other["behavior"] == mock["behavior"] | grasp
+
+
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+def test_other_benches_guard_forces_speeds_and_ways_as_the_mock_one_does(bench):
+    mock, other = (
+        read_source("mock/centering").data["limits"],
+        read_source(f"{bench}/centering").data["limits"],
+    )
+    assert {key: other[key] for key in mock} == mock
+
+
+def test_the_wire_has_sound_and_the_brackets_of_its_plant():
+    profile = loaded("emulated/centering")
+    assert profile.plant.settings.level == "carrier"
+    assert profile.devices["gripper"].settings.closed_width_m == profile.plant.settings.closed_width_m
+
+
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+@pytest.mark.parametrize("experiment", ["centering", "pretouch"])
+def test_where_time_is_real_the_loop_turns_as_fast_as_it_does_by_itself(bench, experiment):
+    assert loaded(f"{bench}/{experiment}").loop.rate_hz == 200.0
+
+
+@pytest.mark.parametrize("listener", ["signals.left", "detectors.right_ours"])
+def test_who_listens_for_another_frequency_than_is_driven_is_told_so(listener):
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", {f"{listener}.drive_hz": "41000.0"})
+    assert f"[{listener}] drive_hz = 41000.0: [behavior] has drive_hz = 40000.0" in str(refusal.value)
+
+
+def test_a_bench_that_is_driven_at_another_frequency_throughout_is_taken():
+    wanted = {"behavior.drive_hz": "41000.0"}
+    listeners = (
+        "signals.left",
+        "signals.right",
+        *(f"detectors.{f}_{d}" for f in ("left", "right") for d in ("ours", "contact")),
+    )
+    profile = loaded("mock/centering", wanted | {f"{listener}.drive_hz": "41000.0" for listener in listeners})
+    assert profile.behavior.drive_hz == 41_000.0

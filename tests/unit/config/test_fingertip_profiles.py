@@ -1,0 +1,54 @@
+"""The profiles of B6 and B7 on all three benches."""
+
+import pytest
+
+from config.assemble import Table
+from config.profile import load_profile
+from config.source import read_source
+from controller.reports.fernandez import BRIDGES
+
+
+def loaded(name):
+    return load_profile(name, {}, table=Table())
+
+
+@pytest.mark.parametrize("experiment", ["weights", "pointer"])
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+def test_other_benches_differ_in_ports_and_in_what_is_said_to_be_shortened(bench, experiment):
+    mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
+    for section in ("experiment", "detectors", "limits", "signals"):
+        assert other.get(section) == mock.get(section)
+    assert {name: {**device, "port": "mock"} for name, device in other["devices"].items()} == mock["devices"]
+    if bench == "hardware":
+        assert (other["behavior"], other["trials"]) == (mock["behavior"], mock["trials"])
+    else:
+        assert "shortened" in other["title"]
+
+
+@pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
+def test_the_ladders_go_to_the_papers_largest_load_through_the_middle(bench):
+    behavior = loaded(f"{bench}/weights").behavior
+    for bridge, paper in BRIDGES.items():
+        ladder = behavior.weights_n(bridge)
+        assert ladder[-1] == paper.top_n
+        assert paper.top_n / 2.0 in ladder
+
+
+def test_the_calibration_needs_neither_arm_nor_hand():
+    assert set(loaded("mock/weights").devices) == {"board", "operator"}
+    assert loaded("hardware/weights").devices["operator"].port == "console"
+
+
+@pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
+def test_the_pointer_covers_the_range_of_figure_11_in_both_directions(bench):
+    behavior = loaded(f"{bench}/pointer").behavior
+    assert (behavior.angles_rad[0], behavior.angles_rad[-1]) == (-1.5, 1.5)
+    turns = behavior.turns_rad
+    assert list(turns) == list(reversed(turns))
+    assert set(loaded(f"{bench}/pointer").devices) == {"arm", "board"}
+
+
+def test_the_pointer_touches_with_several_forces_below_the_sensors_limit():
+    forces = [trial.factors["detectors.touch.threshold"] for trial in loaded("mock/pointer").trials(0)]
+    assert len(set(forces)) >= 3
+    assert max(forces) < 10.0

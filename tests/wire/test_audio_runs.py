@@ -1,0 +1,141 @@
+"""Whole runs with the fingers' sound, by the command line: mock, emulated and from a file; bad sound is exit code 3."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+
+from run import cli
+
+PROFILE = """
+title = "A sweep"
+experiment = "chirp"
+[devices.audio]
+driver = "audio"
+port = "{port}"
+[behavior]
+duration_s = 0.6
+[limits]
+travel_m = 0.06
+position_stream = "none"
+force_stream = "none"
+[trials]
+list = [{{}}]
+[plant]
+{plant}
+"""
+
+AURA = 'kind = "aura"\nlevel = "carrier"\nobject = "none"'
+
+Verb = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def verb(capsys: pytest.CaptureFixture[str]) -> Verb:
+    """Calls the program as `run.py …` does; gives exit code, output and errors."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([str(argument) for argument in arguments], prog_name="run.py")
+        said = capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, said.out, said.err
+
+    return call
+
+
+def profile(folder: Path, port: str, plant: str = AURA, more: str = "") -> Path:
+    path = folder / "sweep.toml"
+    path.write_text(PROFILE.format(port=port, plant=plant) + more)
+    return path
+
+
+def recording(path: Path, counts: Any = None) -> Path:
+    noise = np.random.default_rng(2).normal(0.0, 1e-3, (4 * 96_000, 2)) if counts is None else counts
+    soundfile.write(path, noise, 96_000, subtype="PCM_24")
+    return path
+
+
+def manifest(folder: Path) -> Any:
+    (run,) = folder.iterdir()
+    return json.loads((run / "manifest.json").read_text())
+
+
+@pytest.mark.parametrize("port", ["mock", "emulated"])
+def test_a_sweep_finds_the_fingers_resonance(tmp_path: Path, verb: Verb, port: str) -> None:
+    code, _, _ = verb("run", profile(tmp_path, port), "--no-report", "--out", tmp_path / "runs")
+    assert code == 0
+    (run,) = (tmp_path / "runs").iterdir()
+    names, values = (line.split(",") for line in (run / "trials.csv").read_text().splitlines())
+    found = dict(zip(names, values, strict=True))
+    # The plant's fingers resonate near 40 kHz.
+    assert float(found["best_hz"]) == pytest.approx(40_000.0, abs=1000.0)
+
+
+def test_the_emulated_link_is_in_the_manifest(tmp_path: Path, verb: Verb) -> None:
+    verb("run", profile(tmp_path, "emulated"), "--no-report", "--out", tmp_path / "runs")
+    said = manifest(tmp_path / "runs")
+    assert said["devices"]["audio"]["clock"] == "audio frames"
+    link = said["devices"]["audio"]["link"]
+    assert link["frames"] + link["frames_lost"] >= 0.6 * 96_000
+    assert said["loss"].get("audio.fingers", 0) == link["frames_lost"]
+
+
+def test_a_recording_runs_in_the_fingers_place(tmp_path: Path, verb: Verb) -> None:
+    path = profile(tmp_path, f"file:{recording(tmp_path / 'take.wav')}", 'kind = "none"')
+    code, _, _ = verb("run", path, "--no-report", "--out", tmp_path / "runs")
+    assert code == 0
+    assert manifest(tmp_path / "runs")["devices"]["audio"]["drive"] == "as recorded"
+
+
+def test_a_recording_that_ends_too_early_ends_the_run(tmp_path: Path, verb: Verb) -> None:
+    short = recording(tmp_path / "take.wav", np.random.default_rng(2).normal(0.0, 1e-3, (48_000, 2)))
+    path = profile(tmp_path, f"file:{short}", 'kind = "none"')
+    code, out, err = verb("run", path, "--no-report", "--out", tmp_path / "runs")
+    assert code == 3
+    assert "the recording has ended, after 0.50 s" in out + err
+
+
+def test_a_pulled_plug_ends_the_run_in_one_line(tmp_path: Path, verb: Verb) -> None:
+    fault = '\n[[faults]]\ndevice = "audio"\nkind = "unplug"\nat_s = 0.3\ntrial = 1\n'
+    path = profile(tmp_path, "emulated", more=fault)
+    code, out, err = verb("run", path, "--no-report", "--out", tmp_path / "runs")
+    assert code == 3
+    assert "the recorder has hung up" in out + err
+    assert "Traceback" not in out + err
+
+
+def test_check_connects_and_reads_both_fingers(tmp_path: Path, verb: Verb) -> None:
+    path = profile(tmp_path, f"file:{recording(tmp_path / 'take.wav')}", 'kind = "none"')
+    code, out, _ = verb("check", path, "--connect")
+    assert code == 0
+    assert "audio: WAV recording take.wav" in out
+    # The last look at the clock is a packet late now and then.
+    assert re.search(
+        r"audio\.fingers: 9\d{4} samples in 1 s, right .* \+- 0\.001, left .* \+- 0\.001 FS", out
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("clipped", "the right finger is clipped: "),
+        ("silent", "the right finger is silent: "),
+        ("mono", "has 1 channel where two fingers need 2"),
+    ],
+)
+def test_check_refuses_bad_sound_with_exit_code_3(tmp_path: Path, verb: Verb, kind: str, words: str) -> None:
+    sound = np.random.default_rng(2).normal(0.0, 1e-3, (96_000, 2))
+    counts = {"clipped": sound * 1e3, "silent": sound * 0.0, "mono": sound[:, 0]}[kind]
+    path = profile(tmp_path, f"file:{recording(tmp_path / 'take.wav', counts)}", 'kind = "none"')
+    code, out, _ = verb("check", path, "--connect")
+    assert code == 3
+    (line,) = [line for line in out.splitlines() if line.startswith("audio: ")]
+    assert words in line

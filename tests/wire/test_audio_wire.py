@@ -1,0 +1,294 @@
+"""The real audio driver over TCP, an emulated recorder at its far end: bounded traffic, servers that stop."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from drivers.audio.driver import Audio, AudioSettings
+from drivers.clock import WallClock
+from drivers.errors import DeviceError, PortError, ProtocolError, SilentError
+from drivers.messages import Failed, Lost, Refused, SampleBlock
+from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
+from drivers.mock.faults import Fault, FaultSchedule
+from drivers.mock.tcp_line import TcpLine
+from tests.contracts.audio_suite import FINGERS, TONE, AudioContract, AudioTrial, SteadyFingers
+
+LIFE_S = 30.0
+"""A server stops by itself after this long, whatever its test does."""
+
+PATIENT = {"reply_timeout_s": 5.0, "silence_timeout_s": 5.0}
+"""The machine may be busy with other tests."""
+
+
+class Server:
+    """One thread that serves an emulated recorder, as the emulator's process does."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.bench = SteadyFingers()
+        self.recorder = EmulatedAudio(EmulatedAudioSettings(**settings), self.bench)
+        self.line = TcpLine(self.recorder)
+        self.port = self.line.endpoint["port"]
+        self.lock = threading.Lock()
+        self.clock = WallClock()
+        self.faults = FaultSchedule()
+        self.line.open(self.faults, self.clock)
+        self.error: BaseException | None = None
+        self._running = True
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def fault(self, kind: str, for_s: float | None = None) -> None:
+        with self.lock:
+            self.faults.add(Fault(device="audio", kind=kind, at_s=self.clock.now(), for_s=for_s))
+
+    def inject(self, kind: str, packets: int = 1) -> None:
+        with self.lock:
+            self.recorder.inject(kind, self.clock.now(), packets)
+
+    def stop(self) -> None:
+        if self._running:
+            self._running = False
+            self._thread.join(5.0)
+            self.line.unplug()
+
+    def _serve(self) -> None:
+        try:
+            while self._running and self.clock.now() < LIFE_S:
+                waited = self.line.waited()
+                ready = select.select(waited, [], [], 0.001)[0] if waited else []
+                with self.lock:
+                    now_s = self.clock.now()
+                    self.line.exchange(ready, now_s, now_s)
+        except BaseException as error:
+            self.error = error
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., Server]]:
+    servers: list[Server] = []
+
+    def made(**settings: Any) -> Server:
+        servers.append(Server(**settings))
+        return servers[-1]
+
+    yield made
+    for server in servers:
+        server.stop()
+    for server in servers:
+        if server.error is not None:
+            raise server.error
+
+
+@pytest.fixture
+def connect() -> Iterator[Callable[..., AudioTrial]]:
+    devices: list[Audio] = []
+
+    def made(port: str, **settings: Any) -> AudioTrial:
+        clock = WallClock()
+        devices.append(
+            Audio("audio", AudioSettings(port=port, **{**PATIENT, "look_s": 0.05, **settings}), clock)
+        )
+        return AudioTrial(devices[-1], clock)
+
+    yield made
+    for device in devices:
+        device.close()
+
+
+@pytest.fixture
+def server(serve: Callable[..., Server]) -> Server:
+    return serve()
+
+
+@pytest.fixture
+def trial(server: Server, connect: Callable[..., AudioTrial]) -> AudioTrial:
+    return connect(server.port)
+
+
+class TestWireAudio(AudioContract):
+    pass
+
+
+def gaps(blocks: list[SampleBlock]) -> int:
+    return sum(after.seq - before.seq - len(before) for before, after in pairwise(blocks))
+
+
+def test_frames_are_counted_beyond_32_bits(trial: AudioTrial) -> None:
+    trial.listen(FINGERS)
+    trial.hear(4800)
+    assert trial.blocks[0].seq > 2**32
+
+
+def test_dropped_packets_are_counted_exactly(server: Server, trial: AudioTrial) -> None:
+    trial.listen(FINGERS)
+    trial.hear(4800)
+    server.inject("drop", packets=3)
+    trial.turn(0.2)
+    server.inject("drop", packets=20)
+    trial.turn(0.5)
+    lost = [one.samples for one in trial.of(Lost)]
+    assert lost == [3 * 480, 20 * 480]
+    assert gaps(trial.blocks) == sum(lost) == trial.device.account()["frames_lost"]
+    assert trial.of(Failed) == []
+
+
+def test_what_the_fault_lose_takes_is_counted_exactly(server: Server, trial: AudioTrial) -> None:
+    trial.listen(FINGERS)
+    trial.hear(4800)
+    server.fault("lose", for_s=0.3)
+    trial.turn(0.8)
+    assert server.recorder.dropped >= 0.2 * 96_000
+    assert sum(one.samples for one in trial.of(Lost)) == server.recorder.dropped
+    assert gaps(trial.blocks) == server.recorder.dropped
+
+
+def test_a_pulled_plug_has_failed_once_in_one_line(server: Server, trial: AudioTrial) -> None:
+    trial.listen(FINGERS)
+    trial.turn(0.1)
+    server.fault("unplug")
+    trial.turn(0.5)
+    (failed,) = trial.of(Failed)
+    assert failed.reason == "the recorder has hung up"
+
+
+def test_a_recorder_that_falls_silent_has_failed_once(
+    server: Server, connect: Callable[..., AudioTrial]
+) -> None:
+    trial = connect(server.port, silence_timeout_s=0.5)
+    trial.listen(FINGERS)
+    trial.turn(0.1)
+    server.fault("silent")
+    trial.turn(1.2)
+    (failed,) = trial.of(Failed)
+    assert failed.reason == "no sound in 0.5 s; is the source running?"
+
+
+def test_a_converter_that_begins_anew_has_failed(server: Server, trial: AudioTrial) -> None:
+    trial.listen(FINGERS)
+    trial.hear(4800)
+    server.inject("restart")
+    trial.turn(0.2)
+    (failed,) = trial.of(Failed)
+    assert "the converter began anew: after frame 4320" in failed.reason
+
+
+def test_a_drive_that_is_refused_is_told(server: Server, trial: AudioTrial) -> None:
+    server.inject("refuse")
+    trial.device.apply(TONE)
+    refused = trial.until(Refused)
+    assert refused.command == TONE
+    assert "its amplifier is off" in refused.reason
+
+
+def test_the_drift_of_its_clock_is_found(
+    serve: Callable[..., Server], connect: Callable[..., AudioTrial]
+) -> None:
+    trial = connect(serve(drift_ppm=400.0).port, max_drift_ppm=500.0)
+    trial.listen(FINGERS)
+    trial.turn(4.0)
+    # 4 s and delays of a loaded machine: some tens of ppm; unknown drift would be 400 off.
+    assert trial.device.account()["drift_ppm"] == pytest.approx(400.0, abs=100.0)
+
+
+def test_a_host_that_was_away_has_everything_or_is_told(server: Server, trial: AudioTrial) -> None:
+    trial.listen(FINGERS)
+    trial.hear(4800)
+    time.sleep(2.0)
+    trial.turn(0.5)
+    assert trial.of(Failed) == []
+    assert gaps(trial.blocks) == sum(one.samples for one in trial.of(Lost))
+    assert sum(map(len, trial.blocks)) + gaps(trial.blocks) > 2.0 * 96_000
+
+
+def test_a_second_host_is_hung_up_on(server: Server, trial: AudioTrial) -> None:
+    with pytest.raises(ProtocolError, match=r"hung up while connecting to .*no other host connected"):
+        Audio("audio", AudioSettings(port=server.port), WallClock()).open()
+    trial.listen(FINGERS)
+    trial.hear(4800)
+    assert trial.blocks
+
+
+def test_it_can_be_opened_again_and_the_drive_is_silent(server: Server, trial: AudioTrial) -> None:
+    trial.device.apply(TONE)
+    trial.turn(0.05)
+    trial.device.close()
+    time.sleep(0.1)
+    trial.device.open()
+    trial.listen(FINGERS)
+    trial.hear(9600)
+    assert max(abs(block.values).max() for block in trial.blocks) <= 50
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"channels": 1}, "has 1 channel where two fingers need 2 while opening"),
+        ({"rate_hz": 44_100}, "has 44100 frames a second, not 96000 while opening"),
+        ({"bits": 16}, "has 16 bits a sample, not 24 while opening"),
+    ],
+)
+def test_a_recorder_that_does_not_fit_is_refused(
+    serve: Callable[..., Server], settings: dict[str, Any], line: str
+) -> None:
+    with pytest.raises(ProtocolError, match=line):
+        Audio("audio", AudioSettings(port=serve(**settings).port), WallClock()).open()
+
+
+def test_clipped_fingers_are_refused_at_open(server: Server) -> None:
+    server.inject("clip")
+    with pytest.raises(ProtocolError, match=r"the right finger is clipped: 100\.0% of its frames"):
+        Audio("audio", AudioSettings(port=server.port), WallClock()).open()
+
+
+class Other:
+    """A listener that says something else, or nothing, to whoever connects."""
+
+    def __init__(self, says: bytes) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = "tcp:{}:{}".format(*self._listener.getsockname())
+        self._says = says
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        connection, _ = self._listener.accept()
+        connection.sendall(self._says)
+        connection.settimeout(5.0)
+        while connection.recv(100):
+            pass
+        connection.close()
+        self._listener.close()
+
+
+@pytest.mark.parametrize(
+    ("says", "error", "words"),
+    [
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", ProtocolError, "a frame begins with b'TBA1', not with b'HTTP'"),
+        (b"", SilentError, "it says nothing in 0.3 s"),
+    ],
+)
+def test_what_is_no_recorder_is_not_opened(says: bytes, error: type[DeviceError], words: str) -> None:
+    with pytest.raises(error, match=words):
+        Audio("audio", AudioSettings(port=Other(says).port, reply_timeout_s=0.3), WallClock()).open()
+
+
+@pytest.mark.parametrize(
+    ("port", "words"),
+    [
+        ("tcp:127.0.0.1:1", r"nobody answers \(Connection refused\)"),
+        ("tcp:127.0.0.1", "it is no address"),
+        ("tcp:127.0.0.1:99999", "nobody answers"),
+    ],
+)
+def test_an_address_where_nobody_is_is_said_to_be_so(port: str, words: str) -> None:
+    with pytest.raises(PortError, match=words) as error:
+        Audio("audio", AudioSettings(port=port), WallClock()).open()
+    assert "\n" not in str(error.value)

@@ -1,0 +1,97 @@
+"""Gripper, hand and matrices on the benches that have them: the real drivers, over ptys, to one emulator's process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
+from drivers.can_gripper.driver import CanGripper, CanGripperSettings
+from drivers.clock import WallClock
+from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
+from drivers.errors import RefusedError
+from drivers.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
+from drivers.mock.emulator_process import EmulatorProcess
+
+WIRING = "drivers.mock.devices.wiring"
+BENCHES = {
+    "finger": "drivers.mock.finger_bench:FingerBench",
+    "slip": "drivers.mock.slip_bench:SlipBench",
+    "aura": "drivers.mock.aura_bench:AuraBench",
+}
+
+
+@pytest.fixture
+def emulator() -> Iterator[Callable[..., EmulatorProcess]]:
+    running: list[EmulatorProcess] = []
+
+    def start(bench: str, *devices: str) -> EmulatorProcess:
+        made = BENCHES[bench]
+        plant = {"made": made, "settings_class": f"{made}Settings", "settings": {}}
+        wired = {name: {"made": f"{WIRING}:{name}", "settings": {}} for name in devices}
+        running.append(EmulatorProcess({"plant": plant, "devices": wired, "faults": []}))
+        return running[-1]
+
+    yield start
+    for one in running:
+        one.close()
+
+
+def await_(device: Any, found: Callable[[list[Any]], bool], timeout_s: float = 15.0) -> list[Any]:
+    """Blocks and statuses until they are as wanted."""
+    heard: list[Any] = []
+    end_s = time.monotonic() + timeout_s
+    while time.monotonic() < end_s:
+        heard += [*device.read(), *device.poll()]
+        if found(heard):
+            return heard
+        time.sleep(0.005)
+    raise AssertionError(f"it never came: {heard[-5:]}")
+
+
+def do(device: Any, command: Command, kind: type) -> Any:
+    device.apply(command)
+    return await_(device, lambda heard: isinstance(heard[-1:] and heard[-1], kind))[-1]
+
+
+def test_the_gripper_on_the_bench_s_jaws_finds_its_ends_and_goes_to_a_width(emulator) -> None:
+    started = emulator("aura", "can_gripper")
+    port = started.endpoints["devices"]["can_gripper"]["port"]
+    gripper = CanGripper("gripper", CanGripperSettings(port=port, closed_width_m=0.015), WallClock())
+    gripper.open()
+    try:
+        do(gripper, Home("gripper"), Reached)
+        # 55 mm, wider than the pipe that may stand between the fingers.
+        gripped = do(gripper, Grip("gripper", 0.055, 0.05, 10.0), Gripped)
+        assert gripped.width_m == pytest.approx(0.055, abs=5e-4)
+        assert started.scene()["width_m"] == pytest.approx(gripped.width_m, abs=5e-4)
+    finally:
+        gripper.close()
+
+
+def test_hand_and_matrices_on_the_slip_bench_are_heard(emulator) -> None:
+    devices = emulator("slip", "barrett_hand", "dsa_matrix").endpoints["devices"]
+    hand = BarrettHand("hand", BarrettHandSettings(port=devices["barrett_hand"]["port"]), WallClock())
+    matrix = DsaMatrix("matrix", DsaMatrixSettings(port=devices["dsa_matrix"]["port"]), WallClock())
+    for device, stream in ((hand, "hand.strain_11"), (matrix, "matrix.taxels")):
+        assert stream in device.open().streams
+        try:
+            device.apply(Listen(device.name, frozenset({stream})))
+            heard = await_(device, lambda heard: sum(isinstance(one, SampleBlock) for one in heard) >= 3)
+            values = np.concatenate([one.physical for one in heard if isinstance(one, SampleBlock)])
+            assert values.shape[1] == (1 if device is hand else 70)
+            # Nothing touches: no more than noise, in N and in V.
+            assert np.abs(values - np.median(values, axis=0)).max() < 1.0
+        finally:
+            device.close()
+
+
+@pytest.mark.parametrize("device", ["can_gripper", "barrett_hand", "dsa_matrix"])
+def test_a_bench_without_the_part_is_refused_in_one_line(emulator, device: str) -> None:
+    with pytest.raises(RefusedError, match="this bench does not have") as caught:
+        emulator("finger", device)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,137 @@
+"""Centering over the wire: ur_rtde, python-can and sound at once, on one simulated pair of fingers."""
+
+from __future__ import annotations
+
+import time
+from threading import Timer
+
+import pytest
+from wire_campaign import PATIENT, Hand
+
+from config.assemble import Table, build_rig, plan_campaign, start_emulator
+from config.profile import load_profile
+from controller.campaign import EXIT_DEVICE, EXIT_DONE, Campaign
+from controller.doctor import examine
+from controller.recording.reader import open_run
+from controller.rig import TrialScene
+
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
+
+SHORT = {
+    # Two busy cores starve a turn now and then; what is late here is the machine, not the bench.
+    "limits.late_s": "2.0",
+    "limits.stale_s": "1.0",
+    "devices.gripper.watchdog_s": "5.0",
+    "behavior.run_up": "false",
+    "behavior.baseline_s": "0.8",
+    "trials.list": "[{ object_x_m = 0.001 }]",
+    "trials.grid.method": '["ours"]',
+    "trials.grid.speed_m_s": "[0.01]",
+}
+
+
+@pytest.fixture
+def centering(tmp_path):
+    """`centering(deeds, **settings)` runs one trial; gives outcome, run, hand and the emulator, which lives on."""
+    emulators = []
+
+    def call(deeds=None, **settings):
+        profile = load_profile("emulated/centering", {**PATIENT, **SHORT, **settings}, table=Table())
+        emulator = start_emulator(profile)
+        emulators.append(emulator)
+        hand = Hand({state: lambda deed=deed: deed(emulator) for state, deed in (deeds or {}).items()})
+        rig = build_rig(profile, emulator.endpoints)
+        try:
+            outcome = Campaign(plan_campaign(profile, profile.trials(1), 1), rig, hand, tmp_path).run()
+        finally:
+            rig.close()
+        return outcome, open_run(outcome.folder), hand, emulator
+
+    yield call
+    for emulator in emulators:
+        emulator.close()
+
+
+def told(done, *kinds):
+    return [event for event in done.events if event["event"] in kinds]
+
+
+def test_the_pipe_is_centred_closed_on_confirmed_and_let_go(centering):
+    outcome, done, hand, emulator = centering()
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    way = ["SEEKING_FORWARD", "TURNING", "SEEKING_BACKWARD", "STOPPING", "CENTERING", "CLOSING", "HOLDING"]
+    assert [state for state in hand.seen if state in (*way, "RELEASING", "DONE")] == [
+        *way,
+        "RELEASING",
+        "DONE",
+    ]
+    (row,) = done.trials
+    assert (row["outcome"], row["gripped"]) == ("contact", 1)
+    assert abs(row["error_m"]) < 0.0025, "what the project aims at (NUMERICS, Centering)"
+    assert row["contact_left_s"] > 0.0 and row["contact_right_s"] > 0.0, "both fingers felt it"
+    for finger in ("left", "right"):
+        assert 0.0 < row[f"seen_to_stop_{finger}_s"] < 1.0
+    # the jaws are as open as they go, and the arm has left
+    assert emulator.scene()["width_m"] == pytest.approx(0.063, abs=0.001)
+    assert emulator.scene()["tool_z_m"] == pytest.approx(0.07, abs=0.001)
+    recording, manifest = done.recording(1), done.manifest
+    assert {"arm.position", "gripper.width", "signals.left", "signals.right"} <= set(recording.streams)
+    link = manifest["devices"]["audio"]["link"]
+    assert link["frames"] > 96_000
+    assert manifest["loss"].get("audio.fingers", 0) == link["frames_lost"]
+
+
+def test_sound_that_is_unplugged_in_the_search_stops_the_arm_in_one_line(centering):
+    # under way: the state is told before its command is given
+    outcome, done, _, emulator = centering(
+        {"SEEKING_FORWARD": lambda emulator: Timer(0.3, emulator.inject, ("audio", "unplug")).start()}
+    )
+    assert outcome.exit_code == EXIT_DEVICE
+    assert "the recorder has hung up" in outcome.line
+    assert "\n" not in outcome.line
+    assert "NOT seen standing still" not in outcome.line
+    assert [event["device"] for event in told(done, "Failed", "Stalled")] == ["audio"]
+    assert done.trials[0]["outcome"] == "fault"
+    at_m = emulator.scene()["tool_x_m"]
+    assert 0.0 < at_m < 0.013, "it was on its way, and the left finger sees the pipe from there on"
+    time.sleep(0.3)
+    assert emulator.scene()["tool_x_m"] == pytest.approx(at_m, abs=1e-6)
+
+
+def test_packets_of_sound_that_are_lost_are_counted_and_are_no_contact(centering):
+    # 30 ms of silence on the wire every 0.7 s, all the time
+    lost = ", ".join(
+        f'{{ device = "audio", kind = "lose", at_s = {0.7 * number:.1f}, for_s = 0.03 }}'
+        for number in range(1, 60)
+    )
+    outcome, done, hand, _ = centering(**{"faults": f"[{lost}]", "behavior.grasp": "false"})
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    manifest = done.manifest
+    frames = manifest["loss"]["audio.fingers"]
+    assert frames == manifest["devices"]["audio"]["link"]["frames_lost"]
+    assert frames % 480 == 0, "whole packets"
+    assert frames >= 5 * 3 * 480, (
+        "five losses in the search at the least, of six packets each but for the edges"
+    )
+    assert told(done, "Contact") == []
+    assert "BACKING_OFF" not in hand.seen
+    (row,) = done.trials
+    assert abs(row["error_m"]) < 0.0025
+
+
+def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing():
+    profile = load_profile("emulated/centering", {**PATIENT, **SHORT}, table=Table())
+    emulator = start_emulator(profile)
+    try:
+        rig = build_rig(profile, emulator.endpoints)
+        scene = TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))
+        findings = list(examine(rig, scene))
+        rig.close()
+        there = emulator.scene()
+    finally:
+        emulator.close()
+    said = "\n".join(finding.line for finding in findings)
+    for words in ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"):
+        assert words in said
+    assert there["tool_x_m"] == pytest.approx(-0.005, abs=1e-9)
+    assert there["width_m"] == pytest.approx(0.063, abs=1e-9)

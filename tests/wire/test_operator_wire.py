@@ -1,0 +1,137 @@
+"""The person at the far end of a line: the real driver with real pyserial on a pty, on the wall clock."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from drivers.clock import WallClock
+from drivers.errors import PortError, SilentError
+from drivers.messages import Ask, Failed, Listen, Loaded, LoadWeight, Refused, Sent
+from drivers.mock.devices.operator import EmulatedPerson, EmulatedPersonSettings
+from drivers.operator.driver import Person, PersonSettings
+
+
+class Bench:
+    """Remembers what hangs on it."""
+
+    def __init__(self):
+        self.key = (1, 1)
+        self.loads = {"x": 0.0, "y": 0.0, "t": 0.0}
+
+    def advance(self, t_s, observe=None):
+        pass
+
+    def load(self, bridge, force_n):
+        self.loads[bridge] = force_n
+
+
+class Deaf:
+    """Hears everything and says nothing."""
+
+    def receive(self, data, t_s):
+        return b""
+
+    def step(self, t_s):
+        return b""
+
+
+def until(person, kind, seconds=5.0):
+    """The next status of a kind, and everything that came before it."""
+    end_s = time.monotonic() + seconds
+    seen, blocks = [], []
+    while time.monotonic() < end_s:
+        blocks += person.read()
+        for status in person.poll():
+            seen.append(status)
+            if isinstance(status, kind):
+                return status, seen, blocks
+        time.sleep(0.002)
+    raise AssertionError(f"no {kind.__name__} in {seconds} s, but {seen}")
+
+
+@pytest.fixture
+def line(serve):
+    bench = Bench()
+    device = EmulatedPerson(EmulatedPersonSettings(answer_s=0.05, weight_error=0.0), bench)
+    port = serve(device)
+    clock = WallClock()
+    person = Person("operator", PersonSettings(port=port), clock)
+    info = person.open()
+    yield person, bench, device, serve, port, info, clock
+    person.close()
+
+
+def test_whoever_says_hello_is_named(line):
+    assert line[5].model == "emulated person"
+    assert list(line[5].streams) == ["operator.load"]
+
+
+def test_a_weight_hangs_before_it_is_called_loaded(line):
+    person, bench, *_, clock = line
+    person.apply(Listen("operator", frozenset({"operator.load"})))
+    asked_s = clock.now()
+    person.apply(LoadWeight("operator", "t", 0.5))
+    loaded, seen, blocks = until(person, Loaded)
+    assert isinstance(seen[0], Sent)
+    assert bench.loads["t"] == 0.5
+    assert (loaded.bridge, loaded.force_n) == ("t", 0.5)
+    assert asked_s + 0.05 <= loaded.t_s <= clock.now()
+    (block,) = blocks
+    assert block.values.tolist() == [[0.0, 0.0, 0.5]]
+    assert block.times[0] == loaded.t_s
+
+
+def test_the_console_is_not_bothered_by_a_person_on_a_line(line):
+    person = line[0]
+    person.apply(Ask("operator", "shut the door"))
+    assert person.question is None
+
+
+def test_a_newer_request_replaces_an_older_one_on_the_line_too(line):
+    person, bench, *_ = line
+    person.apply(LoadWeight("operator", "x", 1.0))
+    person.apply(LoadWeight("operator", "y", 2.0))
+    loaded, _, _ = until(person, Loaded)
+    assert loaded.bridge == "y"
+    assert bench.loads["x"] == 0.0
+    time.sleep(0.1)
+    assert not [status for status in person.poll() if isinstance(status, Loaded)]
+
+
+def test_no_comes_back_with_its_reason(line):
+    person, _, device, serve, port, *_ = line
+    with serve.lock(port):
+        device.inject("refuse", 0.0)
+    person.apply(LoadWeight("operator", "x", 1.0))
+    refused, *_ = until(person, Refused)
+    assert refused.reason == "that cannot be done"
+
+
+def test_a_line_that_is_pulled_is_a_failure_told_once(line):
+    person, _, _, serve, port, *_ = line
+    person.apply(LoadWeight("operator", "x", 1.0))
+    serve.unplug(port)
+    failed, *_ = until(person, Failed)
+    assert "taken away" in failed.reason
+    person.apply(LoadWeight("operator", "x", 1.0))
+    time.sleep(0.05)
+    assert not [status for status in person.poll() if isinstance(status, Failed)]
+
+
+def test_a_line_where_nobody_says_hello_is_silent_and_says_what_to_do(serve):
+    port = serve(Deaf())
+    person = Person("operator", PersonSettings(port=port, hello_timeout_s=0.2), WallClock())
+    with pytest.raises(SilentError) as error:
+        person.open()
+    assert str(error.value) == (
+        "operator: nobody says hello in 0.2 s while saying hello; is their program running?"
+        ' for a person at this terminal write port = "console"'
+    )
+
+
+def test_a_port_that_is_absent_is_one_line(tmp_path):
+    with pytest.raises(PortError, match="does not exist"):
+        Person("operator", PersonSettings(port=os.fspath(tmp_path / "tty")), WallClock()).open()

@@ -1,0 +1,130 @@
+"""B6 over the wire, short: with an emulated person, and with one at a terminal who pauses in the middle."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from controller.recording.reader import open_run
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT = {
+    "behavior.weights_t_n": "[0.5, 1.0]",
+    "behavior.cycles": "1",
+    "behavior.preloads": "0",
+    "behavior.swing_s": "0.1",
+    "behavior.record_s": "0.2",
+}
+
+
+def test_a_bridge_is_calibrated_over_a_pty_with_an_emulated_person(tmp_path):
+    from config.script import run_trials
+
+    outcome, run = run_trials(
+        "emulated/weights", [{"bridge": "t"}], settings=SHORT, out=tmp_path, say=lambda line: None
+    )
+    assert outcome.exit_code == 0
+    row = run.trials[0]
+    assert row["gain_low_v_n"] < 1.0291 < row["gain_high_v_n"]
+    # 0, 0.5, 1, 0.5 hang; the empty bridge at the end is recorded too
+    assert row["loads"] == 4
+    link = run.manifest["devices"]["operator"]["link"]
+    assert link == {"requests": 7, "malformed_lines": 0}, "one set-up, five loads, all taken off at the end"
+
+
+class Terminal:
+    """A program on a terminal of its own, and whoever sits at it."""
+
+    def __init__(self, arguments):
+        self.seen = ""
+        self.pid, self.descriptor = pty.fork()
+        if self.pid == 0:
+            os.chdir(ROOT)
+            os.environ.update(TERM="xterm", COLUMNS="100", LINES="40")
+            os.execv(sys.executable, [sys.executable, "run.py", *arguments])
+
+    def until(self, words, seconds=40.0):
+        """Read until the words have come since the last call; returns what was read, without its colours."""
+        end_s = time.monotonic() + seconds
+        while words not in self.seen:
+            assert time.monotonic() < end_s, f"{words!r} never came, but {self.seen[-600:]!r}"
+            if select.select([self.descriptor], [], [], 0.1)[0]:
+                data = b""
+                with contextlib.suppress(OSError):  # the program has ended
+                    data = os.read(self.descriptor, 65536)
+                assert data, f"it ended without {words!r}: {self.seen[-600:]!r}"
+                self.seen += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", data.decode(errors="replace"))
+        read, _, self.seen = self.seen.partition(words)
+        return read
+
+    def press(self, keys):
+        os.write(self.descriptor, keys)
+
+    def close(self):
+        """Waits for its end; returns the exit code."""
+        end_s = time.monotonic() + 20.0
+        while time.monotonic() < end_s:
+            if select.select([self.descriptor], [], [], 0.05)[0]:
+                with contextlib.suppress(OSError):
+                    os.read(self.descriptor, 65536)
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                os.close(self.descriptor)
+                return os.waitstatus_to_exitcode(status)
+        os.kill(self.pid, 9)
+        os.waitpid(self.pid, 0)
+        raise AssertionError("it did not end")
+
+
+@pytest.fixture
+def board_port():
+    """An emulated board, served by the program itself."""
+    child = subprocess.Popen(
+        [sys.executable, "run.py", "emulate", "emulated/weights"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    endpoints = json.loads(child.stdout.readline())
+    yield endpoints["devices"]["board"]["port"]
+    child.terminate()
+    child.wait(20.0)
+    child.stdout.close()
+
+
+def test_a_person_at_a_terminal_answers_pauses_goes_on_and_ends_it(tmp_path, board_port):
+    """Enter answers, Ctrl+C pauses, Enter goes on and the question comes again, n says no."""
+    settings = [f"{key}={value}" for key, value in {**SHORT, "devices.board.port": board_port}.items()]
+    terminal = Terminal(
+        ["run", "hardware/weights", "--only", "3", "--no-report", "--out", str(tmp_path)]
+        + [word for setting in settings for word in ("--set", setting)]
+    )
+    terminal.until("set the fingertip up for weights on bridge Ft")
+    terminal.press(b"\n")
+    terminal.until("take every weight off, then press Enter")
+    terminal.press(b"\n")
+    terminal.until("hang 0.50 N on bridge Ft, then press Enter")
+    terminal.press(b"\x03")
+    terminal.until("paused: nothing moves")
+    terminal.press(b"\n")
+    terminal.until("hang 0.50 N on bridge Ft, then press Enter")
+    terminal.press(b"\n")
+    terminal.until("hang 1.00 N on bridge Ft, then press Enter")
+    terminal.press(b"n\n")
+    assert terminal.close() == 3, "a device that does not do its part"
+    run = open_run("latest", tmp_path)
+    assert run.trials[0]["outcome"] == "fault"
+    names = [event["event"] for event in run.events]
+    assert names.count("Loaded") == 2, "nothing and half a newton"
+    assert (names.count("Paused"), names.count("Resumed")) == (1, 1)
+    assert "the person says no" in run.manifest["exit"]["reason"]

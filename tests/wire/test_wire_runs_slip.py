@@ -1,0 +1,91 @@
+"""A roll-and-slip trial over the wire: ur_rtde, python-can and pyserial at once, on one simulated tip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from wire_campaign import PATIENT, Hand
+
+from config.assemble import Table, build_rig, plan_campaign, start_emulator
+from config.profile import load_profile
+from controller.campaign import EXIT_DONE, EXIT_GUARD, Campaign
+from controller.recording.reader import open_run
+
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
+
+TOLERANT = {"limits.late_s": "2.0", "limits.stale_s": "1.0"}
+"""Two busy cores starve a turn now and then; what is late here is the machine, not the bench."""
+
+SHORT = {
+    "behavior.sensors.fingertip.steps": "["
+    '{ do = "roll", duration_s = 1.2, turn_rad = 0.3 },'
+    '{ do = "load", duration_s = 0.6, speed_m_s = 0.0005 },'
+    '{ do = "slip", duration_s = 1.0, speed_m_s = 0.01 },'
+    "]",
+    "behavior.sensors.fingertip.tilt_rad": "0.0",
+}
+
+
+def run(tmp_path, **settings):
+    profile = load_profile("emulated/slip", {**PATIENT, **TOLERANT, **SHORT, **settings}, table=Table())
+    emulator = start_emulator(profile)
+    hand = Hand({})
+    try:
+        rig = build_rig(profile, emulator.endpoints)
+        trials = [trial for trial in profile.trials(1) if trial.id == 1]
+        outcome = Campaign(plan_campaign(profile, trials, 1), rig, hand, tmp_path).run()
+        rig.close()
+    finally:
+        emulator.close()
+    return outcome, open_run(outcome.folder), hand
+
+
+def test_the_arm_stops_on_slip_and_the_row_says_how_fast(tmp_path):
+    outcome, done, hand = run(tmp_path)
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    assert hand.seen[-1] == "DONE"
+    (row,) = done.trials
+    assert (row["outcome"], row["reference"], row["slips"]) == ("contact", "command", 1)
+    # 4 N on the fingertip, and the arm's own sensor feels the same
+    assert row["press_n"] == pytest.approx(4.4, abs=0.5)
+    assert 0.0 < row["slip_to_stop_s"] < 1.0
+    assert hand.seen.index("HALTING") == hand.seen.index("SLIPPING") + 1
+    told = [event for event in done.events if event["event"] == "SlipStarted"]
+    assert told, "ours told slip"
+    # 10 mm/s for a second were asked for
+    pose = done.recording(1).stream("arm.pose")
+    after = pose.times_s > row["slide_s"]
+    assert np.ptp(pose.values[after, 0]) < 0.009, "it was cut short"
+
+
+def test_every_device_talks_and_what_is_lost_is_counted(tmp_path):
+    outcome, done, _ = run(tmp_path)
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    recording, manifest = done.recording(1), done.manifest
+    assert {
+        "arm.force",
+        "arm.pose",
+        "board.fingertip",
+        "signals.tip",
+        "hand.strain_11",
+        "matrix.taxels",
+    } <= set(recording.streams)
+    for stream, rate_hz in (("arm.force", 500.0), ("hand.strain_11", 250.0), ("matrix.taxels", 100.0)):
+        series = recording.stream(stream)
+        missing = sum(gap.samples for gap in series.gaps)
+        first_s, last_s = series.times_s[[0, -1]]
+        unheard_s = sum(max(0.0, min(s.t1_s, last_s) - max(s.t0_s, first_s)) for s in series.skipped)
+        assert missing <= manifest["loss"].get(stream, 0) + 1, f"{stream}: a gap that nobody counted"
+        assert len(series) + missing == pytest.approx((last_s - first_s - unheard_s) * rate_hz, rel=0.05), (
+            stream
+        )
+    assert manifest["devices"]["arm"]["link"]["rows"] > 1000
+
+
+def test_an_overload_of_the_fingertip_stops_the_arm_over_the_wire(tmp_path):
+    outcome, done, _ = run(tmp_path, **{"behavior.sensors.fingertip.press_m": "0.0024"})
+    (row,) = done.trials
+    assert (outcome.exit_code, row["outcome"]) == (EXIT_GUARD, "guard")
+    assert "signals.tip is beyond its range" in outcome.line
+    position = done.recording(1).stream("arm.position")
+    assert position.values.max() < 0.003 + 0.0024, "it never got as deep as it was sent"
