@@ -7,6 +7,12 @@ BENCHMARKS = {
     "loop": "benchmarks.loop",
     "stop": "benchmarks.stop_latency",
     "physics": "benchmarks.physics.run",
+    "chain": "benchmarks.chain.run",
+    "slip": "benchmarks.slip.run",
+    "slip_endurance": "benchmarks.slip.endurance",
+    "aura": "benchmarks.aura.run",
+    "pretouch": "benchmarks.pretouch.run",
+    "centering": "benchmarks.centering.run",
 }
 
 

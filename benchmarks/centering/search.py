@@ -1,0 +1,252 @@
+"""One search, as behaviors/centering.py makes it, with the real detectors heard by their own `push`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.events import Contact, PreTouch
+from benchmarks.centering.scenes import (
+    STILL_S,
+    STOP_M_S2,
+    Bench,
+    Place,
+    after,
+    turn_at,
+)
+from controller.detectors.level import LevelDetector, LevelSettings
+from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
+from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
+from drivers.messages import SampleBlock
+from drivers.mock.plants.aura import ENVELOPE_HZ, LEFT, RIGHT
+from drivers.ur_arm.stream import RATE_HZ as ENCODER_HZ
+
+Method = Literal["paper", "ours"]
+Finder = PreTouchDetector | PreTouchPaperDetector
+
+NAMES = {RIGHT: "right", LEFT: "left"}
+
+CHUNK = 500
+"""Milliseconds that are foreseen at a time."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What the detectors are told.
+
+    Attributes:
+        method: Whose finders.
+        finder: Settings of the finders.
+        gains: Of the right and the left finger (ours).
+        contact: Settings of the contact detectors; None does without them.
+    """
+
+    method: Method
+    finder: dict[str, Any] = field(default_factory=dict)
+    gains: tuple[float, float] = (1.0, 1.0)
+    contact: dict[str, Any] | None = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Course:
+    """How the search is gone about: see `behaviors.centering.CenteringSettings`."""
+
+    sweep_m: float = 0.033
+    baseline_s: float = 1.0
+    run_up: bool = False
+    blind_s: float = 0.15
+    loop_hz: float = 100.0
+    idle_hz: float = 50.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of a search.
+
+    Attributes:
+        place: The search.
+        outcome: `found`, `unseen` or `contact` (a contact detector spoke while a finder was asked).
+        error_m: The gripper's middle from the object's, positive where it went too far forward; NaN unless found.
+        seen_m: Distance of the right and of the left finger from the object when it was seen.
+        touches: How often a finger really began to touch the object.
+        moved_m: How far it was pushed.
+        search_s: From the first motion to the last standstill.
+    """
+
+    place: Place
+    outcome: Literal["found", "unseen", "contact"]
+    error_m: float = math.nan
+    seen_m: tuple[float, float] = (math.nan, math.nan)
+    touches: int = 0
+    moved_m: float = 0.0
+    search_s: float = math.nan
+
+
+def finder(tuning: Tuning, which: int) -> Finder:
+    """The finder of one finger."""
+    name = NAMES[which]
+    if tuning.method == "paper":
+        return PreTouchPaperDetector(
+            name, PreTouchPaperSettings(**{"input": f"signals.{name}"} | tuning.finder)
+        )
+    told: dict[str, Any] = {"input": f"signals.{name}", "gain": tuning.gains[which]}
+    return PreTouchDetector(name, PreTouchSettings(**told | tuning.finder))
+
+
+def block_of(which: int, first: int, z: NDArray[np.complex128]) -> SampleBlock:
+    """A finger's envelope as its signal gives it."""
+    values = np.ascontiguousarray(z[:, which]).view(np.float64).reshape(-1, 2)
+    return SampleBlock(
+        f"signals.{NAMES[which]}", first, first / ENVELOPE_HZ, values, rate_hz=float(ENVELOPE_HZ), unit="FS"
+    )
+
+
+class Search:
+    """A search under way.
+
+    Args:
+        place: Where and how.
+        tuning: Of the detectors.
+        course: How it is gone about.
+    """
+
+    def __init__(self, place: Place, tuning: Tuning, course: Course) -> None:
+        self.place, self.tuning, self.course = place, tuning, course
+        self.bench = Bench(place)
+        self.now_s = place.begin_s
+        self._next = after(place.begin_s)
+        self._contacts = []
+        if tuning.contact is not None:
+            self._contacts = [
+                LevelDetector(name, LevelSettings(**{"input": f"signals.{name}"} | tuning.contact))
+                for name in NAMES.values()
+            ]
+        self._touched_s = self._heeded_s = math.inf
+        self._saw_m: dict[int, float] = {}
+        self._gap_m = {RIGHT: math.nan, LEFT: math.nan}
+
+    def run(self) -> Found:
+        """Search to the end."""
+        order = (RIGHT, LEFT, RIGHT) if self.course.run_up else (LEFT, RIGHT)
+        first = finder(self.tuning, order[0])
+        self._rest(first)
+        begun_s = self.now_s
+        for place, which in enumerate(order):
+            detector = first if place == 0 else finder(self.tuning, which)
+            ending = self._seek(which, detector)
+            if ending is not None:
+                return self._found(ending, math.nan, begun_s)
+        middle_m = 0.5 * (self._saw_m[LEFT] + self._saw_m[RIGHT])
+        return self._found("found", middle_m, begun_s)
+
+    def _turn_at(self, t_s: float) -> float:
+        return turn_at(t_s, self.course.loop_hz)
+
+    def _found(self, outcome: Any, middle_m: float, begun_s: float) -> Found:
+        bench = self.bench
+        return Found(
+            self.place,
+            outcome,
+            middle_m - bench.object_x_m,
+            (self._gap_m[RIGHT], self._gap_m[LEFT]),
+            bench.touches,
+            abs(bench.object_x_m - self.place.object_x_m),
+            self.now_s - begun_s,
+        )
+
+    def _rest(self, detector: Finder) -> None:
+        # nothing moves: the loop turns at its idle rate
+        self.now_s = turn_at(self.now_s + self.course.baseline_s, self.course.idle_hz)
+        self._pass(self.now_s, detector)
+
+    def _pass(
+        self,
+        until_s: float,
+        detector: Finder | None = None,
+        known: NDArray[np.complex128] | None = None,
+    ) -> None:
+        """Let time pass; contact detectors hear it, and a finder if it is given (what it says is not asked for).
+
+        What was foreseen, as far as it goes and where nothing was touched, is not computed again."""
+        end = after(until_s)
+        if end <= self._next:
+            return
+        first, self._next = self._next, end
+        if known is not None and end - first <= len(known):
+            self._touch(first, known[: end - first])
+            return
+        z, encoder = self.bench.hear(first, end)
+        self._touch(first, z)
+        if detector is not None:
+            _tell(detector, first, z, encoder)
+
+    def _touch(self, first: int, z: NDArray[np.complex128]) -> None:
+        for contact, which in zip(self._contacts, NAMES, strict=False):
+            for event in contact.push(block_of(which, first, z)):
+                if isinstance(event, Contact) and event.t_s >= self._heeded_s:
+                    self._touched_s = min(self._touched_s, event.t_s)
+
+    def _seek(self, which: int, detector: Finder) -> Literal["unseen", "contact"] | None:
+        """One way, until the finger ahead of the motion sees the object and the arm stands still again."""
+        bench, arm = self.bench, self.bench.arm
+        forward = 1.0 if which == LEFT else -1.0
+        began_s = self.now_s
+        self._heeded_s = began_s + self.course.blind_s
+        arm.move_at(began_s, forward * self.place.speed_m_s, forward * self.course.sweep_m)
+        end = after(self._turn_at(arm.arrival_s + STILL_S))
+        while self._next < end:
+            first = self._next
+            z, encoder, clear = bench.foresee(first, min(first + CHUNK, end))
+            known = z if clear else None
+            seen = next(
+                (event for event in _tell(detector, first, z, encoder) if isinstance(event, PreTouch)), None
+            )
+            if seen is None:
+                self._pass((min(first + CHUNK, end) - 1) / ENVELOPE_HZ, known=known)
+            else:
+                stop_s = self._told(seen.t_s, first)
+                self._pass(stop_s, known=known)
+            if self._touched_s < math.inf:
+                self.now_s = self._turn_at(self._touched_s)
+                return "contact"
+            if seen is not None:
+                self._stop(which, seen, stop_s)
+                return None
+        self.now_s = self._turn_at(arm.arrival_s + STILL_S)
+        return "unseen"
+
+    def _told(self, t_s: float, first: int) -> float:
+        """The turn in which the loop knows of a sample."""
+        known_s = t_s
+        if self.tuning.method == "ours":  # it waits for the encoder
+            known_s = math.ceil(t_s * ENCODER_HZ - 1e-7) / ENCODER_HZ
+        return max(self._turn_at(known_s), self._turn_at(first / ENVELOPE_HZ))
+
+    def _stop(self, which: int, seen: PreTouch, stop_s: float) -> None:
+        arm = self.bench.arm
+        arm.stop(stop_s, STOP_M_S2)
+        self._heeded_s = math.inf  # what is felt in the turn ends nothing
+        self.now_s = self._turn_at(arm.arrival_s + STILL_S)
+        self._pass(self.now_s)
+        position_m = seen.position_m if math.isfinite(seen.position_m) else arm.target_m
+        self._saw_m[which] = position_m
+        self._gap_m[which] = self.bench.gap_m(which, position_m)
+        # the arm is told to go on in the turn that follows
+        self.now_s = max(self.now_s, stop_s + 1.0 / self.course.loop_hz)
+
+
+def _tell(detector: Finder, first: int, z: NDArray[np.complex128], encoder: SampleBlock) -> list[Any]:
+    which = RIGHT if detector.name == "right" else LEFT
+    heard = [block_of(which, first, z)]
+    if len(encoder) and encoder.stream in detector.inputs:
+        heard.insert(0, encoder)
+    return [event for block in heard for event in detector.push(block)]
+
+
+def search(place: Place, tuning: Tuning, course: Course) -> Found:
+    """Make one search."""
+    return Search(place, tuning, course).run()

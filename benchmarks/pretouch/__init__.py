@@ -1,0 +1,1 @@
+"""Pre-touch and contact at the paper's true-negative rates, on simulated fingers."""

@@ -1,0 +1,258 @@
+"""What was found in the study, and rates from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from benchmarks.pretouch.scenes import KINDS, POSITIVE, SPEEDS_M_S
+from benchmarks.pretouch.scoring import Rate, figures, quantiles, rate
+from benchmarks.pretouch.study import (
+    CLAIRVOYANT,
+    MATCHED,
+    STATISTICS,
+    Size,
+    Verdict,
+    contact_judges,
+    pretouch_judges,
+)
+from drivers.mock.plants.aura_objects import SIDES, SIX, SOFT
+
+PRETOUCH, CONTACT = tuple(pretouch_judges({})), tuple(contact_judges({}))
+OURS, OURS_CONTACT = "pretouch", "level"
+PAPERS_CONTACT = tuple(name for name in CONTACT if name.startswith("level.paper"))
+
+SHORT = (MATCHED, OURS)
+"""Of the tables that compare two."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """All that was found."""
+
+    size: Size
+    weaker_db: int
+    found_db: Mapping[int, float]
+    thresholds: Mapping[str, float]
+    plain_thresholds: Mapping[str, float]
+    matched: Sequence[Verdict]
+    plain: Sequence[Verdict]
+    soft: Mapping[int, Sequence[Verdict]]
+    sweep: Mapping[int, Sequence[Verdict]]
+    afar: Sequence[Verdict]
+    by_envelope: Sequence[Verdict]
+    by_carrier: Sequence[Verdict]
+    blind: Mapping[str, float]
+    cost_ns: Mapping[str, float] = field(default_factory=dict)
+    wall_s: float = math.nan
+    cpu_s: float = math.nan
+
+
+Chosen = Callable[[Verdict], bool]
+
+
+def everything(verdict: Verdict) -> bool:
+    """All of them."""
+    return True
+
+
+def pretouch_rates(
+    verdicts: Sequence[Verdict], name: str, chosen: Chosen = everything
+) -> tuple[Rate, Rate, dict[str, float | None]]:
+    """True positives, true negatives, and the distances (m) of the first."""
+    seen = [v.seen_m[name] for v in verdicts if name in v.seen_m and chosen(v)]
+    quiet = [not v.near[name] for v in verdicts if name in v.near and chosen(v)]
+    return rate(not math.isnan(d) for d in seen), rate(quiet), quantiles(seen)
+
+
+def contact_rates(
+    verdicts: Sequence[Verdict], name: str, chosen: Chosen = everything
+) -> tuple[Rate, Rate, dict[str, Rate], dict[str, float | None]]:
+    """True positives, true negatives, what became of the touches, and the delays (s)."""
+    touches = [v.touch[name] for v in verdicts if name in v.touch and chosen(v)]
+    quiet = [not v.touched[name] for v in verdicts if name in v.touched and chosen(v)]
+    delays_s = [t.delay_s for t in touches]
+    more = {
+        "early": rate(t.early for t in touches),
+        "held": rate(t.held for t in touches),
+        "ended": rate(t.ended for t in touches),
+    }
+    return rate(not math.isnan(d) for d in delays_s), rate(quiet), more, quantiles(delays_s)
+
+
+def best_paper_contact(verdicts: Sequence[Verdict]) -> str:
+    """The window at which the paper's z-score feels most: it is given the best."""
+    return max(PAPERS_CONTACT, key=lambda name: contact_rates(verdicts, name)[0].share)
+
+
+def by_object(names: Sequence[str]) -> dict[str, Chosen]:
+    """Which verdicts are of which object."""
+
+    def of(name: str) -> Chosen:
+        return lambda verdict: verdict.event.object == name
+
+    return {name: of(name) for name in names}
+
+
+def by_side_and_speed() -> dict[str, Chosen]:
+    """Which verdicts are of which side at which speed."""
+
+    def of(side: str, speed_m_s: float) -> Chosen:
+        return lambda v: v.event.side == side and v.event.speed_m_s == speed_m_s
+
+    return {f"{side}, {speed:g} m/s": of(side, speed) for side in SIDES for speed in SPEEDS_M_S}
+
+
+def by_kind() -> dict[str, Chosen]:
+    """Which verdicts are of which kind of passage before nothing."""
+
+    def of(kind: str) -> Chosen:
+        return lambda verdict: verdict.event.kind == kind
+
+    return {kind: of(kind) for kind in KINDS if kind not in POSITIVE}
+
+
+def targets(study: Study) -> list[list[str]]:
+    """Asked, found, met."""
+    papers, ours = (pretouch_rates(study.matched, name) for name in SHORT)
+    missed = [found[0].of - found[0].count for found in (papers, ours)]
+    medians = [found[2]["median"] or math.nan for found in (papers, ours)]
+    shared = [v for v in study.matched if CLAIRVOYANT in v.seen_m]
+    bound, ours_there = pretouch_rates(shared, CLAIRVOYANT), pretouch_rates(shared, OURS)
+    reach = (ours_there[2]["median"] or math.nan) / (bound[2]["median"] or math.nan)
+    paper = best_paper_contact(study.matched)
+    felt = [contact_rates(study.matched, name)[0] for name in (paper, OURS_CONTACT)]
+    felt_but_top = [contact_rates(study.matched, name, _not_the_top)[0] for name in (paper, OURS_CONTACT)]
+    disagree = disagreements(study)
+    return [
+        [
+            "more than 8,000 events",
+            f"{len(study.matched):,} passages at the matched echo",
+            _met(len(study.matched) > 8000),
+        ],
+        [
+            "pre-touch: ours misses at most a tenth of what the paper's misses",
+            f"{missed[1]} against {missed[0]} of {ours[0].of}",
+            _met(missed[1] <= 0.1 * missed[0]),
+        ],
+        [
+            "pre-touch: ours sees from at least twice as far (median)",
+            f"{100 * medians[1]:.1f} cm against {100 * medians[0]:.1f} cm",
+            _met(medians[1] >= 2.0 * medians[0]),
+        ],
+        ["contact: the same tenth", *_tenth(*felt)],
+        ["contact, all sides but the top: the same tenth", *_tenth(*felt_but_top)],
+        [
+            "fraction of the clairvoyant bound",
+            f"TPR {100 * ours_there[0].share / bound[0].share:.1f} % of it, median distance {100 * reach:.0f} %"
+            f" of it",
+            "stated",
+        ],
+        [
+            "1 % at carrier level through the real chain",
+            f"{len(study.by_carrier)} passages; disagreements: "
+            + ", ".join(f"{k} {v}" for k, v in disagree.items()),
+            "counted",
+        ],
+        [
+            "one command in at most 10 minutes on 2 cores",
+            f"{study.wall_s / 60:.1f} minutes; {study.cpu_s / 60:.1f} of processor time on all cores together",
+            _met(study.wall_s <= 600),
+        ],
+    ]
+
+
+def _not_the_top(verdict: Verdict) -> bool:
+    return verdict.event.side != "top"
+
+
+def _tenth(paper: Rate, ours: Rate) -> tuple[str, str]:
+    missed, missed_by_us = paper.of - paper.count, ours.of - ours.count
+    return f"{missed_by_us} against {missed} of {ours.of}", _met(missed_by_us <= 0.1 * missed)
+
+
+def _met(is_so: bool) -> str:
+    return "met" if is_so else "**missed**"
+
+
+def disagreements(study: Study) -> dict[str, int]:
+    """Passages in which a detector says something else at carrier than at envelope level, by detector."""
+    found = {}
+    paper = best_paper_contact(study.matched)
+    for name in (MATCHED, OURS, paper, OURS_CONTACT):
+        found[name] = sum(
+            _word(a, name) != _word(b, name) for a, b in zip(study.by_envelope, study.by_carrier, strict=True)
+        )
+    return found
+
+
+def _word(verdict: Verdict, name: str) -> bool:
+    if name in verdict.seen_m:
+        return not math.isnan(verdict.seen_m[name])
+    if name in verdict.touch:
+        return not math.isnan(verdict.touch[name].delay_s)
+    return verdict.near[name] if name in verdict.near else verdict.touched[name]
+
+
+def numbers(study: Study) -> dict[str, Any]:
+    """The JSON file."""
+    return {
+        "simulated": True,
+        "weaker_db": study.weaker_db,
+        "found_db": {str(db): share for db, share in study.found_db.items()},
+        "passages": len(study.matched),
+        "targets": targets(study),
+        "matched": _all_rates(study.matched, study.thresholds),
+        "plain": _all_rates(study.plain, study.plain_thresholds),
+        "soft": {
+            str(db): _all_rates(verdicts, study.thresholds if db else study.plain_thresholds, SOFT)
+            for db, verdicts in study.soft.items()
+        },
+        "sweep": {str(db): _pretouch_numbers(verdicts, SHORT) for db, verdicts in study.sweep.items()},
+        "afar": _pretouch_numbers(study.afar, PRETOUCH),
+        "carrier": {"passages": len(study.by_carrier), "disagreements": disagreements(study)},
+        "blind": dict(study.blind),
+        "ns_per_sample": dict(study.cost_ns),
+        "wall_s": study.wall_s,
+        "cpu_s": study.cpu_s,
+    }
+
+
+def _pretouch_numbers(
+    verdicts: Sequence[Verdict], names: Sequence[str], chosen: Chosen = everything
+) -> dict[str, Any]:
+    found = {}
+    for name in names:
+        positive, negative, distances = pretouch_rates(verdicts, name, chosen)
+        found[name] = {"tpr": figures(positive), "tnr": figures(negative), "distance_m": distances}
+    return found
+
+
+def _contact_numbers(verdicts: Sequence[Verdict], chosen: Chosen = everything) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name in CONTACT:
+        positive, negative, more, delays = contact_rates(verdicts, name, chosen)
+        found[name] = {"tpr": figures(positive), "tnr": figures(negative), "delay_s": delays}
+        found[name] |= {key: figures(value) for key, value in more.items()}
+    return found
+
+
+def _all_rates(
+    verdicts: Sequence[Verdict], thresholds: Mapping[str, float], objects: Sequence[str] = SIX
+) -> dict[str, Any]:
+    return {
+        "thresholds": {name: float(np.float64(value)) for name, value in thresholds.items()},
+        "pretouch": _pretouch_numbers(verdicts, (*PRETOUCH, *STATISTICS)),
+        "contact": _contact_numbers(verdicts),
+        "objects": {
+            name: {
+                "pretouch": _pretouch_numbers(verdicts, SHORT, chosen),
+                "contact": _contact_numbers(verdicts, chosen),
+            }
+            for name, chosen in by_object(objects).items()
+        },
+    }

@@ -1,0 +1,1 @@
+"""Slip detectors at equal false alarms, on simulated sensors."""

@@ -1,0 +1,7 @@
+"""`python -m benchmarks.slip [--quick]`."""
+
+import sys
+
+from benchmarks.slip.run import main
+
+main(quick="--quick" in sys.argv[1:])

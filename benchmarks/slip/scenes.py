@@ -1,0 +1,136 @@
+"""What the detectors hear: sensors with their structures off, recordings without slip, and slips.
+
+Everything here is simulated. Detectors see the sensor's output alone; the truth is used for scoring.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mock.plants.slip import SlipPlant, SlipSettings
+from drivers.mock.plants.slip_sensors import SENSORS
+
+Floats = NDArray[np.float64]
+
+OFF = ((0.7, 3.0), (1.3, 1.0 / 3.0), (0.7, 1.0 / 3.0), (1.3, 3.0))
+"""Factors on frequency and damping of the structure that the detectors are scored on: 30 % and 3 either way."""
+
+NUISANCES: Mapping[str, str] = {
+    "clean": "rolling on a smooth table and the sensor's noise",
+    "bumps": "the same with one bump a second, exponential, mean 1.5 slip events",
+    "loads": "the same with a load step of 0.3 to 1 V every two seconds",
+    "rough": "rolling twice as strong and twice as fast",
+}
+
+SPEED_M_S = 0.01
+"""Of the slip. Assumption: the paper prints none."""
+
+PRELOAD = 0.85
+RAMP_PRELOAD = 0.98
+"""Share of the mean friction that the tip already carries when the arm starts: rolling has loaded it. Assumption;
+for the ramp almost all of it, so that the slip begins while the arm is slow."""
+
+START_S = 0.03
+RAMP_S = 0.05
+"""How long the arm takes to its speed: smoothly (assumption), and linearly for the 50 ms ramp."""
+
+RECORDING_S = 600.0
+"""Length of one recording without slip; each has its own key."""
+
+SETTLE_S = 5.0
+"""Left out at its beginning: a detector may learn."""
+
+BEFORE_S = 3.0
+AFTER_S = 1.0
+"""Of a slip trial: before the arm starts and after."""
+
+FIRM_M = 0.01
+LIGHT_M = 0.001
+"""How far the arm presses: firmly where nothing may slip, as the paper does where something shall."""
+
+
+def sensor(name: str, nuisance: str, frequency: float = 1.0, damping: float = 1.0) -> SlipSettings:
+    """A sensor of the paper, its last bridge alone, under a nuisance, its structure off by these factors.
+
+    The stiffness stays: it is the mass that is another.
+    """
+    base = SENSORS[name]
+    more: dict[str, object] = {}
+    if nuisance == "bumps":
+        more["bumps_hz"] = 1.0
+    elif nuisance == "loads":
+        more["loads_hz"] = 0.5
+    elif nuisance == "rough":
+        more["rolling_n"], more["rolling_hz"] = 2.0 * base.rolling_n, 2.0 * base.rolling_hz
+    return base.model_copy(
+        update={
+            "bridges": base.bridges[-1:],
+            "mode_hz": base.mode_hz * frequency,
+            "mass_kg": base.mass_kg / frequency**2,
+            "damping_ratio": base.damping_ratio * damping,
+            **more,
+        }
+    )
+
+
+def recordings(settings: SlipSettings, hours: float, seed: int) -> Iterator[Floats]:
+    """Recordings without slip, shape (n, 1) each; the arm rolls to and fro all the time."""
+    plant = SlipPlant(settings)
+    n = round(RECORDING_S * settings.rate_hz)
+    t_s = np.arange(1, n + 1) / settings.rate_hz
+    roll_rad = 0.5 * np.abs((t_s / 10.0) % 2.0 - 1.0)
+    for number in range(round(hours * 3600.0 / RECORDING_S)):
+        plant.begin(key=(seed, number), press_m=FIRM_M)
+        values = plant.advance(np.zeros(n), np.full(n, FIRM_M), roll_rad)
+        if np.ptp(plant.slid_m) != 0.0:
+            raise RuntimeError("a recording without slip slipped: press harder")
+        yield values
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One slip trial.
+
+    Attributes:
+        values: What the sensor shows, shape (n, 1).
+        start: Sample at which the arm starts.
+        onset: Sample at which the contact has first moved. None where it never does, or did before the arm started.
+    """
+
+    values: Floats
+    start: int
+    onset: int | None
+
+
+def slips(settings: SlipSettings, count: int, seed: int, *, ramp: bool = False) -> Iterator[Slip]:
+    """Slip trials: the tip is loaded slowly, held while it rolls, and then dragged."""
+    plant = SlipPlant(settings)
+    rate_hz = settings.rate_hz
+    n = round((BEFORE_S + AFTER_S) * rate_hz)
+    t_s = np.arange(1, n + 1) / rate_hz
+    spring_n_m = settings.mass_kg * (2.0 * math.pi * settings.mode_hz) ** 2
+    friction_n = settings.friction * settings.normal_n_m * LIGHT_M
+    # the arm that loads the tip stretches the sensor's spring and the contact, one behind the other
+    whole_m = friction_n / spring_n_m * (1.0 + 1.0 / settings.contact_ratio)
+    loading = 0.5 - 0.5 * np.cos(np.pi * np.clip(t_s - 0.5, 0.0, 1.0))
+    for number in range(count):
+        # the golden ratio spreads the starts evenly over the paper's blocks
+        start_s = BEFORE_S - 0.2 + 0.1 * (number * 0.6180339887 % 1.0)
+        since_s = np.maximum(0.0, t_s - start_s)
+        if ramp:
+            way_m = np.where(since_s < RAMP_S, since_s**2 / (2.0 * RAMP_S), since_s - RAMP_S / 2.0)
+        else:
+            smooth = 0.5 * (since_s - START_S / np.pi * np.sin(np.pi * since_s / START_S))
+            way_m = np.where(since_s < START_S, smooth, since_s - START_S / 2.0)
+        arm_m = SPEED_M_S * way_m + (RAMP_PRELOAD if ramp else PRELOAD) * whole_m * loading
+        plant.begin(key=(seed, number), press_m=LIGHT_M)
+        values = plant.advance(arm_m, np.full(n, LIGHT_M), 0.1 * t_s)
+        moved = np.flatnonzero(np.diff(plant.slid_m) != 0.0) + 1
+        start = int(start_s * rate_hz)
+        onset = int(moved[0]) if moved.size and moved[0] >= start else None
+        yield Slip(values, start, onset)

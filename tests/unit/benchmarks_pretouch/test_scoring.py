@@ -1,0 +1,93 @@
+"""Scoring of the pre-touch study, and that its passages are what they are said to be."""
+
+import math
+
+import numpy as np
+import pytest
+
+from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
+from benchmarks.pretouch.scenes import SIX, Event, events, passage
+from benchmarks.pretouch.scoring import Rate, seen_at, threshold_at, touch
+
+
+def word(kind, t_s):
+    return kind(t_s, "touch", 1.0, 0.5)
+
+
+def test_wilsons_interval_is_the_textbooks():
+    """Newcombe, Statistics in Medicine 17 (1998), Table I: 81 of 263 gives 0.2553 to 0.3662."""
+    low, high = Rate(81, 263).interval
+    assert low == pytest.approx(0.2553, abs=5e-5)
+    assert high == pytest.approx(0.3662, abs=5e-5)
+
+
+@pytest.mark.parametrize("share", [0.9, 0.953, 0.987])
+def test_a_threshold_keeps_the_share_of_its_own_passages_quiet(share):
+    maxima = np.random.default_rng(1).permutation(1000).astype(float)
+    quiet = np.mean(maxima <= threshold_at(maxima.tolist(), share))
+    assert share <= quiet < share + 0.002
+
+
+def test_a_touch_that_is_felt_held_and_left_in_time():
+    said = [word(Contact, 1.1), word(ContactHeld, 1.6), word(ContactLost, 3.02)]
+    judged = touch(said, 1.0, 3.0)
+    assert judged.delay_s == pytest.approx(0.1)
+    assert (judged.early, judged.held, judged.ended) == (False, True, True)
+
+
+@pytest.mark.parametrize(
+    ("said", "felt", "early", "held", "ended"),
+    [
+        ([], False, False, False, False),
+        ([word(Contact, 0.5)], False, True, False, False),
+        ([word(Contact, 1.6)], False, False, False, False),
+        ([word(Contact, 1.1), word(ContactHeld, 1.6), word(ContactLost, 2.0)], True, False, False, False),
+        ([word(Contact, 1.1), word(ContactHeld, 1.6)], True, False, True, False),
+    ],
+)
+def test_what_is_late_early_or_taken_back_is_seen(said, felt, early, held, ended):
+    judged = touch(said, 1.0, 3.0)
+    assert (not math.isnan(judged.delay_s), judged.early, judged.held, judged.ended) == (
+        felt,
+        early,
+        held,
+        ended,
+    )
+
+
+def test_pre_touch_counts_within_the_approach_alone():
+    said = [word(PreTouch, 0.5), word(PreTouch, 2.5)]
+    assert seen_at(said, 1.0, 3.0) == 2.5
+    assert math.isnan(seen_at(said, 3.0, 4.0))
+
+
+def test_a_passage_goes_from_its_beginning_to_its_end_and_touches_when_it_is_to():
+    near = passage(Event(1, 1, "near", "mug", "normal", 0.03))
+    assert near.gap_m[0] == pytest.approx(0.055)
+    assert near.gap_m[near.arrived + 50] == pytest.approx(0.004, abs=1e-6)
+    assert near.touched is None
+    pressed = passage(Event(1, 1, "touch", "mug", "normal", 0.03))
+    assert pressed.touched is not None
+    assert pressed.released is not None
+    assert pressed.gap_m[pressed.touched] <= 0.0 < pressed.gap_m[pressed.touched - 1]
+    assert pressed.gap_m.min() == pytest.approx(-0.0005, abs=1e-6)
+    # the encoder tells the same way, with its own noise
+    assert np.abs(pressed.position_m - (0.055 - pressed.gap_m)).max() < 1e-4
+
+
+def test_equal_events_are_equal_passages_and_others_are_not():
+    one, same = (passage(Event(1, 2, "near", "mug", "top", 0.03)) for _ in range(2))
+    assert np.array_equal(one.z, same.z)
+    other = passage(Event(1, 4, "near", "mug", "top", 0.03))
+    n = min(len(one.z), len(other.z))
+    assert not np.array_equal(one.z[:n], other.z[:n])
+
+
+def test_the_full_study_has_more_than_eight_thousand_passages_of_all_kinds():
+    from benchmarks.pretouch.study import FULL
+
+    work = list(events(1, FULL.touches, FULL.nears, FULL.others))
+    assert len(work) > 8000
+    assert len({event.number for event in work}) == len(work)
+    assert {event.object for event in work} == {*SIX, "none"}
+    assert {event.kind for event in work} == {"touch", "near", "nothing", "other_side", "drift"}
