@@ -15,6 +15,7 @@ import click
 from config.verbs import (
     DEVICE,
     DONE,
+    USAGE,
     Program,
     Verb,
     complain,
@@ -85,7 +86,9 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
       run.py check mock/transient
       run.py check hardware/transient --connect
     """
+    from config.assemble import plan_campaign
     from config.toml_text import to_toml
+    from config.trials import distinct
 
     loaded = _loaded(profile, overrides, csv)
     origins = loaded.source.origins
@@ -94,20 +97,26 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
     )
     click.echo(f"# sha256 {loaded.hash}\n")
     click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
-    if not connect:
+    trials = plan_campaign(loaded, distinct(loaded.trials(0)), 0).trials
+    if not connect and loaded.bench != "mock":  # what a bench on the wire sends, it says when it is connected
         return DONE
     from config.assemble import build_rig
-    from controller.doctor import examine
+    from controller.doctor import compare, examine
     from controller.rig import TrialScene
 
-    click.echo()
-    plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
+    sound = True
     with closing(build_rig(loaded)) as rig:
-        findings = []
-        for finding in examine(rig, TrialScene(0, 0, {}, plant)):
-            findings.append(finding)
+        if not connect:
+            for finding in compare(rig, trials):
+                complain(finding.line)
+                sound = False
+            return DONE if sound else USAGE
+        click.echo()
+        plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
+        for finding in examine(rig, TrialScene(0, 0, {}, plant), trials):
             click.echo(finding.line)
-    return DONE if all(finding.sound for finding in findings) else DEVICE
+            sound &= finding.sound
+    return DONE if sound else DEVICE
 
 
 @cli.command(cls=Verb, short_help="Run an experiment, write a run folder and its report.")

@@ -92,12 +92,12 @@ class BackAndForth(Behavior):
 
     def __init__(self, mover: str, stops: int) -> None:
         states = self.States
-        self._mover = mover
         listening = StatePlan(10.0, frozenset({"at_random"}))
         self._left = stops
         self._forward = True
         super().__init__(
-            {states.HOMING: StatePlan(60.0), states.MOVING: listening, states.STOPPING: StatePlan(10.0)}
+            {states.HOMING: StatePlan(60.0), states.MOVING: listening, states.STOPPING: StatePlan(10.0)},
+            mover=mover,
         )
 
     def enough(self) -> bool:

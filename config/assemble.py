@@ -514,12 +514,10 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
 
 def _check_behaviors(profile: Profile, trials: Sequence[Trial]) -> None:
     """Make each trial's behavior once, repetitions aside, before anything is opened."""
-    seen = set()
-    for trial in trials:
-        key = repr(sorted(trial.factors.items(), key=lambda item: item[0]))
-        if key not in seen:
-            seen.add(key)
-            _behavior(profile.for_trial(trial), trial)
+    from config.trials import distinct
+
+    for trial in distinct(trials):
+        _behavior(profile.for_trial(trial), trial)
 
 
 def make_signals(profile: Profile) -> Sequence[Signal]:

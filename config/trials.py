@@ -120,6 +120,14 @@ def only(trials: Sequence[Trial], numbers: Sequence[int]) -> list[Trial]:
     return [trial for trial in trials if trial.id in numbers]
 
 
+def distinct(trials: Sequence[Trial]) -> list[Trial]:
+    """The first trial of each combination of factors: repetitions left out."""
+    first: dict[str, Trial] = {}
+    for trial in trials:
+        first.setdefault(repr(sorted(trial.factors.items())), trial)
+    return list(first.values())
+
+
 def read_csv(path: str | Path) -> tuple[list[dict[str, Factor]], list[str]]:
     """Rows of factors from a CSV file whose header names them.
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from controller.campaign import TrialPlan
+from controller.fit import misfits
+from controller.guard import GuardRefusal
 from controller.rig import Rig, TrialScene
 from drivers.errors import DeviceError
 from drivers.messages import (
@@ -44,7 +47,24 @@ class _Heard:
     statuses: list[Status] = field(default_factory=list)
 
 
-def examine(rig: Rig, scene: TrialScene) -> Iterator[Finding]:
+def compare(rig: Rig, trials: Iterable[TrialPlan]) -> Iterator[Finding]:
+    """Open every device and close it again: a line for each stream that a trial or its guard wants and nobody sends.
+
+    Args:
+        rig: The bench, closed.
+        trials: Whose streams are looked for.
+
+    Raises:
+        DeviceError: one does not open.
+    """
+    try:
+        yield from _misfits({name: device.open() for name, device in rig.devices.items()}, trials)
+    finally:
+        for device in rig.devices.values():
+            device.close()
+
+
+def examine(rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = ()) -> Iterator[Finding]:
     """Open every device, read each of its streams for a second, close all; nothing is moved or excited.
 
     A device that does not open is told of, and the others are looked at all the same.
@@ -52,6 +72,7 @@ def examine(rig: Rig, scene: TrialScene) -> Iterator[Finding]:
     Args:
         rig: The bench, closed.
         scene: For a simulated bench: the scene that it is to be in.
+        trials: Whose streams are looked for as well, as `compare` does, where every device opens.
     """
     infos: dict[str, DeviceInfo] = {}
     try:
@@ -68,9 +89,26 @@ def examine(rig: Rig, scene: TrialScene) -> Iterator[Finding]:
             for status in heard.statuses:
                 if status.device == name and isinstance(status, Failed | Lost | Refused | Stalled):
                     yield _trouble(status)
+        if infos.keys() == rig.devices.keys():
+            yield from _misfits(infos, trials)
     finally:
         for device in rig.devices.values():
             device.close()
+
+
+def _misfits(infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan]) -> Iterator[Finding]:
+    streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
+    told = set()
+    for trial in trials:
+        lines = misfits(streams.keys(), trial.behavior, trial.detectors, trial.signals)
+        try:
+            trial.guard.fit(streams | {signal.info.name: signal.info for signal in trial.signals})
+        except GuardRefusal as refusal:
+            lines = [*lines, str(refusal)]
+        for line in lines:
+            if line not in told:
+                told.add(line)
+                yield Finding(False, line)
 
 
 def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Heard:

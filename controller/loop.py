@@ -13,6 +13,7 @@ from pydantic import Field
 from behaviors.events import Detected, Event, GuardStopped, Paused, Resumed, Tick
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector
+from controller.fit import misfits
 from controller.guard import Guard
 from controller.rig import Rig
 from controller.signals.protocol import Signal, Signals
@@ -80,7 +81,7 @@ class Aborted(Exception):  # noqa: N818 - asked for, not an error
 
 
 class UnfitStreamError(Exception):
-    """A stream is not what the signal or detector that hears it needs: profile and bench do not fit together."""
+    """A stream is not there, or not what the signal or detector that hears it needs: profile and bench do not fit."""
 
 
 @dataclass(slots=True)
@@ -169,6 +170,8 @@ class Loop:
         self._guard.reset()
         try:
             self._guard.fit(self._streams | {signal.info.name: signal.info for signal in signals})
+            for line in misfits(self._streams.keys(), behavior, detectors, signals):
+                raise UnfitStreamError(line)
             self._hear_operator_first()
             self._begin()
             turn = 0

@@ -87,6 +87,31 @@ def test_what_check_prints_is_a_profile_again(verb, tmp_path):
     assert again.splitlines()[1] == verb("check", "mock/transient")[1].splitlines()[1]
 
 
+@pytest.mark.parametrize(
+    ("name", "setting", "says"),
+    [
+        (
+            "mock/transient",
+            "behavior.period_stream=board.perio",
+            "behavior hears board.perio: the bench has no such",
+        ),
+        ("mock/transient", "detectors.contact.input=stage.period", "contact hears stage.period"),
+        ("mock/pretouch", "signals.right.input=audio.finger", "signals.right hears audio.finger"),
+        ("mock/pretouch", "limits.position_stream=arm.positon", "limits.position_stream = arm.positon"),
+        ("mock/touch", "behavior.contact=nix", "no such detector to stop an approach that touches"),
+    ],
+)
+def test_check_finds_a_stream_that_nobody_sends_and_a_trial_that_cannot_be_run(verb, name, setting, says):
+    code, _, err = verb("check", name, "--set", setting)
+    assert code == 2
+    assert says in err.splitlines()[0]
+
+
+def test_check_finds_nothing_wrong_with_a_stream_that_no_state_listens_to(verb):
+    unheard = "detectors.unheard={ kind = 'resonance', input = 'board.nothing' }"
+    assert verb("check", "mock/weights", "--set", unheard)[0] == 0
+
+
 def test_check_connect_reads_every_sensor_of_the_mock_bench(verb):
     code, out, _ = verb("check", "mock/transient", "--connect")
     assert code == 0

@@ -1,0 +1,54 @@
+"""Whether what a trial is to hear is there, asked before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence, Set
+from difflib import get_close_matches
+
+from behaviors.machine import Behavior
+from controller.detectors.protocol import Detector
+from controller.signals.protocol import Signal
+
+
+def misfits(
+    streams: Set[str], behavior: Behavior, detectors: Mapping[str, Detector], signals: Sequence[Signal] = ()
+) -> Sequence[str]:
+    """Streams that some state wants to hear and nobody sends; what no state listens to may be as it likes.
+
+    Args:
+        streams: What the open devices send, as `device.stream`.
+        behavior: Of the trial.
+        detectors: By the names that the behavior knows them by.
+        signals: What is made of the devices' streams.
+
+    Returns:
+        A line for each, with who asks for it and what there is instead.
+    """
+    plans = list(behavior.plans.values())
+    asked = [
+        (detector, stream)
+        for detector in sorted({name for plan in plans for name in plan.detectors})
+        for stream in detectors[detector].inputs
+    ]
+    asked += [("behavior", stream) for stream in sorted({name for plan in plans for name in plan.measures})]
+    made = {signal.info.name: signal for signal in signals}
+    found = dict.fromkeys(
+        f"{who} hears {stream}: the bench has no such stream; {_instead(stream, streams | made.keys())}"
+        for who, stream in _followed(asked, made)
+        if stream not in streams
+    )
+    return list(found)
+
+
+def _followed(asked: Sequence[tuple[str, str]], made: Mapping[str, Signal]) -> Iterator[tuple[str, str]]:
+    """Through the signals to the streams of devices."""
+    for who, stream in asked:
+        if stream in made:
+            yield from _followed([(stream, source) for source in made[stream].inputs], made)
+        else:
+            yield who, stream
+
+
+def _instead(stream: str, known: Set[str]) -> str:
+    near = get_close_matches(stream, sorted(known), n=1)
+    return f"did you mean {near[0]}?" if near else f"it has {', '.join(sorted(known))}"
