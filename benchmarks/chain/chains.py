@@ -8,6 +8,7 @@ on. All hear the whole sound at once; ours and sosfilt, which can be told to go 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -125,16 +126,18 @@ def _rivals(drive_hz: float, frame: int) -> list[Chain]:
     b, a = signal.butter(2, CUTOFF_HZ, fs=RATE_HZ)
     fir = signal.firwin(FIR_TAPS, 0.5 * OUTPUT_HZ, fs=RATE_HZ, window=("kaiser", 8.0))
 
+    @cache  # made in the round that is not timed
+    def table(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        wave = oscillator.wave(np.arange(frame, frame + n, dtype=np.int64)) * 2.0**-22
+        return wave.real.copy(), -wave.imag
+
     def by_table(
         heard: Sound, fingers: tuple[int, ...]
     ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """I and Q before the low-pass, by a table of the drive's period where it is short."""
+        """I and Q before the low-pass."""
         counts = unpack24(heard.packed.reshape(-1)).reshape(-1, FINGERS)
-        n = len(counts)
-        period = oscillator.period if oscillator.period <= RATE_HZ else n
-        wave = oscillator.wave(np.arange(frame, frame + period, dtype=np.int64)) * 2.0**-22
-        wave = np.tile(wave, -(-n // period))[:n]
-        return [(counts[:, finger] * wave.real, counts[:, finger] * -wave.imag) for finger in fingers]
+        cosine, minus_sine = table(len(counts))
+        return [(counts[:, finger] * cosine, counts[:, finger] * minus_sine) for finger in fingers]
 
     def filtered(
         low_pass: Callable[[NDArray[np.float64]], NDArray[np.float64]],
@@ -147,8 +150,7 @@ def _rivals(drive_hz: float, frame: int) -> list[Chain]:
     def in_blocks(heard: Sound, fingers: tuple[int, ...]) -> Complexes:
         states = np.zeros((len(fingers), 2, len(sos), 2))
         # a block is a whole number of the drive's periods and of outputs
-        period = oscillator.wave(np.arange(frame, frame + BLOCK, dtype=np.int64)) * 2.0**-22
-        cosine, minus_sine = period.real.copy(), -period.imag
+        cosine, minus_sine = table(BLOCK)
         parts = []
         for start in range(0, len(heard.packed), BLOCK):
             counts = unpack24(heard.packed[start : start + BLOCK].reshape(-1)).reshape(-1, FINGERS)
@@ -162,8 +164,7 @@ def _rivals(drive_hz: float, frame: int) -> list[Chain]:
 
     def literal(heard: Sound, fingers: tuple[int, ...]) -> Complexes:
         counts = unpack24(heard.packed.reshape(-1)).reshape(-1, FINGERS)
-        frames = np.arange(frame, frame + len(counts))
-        cosine = np.cos(2.0 * np.pi * drive_hz / RATE_HZ * frames) * 2.0**-22
+        cosine, _ = table(len(counts))
         columns = [signal.lfilter(b, a, counts[:, finger] * cosine)[::DECIMATION] for finger in fingers]
         return np.column_stack(columns).astype(np.complex128)
 
