@@ -3,134 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from enum import Enum, auto
-from typing import Literal
 
-from pydantic import Field
+from behaviors.centering_settings import CenteringFactors, CenteringSettings
+from behaviors.events import Detected, PreTouch
+from behaviors.machine import StatePlan
+from behaviors.sonic import Place, SonicBehavior, coming_in, going_out
+from drivers.messages import Grip, Gripped, MoveAt, MoveTo, Release, Standstill, Stop
 
-from behaviors.events import Contact, ContactLost, Detected, Event, PreTouch
-from behaviors.machine import Behavior, StatePlan, failures
-from drivers.messages import (
-    Command,
-    Excite,
-    Grip,
-    Gripped,
-    Home,
-    MoveAt,
-    MovePose,
-    MoveTo,
-    Release,
-    Standstill,
-    Stop,
-    Tone,
-)
-from drivers.settings import Settings
-
-NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOWHERE: Place = (0.0, 0.0, 0.0)
 """The start pose: no displacement from it."""
 
-
-class CenteringSettings(Settings):
-    """How the middle is sought.
-
-    The mover's approach axis is the line on which the jaws close. Going forward on it takes the left finger towards
-    what is between the two, going backward the right one.
-    """
-
-    mover: str = "arm"
-    """Device that carries the gripper."""
-
-    gripper: str = "gripper"
-    """Device whose jaws carry the fingers."""
-
-    exciter: str = "audio"
-    """Device that drives the fingers' transducers."""
-
-    left_stream: str = "signals.left"
-    """Envelope of the left finger."""
-
-    right_stream: str = "signals.right"
-    """Envelope of the right finger."""
-
-    position_stream: str = "arm.position"
-    """Where the mover is (m)."""
-
-    width_stream: str = "gripper.width"
-    """How far open the jaws are (m)."""
-
-    drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)
-    """Frequency of the aura (III.A: 40 kHz)."""
-
-    drive_level: float = Field(default=0.5, gt=0.0, le=1.0)
-    """Amplitude of the drive as a share of full scale. Assumption: 18 Vrms at half of it."""
-
-    clear_m: float = Field(default=0.10, gt=0.0, le=1.0)
-    """How far above the start pose the jaws are empty, so that the gripper may find its ends there."""
-
-    sweep_m: float = Field(default=0.017, gt=0.0, le=0.5)
-    """Farthest search to either side of the start pose."""
-
-    run_up: bool = False
-    """Whether the detectors of method `ours` get a long way before they speak: the right finger goes to the object
-    first, and what it finds is thrown away. A wave that is fitted with a memory along the way has a size that depends
-    a little on how long the way was; with this both ways that count are as long as the room between the places."""
-
-    blind_s: float = Field(default=0.15, ge=0.0, le=10.0)
-    """For so long after a motion of the search begins, contact is not heeded: a mover that has just been stopped or
-    sets out changes the level as a touch does. Chosen on simulated searches (benchmarks/centering): none of these
-    false alarms came later than 0.1 s. What the guard limits holds nevertheless."""
-
-    handling_speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
-    """Speed of coming and going."""
-
-    baseline_s: float = Field(default=2.0, ge=0.0, le=600.0)
-    """Rest before the search: the drive settles, the detectors learn."""
-
-    grasp: bool = True
-    """Close on the object, confirm contact and open again once the middle is found."""
-
-    grip_width_m: float = Field(default=0.0, ge=0.0, le=0.2)
-    """Opening to close to; what is between the jaws keeps them from it."""
-
-    grip_speed_m_s: float = Field(default=0.02, gt=0.0, le=1.0)
-    """How fast the jaws close."""
-
-    grip_force_n: float = Field(default=10.0, gt=0.0, le=500.0)
-    """How hard they press."""
-
-    confirm_s: float = Field(default=1.0, gt=0.0, le=60.0)
-    """Longest wait, after the grip, for both fingers to feel the contact."""
-
-    hold_s: float = Field(default=1.0, ge=0.0, le=600.0)
-    """How long the object is held."""
-
-    motion_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
-    """Longest stay in any state that waits for a motion."""
+CONTACTS = frozenset({"left_contact", "right_contact"})
+"""Detectors that feel a touch, one at each finger."""
 
 
-class CenteringFactors(Settings):
-    """What a trial varies."""
-
-    method: Literal["paper", "ours"] = "ours"
-    """Whose detectors are asked: those named `left_METHOD` and `right_METHOD`."""
-
-    speed_m_s: float = Field(default=0.01, gt=0.0, le=1.0)
-    """Speed of the search (Fig. 4d: 0.01 and 0.03 m/s)."""
-
-    object: str = "pipe"
-    """What is between the fingers."""
-
-    object_x_m: float = Field(default=0.0, ge=-0.1, le=0.1)
-    """Where its middle really is on the mover's axis, measured by hand on a real bench. The behavior does not look at
-    it."""
-
-
-class Centering(Behavior):
+class Centering(SonicBehavior):
     """Search one way until the finger ahead of the motion sees the object, then the other way; go to the middle.
 
     Where a finger saw it is what its detector says of the mover's position; a detector that hears no encoder leaves it
-    to where the mover came to stand. Contact during the search ends it.
+    to where the mover came to stand. Contact during the search ends it; a touch that stands before it lets none begin.
 
     Args:
         settings: Of the experiment.
@@ -165,40 +57,10 @@ class Centering(Behavior):
 
     initial = States.CLEARING
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
-    _seeking = (
-        States.RUNNING_UP,
-        States.REVERSING,
-        States.SEEKING_FORWARD,
-        States.TURNING,
-        States.SEEKING_BACKWARD,
-        States.STOPPING,
-    )
+    _seeking = (States.RUNNING_UP, States.SEEKING_FORWARD, States.SEEKING_BACKWARD)
+    _turning = (States.REVERSING, States.TURNING)
     table = (
-        {
-            "trigger": "reached",
-            "source": States.CLEARING,
-            "dest": States.CALIBRATING,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "reached",
-            "source": States.CALIBRATING,
-            "dest": States.OPENING,
-            "conditions": "from_gripper",
-        },
-        {
-            "trigger": "reached",
-            "source": States.OPENING,
-            "dest": States.ENTERING,
-            "conditions": "from_gripper",
-        },
-        {
-            "trigger": "reached",
-            "source": States.ENTERING,
-            "dest": States.BASELINE,
-            "conditions": "from_mover",
-        },
+        *coming_in(States),
         {
             "trigger": "deadline",
             "source": States.BASELINE,
@@ -216,6 +78,14 @@ class Centering(Behavior):
         },
         {
             "trigger": "standstill",
+            "source": list(_turning),
+            "dest": States.LEAVING,
+            "conditions": ["from_mover", "touch_held"],
+            "before": "say_touched",
+            "label": "a touch stands",
+        },
+        {
+            "trigger": "standstill",
             "source": States.REVERSING,
             "dest": States.SEEKING_FORWARD,
             "conditions": "from_mover",
@@ -229,7 +99,7 @@ class Centering(Behavior):
         },
         {
             "trigger": "reached",
-            "source": [States.RUNNING_UP, States.SEEKING_FORWARD, States.SEEKING_BACKWARD],
+            "source": list(_seeking),
             "dest": States.LEAVING,
             "conditions": "from_mover",
             "before": "say_unseen",
@@ -237,14 +107,14 @@ class Centering(Behavior):
         },
         {
             "trigger": "contact",
-            "source": [States.RUNNING_UP, States.SEEKING_FORWARD, States.SEEKING_BACKWARD],
+            "source": list(_seeking),
             "dest": States.BACKING_OFF,
             "conditions": "under_way",
             "before": "say_touched",
         },
         {
             "trigger": "contact_held",
-            "source": [States.RUNNING_UP, States.SEEKING_FORWARD, States.SEEKING_BACKWARD],
+            "source": list(_seeking),
             "dest": States.BACKING_OFF,
             "before": "say_touched",
             "label": "a touch while it was not heeded",
@@ -329,61 +199,43 @@ class Centering(Behavior):
             "dest": States.LEAVING,
             "conditions": "from_mover",
         },
-        {"trigger": "reached", "source": States.LEAVING, "dest": States.DONE, "conditions": "from_mover"},
         {
             "trigger": "resumed",
-            "source": [States.CLEARING, States.CALIBRATING, States.OPENING, States.ENTERING],
-            "dest": States.CLEARING,
-        },
-        {
-            "trigger": "resumed",
-            "source": [States.BASELINE, *_seeking, States.CENTERING, States.RESTING],
+            "source": [
+                *(States.BASELINE, *_seeking, *_turning),
+                *(States.STOPPING, States.CENTERING, States.RESTING),
+            ],
             "dest": States.ENTERING,
         },
         {
             "trigger": "resumed",
-            "source": [States.CLOSING, States.CONFIRMING, States.HOLDING, States.RELEASING],
+            "source": [States.CLOSING, States.CONFIRMING],
             "dest": States.RELEASING,
+            "before": "say_broken_off",
         },
         {
             "trigger": "resumed",
-            "source": [States.BACKING_OFF, States.LEAVING],
-            "dest": States.LEAVING,
+            "source": [States.HOLDING, States.RELEASING],
+            "dest": States.RELEASING,
         },
-        {
-            "trigger": "baseline_refused",
-            "source": list(_alive),
-            "dest": States.FAILED,
-            "before": "say_why",
-        },
-        *failures(_alive, States.FAILED),
-        {
-            "trigger": "deadline",
-            "source": [
-                state
-                for state in _alive
-                if state.name not in ("BASELINE", "RESTING", "CONFIRMING", "HOLDING")
-            ],
-            "dest": States.FAILED,
-            "before": "say_stuck",
-        },
+        {"trigger": "resumed", "source": States.BACKING_OFF, "dest": States.LEAVING},
+        *going_out(States, rests=(States.BASELINE, States.RESTING, States.CONFIRMING, States.HOLDING)),
     )
+    settings: CenteringSettings
 
     def __init__(
         self, settings: CenteringSettings, factors: CenteringFactors, detectors: frozenset[str]
     ) -> None:
         states = self.States
-        self.settings = settings
         self.factors = factors
         self._left, self._right = f"left_{factors.method}", f"right_{factors.method}"
         self._saw: dict[str, float] = {}
-        self._touching: set[str] = set()
-        contact = detectors & {"left_contact", "right_contact"}
+        contact = detectors & CONTACTS
         seeking = frozenset((self._left, self._right)) | contact
         seen = frozenset((settings.left_stream, settings.right_stream, settings.position_stream))
         closed = seen | {settings.width_stream}
         motion, search = settings.motion_timeout_s, 2.0 * settings.sweep_m / factors.speed_m_s
-        plans: dict[Enum, StatePlan] = dict.fromkeys(self._alive, StatePlan(motion))
+        plans: dict[Enum, StatePlan] = dict.fromkeys(set(states) - self.final, StatePlan(motion))
         plans |= {
             states.BASELINE: StatePlan(settings.baseline_s, seeking, seen, prompt=False),
             states.RUNNING_UP: StatePlan(search + motion, seeking, seen),
@@ -392,6 +244,7 @@ class Centering(Behavior):
             states.SEEKING_FORWARD: StatePlan(search + motion, seeking, seen),
             states.TURNING: StatePlan(motion, contact, seen),
             states.SEEKING_BACKWARD: StatePlan(search + motion, seeking, seen),
+            # Nor does anybody feel here: after a hard stop the contact detectors begin anew, at rest in the middle.
             states.STOPPING: StatePlan(motion, frozenset(), seen),
             states.CENTERING: StatePlan(motion, frozenset(), seen),
             states.RESTING: StatePlan(settings.baseline_s, contact, closed, prompt=False),
@@ -400,15 +253,7 @@ class Centering(Behavior):
             states.HOLDING: StatePlan(settings.hold_s, contact, closed, prompt=False),
             states.RELEASING: StatePlan(motion, contact, closed),
         }
-        super().__init__(plans, mover=settings.mover)
-
-    def handle(self, event: Event) -> Sequence[Command]:
-        """Hear one event; who touches is kept in mind whatever the state."""
-        if isinstance(event, Contact):
-            self._touching.add(event.detector)
-        elif isinstance(event, ContactLost):
-            self._touching.discard(event.detector)
-        return super().handle(event)
+        super().__init__(settings, NOWHERE, contact, plans)
 
     @property
     def middle_m(self) -> float:
@@ -416,10 +261,6 @@ class Centering(Behavior):
         return 0.5 * (self._saw[self._left] + self._saw[self._right])
 
     # conditions
-
-    def from_gripper(self) -> bool:
-        """Whether the status is the gripper's."""
-        return getattr(self.event, "device", None) == self.settings.gripper
 
     def by_left(self) -> bool:
         """Whether the left finger saw it."""
@@ -447,7 +288,7 @@ class Centering(Behavior):
 
     def both_touch(self) -> bool:
         """Whether both fingers feel contact."""
-        return self._touching >= {"left_contact", "right_contact"}
+        return self._touching >= CONTACTS
 
     # what is said of the outcome
 
@@ -468,25 +309,16 @@ class Centering(Behavior):
         """The jaws hold something that the fingers do not feel."""
         self.conclude("no_contact", f"no contact felt within {self.settings.confirm_s:.6g} s of the grip")
 
+    def say_broken_off(self) -> None:
+        """A pause came between the jaws and what they were to hold."""
+        self.conclude("no_contact", "a pause broke the grip off")
+
     # what is commanded on entry
 
-    def enter_CLEARING(self) -> None:
-        """To where the jaws are empty. An arm knows where it is; sent home, it would go among the fingers' objects."""
-        self.command(MovePose(self.settings.mover, self._above, self.settings.handling_speed_m_s))
-
-    def enter_CALIBRATING(self) -> None:
-        """Let the gripper find its ends, if it does not know them."""
-        self.command(Home(self.settings.gripper))
-
-    def enter_OPENING(self) -> None:
-        """As wide as it goes."""
-        self.command(Release(self.settings.gripper, self.settings.grip_speed_m_s))
-
     def enter_ENTERING(self) -> None:
-        """The fingers to either side of the object; the aura on, so that it settles on the way."""
+        """The fingers to either side of the object, which has been seen nowhere yet."""
         self._saw.clear()
-        self.command(Tone(self.settings.exciter, self.settings.drive_hz, self.settings.drive_level))
-        self.command(MovePose(self.settings.mover, NOWHERE, self.settings.handling_speed_m_s))
+        super().enter_ENTERING()
 
     def enter_RUNNING_UP(self) -> None:
         """The right finger towards the object."""
@@ -532,33 +364,13 @@ class Centering(Behavior):
 
     def enter_RELEASING(self) -> None:
         """Let go."""
-        self.command(Release(self.settings.gripper, self.settings.grip_speed_m_s))
+        self.command(Release(self.settings.gripper, self.settings.open_speed_m_s))
 
     def enter_BACKING_OFF(self) -> None:
         """Stop at once."""
         self.command(Stop(self.settings.mover))
 
-    def enter_LEAVING(self) -> None:
-        """Away from the object."""
-        if self.outcome == "aborted":
-            self.conclude("no_contact")
-        self.command(MovePose(self.settings.mover, self._above, self.settings.handling_speed_m_s))
-
-    def enter_DONE(self) -> None:
-        """Silence."""
-        self.command(Excite(self.settings.exciter, False))
-
-    def enter_FAILED(self) -> None:
-        """Nothing moves after an error; what is held stays held."""
-        self.command(Stop(self.settings.mover))
-        self.command(Stop(self.settings.gripper))
-        self.command(Excite(self.settings.exciter, False))
-
     # the search
-
-    @property
-    def _above(self) -> tuple[float, float, float, float, float, float]:
-        return (0.0, 0.0, self.settings.clear_m, 0.0, 0.0, 0.0)
 
     def _seek(self, direction: float) -> None:
         settings = self.settings

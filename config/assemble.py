@@ -162,8 +162,8 @@ EXPERIMENTS: Mapping[str, ExperimentEntry] = {
     "centering": ExperimentEntry(
         "find an object between two fingers without touching it, go to the middle, close (C3)",
         "behaviors.centering:Centering",
-        "behaviors.centering:CenteringSettings",
-        "behaviors.centering:CenteringFactors",
+        "behaviors.centering_settings:CenteringSettings",
+        "behaviors.centering_settings:CenteringFactors",
         "controller.measures.centering",
     ),
     "chirp": ExperimentEntry(

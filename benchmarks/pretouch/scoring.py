@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
+from controller.reports.counts import wilson
 
 Floats = NDArray[np.float64]
 
@@ -34,12 +35,7 @@ class Rate:
     @property
     def interval(self) -> tuple[float, float]:
         """95 %, Wilson."""
-        if not self.of:
-            return math.nan, math.nan
-        from scipy.stats import binomtest
-
-        found = binomtest(self.count, self.of).proportion_ci(0.95, method="wilson")
-        return float(found.low), float(found.high)
+        return wilson(self.count, self.of)
 
     def __str__(self) -> str:
         if not self.of:

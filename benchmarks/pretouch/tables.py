@@ -22,7 +22,7 @@ from benchmarks.pretouch.study import (
     Verdict,
 )
 from benchmarks.results import table
-from controller.detectors.level import LevelDetector, LevelSettings
+from controller.detectors.level import LevelSettings
 from controller.detectors.pretouch import PreTouchSettings
 
 
@@ -45,11 +45,7 @@ def ms(delays: Mapping[str, float | None]) -> str:
 def _threshold(thresholds: Mapping[str, float], name: str) -> str:
     if name in thresholds:
         return f"{thresholds[name]:.3g}"
-    own = (
-        LevelDetector("", LevelSettings()).threshold
-        if name.startswith("level")
-        else PreTouchSettings().threshold
-    )
+    own = LevelSettings().threshold if name.startswith("level") else PreTouchSettings().threshold
     return f"{own:.3g}"
 
 

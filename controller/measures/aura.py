@@ -34,6 +34,11 @@ OURS_AND_PAPERS = (
     "false",
     "held",
     "ended",
+    "said",
+    "said_held",
+    "said_ended",
+    "words",
+    "said_of_nothing",
 )
 COLUMNS = (
     "approaches",
@@ -64,7 +69,10 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
         `seen`, approaches to an object in which it was said in time; `distance_m`, median distance at which;
         `felt`, touches that were said; `delay_s`, median delay; `false`, approaches in which contact was said that was
         none; `held`, touches whose persistence was said and not taken back too soon; `ended`, touches whose
-        end was said in time.
+        end was said in time. These five are unknown where `touches` is. What was said is known on every bench:
+        `said`, approaches in which contact was; `said_held` and `said_ended`, in which its persistence and its end
+        were after that; `words`, how often contact was said in them; `said_of_nothing`, approaches in which it was
+        said where nothing can touch (in the rest before, or before nothing).
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     passages = _passages(evidence)
@@ -94,6 +102,7 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
             row[f"seen_{method}"] = sum(t_s is not None for t_s, _ in seen)
         if distances_m:
             row[f"distance_m_{method}"] = float(np.median(distances_m))
+        row.update(_said_columns(words, passages, there, method))
         if contacts is not None:
             row.update(_contact_columns(words, passages, contacts, method))
     return outcome, row
@@ -166,6 +175,33 @@ def _distance(
         return np.array([np.interp(at_s, times_s, column) for column in places_m.T])
 
     return float(np.linalg.norm(place(end_s) - place(t_s))) + gap_m
+
+
+def _said_columns(
+    words: Sequence[Detected], passages: Sequence[Passage], there: bool, method: str
+) -> dict[str, Any]:
+    """What was said of contact, whatever was true."""
+    said = held = ended = spoken = of_nothing = 0
+    for passage in passages:
+        own = [event for event in words if passage.begun_s <= event.t_s < passage.over_s]
+        begins = [event.t_s for event in own if isinstance(event, Contact)]
+        early = any(
+            isinstance(event, Contact) and passage.rest_s <= event.t_s < passage.begun_s for event in words
+        )
+        of_nothing += early or bool(begins and not there)
+        if not begins:
+            continue
+        said += 1
+        spoken += len(begins)
+        held += any(isinstance(event, ContactHeld) and event.t_s > begins[0] for event in own)
+        ended += any(isinstance(event, ContactLost) and event.t_s > begins[0] for event in own)
+    return {
+        f"said_{method}": said,
+        f"said_held_{method}": held,
+        f"said_ended_{method}": ended,
+        f"words_{method}": spoken,
+        f"said_of_nothing_{method}": of_nothing,
+    }
 
 
 def _contact_columns(

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from behaviors.aura import AuraFactors
 from controller.measures.aura import METHODS
 from controller.recording.reader import Run
-from controller.reports.counts import rate, total, values
+from controller.reports.counts import percent, rate, total, values
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Section
@@ -23,9 +23,15 @@ from controller.reports.sonicfinger import (
     PRE_TOUCH,
     rows_of,
 )
-from controller.reports.text import number
+from controller.reports.text import number, title
 
 SIDES = ("normal", "back", "front", "top", "bottom")
+DEAF = "top"
+"""The side with which the paper's finger feels nothing (IV.A.3)."""
+
+PIPE = "pipe"
+"""What C2 and C4 approach; the paper's rates are those of its six objects."""
+
 SOFT = ("sponge", "cloth")
 """Objects that are no paper's: soft ones, counted by themselves."""
 
@@ -36,21 +42,23 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     there = [row for row in rows if factor(row, "object") != "none"]
     nothing = [row for row in rows if factor(row, "object") == "none"]
     objects = sorted({factor(row, "object") for row in there})
-    tables = [_sides_table(there)]
+    hard = _hard(there) or there
+    touching = rows_of([run for run in runs if setting_of(run, "behavior", "touch")])
+    told = [row for row in touching if not _known(row)]
+    tables = [_sides_table(hard, bool(told))]
     if len(objects) > 1 or nothing:
-        tables += [_objects_table(there, nothing, objects)]
-    if total(there, "touches"):
-        tables += [_touch_table(there)]
-    drawn = _draw(runs, figures)
+        tables += [_pre_touch_table(there, nothing, objects), *_contact_table(there, nothing, objects)]
+    felt = [row for row in touching if _known(row) and factor(row, "object") != "none"]
+    if felt:
+        tables += [_touch_table(_hard(felt) or felt)]
+    if told:
+        tables += [_said_table(told)]
     return Section(
-        title=_title(rows, objects),
+        title=_title(runs, objects),
         template="plain.html.j2",
         citation=CITATION,
-        summary=_summary(there, nothing),
-        not_the_papers=[
-            *NOT_THE_PAPERS,
-            "“Object”, “nothing” and what touched when are known because they are simulated: no detector is told.",
-        ],
+        summary=_summary(hard, nothing, told),
+        not_the_papers=[*NOT_THE_PAPERS, *_whence(rows)],
         context={
             "paragraphs": [
                 "One finger approaches an object with one of its sides, stays at the end of its way or "
@@ -58,16 +66,42 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
                 "Both methods hear the same samples."
             ],
             "tables": tables,
-            "figures": drawn,
-            "notes": _notes(there),
+            "figures": _draw(runs, figures),
+            "notes": _notes(hard),
         },
     )
 
 
-def _title(rows: Sequence[Any], objects: Sequence[str]) -> str:
+def _title(runs: Sequence[Run], objects: Sequence[str]) -> str:
     if len(objects) > 1:
         return "Objects (C5)"
-    return "Contact (C4)" if total(rows, "touches") else "Pre-touch (C2)"
+    touch = {bool(setting_of(run, "behavior", "touch")) for run in runs}
+    if len(touch) > 1:
+        return "Pre-touch and contact (C2, C4)"
+    return "Contact (C4)" if touch == {True} else "Pre-touch (C2)"
+
+
+def _hard(rows: Sequence[Any]) -> list[Any]:
+    return [row for row in rows if factor(row, "object") not in SOFT]
+
+
+def _known(row: Mapping[str, Any]) -> bool:
+    """Whether it is known what touched when: where that is simulated in the program's own process."""
+    return row.get("touches") is not None
+
+
+def _whence(rows: Sequence[Any]) -> list[str]:
+    """How it is known what stood there and what touched."""
+    if not any(row.get("approaches") for row in rows):
+        return []
+    if any(_known(row) for row in rows):
+        return [
+            "“Object”, “nothing” and what touched when are known because they are simulated: no detector is told."
+        ]
+    return [
+        "“Object” and “nothing” are what the trials say; what touched when is not known on this bench, so "
+        "contact is reported as it was said."
+    ]
 
 
 def factor(row: Mapping[str, Any], name: str) -> str:
@@ -77,13 +111,13 @@ def factor(row: Mapping[str, Any], name: str) -> str:
 
 
 def _groups(rows: Sequence[Any], *names: str) -> Mapping[tuple[str, ...], list[Any]]:
-    """Trials by the values of some factors, sides in the paper's order."""
+    """Trials by the values of some factors, sides in the paper's order, soft objects last."""
     groups: dict[tuple[str, ...], list[Any]] = {}
     for row in rows:
         groups.setdefault(tuple(factor(row, name) for name in names), []).append(row)
 
     def order(key: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
-        return tuple((SIDES.index(part) if part in SIDES else 0, part) for part in key)
+        return tuple((SIDES.index(part) if part in SIDES else int(part in SOFT), part) for part in key)
 
     return {key: groups[key] for key in sorted(groups, key=order)}
 
@@ -92,7 +126,10 @@ def _median(numbers: Sequence[float], digits: int, scale: float = 1.0) -> str:
     return number(float(np.median(numbers)) if numbers else None, digits, scale)
 
 
-def _sides_table(rows: Sequence[Any]) -> Mapping[str, Any]:
+# --- tables ------------------------------------------------------------------------------------------
+
+
+def _sides_table(rows: Sequence[Any], told: bool) -> Mapping[str, Any]:
     body = []
     for (side, axis, speed), members in _groups(rows, "side", "axis", "speed_m_s").items():
         approaches = total(members, "approaches")
@@ -102,10 +139,20 @@ def _sides_table(rows: Sequence[Any]) -> Mapping[str, Any]:
             cells.append(f"{total(members, f'seen_{method}')} of {approaches}")
             cells.append(_median(values(members, f"distance_m_{method}"), 1, 100.0))
         body.append(cells)
-    return {
-        "caption": "Pre-touch by side, axis and speed. Undulations are those of the whole approach, per cm of way; "
+    caption = (
+        "Pre-touch by side, axis and speed. Undulations are those of the whole approach, per cm of way; "
         "half a wave is 0.43 cm, so 2.33 are expected where the finger goes straight at the object. “From” is "
-        "the way left to go: along x the distance to the object.",
+        "the way left to go (median): along x the distance to the object."
+    )
+    if any(factor(row, "object") != PIPE for row in rows):
+        caption += " All objects together, but for the soft ones."
+    if told:
+        caption += (
+            " Where what touched is not known, the way ends where the arm was told to stop, and what was said "
+            "until then counts as seen."
+        )
+    return {
+        "caption": caption,
         "head": ["side", "axis", "speed, m/s", "approaches", "undulations/cm"]
         + [f"{what}, {METHOD_NAMES[method]}" for method in METHODS for what in ("seen", "from, cm")],
         "rows": body,
@@ -113,107 +160,201 @@ def _sides_table(rows: Sequence[Any]) -> Mapping[str, Any]:
     }
 
 
-def _objects_table(there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]) -> Mapping[str, Any]:
+def _named(there: Sequence[Any], objects: Sequence[str]) -> list[tuple[str, list[Any]]]:
+    """Trials by object, soft ones last, then those to which the paper's rates are held."""
+    named = [
+        (title(name) + (" (soft)" if name in SOFT else ""), members)
+        for (name,), members in _groups(there, "object").items()
+    ]
+    others = [
+        *(["the soft ones"] if set(objects) & set(SOFT) else []),
+        *(["the pipe"] if PIPE in objects else []),
+    ]
+    counted = _papers(there)
+    return [*named, (f"all but {' and '.join(others)}" if others else "all", counted)] if counted else named
+
+
+def _papers(there: Sequence[Any]) -> list[Any]:
+    """Trials that are held against the paper's rates: those of the pipe try sides and axes, soft objects are ours."""
+    return [row for row in _hard(there) if factor(row, "object") != PIPE]
+
+
+def _pre_touch_table(
+    there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]
+) -> Mapping[str, Any]:
     body = []
-    for name in sorted(objects, key=lambda each: (each in SOFT, each)):
-        members = [row for row in there if factor(row, "object") == name]
-        body.append([name + (" (soft)" if name in SOFT else ""), *_rates(members, ())])
-    hard = [row for row in there if factor(row, "object") not in SOFT]
-    body.append(["all but the soft ones", *_rates(hard, nothing)])
+    for name, members in _named(there, objects):
+        approaches = total(members, "approaches")
+        seen = [rate(total(members, f"seen_{method}"), approaches) for method in METHODS]
+        body.append([name, str(approaches), *seen])
+    if nothing:
+        empty = total(nothing, "approaches")
+        quiet = [rate(empty - total(nothing, f"alarms_{method}"), empty) for method in METHODS]
+        body.append(["nothing: not said", str(empty), *quiet])
     return {
-        "caption": "True positives of pre-touch and contact, and true negatives over approaches to nothing "
-        "(pre-touch) and over all "
-        "approaches (contact), with 95 % intervals (Wilson). The paper: "
-        f"{PRE_TOUCH[0]:.1%} and {PRE_TOUCH[1]:.1%}; {CONTACT[0]:.1%} and {CONTACT[1]:.1%}.",
-        "head": ["object", "events"]
-        + [
-            f"{what}, {METHOD_NAMES[method]}"
-            for what in ("pre-touch TPR", "pre-touch TNR", "contact TPR", "contact TNR")
-            for method in METHODS
-        ],
+        "caption": "Pre-touch: in how many approaches to an object it was said in time (true positives), and in how "
+        "many to nothing it was not said (true negatives), with 95 % intervals (Wilson). The paper: "
+        f"{percent(PRE_TOUCH[0])} and {percent(PRE_TOUCH[1])}.",
+        "head": ["object", "approaches", *(METHOD_NAMES[method] for method in METHODS)],
         "rows": body,
         "left": 1,
     }
 
 
-def _rates(there: Sequence[Any], nothing: Sequence[Any]) -> list[str]:
-    approaches, empty = total(there, "approaches"), total(nothing, "approaches")
-    touches = total(there, "touches")
-    cells = [str(approaches + empty + touches + approaches + empty)]
-    for method in METHODS:
-        cells.append(rate(total(there, f"seen_{method}"), approaches))
-    for method in METHODS:
-        cells.append(rate(empty - total(nothing, f"alarms_{method}"), empty))
-    for method in METHODS:
-        cells.append(rate(total(there, f"felt_{method}"), touches))
-    for method in METHODS:
-        false = total(there, f"false_{method}") + total(nothing, f"false_{method}")
-        cells.append(rate(approaches + empty - false, approaches + empty))
-    return cells
+def _contact_table(
+    there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]
+) -> list[Mapping[str, Any]]:
+    """Rates of contact by object, where it is known what touched."""
+    if not total(there, "touches"):
+        return []
+    body = []
+    for name, members in [*_named(there, objects), *([("nothing", nothing)] if nothing else [])]:
+        touches, approaches = total(members, "touches"), total(members, "approaches")
+        for method in METHODS:
+            felt = rate(total(members, f"felt_{method}"), touches)
+            true = rate(approaches - total(members, f"false_{method}"), approaches)
+            body.append([name, METHOD_NAMES[method], str(touches), felt, str(approaches), true])
+    return [
+        {
+            "caption": "Contact: touches that were felt (true positives), and approaches in which no contact was said "
+            "that was none (true negatives), with 95 % intervals (Wilson). The paper: "
+            f"{percent(CONTACT[0])} and {percent(CONTACT[1])}.",
+            "head": ["object", "detector", "touches", "felt", "approaches", "without a false one"],
+            "rows": body,
+            "left": 2,
+        }
+    ]
 
 
 def _touch_table(rows: Sequence[Any]) -> Mapping[str, Any]:
     body = []
     for (side,), members in _groups(rows, "side").items():
-        touches = total(members, "touches")
-        cells = [side, str(touches)]
+        touches, approaches = total(members, "touches"), total(members, "approaches")
         for method in METHODS:
-            cells.append(rate(total(members, f"felt_{method}"), touches))
-            cells.append(_median(values(members, f"delay_s_{method}"), 0, 1e3))
-            cells.append(f"{total(members, f'held_{method}')}, {total(members, f'ended_{method}')}")
-        body.append(cells)
+            body.append(
+                [
+                    side,
+                    METHOD_NAMES[method],
+                    str(touches),
+                    rate(total(members, f"felt_{method}"), touches),
+                    _median(values(members, f"delay_s_{method}"), 0, 1e3),
+                    str(total(members, f"held_{method}")),
+                    str(total(members, f"ended_{method}")),
+                    f"{total(members, f'false_{method}')} of {approaches}",
+                ]
+            )
     return {
-        "caption": "Contact by side: touches that were felt, median delay, and of how many persistence and "
-        "end were told. "
-        "The paper: all, but for the top.",
-        "head": ["side", "touches"]
-        + [
-            f"{what}, {METHOD_NAMES[method]}"
-            for method in METHODS
-            for what in ("felt", "delay, ms", "persistence, end")
-        ],
+        "caption": "Contact by side: touches that were felt, with 95 % intervals (Wilson); median delay; of how "
+        "many persistence and end were told; and in how many approaches contact was said that was none. "
+        f"The paper: all felt, but for the {DEAF}.",
+        "head": ["side", "detector", "touches", "felt", "delay, ms", "persistence", "end", "false"],
         "rows": body,
-        "left": 1,
+        "left": 2,
     }
 
 
-def _summary(there: Sequence[Any], nothing: Sequence[Any]) -> list[tuple[bool | None, str]]:
-    said: list[tuple[bool | None, str]] = []
-    sides = sorted({factor(row, "side") for row in there}, key=SIDES.index)
-    if len(sides) > 1:
+def _said_table(rows: Sequence[Any]) -> Mapping[str, Any]:
+    by = "object" if len({factor(row, "object") for row in rows}) > 1 else "side"
+    body = []
+    for (name,), members in _groups(rows, by).items():
         for method in METHODS:
-            seen = [
-                side
-                for side in sides
-                if total([row for row in there if factor(row, "side") == side], f"seen_{method}")
+            counts = [
+                total(members, f"{what}_{method}")
+                for what in ("said", "words", "said_held", "said_ended", "said_of_nothing")
             ]
-            blind = [side for side in sides if side not in seen]
-            words = "sees from every side" if not blind else f"sees nothing from {', '.join(blind)}"
-            said.append((not blind, f"Pre-touch, {METHOD_NAMES[method]}: {words}."))
+            approaches = str(total(members, "approaches"))
+            body.append([title(name), METHOD_NAMES[method], approaches, *map(str, counts)])
+    return {
+        "caption": f"Contact by {by} as it was said. What touched when is not known on this bench, so nothing here is "
+        "called true or false: in how many approaches contact was said, and how often in all of them; in how many its "
+        "persistence and its end were said after that; and in how many contact was said where nothing can touch, in "
+        "the rest before or before nothing.",
+        "head": [by, "detector", "approaches", "said", "times", "persistence", "end", "where nothing can"],
+        "rows": body,
+        "left": 2,
+    }
+
+
+# --- sentences ---------------------------------------------------------------------------------------
+
+
+def _summary(
+    there: Sequence[Any], nothing: Sequence[Any], told: Sequence[Any]
+) -> list[tuple[bool | None, str]]:
+    said = [*_of_sides(there), *_of_objects(_papers(there)), *_of_touches(there)]
+    for method in METHODS if told else ():
+        found, approaches = total(told, f"said_{method}"), total(told, "approaches")
+        said.append(
+            (
+                None,
+                f"Contact, {METHOD_NAMES[method]}: said in {found} of {approaches} approaches; what touched "
+                "is not known on this bench.",
+            )
+        )
+    for method in METHODS if nothing else ():
+        alarms, empty = total(nothing, f"alarms_{method}"), total(nothing, "approaches")
+        words = f"{alarms} alarms in {empty} approaches to nothing"
+        said.append(
+            (
+                None,
+                f"Pre-touch, {METHOD_NAMES[method]}: {words}; the paper {percent(1.0 - PRE_TOUCH[1])}.",
+            )
+        )
+    return said
+
+
+def _of_sides(there: Sequence[Any]) -> list[tuple[bool | None, str]]:
+    """From which sides an object is seen at all (C2)."""
+    sides = _groups(there, "side")
+    said: list[tuple[bool | None, str]] = []
+    for method in METHODS if len(sides) > 1 else ():
+        blind = [side for (side,), members in sides.items() if not total(members, f"seen_{method}")]
+        every = (
+            "every side" if len(sides) == len(SIDES) else f"each of the {len(sides)} sides that were tried"
+        )
+        words = f"sees from {every}" if not blind else f"sees nothing from {', '.join(blind)}"
+        said.append((not blind, f"Pre-touch, {METHOD_NAMES[method]}: {words}."))
+    return said
+
+
+def _of_objects(rows: Sequence[Any]) -> list[tuple[bool | None, str]]:
+    """Rates over objects beside the paper's over its six (C5)."""
+    said: list[tuple[bool | None, str]] = []
     for what, hits, of, bound in (
         ("Pre-touch", "seen", "approaches", PRE_TOUCH[0]),
         ("Contact", "felt", "touches", CONTACT[0]),
     ):
-        count = total(there, of)
-        # The paper's pre-touch rate is over its objects, not over the pipe and its axes.
-        of_objects = len({factor(row, "object") for row in there}) > 1
-        for method in METHODS if count and (of_objects or what == "Contact") else ():
-            found = total(there, f"{hits}_{method}")
+        count = total(rows, of)
+        for method in METHODS if count else ():
+            found = total(rows, f"{hits}_{method}")
             said.append(
                 (
                     found / count >= bound,
                     f"{what}, {METHOD_NAMES[method]}: {found} of {count} {of}, {rate(found, count)}; "
-                    f"the paper {bound:.1%} of its own.",
+                    f"the paper {percent(bound)} of its own.",
                 )
             )
-    if nothing:
-        empty = total(nothing, "approaches")
-        for method in METHODS:
-            alarms = total(nothing, f"alarms_{method}")
-            words = f"{alarms} alarms in {empty} approaches to nothing"
-            said.append(
-                (None, f"Pre-touch, {METHOD_NAMES[method]}: {words}; the paper {1.0 - PRE_TOUCH[1]:.1%}.")
+    return said
+
+
+def _of_touches(there: Sequence[Any]) -> list[tuple[bool | None, str]]:
+    """Whether every side but the deaf one feels the pipe each time (C4)."""
+    pipe = [row for row in there if factor(row, "object") == PIPE]
+    hearing = [row for row in pipe if factor(row, "side") != DEAF]
+    deaf = [row for row in pipe if factor(row, "side") == DEAF]
+    touches, others = total(hearing, "touches"), total(deaf, "touches")
+    said: list[tuple[bool | None, str]] = []
+    for method in METHODS if touches else ():
+        felt = total(hearing, f"felt_{method}")
+        words = f"{felt} of {touches} touches felt with the other sides than the {DEAF}"
+        if others:
+            words += f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}"
+        said.append(
+            (
+                felt == touches,
+                f"Contact, {METHOD_NAMES[method]}: {words}; the paper felt all of the former.",
             )
+        )
     return said
 
 
@@ -232,18 +373,20 @@ def _notes(rows: Sequence[Any]) -> list[str]:
     return notes
 
 
+# --- figures -----------------------------------------------------------------------------------------
+
+
 def _draw(runs: Sequence[Run], figures: Figures) -> list[Mapping[str, Any]]:
-    """The envelope along the approach: one panel for each side and speed of which there is a recording (Fig. "
-    "4d, 6, 7)."""
-    panels: dict[tuple[str, str, str], tuple[Run, int]] = {}
+    """The envelope along the approach: one panel for each side and speed of which there is a recording."""
+    panels: dict[tuple[str, str], tuple[Run, int]] = {}
     for run in runs:
         recorded = set(run.recorded_trials)
         for row in run.trials:
             trial = int(row["trial"] or 0)
-            if factor(row, "object") == "pipe" and factor(row, "axis") == "x" and trial in recorded:
-                key = (factor(row, "side"), factor(row, "speed_m_s"), "")
+            if factor(row, "object") == PIPE and factor(row, "axis") == "x" and trial in recorded:
+                key = (factor(row, "side"), factor(row, "speed_m_s"))
                 panels.setdefault(key, (run, trial))
-    keys = sorted(panels, key=lambda key: (SIDES.index(key[0]), key[1]))[:10]
+    keys = sorted(panels, key=lambda key: (SIDES.index(key[0]), float(key[1])))[:10]
     if not keys:
         return []
     columns = 2 if len(keys) > 1 else 1
@@ -258,17 +401,17 @@ def _draw(runs: Sequence[Run], figures: Figures) -> list[Mapping[str, Any]]:
         # a trial that was refused at once has a recording without the finger
         told = [axes for axes in drawing.axes if axes.get_legend_handles_labels()[0]]
         for axes in told[:1]:
-            axes.legend(loc="upper left", ncols=2)
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2)
         svg = Markup(drawing.save("approaches"))
     caption = (
-        "Fig. 4d, 6, 7. Envelope of the finger in trials with the pipe, less its mean, from the rest before "
-        "the approach on: "
-        "in-phase and quadrature. Circles mark our detectors' words, crosses the paper's."
+        "Fig. 4d, 6, 7. Envelope of the finger in trials with the pipe, less what it is at rest, from the rest "
+        "before the approach on: in-phase and quadrature. Circles mark our detectors' words, crosses the paper's; "
+        "green is pre-touch, orange contact."
     )
     return [{"svg": svg, "caption": caption}]
 
 
-def _draw_panel(axes: Any, key: tuple[str, str, str], run: Run, trial: int) -> None:
+def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:
     stream = str(setting_of(run, "behavior", "finger_stream") or "signals.right")
     series = run.recording(trial).stream(stream)
     if not len(series):
@@ -288,5 +431,5 @@ def _draw_panel(axes: Any, key: tuple[str, str, str], run: Run, trial: int) -> N
         height = top * (1.05 if ours else 1.25)
         marker = {"marker": "o", "mfc": "none"} if ours else {"marker": "x"}
         axes.plot(float(event["t_s"]) - start_s, height, color=color, ms=4.0, ls="none", zorder=4, **marker)
-    axes.set_title(f"{key[0]}, {key[1]} m/s" if key[1] else key[0])
+    axes.set_title(f"{key[0]}, {key[1]} m/s")
     axes.set_ylabel("$10^{-3}$ FS")

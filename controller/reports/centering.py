@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from behaviors.centering import CenteringFactors
+from behaviors.centering_settings import CenteringFactors
 from controller.recording.reader import Run
 from controller.reports.counts import total, values
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
@@ -21,7 +21,7 @@ from controller.reports.sonicfinger import (
     WORST_CENTERING_M,
     rows_of,
 )
-from controller.reports.text import number, share
+from controller.reports.text import number, share, title
 
 Key = tuple[str, str, float]
 
@@ -51,10 +51,24 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
                     "caption": "Errors of the middle, mm; positive is too far forward. “Worst” is the largest "
                     "of either sign.",
                     "head": [
-                        *("object", "method", "speed, m/s", "trials", "no middle", "worst", "mean", "sigma"),
-                        *("median |error|", "touched before", "contact by both", "search, s"),
+                        *("object", "method", "speed, m/s", "trials", "no middle"),
+                        *("worst", "mean", "sigma", "median |error|"),
                     ],
-                    "rows": [_row(key, rows) for key, rows in groups.items()],
+                    "rows": [_errors_row(key, rows) for key, rows in groups.items()],
+                    "left": 2,
+                },
+                {
+                    "caption": "Search and grasp: how long the search took (median); how often something was touched "
+                    "during it, which simulation alone knows; in how many of the grasps both fingers said contact.",
+                    "head": [
+                        "object",
+                        "method",
+                        "speed, m/s",
+                        "search, s",
+                        "touched before",
+                        "contact by both",
+                    ],
+                    "rows": [_grasps_row(key, rows) for key, rows in groups.items()],
                     "left": 2,
                 },
                 *_stops(runs),
@@ -94,8 +108,9 @@ def _summary(groups: Mapping[Key, Sequence[Any]]) -> list[tuple[bool | None, str
     said: list[tuple[bool | None, str]] = []
     for (thing, method, speed_m_s), rows in groups.items():
         errors_m = values(rows, "error_m")
+        what = f"{title(thing).capitalize()}, {METHOD_NAMES[method]}, {speed_m_s:g} m/s"
         if not errors_m:
-            said.append((False, f"{thing}, {METHOD_NAMES[method]}, {speed_m_s:g} m/s: never centred."))
+            said.append((False, f"{what}: never centred."))
             continue
         worst_m = max(abs(error_m) for error_m in errors_m)
         unfound = len(rows) - len(errors_m)
@@ -104,22 +119,21 @@ def _summary(groups: Mapping[Key, Sequence[Any]]) -> list[tuple[bool | None, str
         said.append(
             (
                 worst_m <= bound_m and not unfound,
-                f"{thing.capitalize()}, {METHOD_NAMES[method]}, {speed_m_s:g} m/s: worst error of {len(errors_m)} "
-                f"{number(worst_m, 1, 1e3)} mm; {whose} {number(bound_m, 1, 1e3)} mm"
+                f"{what}: worst error {number(worst_m, 2, 1e3)} mm in {len(errors_m)} "
+                f"{'trial' if len(errors_m) == 1 else 'trials'}; {whose} {number(bound_m, 1, 1e3)} mm"
                 f"{f'; {unfound} of {len(rows)} found no middle' if unfound else ''}.",
             )
         )
     return said
 
 
-def _row(key: Key, rows: Sequence[Any]) -> list[str]:
+def _names(key: Key) -> list[str]:
     thing, method, speed_m_s = key
+    return [title(thing), METHOD_NAMES[method], f"{speed_m_s:g}"]
+
+
+def _errors_row(key: Key, rows: Sequence[Any]) -> list[str]:
     errors_m = np.array(values(rows, "error_m"))
-    touched = [row for row in rows if row.get("touched") is not None]
-    grasped = [row for row in rows if row.get("gripped") is not None]
-    both = sum(
-        row.get("contact_left_s") is not None and row.get("contact_right_s") is not None for row in grasped
-    )
     figures = (
         [
             number(float(np.abs(errors_m).max()), 2, 1e3),
@@ -130,17 +144,21 @@ def _row(key: Key, rows: Sequence[Any]) -> list[str]:
         if len(errors_m)
         else ["–"] * 4
     )
+    return [*_names(key), str(len(rows)), str(len(rows) - len(errors_m)), *figures]
+
+
+def _grasps_row(key: Key, rows: Sequence[Any]) -> list[str]:
     search_s = values(rows, "search_s")
+    touched = [row for row in rows if row.get("touched") is not None]
+    grasped = [row for row in rows if row.get("gripped") is not None]
+    both = sum(
+        row.get("contact_left_s") is not None and row.get("contact_right_s") is not None for row in grasped
+    )
     return [
-        thing,
-        METHOD_NAMES[method],
-        f"{speed_m_s:g}",
-        str(len(rows)),
-        str(len(rows) - len(errors_m)),
-        *figures,
+        *_names(key),
+        number(float(np.median(search_s)) if search_s else None, 1),
         str(total(touched, "touched")) if touched else "unknown",
         share(both, len(grasped)) if grasped else "not asked for",
-        number(float(np.median(search_s)) if search_s else None, 1),
     ]
 
 
@@ -164,8 +182,9 @@ def _stops(runs: Sequence[Run]) -> list[Mapping[str, Any]]:
     return [
         {
             "caption": "Seen, arm told to stop: from the time of the deciding sample of the envelope to the "
-            "command's last byte, ms; the chain's own delay, 3 ms, is in it. Audio frames lost in all trials. On the "
-            "emulated bench the far side of the wire is an emulator's.",
+            "command's last byte, ms. Where there is sound, the chain's own delay, 3 ms, is in it; on the mock bench "
+            "there is nothing but the wait for the loop's next turn, and on the emulated one the far side of the wire "
+            "is an emulator's. Audio frames lost in all trials.",
             "head": ["bench", "method", "stops", "p50", "p99", "max", "frames lost"],
             "rows": body,
             "left": 2,
@@ -199,4 +218,5 @@ def _draw(groups: Mapping[Key, Sequence[Any]], figures: Figures) -> Markup:
             axes.set_xlabel("error (mm)")
         for axes in drawing.axes[::columns]:
             axes.set_ylabel("trials")
+            axes.locator_params(axis="y", integer=True)
         return Markup(drawing.save("fig_8c_centering"))

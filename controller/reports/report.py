@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
@@ -11,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoes
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
+from controller.reports.counts import judged
 from controller.reports.figures import Figures
 from controller.reports.run_account import account_of, setting_of
 from controller.reports.section import Section
@@ -108,7 +110,8 @@ def _typographic(value: object) -> object:
 def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     if experiment in _SECTIONS:
         tell: Callable[[Sequence[Run], Figures], Section] = import_module(_SECTIONS[experiment]).section
-        return tell(runs, figures)
+        told = tell(runs, figures)
+        return replace(told, summary=judged(runs, told.summary))
     columns = list(dict.fromkeys(name for run in runs for row in run.trials for name in row))
     trials = [row for run in runs for row in run.trials]
     rows = [["" if row.get(name) is None else str(row[name]) for name in columns] for row in trials]

@@ -2,7 +2,7 @@ import pytest
 
 from behaviors.aura import Aura, AuraFactors, AuraSettings
 from behaviors.chirp import ChirpFactors, ChirpSettings, ChirpSweep
-from behaviors.events import Contact, PreTouch, Resumed, Tick
+from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
 from drivers.messages import Chirp, Excite, Failed, Home, MovePose, Reached, Release, Standstill, Stop, Tone
 
 STATES = Aura.States
@@ -121,11 +121,72 @@ def test_an_approach_that_a_pause_broke_off_is_made_again():
     behavior, _ = to(STATES.APPROACHING)
     behavior.handle(Resumed(9.0))
     assert behavior.state is STATES.RETRACTING
-    behavior.handle(arm(12.0))
+    assert behavior.handle(arm(12.0)) == [Tone("audio", 40_000.0, 0.5), go(0.0, 0.0, 0.05)]
+    behavior.handle(arm(12.1))
     assert behavior.state is STATES.BASELINE
-    assert behavior.handle(Tick(14.1)) == [go(0.051, 0.0, 0.01)]
+    assert behavior.handle(Tick(14.2)) == [go(0.051, 0.0, 0.01)]
     behavior.handle(arm(19.3))
     behavior.handle(Resumed(20.0))
     assert behavior.state is STATES.RETRACTING, "paused at its end"
     behavior.handle(arm(25.1))
     assert behavior.state is STATES.LEAVING
+
+
+LEFT_ALONE = [Contact(4.5, "contact_ours", 9.0, 5.0)]
+HELD = [*LEFT_ALONE, ContactHeld(5.0, "contact_ours", 9.0, 5.0)]
+ENDED = [*HELD, ContactLost(5.5, "contact_ours", 0.0, 5.0)]
+AGAIN = [*ENDED, Contact(5.6, "contact_ours", 9.0, 5.0)]
+
+
+@pytest.mark.parametrize("said", [LEFT_ALONE, HELD, AGAIN])
+@pytest.mark.parametrize("event", [Tick(6.0), Resumed(5.9)])
+def test_a_touch_that_stands_before_the_approach_lets_none_begin(said, event):
+    behavior, _ = to(STATES.BASELINE, touch=True)
+    for word in said:
+        behavior.handle(word)
+    assert behavior.handle(event) == [go(0.0, 0.1, 0.05)], "up and away from what it touches"
+    behavior.handle(arm(8.0))
+    assert (behavior.done, behavior.outcome) == (True, "contact")
+    assert "contact_ours told a touch at rest and not its end" in behavior.reason
+
+
+def test_a_touch_that_has_ended_before_the_approach_hinders_nothing():
+    behavior, _ = to(STATES.BASELINE, touch=True)
+    for word in ENDED:
+        behavior.handle(word)
+    assert behavior.handle(Tick(6.0)) == [go(0.051, 0.0, 0.01)]
+
+
+@pytest.mark.parametrize(("detector", "touch"), [("contact_paper", True), ("contact_ours", False)])
+def test_who_does_not_act_hinders_no_approach(detector, touch):
+    behavior, _ = to(STATES.BASELINE, touch=touch)
+    behavior.handle(Contact(4.5, detector, 9.0, 5.0))
+    assert behavior.handle(Tick(6.0)) == [go(0.051, 0.0, 0.01)]
+
+
+def test_a_touch_whose_end_was_not_felt_ends_a_trial_of_many_approaches():
+    behavior, _ = to(STATES.APPROACHING, touch=True, cycles=3)
+    behavior.handle(Contact(8.1, "contact_ours", 9.0, 5.0))
+    for event in (Standstill(8.2, "arm", 0.02), Tick(10.3), arm(12.0)):
+        behavior.handle(event)
+    assert behavior.state is STATES.BASELINE
+    assert behavior.handle(Tick(14.1)) == [go(0.0, 0.1, 0.05)]
+    assert "not its end" in behavior.reason
+
+
+def test_without_a_pause_the_detectors_stay_armed_from_approach_to_approach():
+    behavior, _ = to(STATES.RETRACTING, cycles=2)
+    behavior.handle(arm(18.3))
+    assert behavior.state is STATES.BASELINE
+
+
+@pytest.mark.parametrize("state", [STATES.HOLDING, STATES.RETRACTING])
+def test_after_a_pause_no_detector_carries_its_words_into_the_next_approach(state):
+    behavior, _ = to(state, cycles=2)
+    assert behavior.handle(Resumed(20.0)) == [go(0.0, 0.0, 0.01)]
+    assert behavior.plan.detectors == DETECTORS, "the end of the contact is measured all the same"
+    behavior.handle(arm(25.0))
+    assert behavior.plan.detectors == frozenset()
+    behavior.handle(arm(25.1))
+    assert behavior.state is STATES.BASELINE
+    assert behavior.plan.detectors == DETECTORS

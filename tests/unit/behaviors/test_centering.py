@@ -2,8 +2,9 @@ import math
 
 import pytest
 
-from behaviors.centering import Centering, CenteringFactors, CenteringSettings
-from behaviors.events import Contact, ContactLost, PreTouch, Resumed, Tick
+from behaviors.centering import Centering
+from behaviors.centering_settings import CenteringFactors, CenteringSettings
+from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
 from drivers.messages import (
     Excite,
     Failed,
@@ -30,6 +31,14 @@ def seen(t_s, detector, position_m=math.nan):
 
 def touch(t_s, detector):
     return Contact(t_s, detector, 9.0, 5.0)
+
+
+def held(t_s, detector):
+    return ContactHeld(t_s, detector, 9.0, 5.0)
+
+
+def lost(t_s, detector):
+    return ContactLost(t_s, detector, 0.0, 5.0)
 
 
 def arm(t_s, position_m=0.0):
@@ -210,3 +219,95 @@ def test_a_touch_that_is_felt_as_the_arm_sets_out_is_not_heeded():
     assert behavior.state is STATES.SEEKING_BACKWARD
     assert behavior.handle(touch(6.8, "right_contact")) == [Stop("arm")]
     assert behavior.reason == "touched during the search"
+
+
+AWAY = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        [touch(4.5, "left_contact")],
+        [touch(4.5, "left_contact"), held(5.0, "left_contact")],
+        [touch(4.5, "left_contact"), touch(4.6, "right_contact"), lost(4.7, "right_contact")],
+    ],
+)
+@pytest.mark.parametrize("event", [Tick(6.0), Resumed(5.9)])
+@pytest.mark.parametrize("run_up", [False, True])
+def test_a_touch_that_stands_before_the_search_lets_none_begin(said, event, run_up):
+    behavior, _ = to(STATES.BASELINE, run_up=run_up)
+    for word in said:
+        behavior.handle(word)
+    assert behavior.handle(event) == [AWAY]
+    behavior.handle(arm(8.0))
+    assert (behavior.done, behavior.outcome) == (True, "contact")
+    assert behavior.reason.startswith("left_contact told a touch at rest and not its end")
+
+
+def test_a_touch_that_has_ended_before_the_search_hinders_nothing():
+    behavior, _ = to(STATES.BASELINE)
+    for word in (touch(4.5, "left_contact"), held(5.0, "left_contact"), lost(5.5, "left_contact")):
+        behavior.handle(word)
+    assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
+
+
+@pytest.mark.parametrize("finger", ["left_contact", "right_contact"])
+def test_a_touch_that_is_held_while_the_arm_turns_ends_the_search_where_it_stands(finger):
+    behavior, _ = to(STATES.SEEKING_FORWARD)
+    assert behavior.handle(touch(6.1, finger)) == [], "as it sets out"
+    behavior.handle(seen(6.5, "left_ours", 0.005))
+    assert behavior.handle(held(6.6, finger)) == [], "it is stopping already"
+    assert behavior.handle(Standstill(6.7, "arm", 0.0055)) == [AWAY]
+    assert (behavior.outcome, behavior.reason) == ("contact", "touched during the search")
+
+
+def test_a_touch_that_begins_while_the_arm_turns_is_heeded_when_it_is_held():
+    behavior, _ = to(STATES.TURNING)
+    behavior.handle(touch(6.55, "right_contact"))
+    assert behavior.handle(Standstill(6.6, "arm", 0.0055)) == [MoveAt("arm", -0.01, -0.017)]
+    assert behavior.handle(held(7.05, "right_contact")) == [Stop("arm")]
+    assert behavior.reason == "touched during the search"
+
+
+def test_a_touch_that_is_held_while_the_run_up_is_reversed_ends_the_search():
+    behavior, _ = to(STATES.BASELINE, run_up=True)
+    behavior.handle(Tick(6.0))
+    behavior.handle(touch(6.1, "right_contact"))
+    behavior.handle(seen(6.4, "right_ours", -0.005))
+    assert behavior.state is STATES.REVERSING
+    behavior.handle(held(6.6, "right_contact"))
+    assert behavior.handle(Standstill(6.7, "arm", -0.0055)) == [AWAY]
+
+
+def test_a_touch_of_the_search_confirms_no_grip():
+    behavior, _ = to(STATES.SEEKING_BACKWARD)
+    behavior.handle(touch(6.65, "left_contact"))
+    for event in (
+        seen(7.0, "right_ours", -0.001),
+        Standstill(7.1, "arm", -0.0015),
+        arm(9.0, 0.002),
+        Tick(11.0),
+    ):
+        behavior.handle(event)
+    assert behavior.state is STATES.CLOSING
+    behavior.handle(touch(11.5, "right_contact"))
+    behavior.handle(Gripped(12.0, "gripper", True, 0.019, 10.0))
+    assert behavior.state is STATES.CONFIRMING, "the left finger has felt nothing"
+    assert behavior.handle(Tick(13.1)) == [Release("gripper", 0.02)]
+
+
+def test_a_word_that_was_on_its_way_when_its_detector_was_disarmed_confirms_no_grip():
+    behavior, _ = to(STATES.STOPPING)
+    behavior.handle(touch(8.0, "left_contact"))
+    for event in (Standstill(8.1, "arm", -0.0015), arm(9.0, 0.002), Tick(11.0), touch(11.5, "right_contact")):
+        behavior.handle(event)
+    behavior.handle(Gripped(12.0, "gripper", True, 0.019, 10.0))
+    assert behavior.state is STATES.CONFIRMING
+
+
+def test_a_grip_that_a_pause_broke_off_says_so():
+    behavior, _ = to(STATES.CLOSING)
+    assert behavior.handle(Resumed(12.0)) == [Release("gripper", 0.02)]
+    behavior.handle(jaws(13.0))
+    behavior.handle(arm(14.0))
+    assert (behavior.outcome, behavior.reason) == ("no_contact", "a pause broke the grip off")

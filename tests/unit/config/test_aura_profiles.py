@@ -59,3 +59,10 @@ def test_a_bench_that_is_driven_at_another_frequency_throughout_is_taken():
     )
     profile = loaded("mock/centering", wanted | {f"{listener}.drive_hz": "41000.0" for listener in listeners})
     assert profile.behavior.drive_hz == 41_000.0
+
+
+@pytest.mark.parametrize("experiment", ["pretouch", "touch"])
+def test_a_real_bench_is_run_a_side_at_a_time_for_nobody_turns_the_gripper_between_trials(experiment):
+    sides = {trial.factors["side"] for trial in loaded(f"hardware/{experiment}").trials(0)}
+    assert sides == {"normal"}
+    assert len({trial.factors["side"] for trial in loaded(f"mock/{experiment}").trials(0)}) == 5

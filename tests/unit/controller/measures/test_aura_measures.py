@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from behaviors.aura import AuraSettings
-from behaviors.centering import CenteringSettings
+from behaviors.centering_settings import CenteringSettings
 from behaviors.chirp import ChirpSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
 from controller.measures import aura, centering, chirp
@@ -48,7 +48,8 @@ def approach(events, truth, thing="pipe", per_cm=2.33):
 def row_of(events, truth=(), **extra):
     gap_m = extra.pop("end_gap_m", 0.0)
     settings = AuraSettings(paths=PATHS, end_gap_m=gap_m, methods=extra.pop("methods", ("paper", "ours")))
-    return aura.measure(approach(events, list(truth), **extra), settings, "no_contact")[1]
+    known = None if truth is None else list(truth)
+    return aura.measure(approach(events, known, **extra), settings, "no_contact")[1]
 
 
 def near(t_s, method="ours"):
@@ -125,6 +126,64 @@ def test_contact_where_nothing_touches_is_false():
     assert row_of([Contact(4.0, "contact_ours", 9.0, 5.0)], TOUCH)["false_ours"] == 1
     late = row_of([Contact(6.9, "contact_ours", 9.0, 5.0)], TOUCH)
     assert (late["felt_ours"], late["false_ours"]) == (0, 0), "late, yet true"
+
+
+SPOKEN = ("said", "said_held", "said_ended", "words", "said_of_nothing")
+
+
+def spoken(row, method="ours"):
+    return tuple(row[f"{name}_{method}"] for name in SPOKEN)
+
+
+def test_where_no_touch_is_known_what_was_said_of_contact_is_counted():
+    words = [
+        Contact(6.02, "contact_ours", 9.0, 5.0),
+        ContactHeld(7.0, "contact_ours", 9.0, 5.0),
+        ContactLost(9.6, "contact_ours", 1.0, 5.0),
+        Contact(9.7, "contact_ours", 9.0, 5.0),
+        Contact(1.0, "contact_paper", 9.0, 5.0),
+        ContactLost(2.5, "contact_paper", 1.0, 5.0),
+    ]
+    row = row_of(words, truth=None)
+    assert spoken(row) == (1, 1, 1, 2, 0)
+    assert spoken(row, "paper") == (0, 0, 0, 0, 1), "in the rest before nothing can touch"
+    unknown = ("touches", *(f"{name}_ours" for name in ("felt", "delay_s", "false", "held", "ended")))
+    assert [row[name] for name in unknown] == [None] * 6
+    assert spoken(row_of(words, TOUCH)) == spoken(row), "a known touch changes nothing of what was said"
+
+
+def test_persistence_and_end_are_those_of_a_contact_that_was_said_in_this_approach():
+    words = [
+        ContactLost(2.5, "contact_ours", 1.0, 5.0),
+        ContactHeld(3.0, "contact_ours", 9.0, 5.0),
+        Contact(6.0, "contact_ours", 9.0, 5.0),
+    ]
+    assert spoken(row_of(words, truth=None)) == (1, 0, 0, 1, 0)
+
+
+def test_contact_before_nothing_was_said_of_nothing():
+    assert spoken(row_of([Contact(4.0, "contact_ours", 9.0, 5.0)], truth=None, thing="none")) == (
+        1,
+        0,
+        0,
+        1,
+        1,
+    )
+
+
+def test_what_was_said_is_counted_by_approach():
+    """A second approach like the first, 14 s later, in which contact is said and nothing of its end."""
+    words = [
+        Contact(6.0, "contact_ours", 9.0, 5.0),
+        ContactLost(9.6, "contact_ours", 1.0, 5.0),
+        Contact(20.0, "contact_ours", 9.0, 5.0),
+    ]
+    evidence = approach(words, None)
+    first = [*evidence.visits[:-1], ("BASELINE", 14.0)]
+    evidence.visits = [*first, *((state, t_s + 14.0) for state, t_s in evidence.visits[1:])]
+    _, row = aura.measure(evidence, AuraSettings(paths=PATHS), "no_contact")
+    assert row["approaches"] == 2
+    assert spoken(row) == (2, 0, 1, 2, 0)
 
 
 def search(events, visits, truth=(), **factors):

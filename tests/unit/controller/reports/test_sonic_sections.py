@@ -1,14 +1,333 @@
-"""Sections on C1 to C5: what they make of rows that leave factors to their defaults."""
+"""Sections on C2 to C5, from rows whose sums are made by hand."""
 
-from behaviors.centering import CenteringFactors
-from controller.reports.centering import _groups
+import re
+from datetime import UTC, datetime
+
+import pytest
+
+from behaviors.centering_settings import CenteringFactors
+from controller.measures import aura as aura_measures
+from controller.measures import centering as centering_measures
+from controller.recording.reader import open_run
+from controller.recording.recorder import Recorder
+from controller.recording.run_folder import RunFolder
+from controller.reports import aura, centering
+from controller.reports.counts import judged
+from controller.reports.figures import Figures
+from controller.reports.report import build_report
+
+START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
+CAPTIONS = {
+    "sides": "Pre-touch by side",
+    "pre-touch": "Pre-touch: in how many",
+    "contact": "Contact: touches that were felt",
+    "touches": "Contact by side: touches",
+    "said": "as it was said",
+    "errors": "Errors of the middle",
+    "grasps": "Search and grasp",
+    "stops": "Seen, arm told to stop",
+}
 
 
-def test_a_trial_that_does_not_vary_a_factor_has_the_behaviors_default():
-    """In a list of trials some rows name the method, others do not: their cells are empty."""
-    rows = [{"method": "paper", "speed_m_s": 0.03, "object": "mug"}, {"method": None, "speed_m_s": None}]
-    default = CenteringFactors()
-    assert set(_groups(rows)) == {
-        ("mug", "paper", 0.03),
-        (default.object, default.method, default.speed_m_s),
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    """These tests read words and numbers alone: drawing every figure thrice takes seconds."""
+    monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
+
+
+def write(root, experiment, rows, *, bench="mock", behavior=None, planned=None):
+    """A run whose trials are these rows: factors, measures and, where it is not `no_contact`, the outcome."""
+    measures = {"aura": aura_measures, "centering": centering_measures}[experiment].COLUMNS
+    factors = list(dict.fromkeys(name for row in rows for name in row if name not in (*measures, "outcome")))
+    folder = RunFolder.create(root, f"{bench}/{experiment}", START)
+    folder.write_manifest(
+        {
+            "profile": {
+                "name": f"{bench}/{experiment}",
+                "hash": "0123",
+                "resolved": {"behavior": behavior or {}},
+            },
+            "experiment": experiment,
+            "bench": bench,
+            "trials": len(rows) if planned is None else planned,
+            "started_utc": START.isoformat(),
+            "loss": {"audio.fingers": 7},
+            "exit": {"status": "done", "code": 0, "reason": ""},
+        }
+    )
+    recorder = Recorder(folder, START, streams={}, factors=factors, measures=measures)
+    for trial, row in enumerate(rows, start=1):
+        recorder.begin_trial(trial, {name: row.get(name) for name in factors}, 100.0 * trial)
+        recorder.end_trial(
+            row.get("outcome", "no_contact"), {name: row[name] for name in row if name in measures}
+        )
+    recorder.close()
+    return open_run(folder.path)
+
+
+def section_of(module, *runs):
+    return module.section(runs, Figures(runs[0].folder.path / "figures", simulated=runs[0].simulated))
+
+
+def table(section, name):
+    """Rows of the table with this caption, by all cells that are names; None where there is no such table."""
+    found = next((each for each in section.context["tables"] if CAPTIONS[name] in each["caption"]), None)
+    left = found["left"] if found else 0
+    return found and {tuple(row[:left]): row[left:] for row in found["rows"]}
+
+
+def text_of(path):
+    page = re.sub(r"<(svg|style)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
+
+
+# --- C2, C4, C5 --------------------------------------------------------------------------------------
+
+
+def approached(**cells):
+    """One approach that pre-touch of both saw, and that came to a touch which ours alone felt."""
+    row = {"side": "normal", "object": "pipe", "speed_m_s": 0.01, "approaches": 1, "touches": 1}
+    for method, felt in (("paper", 0), ("ours", 1)):
+        row |= {f"alarms_{method}": 0, f"seen_{method}": 1, f"distance_m_{method}": 0.02}
+        row |= {f"felt_{method}": felt, f"false_{method}": 0, f"held_{method}": felt, f"ended_{method}": felt}
+        row |= {f"said_{method}": felt, f"said_held_{method}": felt, f"said_ended_{method}": felt}
+        row |= {f"words_{method}": felt, f"said_of_nothing_{method}": 0}
+    return row | {"delay_s_ours": 0.1} | cells
+
+
+TRUTH = (
+    "touches",
+    *(f"{name}_{m}" for name in ("felt", "delay_s", "false", "held", "ended") for m in ("paper", "ours")),
+)
+
+
+def untold(**cells):
+    """The same where nobody knows what touched: on a real bench, or over the wire."""
+    return approached(**dict.fromkeys(TRUTH)) | cells
+
+
+@pytest.mark.parametrize("bench", ["hardware", "emulated"])
+def test_contact_on_a_bench_without_truth_is_counted_as_it_was_said(tmp_path, bench):
+    rows = [
+        untold(words_ours=3, said_of_nothing_paper=1),
+        untold(said_ended_ours=0, outcome="contact"),
+        untold(said_ours=0, said_held_ours=0, said_ended_ours=0, words_ours=0),
+        untold(side="top"),
+    ]
+    section = section_of(aura, write(tmp_path, "aura", rows, bench=bench, behavior={"touch": True}))
+    assert section.title == "Contact (C4)"
+    assert table(section, "said") == {
+        ("normal", "the paper's"): ["3", "0", "0", "0", "0", "1"],
+        ("normal", "ours"): ["3", "2", "4", "2", "1", "0"],
+        ("top", "the paper's"): ["1", "0", "0", "0", "0", "0"],
+        ("top", "ours"): ["1", "1", "1", "1", "1", "0"],
     }
+    assert table(section, "touches") is None, "no touch is known, so none was felt or missed"
+    contact = [(good, sentence) for good, sentence in section.summary if sentence.startswith("Contact")]
+    assert contact == [
+        (None, f"Contact, {name}: said in {said} of 4 approaches; what touched is not known on this bench.")
+        for name, said in (("the paper's", 0), ("ours", 3))
+    ]
+    assert not any("are simulated: no detector" in sentence for sentence in section.not_the_papers)
+
+
+def test_without_truth_objects_have_no_rates_of_contact(tmp_path):
+    rows = [untold(object="mug"), untold(object="notebook"), untold(object="none", seen_ours=None)]
+    section = section_of(
+        aura, write(tmp_path, "aura", rows, bench="hardware", behavior={"touch": True}, planned=3)
+    )
+    assert section.title == "Objects (C5)"
+    assert table(section, "contact") is None
+    assert set(table(section, "said")) == {
+        (name, method) for name in ("mug", "notebook", "none") for method in ("the paper's", "ours")
+    }
+
+
+def test_what_is_told_of_contact_follows_the_profile_and_not_what_happened(tmp_path):
+    missed = approached(touches=0, felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None, false_ours=1)
+    touching = write(tmp_path, "aura", [missed], behavior={"touch": True})
+    passing = write(tmp_path, "aura", [missed], behavior={"touch": False})
+    assert section_of(aura, touching).title == "Contact (C4)"
+    assert table(section_of(aura, touching), "touches")["normal", "ours"] == [
+        "0",
+        "–",
+        "–",
+        "0",
+        "0",
+        "1 of 1",
+    ]
+    assert section_of(aura, passing).title == "Pre-touch (C2)"
+    assert table(section_of(aura, passing), "touches") is None
+    assert section_of(aura, touching, passing).title == "Pre-touch and contact (C2, C4)"
+
+
+def test_touches_are_counted_by_side_and_detector(tmp_path):
+    rows = [
+        approached(delay_s_ours=0.110),
+        approached(delay_s_ours=0.090, ended_ours=0),
+        approached(felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None, false_ours=1, false_paper=1),
+        approached(side="top", felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None),
+    ]
+    section = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True}))
+    counted = table(section, "touches")
+    # Wilson by hand: centre (p + z²/2n) / (1 + z²/n), half width z √(p(1-p)/n + z²/4n²) / (1 + z²/n), z² = 3.8415
+    assert counted["normal", "ours"] == ["3", "66.7 % (20.8 to 93.9)", "100", "2", "1", "1 of 3"]
+    assert counted["normal", "the paper's"] == ["3", "0.0 % (0.0 to 56.1)", "–", "0", "0", "1 of 3"]
+    assert counted["top", "ours"][0] == "1"
+    assert table(section, "said") is None
+    felt = [good for good, sentence in section.summary if "2 of 3 touches felt" in sentence]
+    assert felt == [False], "the paper's finger felt every touch of that side"
+
+
+def test_a_finger_need_not_feel_with_its_top(tmp_path):
+    deaf = approached(side="top", felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None)
+    section = section_of(aura, write(tmp_path, "aura", [approached(), deaf], behavior={"touch": True}))
+    assert (
+        True,
+        "Contact, ours: 1 of 1 touches felt with the other sides than the top, 0 of 1 with the top; "
+        "the paper felt all of the former.",
+    ) in section.summary
+
+
+def test_soft_objects_and_the_pipe_are_not_held_against_the_papers_rates(tmp_path):
+    """Ours sees and feels every one of the paper's objects, no soft one, and not the pipe."""
+    blind = {"seen_ours": 0, "felt_ours": 0, "held_ours": 0, "ended_ours": 0, "delay_s_ours": None}
+    rows = [
+        *(approached(object=name) for name in ("mug", "notebook")),
+        *(approached(object=name, **blind) for name in ("sponge", "cloth", "pipe")),
+        *(approached(object="none", touches=0, alarms_ours=alarm, **blind) for alarm in (0, 0, 0, 1)),
+    ]
+    section = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True}))
+    all_of_two = "100.0 % (34.2 to 100.0)"  # n / (n + z²)
+    assert (
+        True,
+        f"Pre-touch, ours: 2 of 2 approaches, {all_of_two}; the paper 92.4 % of its own.",
+    ) in section.summary
+    assert (
+        True,
+        f"Contact, ours: 2 of 2 touches, {all_of_two}; the paper 93.7 % of its own.",
+    ) in section.summary
+    seen, felt = table(section, "pre-touch"), table(section, "contact")
+    assert list(seen)[-4:-1] == [
+        ("cloth (soft)",),
+        ("sponge (soft)",),
+        ("all but the soft ones and the pipe",),
+    ]
+    assert seen["all but the soft ones and the pipe",][::2] == ["2", all_of_two]
+    assert seen["sponge (soft)",][2].startswith("0.0 %")
+    assert seen["nothing: not said",][::2] == ["4", "75.0 % (30.1 to 95.4)"]
+    assert felt["all but the soft ones and the pipe", "ours"] == ["2", all_of_two, "2", all_of_two]
+    assert felt["sponge (soft)", "ours"][:2] == ["1", "0.0 % (0.0 to 79.3)"]
+    assert table(section, "sides")["normal", "x"][1] == "3", "the soft ones are not in it"
+
+
+def test_contact_said_of_nothing_counts_against_the_true_negatives(tmp_path):
+    rows = [
+        approached(object="mug"),
+        approached(object="notebook", approaches=3, false_ours=2),
+        approached(object="none", approaches=2, touches=0, felt_ours=0, false_ours=1),
+    ]
+    felt = table(section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True})), "contact")
+    assert felt["notebook", "ours"][2:] == ["3", "33.3 % (6.1 to 79.2)"]
+    assert felt["nothing", "ours"][0:3] == ["0", "–", "2"]
+    assert felt["nothing", "ours"][3].startswith("50.0 %")
+
+
+def test_distances_are_medians_by_side_and_speed(tmp_path):
+    rows = [approached(distance_m_ours=d, undulations_per_cm=u) for d, u in ((0.01, 2.3), (0.05, 2.4))]
+    rows += [approached(seen_ours=0, distance_m_ours=None), approached(speed_m_s=0.03, distance_m_ours=0.04)]
+    (slow, fast) = next(
+        each["rows"]
+        for each in section_of(aura, write(tmp_path, "aura", rows)).context["tables"]
+        if CAPTIONS["sides"] in each["caption"]
+    )
+    assert slow == ["normal", "x", "0.01", "3", "2.35", "3 of 3", "2.0", "2 of 3", "3.0"]
+    assert fast[2:4] == ["0.03", "1"]
+
+
+# --- C3 ----------------------------------------------------------------------------------------------
+
+
+def centred(error_m, **cells):
+    return {"object": "pipe", "method": "ours", "speed_m_s": 0.01, "error_m": error_m} | cells
+
+
+def test_a_trial_that_does_not_vary_a_factor_has_the_behaviors_default(tmp_path):
+    """In a list of trials some rows name the method, others do not: their cells are empty."""
+    rows = [{"method": "paper", "speed_m_s": 0.03, "object": "paper_cylinder"}, {"method": None}]
+    default = CenteringFactors()
+    assert {
+        tuple(row[:3])
+        for row in section_of(centering, write(tmp_path, "centering", rows)).context["tables"][0]["rows"]
+    } == {
+        ("paper cylinder", "the paper's", "0.03"),
+        (default.object, default.method, f"{default.speed_m_s:g}"),
+    }
+
+
+def test_errors_searches_and_stops_are_counted(tmp_path):
+    rows = [
+        centred(0.001, search_s=3.0, touched=0, seen_to_stop_left_s=0.010, seen_to_stop_right_s=0.020)
+        | {"gripped": 1, "contact_left_s": 0.4, "contact_right_s": 0.5},
+        centred(-0.003, search_s=5.0, touched=1, seen_to_stop_left_s=0.030, seen_to_stop_right_s=0.040)
+        | {"gripped": 1, "contact_left_s": 0.4},
+        centred(None, touched=1),
+    ]
+    section = section_of(centering, write(tmp_path, "centering", rows))
+    assert table(section, "errors") == {("pipe", "ours"): ["0.01", "3", "1", "3.00", "−1.00", "2.83", "2.00"]}
+    assert table(section, "grasps") == {("pipe", "ours"): ["0.01", "4.0", "2", "1 of 2 (50 %)"]}
+    assert table(section, "stops") == {("mock", "ours"): ["4", "25.0", "39.7", "40.0", "7"]}
+    assert section.summary == [
+        (
+            False,
+            "Pipe, ours, 0.01 m/s: worst error 3.00 mm in 2 trials; aimed at 2.5 mm; 1 of 3 found no middle.",
+        )
+    ]
+
+
+def test_touches_and_grasps_that_nobody_knows_of_are_not_called_none(tmp_path):
+    section = section_of(centering, write(tmp_path, "centering", [centred(0.001)], bench="hardware"))
+    assert table(section, "grasps") == {("pipe", "ours"): ["0.01", "–", "unknown", "not asked for"]}
+
+
+# --- runs that ended early ---------------------------------------------------------------------------
+
+
+def marks(path):
+    return re.findall(r'<li class="(met|missed|neither)">', path.read_text("utf-8"))
+
+
+def test_a_run_that_measured_all_that_was_planned_is_judged(tmp_path):
+    page = build_report([write(tmp_path, "centering", [centred(0.001), centred(0.002)])])
+    assert marks(page) == ["met"]
+
+
+@pytest.mark.parametrize("outcome", ["guard", "fault", "aborted"])
+def test_a_run_that_ended_early_is_not_judged(tmp_path, outcome):
+    rows = [centred(0.001), centred(0.002), centred(None, outcome=outcome)]
+    page = build_report([write(tmp_path, "centering", rows, planned=340)])
+    text = text_of(page)
+    assert "2 of 340 planned trials were measured: no verdict in these lines." in text
+    assert "worst error 2.00 mm in 2 trials; aimed at 2.5 mm" in text
+    assert marks(page) == ["neither", "neither"]
+
+
+def test_one_trial_that_failed_among_all_is_enough_to_judge_nothing(tmp_path):
+    whole = write(tmp_path, "aura", [approached(side=side) for side in ("normal", "back")])
+    failed = write(tmp_path, "aura", [approached(), {"outcome": "aborted", "side": "top"}])
+    assert "met" in marks(build_report([whole], tmp_path))
+    page = build_report([whole, failed], tmp_path)
+    assert "3 of 4 planned trials were measured" in text_of(page)
+    assert set(marks(page)) == {"neither"}
+
+
+def test_a_trial_that_was_run_again_counts_once(tmp_path):
+    run = write(tmp_path, "centering", [centred(0.001), centred(0.002)], planned=2)
+    again = [{**run.trials[0], "outcome": "guard"}, *run.trials]
+    object.__setattr__(run, "trials", again)
+    assert judged([run], [(True, "good")]) == [(True, "good")]
+    object.__setattr__(run, "trials", [*again[:2], again[1]])
+    assert judged([run], [(True, "good")]) == [
+        (None, "1 of 2 planned trials were measured: no verdict in these lines."),
+        (None, "good"),
+    ]

@@ -1,0 +1,217 @@
+"""What the experiments with sonic fingers share: coming in from above, who touches, leaving, failing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from typing import Any
+
+from pydantic import Field
+
+from behaviors.events import Contact, ContactHeld, ContactLost, Detected, Event
+from behaviors.machine import Behavior, StatePlan, failures
+from drivers.messages import Command, Excite, Home, MovePose, Release, Stop, Tone
+from drivers.settings import Settings
+
+Place = tuple[float, float, float]
+"""A displacement from the mover's start pose along the axes of its base frame, m."""
+
+
+class SonicSettings(Settings):
+    """The devices, the drive, and how the fingers come and go."""
+
+    mover: str = "arm"
+    """Device that carries the gripper."""
+
+    gripper: str = "gripper"
+    """Device whose jaws carry the fingers."""
+
+    exciter: str = "audio"
+    """Device that drives the fingers' transducers."""
+
+    drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)
+    """Frequency of the aura (III.A: 40 kHz)."""
+
+    drive_level: float = Field(default=0.5, gt=0.0, le=1.0)
+    """Amplitude of the drive as a share of full scale. Assumption: 18 Vrms at half of it."""
+
+    clear_m: float = Field(default=0.10, gt=0.0, le=1.0)
+    """How far above its place the gripper is let find its ends: there is nothing between the jaws there."""
+
+    handling_speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
+    """Speed of coming and going."""
+
+    open_speed_m_s: float = Field(default=0.02, gt=0.0, le=1.0)
+    """How fast the jaws open."""
+
+    baseline_s: float = Field(default=2.0, ge=0.0, le=600.0)
+    """Rest before what is measured: the drive settles, the detectors learn."""
+
+    motion_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
+    """Longest stay in any state that waits for a motion."""
+
+
+def coming_in(states: type[Enum]) -> Sequence[Mapping[str, Any]]:
+    """Rows of the way in: up to where the jaws are empty, open them there, down to the place, rest.
+
+    A pause on this way begins it anew. Nobody leaves the rest towards an object with a touch that stands: it was said,
+    will not be said again, and so could stop nothing.
+    """
+    way = [states[name] for name in ("CLEARING", "CALIBRATING", "OPENING", "ENTERING")]
+    clearing, calibrating, opening, entering = way
+    baseline, leaving = states["BASELINE"], states["LEAVING"]
+    return [
+        {"trigger": "reached", "source": clearing, "dest": calibrating, "conditions": "from_mover"},
+        {"trigger": "reached", "source": calibrating, "dest": opening, "conditions": "from_gripper"},
+        {"trigger": "reached", "source": opening, "dest": entering, "conditions": "from_gripper"},
+        {"trigger": "reached", "source": entering, "dest": baseline, "conditions": "from_mover"},
+        {"trigger": "resumed", "source": way, "dest": clearing},
+        *(
+            {
+                "trigger": trigger,
+                "source": baseline,
+                "dest": leaving,
+                "conditions": "touched",
+                "before": "say_touched_at_rest",
+                "label": "a touch stands",
+            }
+            for trigger in ("deadline", "resumed")
+        ),
+    ]
+
+
+def going_out(states: type[Enum], *, rests: Sequence[Enum]) -> Sequence[Mapping[str, Any]]:
+    """Rows of the end: away and done, or failed.
+
+    Args:
+        states: Of the behavior.
+        rests: States in which no device is waited for. In any other one a deadline is a device that did not do its
+            part.
+    """
+    leaving, done, failed = states["LEAVING"], states["DONE"], states["FAILED"]
+    alive = [state for state in states if state not in (done, failed)]
+    return [
+        {"trigger": "reached", "source": leaving, "dest": done, "conditions": "from_mover"},
+        {"trigger": "resumed", "source": leaving, "dest": leaving},
+        {"trigger": "baseline_refused", "source": alive, "dest": failed, "before": "say_why"},
+        *failures(alive, failed),
+        {
+            "trigger": "deadline",
+            "source": [state for state in alive if state not in rests],
+            "dest": failed,
+            "before": "say_stuck",
+        },
+    ]
+
+
+class SonicBehavior(Behavior):
+    """A trial of sonic fingers: what `coming_in` and `going_out` command, and who touches.
+
+    Args:
+        settings: Of the experiment.
+        place_m: Where the fingers rest before what is measured.
+        contacts: Detectors whose word of a touch counts.
+        plans: What each state needs.
+    """
+
+    settings: SonicSettings
+
+    def __init__(
+        self,
+        settings: SonicSettings,
+        place_m: Place,
+        contacts: frozenset[str],
+        plans: Mapping[Enum, StatePlan],
+    ) -> None:
+        self.settings = settings
+        self._place_m = place_m
+        self._contacts = contacts
+        self._touching: set[str] = set()
+        self._held: set[str] = set()
+        super().__init__(plans, mover=settings.mover)
+
+    def handle(self, event: Event) -> Sequence[Command]:
+        """Hear one event; who touches is kept in mind, whatever the state makes of it."""
+        if isinstance(event, Detected) and event.detector in self._contacts & self.plan.detectors:
+            self._keep_in_mind(event)
+        commands = super().handle(event)
+        # A detector that this state does not name is disarmed, and never tells the end of what it told.
+        self._touching &= self.plan.detectors
+        self._held &= self.plan.detectors
+        return commands
+
+    def _keep_in_mind(self, event: Detected) -> None:
+        if isinstance(event, Contact):
+            self._touching.add(event.detector)
+        elif isinstance(event, ContactHeld):
+            self._held.add(event.detector)
+        elif isinstance(event, ContactLost):
+            self._touching.discard(event.detector)
+            self._held.discard(event.detector)
+
+    # conditions
+
+    def from_gripper(self) -> bool:
+        """Whether the status is the gripper's."""
+        return getattr(self.event, "device", None) == self.settings.gripper
+
+    def touched(self) -> bool:
+        """Whether a touch has been told and its end has not."""
+        return bool(self._touching)
+
+    def touch_held(self) -> bool:
+        """Whether a touch has been told to persist, and its end has not."""
+        return bool(self._held)
+
+    # what is said of the outcome
+
+    def say_touched_at_rest(self) -> None:
+        """There is a touch where there should be none."""
+        who = ", ".join(sorted(self._touching))
+        self.outcome = "contact"
+        self.reason = (
+            f"{who} told a touch at rest and not its end, so that it could stop no motion: "
+            "is something at the finger, or is the finger's level not quiet?"
+        )
+
+    # what is commanded on entry
+
+    def enter_CLEARING(self) -> None:
+        """To where the jaws are empty. An arm knows where it is; sent home, it would go among the fingers' objects."""
+        self._go(self._above_m, self.settings.handling_speed_m_s)
+
+    def enter_CALIBRATING(self) -> None:
+        """Let the gripper find its ends, if it does not know them."""
+        self.command(Home(self.settings.gripper))
+
+    def enter_OPENING(self) -> None:
+        """As wide as it goes."""
+        self.command(Release(self.settings.gripper, self.settings.open_speed_m_s))
+
+    def enter_ENTERING(self) -> None:
+        """To the place; the aura on, so that it settles on the way."""
+        self.command(Tone(self.settings.exciter, self.settings.drive_hz, self.settings.drive_level))
+        self._go(self._place_m, self.settings.handling_speed_m_s)
+
+    def enter_LEAVING(self) -> None:
+        """Up and away."""
+        self.conclude("no_contact")
+        self._go(self._above_m, self.settings.handling_speed_m_s)
+
+    def enter_DONE(self) -> None:
+        """Silence."""
+        self.command(Excite(self.settings.exciter, False))
+
+    def enter_FAILED(self) -> None:
+        """Nothing moves after an error; what is held stays held."""
+        self.command(Stop(self.settings.mover))
+        self.command(Stop(self.settings.gripper))
+        self.command(Excite(self.settings.exciter, False))
+
+    @property
+    def _above_m(self) -> Place:
+        x_m, y_m, z_m = self._place_m
+        return (x_m, y_m, z_m + self.settings.clear_m)
+
+    def _go(self, place_m: Place, speed_m_s: float) -> None:
+        self.command(MovePose(self.settings.mover, (*place_m, 0.0, 0.0, 0.0), speed_m_s))
