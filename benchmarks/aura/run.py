@@ -55,7 +55,7 @@ def decibels(amplitude: float) -> float:
     return 20.0 * float(np.log10(amplitude))
 
 
-def cost_s(bench: AuraBench, last: int, times: int, fingers: tuple[int, ...] = (0, 1)) -> dict[str, float]:
+def cost_s(bench: AuraBench, last: int, times: int) -> dict[str, float]:
     """Processor time of computing the last second of a bench, at each level, in long and in short turns."""
     found = {}
     for name, turn in (("long", LONG_MS), ("short", TURN_MS)):
@@ -63,11 +63,11 @@ def cost_s(bench: AuraBench, last: int, times: int, fingers: tuple[int, ...] = (
 
         def envelope(starts: range = starts, turn: int = turn) -> None:
             for start in starts:
-                bench.baseband(np.arange(start + 1, start + 1 + turn) / ENVELOPE_HZ, fingers)
+                bench.baseband(np.arange(start + 1, start + 1 + turn) / ENVELOPE_HZ)
 
         def carrier(starts: range = starts, turn: int = turn) -> None:
             for start in starts:
-                bench.carrier(DOWN * start, DOWN * turn, fingers)
+                bench.carrier(DOWN * start, DOWN * turn)
 
         found[f"envelope_{name}_s"] = best_s(envelope, 3 * times)
         found[f"carrier_{name}_s"] = best_s(carrier, times)
@@ -151,11 +151,11 @@ def colour(seconds: int) -> float:
 def hearing(times: int) -> dict[str, Any]:
     """Seconds of work for a second of bench time, by who hears what; the arm moves all the while."""
     passage = Passage(0.0, 0.01, WAY_M)
-    bench = begun(passage)
-    bench.advance(5.0)
-    found: dict[str, Any] = {
-        name: cost_s(bench, 5000, times, fingers) for name, fingers in (("both", (0, 1)), ("right", (0,)))
-    }
+    found: dict[str, Any] = {}
+    for name, wired in (("both", ("right", "left")), ("right", ("right",))):
+        bench = begun(passage, wired=wired)
+        bench.advance(5.0)
+        found[name] = cost_s(bench, 5000, times)
 
     def deaf() -> None:
         alone = begun(passage)
@@ -246,8 +246,8 @@ Noise between {BAND_HZ[0]:g} and {BAND_HZ[1]:g} Hz, before nothing: the carrier'
 {noise["motion_carrier_over_envelope_db"]:+.2f} dB in motion. From one millisecond to the next the chain leaves a
 correlation of {noise["chain_colour"]:.2f} in white noise; the envelope's is set to {noise["envelope_colour"]:.2f}.
 
-What is not heard is not computed: the same second with one finger heard, and with none ("nobody": following where tool,
-jaws and object are is all that is left).
+What nobody hears is not computed: the same second with one finger wired (`plant.wired`), and with none heard ("nobody": following where
+tool, jaws and object are is all that is left).
 
 {work}
 

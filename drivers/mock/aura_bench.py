@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, Strict
 
 from drivers.clock import last_tick
 from drivers.errors import RefusedError
@@ -15,13 +15,16 @@ from drivers.mock.aura_jaws import AuraJaws, fits, jaws_settings
 from drivers.mock.aura_scene import FORCE, RATE, TOOL, WIDTH, AuraScene, Layout
 from drivers.mock.bench import ToolCarrier
 from drivers.mock.finger_bench import StreamSpec
-from drivers.mock.plants.aura import BOTH, ENVELOPE_HZ, FINGERS, AuraPlant
+from drivers.mock.plants.aura import ENVELOPE_HZ, FINGERS, LEFT, RIGHT, AuraPlant
 from drivers.mock.plants.aura_drive import FRAME_HZ, Drive
 from drivers.mock.plants.aura_objects import NOTHING, OBJECTS, AuraObject, Side
 from drivers.mock.plants.aura_settings import AuraSettings
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+
+PLACES = {"right": RIGHT, "left": LEFT}
+"""Column of each finger."""
 
 CHUNK = 9600
 """Frames that are computed at once: so many stay in a processor's cache."""
@@ -44,6 +47,12 @@ class AuraBenchSettings(AuraSettings):
 
     object: str = "pipe"
     """What stands there, by its name among the objects; "none" is nothing."""
+
+    wired: Annotated[
+        tuple[Literal["right", "left"], ...], Strict(False), Field(min_length=1, max_length=FINGERS)
+    ] = ("right", "left")
+    """Fingers whose bridges are connected to the converter; of the other one nothing is computed, and its channel
+    reads 0."""
 
     side: Side = "normal"
     """Which side of the right finger looks forward (`ahead`); a person turned the gripper so."""
@@ -98,6 +107,7 @@ class AuraBench:
         self._origin_s = 0.0
         self._drive = Drive()
         self._plant = AuraPlant(settings)
+        self._wired = tuple(PLACES[name] for name in dict.fromkeys(settings.wired))
         self._computed = dict.fromkeys(("envelope", "carrier"), 0)
         self.jaws = AuraJaws(jaws_settings(settings.closed_width_m), self.advance)
         self._begin((0, 0))
@@ -228,47 +238,39 @@ class AuraBench:
         if not on:
             self.silence()
 
-    def baseband(self, times_s: Floats, fingers: Sequence[int] = BOTH) -> Complexes:
+    def baseband(self, times_s: Floats) -> Complexes:
         """I and Q of the bridges as an ideal chain would give them, at recent milliseconds.
 
         Args:
             times_s: Whole milliseconds in growing order, none later than the last advance, shape (n,).
-            fingers: Which are computed: 0 is the right one, 1 the left; the others read 0.
 
         Returns:
-            Full scale 1.0, the drive's phase is the real axis (tone or sweep), shape (n, 2).
+            Full scale 1.0, the drive's phase is the real axis (tone or sweep), shape (n, 2): right, left.
         """
         ticks = _ticks(times_s)
         rows = self._scene.at(ticks)
         motion = self._scene.motion(rows[:, TOOL], rows, rows[:, WIDTH])
         frequency_hz, level = self._drive.at(times_s)
-        self._computed["envelope"] += len(ticks) * len(fingers)
-        return self._plant.envelope(motion, ticks, times_s - self._origin_s, frequency_hz, level, fingers)
+        self._computed["envelope"] += len(ticks) * len(self._wired)
+        return self._plant.envelope(motion, ticks, times_s - self._origin_s, frequency_hz, level, self._wired)
 
-    def carrier(
-        self, first_frame: int, n: int, fingers: Sequence[int] = BOTH, *, drift_ppm: float = 0.0
-    ) -> NDArray[np.int32]:
-        """Counts of the converter, 24 bits sign-extended, shape (n, 2).
+    def carrier(self, first_frame: int, n: int, *, drift_ppm: float = 0.0) -> NDArray[np.int32]:
+        """Counts of the converter, 24 bits sign-extended, shape (n, 2): right, left.
 
         Frame k is at k / 96,000 s on the converter's clock; a tone's phase is zero at frame 0.
 
         Args:
             first_frame: The first; none may be later than the last advance, nor long before it.
             n: How many.
-            fingers: Which are computed: 0 is the right one, 1 the left; the others read 0.
             drift_ppm: How much faster than the devices' clock the converter's runs.
         """
         end = first_frame + n
         cuts = range(first_frame, end, CHUNK)
-        parts = [
-            self._carrier_part(np.arange(cut, min(cut + CHUNK, end)), fingers, drift_ppm) for cut in cuts
-        ]
-        self._computed["carrier"] += n * len(fingers)
+        parts = [self._carrier_part(np.arange(cut, min(cut + CHUNK, end)), drift_ppm) for cut in cuts]
+        self._computed["carrier"] += n * len(self._wired)
         return np.concatenate(parts) if parts else np.empty((0, FINGERS), dtype=np.int32)
 
-    def _carrier_part(
-        self, frames: NDArray[np.int64], fingers: Sequence[int], drift_ppm: float
-    ) -> NDArray[np.int32]:
+    def _carrier_part(self, frames: NDArray[np.int64], drift_ppm: float) -> NDArray[np.int32]:
         times_s = frames / (FRAME_HZ * (1.0 + 1e-6 * drift_ppm))
         ticks = frames // (FRAME_HZ // ENVELOPE_HZ) if drift_ppm == 0.0 else _ticks(times_s)
         rows = self._scene.at(ticks)
@@ -276,7 +278,9 @@ class AuraBench:
         motion = self._scene.motion(self._tool(times_s), rows, width_m)
         frequency_hz, level = self._drive.at(times_s)
         phase_rad = self._drive.phase_rad(frames, times_s)
-        return self._plant.carrier(motion, frames, self._origin_s, frequency_hz, level, phase_rad, fingers)
+        return self._plant.carrier(
+            motion, frames, self._origin_s, frequency_hz, level, phase_rad, self._wired
+        )
 
     # what other devices are wired to
 

@@ -95,6 +95,18 @@ def test_who_hears_nothing_finds_the_same_later() -> None:
     assert deaf.account()["computed"] == {"envelope": 1200, "carrier": 0}
 
 
+def test_of_a_finger_that_is_not_wired_nothing_is_computed_and_the_other_hears_the_same() -> None:
+    both, right = (begun(pressing(), scene="ahead", **wired) for wired in ({}, {"wired": ("right",)}))
+    expected, found = heard(both, 7.0, 0.1), heard(right, 7.0, 0.1)
+    assert (found[:, RIGHT] == expected[:, RIGHT]).all()
+    assert not found[:, LEFT].any()
+    counts, alone = (bench.carrier(96 * 6500, 9600) for bench in (both, right))
+    assert (alone[:, RIGHT] == counts[:, RIGHT]).all()
+    assert not alone[:, LEFT].any()
+    assert both.account()["computed"] == {"envelope": 14_000, "carrier": 19_200}
+    assert right.account()["computed"] == {"envelope": 7_000, "carrier": 9_600}
+
+
 def test_trials_differ_in_noise_alone_and_a_trial_repeats_itself() -> None:
     first, again, other = (heard(begun(pressing(), trial, scene="ahead"), 2.0, 0.1) for trial in (1, 1, 2))
     assert (first == again).all()
