@@ -70,7 +70,7 @@ class Operator:
             import termios
 
             with suppress(termios.error):
-                termios.tcsetattr(self._keyboard.fileno(), termios.TCSADRAIN, self._modes)
+                termios.tcsetattr(self._keyboard.fileno(), termios.TCSANOW, self._modes)
 
     def poll(self) -> str | None:
         """What the operator wants now: "pause", "resume", "abort", or None. Never waits."""
@@ -103,15 +103,19 @@ class Operator:
         self._abort = True
 
     def _silence_keys(self) -> None:
-        """Keys that are pressed do not show: they would shift a live view by a line."""
+        """Keys that are pressed do not show: they would shift a live view by a line. Nor does Ctrl+S hold output up.
+
+        Nothing is drained: a terminal that takes nothing would be waited for.
+        """
         if not self._interactive:
             return
         import termios
 
         self._modes = termios.tcgetattr(self._keyboard.fileno())
         silent = list(self._modes)
+        silent[0] &= ~termios.IXON
         silent[3] &= ~termios.ECHO
-        termios.tcsetattr(self._keyboard.fileno(), termios.TCSADRAIN, silent)
+        termios.tcsetattr(self._keyboard.fileno(), termios.TCSANOW, silent)
 
     def _forget_keys(self) -> None:
         """An Enter from before the pause is no word to go on."""

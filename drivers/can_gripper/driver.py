@@ -182,7 +182,7 @@ class CanGripper:
             orders = self._orders(command)
             self._say(link, *orders)
             sent_s = self._clock.now()
-            self._watch.begin(command, sent_s)
+            self._watch.begin(command, sent_s, drives=any(map(_drives, orders)))
             if link.fault is None:
                 self._statuses.append(Sent(sent_s, self.name, command))
         return Applied(command, self._clock.now())
@@ -238,6 +238,7 @@ class CanGripper:
         if known and not self._watch.faulty:
             return (Poll(),)
         # An emergency stop stays up until an order without it has come, and only then can be cleared.
+        self._order = IDLE
         clearing = (IDLE, Plain(Code.CLEAR_ERROR))
         return clearing if known else (*clearing, Plain(Code.CALIBRATE))
 
@@ -323,3 +324,8 @@ class CanGripper:
             scale=1.0 if width else self._settings.force_n_per_ma,
             arrival_s=run[-1].arrival_s,
         )
+
+
+def _drives(order: Order) -> bool:
+    """Whether an order drives the jaws; one that puts the drive to sleep does not."""
+    return order == Plain(Code.CALIBRATE) or (isinstance(order, Drive) and order.go)

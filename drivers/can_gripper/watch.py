@@ -26,7 +26,8 @@ class Watch:
     """Follows the last command of one gripper.
 
     A state counts only where it was asked for after the command was sent. The jaws have an object when
-    something holds them for `hold_s`; the bits of its direction are not trusted.
+    something holds them for `hold_s`; the bits of its direction are not trusted. What the jaws do is followed apart
+    from what was asked last: a `Stop` or a `Home` that drives nothing leaves a grip a grip.
 
     Args:
         device: Name in the profile.
@@ -54,17 +55,32 @@ class Watch:
         self._gripped: bool | None = None  # what the last `Gripped` said
         self._still_s = math.inf
         self._state: State | None = None
+        self._driving: Command | None = None  # the last command that drove the jaws
+        self._driven_s = -math.inf
+        self._under_way = False  # whether the jaws have not yet come to where it ends
 
-    def begin(self, command: Command, sent_s: float) -> None:
-        """A command has been sent at bench time `sent_s`; what came of an older one is told no more."""
-        self.forget()
+    def begin(self, command: Command, sent_s: float, *, drives: bool) -> None:
+        """A command has been sent at bench time `sent_s`; what came of an older one is told no more.
+
+        Args:
+            command: As it was sent.
+            sent_s: When.
+            drives: Whether it drives the jaws: a `Stop` of jaws at rest and a `Home` of known ends only ask.
+        """
         self._command, self._sent_s, self.busy = command, sent_s, True
+        self._gripped, self._still_s = None, math.inf
+        if drives:
+            self._driving, self._driven_s, self._under_way = command, sent_s, True
+            self._held_s = self._state = None
 
     @property
     def resting(self) -> bool:
-        """Whether a `Stop` has nothing to stop: the jaws hold an object or a position, or the drive sleeps."""
-        lost = isinstance(self._command, Grip) and self._state is not None and not _held(self._state)
-        return not self.busy and not lost
+        """Whether a `Stop` has nothing to stop: the jaws hold an object or a position, or the drive sleeps.
+
+        The answer to a `Stop` or `Home` may be due still: two stops in a row find the same jaws.
+        """
+        lost = isinstance(self._driving, Grip) and self._state is not None and not _held(self._state)
+        return not self._under_way and not lost
 
     def push(self, asked_s: float, state: State, fault: bool) -> list[Status]:
         """What a state means that was asked for at bench time `asked_s`."""
@@ -75,14 +91,27 @@ class Watch:
             told.append(self._broken(asked_s, state))
             if not stops:
                 self.forget()
-        before = self._state
+        before, found = self._state, None
+        if asked_s > self._driven_s:
+            self._state, found = state, self._found(asked_s, state)
+            # What holds jaws that look for their ends is an end.
+            there = state.calibrated if isinstance(self._driving, Home) else found is not None
+            self._under_way = self._under_way and not there
+            if fault:
+                # Whatever it did, the drive sleeps now.
+                self._driving, self._under_way = None, False
         if not fresh:
             return told
-        self._state = state
-        if stops:
-            return told + self._stopping(asked_s, before, state, fault)
-        follow = {Home: self._homing, Grip: self._gripping, Release: self._releasing}.get(type(self._command))
-        return told if follow is None else follow(asked_s, state)
+        match self._command:
+            case Stop():
+                told += self._stopping(asked_s, before, state, found is not None and not fault)
+            case Home():
+                told += self._homing(asked_s, state)
+            case Grip():
+                told += self._gripping(asked_s, state, found)
+            case Release():
+                told += self._releasing(asked_s, state, found)
+        return told
 
     def _broken(self, t_s: float, state: State) -> Status:
         reasons = [words for name, words in FAULTS.items() if getattr(state, name)]
@@ -94,21 +123,19 @@ class Watch:
             self.busy = False
             return [Reached(t_s, self._device, self._brackets.width_m(state.position))]
         if self.busy and t_s - self._sent_s > CALIBRATION_S:
-            self.busy = False
+            self.busy = self._under_way = False
             reason = "it gave up its calibration; are its jaws free, and is it supplied with 24 V?"
             return [Stalled(t_s, self._device, reason)]
         return []
 
-    def _gripping(self, t_s: float, state: State) -> list[Status]:
-        found = self._found(t_s, state)
+    def _gripping(self, t_s: float, state: State, found: bool | None) -> list[Status]:
         if found is None or found is self._gripped:
             return []
         self._gripped, self.busy = found, False
         width_m, force_n = self._brackets.width_m(state.position), self._brackets.force_n(state.current_ma)
         return [Gripped(t_s, self._device, found, width_m, force_n)]
 
-    def _releasing(self, t_s: float, state: State) -> list[Status]:
-        found = self._found(t_s, state)
+    def _releasing(self, t_s: float, state: State, found: bool | None) -> list[Status]:
         if found is None or not self.busy:
             return []
         self.busy = False
@@ -117,13 +144,12 @@ class Watch:
             return [Stalled(t_s, self._device, f"something holds its jaws at {width_m * 1e3:.1f} mm")]
         return [Reached(t_s, self._device, width_m)]
 
-    def _stopping(self, t_s: float, before: State | None, state: State, fault: bool) -> list[Status]:
-        if before is None or state.position != before.position:
+    def _stopping(self, t_s: float, before: State | None, state: State, there: bool) -> list[Status]:
+        if math.isinf(self._still_s) or before is None or state.position != before.position:
             self._still_s = t_s
-        there = self._found(t_s, state) is not None and not fault
         if not self.busy or not (there or t_s - self._still_s >= STILL_S):
             return []
-        self.busy = False
+        self.busy = self._under_way = False
         return [Standstill(t_s, self._device, self._brackets.width_m(state.position))]
 
     def _found(self, t_s: float, state: State) -> bool | None:

@@ -147,8 +147,8 @@ class MockCanGripper:
         if refusal is not None:
             self._statuses.append(Refused(now_s, self.name, command, refusal))
             return Applied(command, now_s)
-        self._carry_out(command)
-        self._watch.begin(command, now_s)
+        drives = self._carry_out(command)
+        self._watch.begin(command, now_s, drives=drives)
         self._statuses.append(Sent(now_s, self.name, command))
         return Applied(command, now_s)
 
@@ -204,7 +204,8 @@ class MockCanGripper:
             return "it does not know its ends; send Home first, with empty jaws"
         return None
 
-    def _carry_out(self, command: Command) -> None:
+    def _carry_out(self, command: Command) -> bool:
+        """Do it; whether it drives the jaws."""
         match command:
             case Grip():
                 self._go(self._brackets.grip(command))
@@ -212,8 +213,12 @@ class MockCanGripper:
                 self._go(self._brackets.release(command, self._settings.release_force_n))
             case Stop() if not self._watch.resting:
                 self._hold()
+                return self._bench.jaws.calibrated
             case Home() if not self._bench.jaws.calibrated:
                 self._bench.jaws.calibrate()
+            case _:
+                return False
+        return True
 
     def _hold(self) -> None:
         if self._bench.jaws.calibrated:

@@ -61,12 +61,14 @@ class ArmProcess:
 
     Args:
         connection: To the program.
+        turns: Counts the turns of the program's loop: an `eventfd` that does not block.
         name: Of the device.
         settings: Of the arm.
     """
 
-    def __init__(self, connection: Connection, name: str, settings: UrArmSettings) -> None:
+    def __init__(self, connection: Connection, turns: int, name: str, settings: UrArmSettings) -> None:
         self._connection = connection
+        self._turns = turns
         self._name = name
         self._settings = settings
         self._lock = threading.Lock()
@@ -124,6 +126,9 @@ class ArmProcess:
                 return
             if monotonic_s() - self._row.arrival_s > 2.0 * self._settings.link_timeout_s:
                 raise BrokenError("silent", "no rows come through", "is the program still listening?")
+            with suppress(BlockingIOError):  # not a turn since the last look
+                os.eventfd_read(self._turns)
+                conductor.lead()
             conductor.step(self._seen())
 
     def _leave(self, client: RtdeClient, conductor: Conductor) -> None:
@@ -277,8 +282,8 @@ def _ask_for_realtime(priority: int) -> bool:
 def main() -> None:
     """Serve the program at the other end of the file descriptor that the command line names."""
     connection = Connection(int(sys.argv[1]))
-    name, settings, again = connection.recv()
-    process = ArmProcess(connection, name, UrArmSettings.model_validate_json(settings))
+    name, settings, again, turns = connection.recv()
+    process = ArmProcess(connection, turns, name, UrArmSettings.model_validate_json(settings))
     try:
         process.run(again)
     except BrokenError as error:

@@ -50,8 +50,8 @@ class UrArm:
 
     The client library can block for ever, and can crash: it lives in a process of its own, which moves the arm,
     keeps it inside its bounds, and is killed and replaced when it hangs. The link is judged by the progress of the
-    controller's time. Should that process die, the controller's watchdog stops the arm; should this program die,
-    the process stops it.
+    controller's time. Should that process die, the controller's watchdog stops the arm; should this program die, or
+    neither `read` nor `poll` an arm that moves for `loop_timeout_s`, the process stops it.
 
     A lost link is `Stalled`, and is tried again for `reconnect_s`; then the arm has `Failed`. A protective stop, a
     program that was stopped and a watchdog that tripped are `Stalled` too: every motion is `Refused` until `Home`
@@ -198,6 +198,7 @@ class UrArm:
         now_s = monotonic_s()
         host = self._host
         if host is not None:
+            host.turned()
             rows: list[Row] = []
             for message in host.receive():
                 if isinstance(message, Row):

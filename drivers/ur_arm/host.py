@@ -52,10 +52,12 @@ class ArmHost:
         # The socket is kept beside the connection: shutting it down is what the child takes for our end.
         self._socket, theirs = socket.socketpair()
         self._connection = Connection(os.dup(self._socket.fileno()))
+        # Beside the pipe: a process that is busy recovering reads no pipe, and a full one would hold the loop up.
+        self._turns = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "drivers.ur_arm.child", str(theirs.fileno())],
             cwd=ROOT,
-            pass_fds=[theirs.fileno()],
+            pass_fds=[theirs.fileno(), self._turns],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -63,7 +65,7 @@ class ArmHost:
         )
         theirs.close()
         self._ended_s = math.inf
-        self._connection.send((name, settings.model_dump_json(), again))
+        self._connection.send((name, settings.model_dump_json(), again, self._turns))
         self._reader = threading.Thread(target=self._fill, name=f"{name}-reader", daemon=True)
         self._reader.start()
 
@@ -71,6 +73,10 @@ class ArmHost:
         """Hand a command over; a process that is gone shows in `fate`."""
         with suppress(OSError):
             self._connection.send(command)
+
+    def turned(self) -> None:
+        """The program's loop has turned: it leads the arm yet. Never waits."""
+        os.eventfd_write(self._turns, 1)
 
     def receive(self) -> list[object]:
         """What has come since the last call, in order; see `drivers.ur_arm.pipe`."""
@@ -103,6 +109,7 @@ class ArmHost:
         self._reader.join(READER_S)
         self._connection.close()
         self._socket.close()
+        os.close(self._turns)
 
     def close(self) -> None:
         """Let the process stop the arm and end; kill it where it does not. Never raises."""

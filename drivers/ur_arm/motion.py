@@ -27,7 +27,7 @@ from drivers.messages import (
     Tare,
     Twist,
 )
-from drivers.ur_arm.controller import Client, Seen, trouble
+from drivers.ur_arm.controller import PLAYING, Client, Seen, trouble
 from drivers.ur_arm.guidance import CYCLE_S, MISSED_M, MISSED_RAD, FreeMotion, Guidance, line_speed, way
 from drivers.ur_arm.settings import Axis, Pose, UrArmSettings
 
@@ -39,6 +39,10 @@ START_S = 0.05
 
 GRACE_S = 2.0
 """What a motion may take beyond distance and speed before it has failed (assumption)."""
+
+HALT_S = 0.5
+"""How long an arm may go on after its program was ended from outside, before that is done again (assumption: ten
+times what braking from 0.25 m/s takes)."""
 
 UNHEARD_S = 0.1
 """How long commands may be refused for no visible reason (assumption: a refusal shows in the next row)."""
@@ -101,9 +105,15 @@ class Conductor:
         self._target = seen.row.pose
         self._since_s = self._deadline_s = now()
         self._heard_s = now()
+        self._led_s = now()
+
+    def lead(self) -> None:
+        """The program has looked at the arm. Where it does not for `loop_timeout_s`, nothing that moves goes on."""
+        self._led_s = self._now()
 
     def order(self, command: Command) -> None:
         """Begin with a command, or have it wait until what moves has come to rest."""
+        self.lead()
         if isinstance(command, Stop):
             self._stop(command)
         elif isinstance(command, Tare):
@@ -127,6 +137,7 @@ class Conductor:
         reason = trouble(seen.row)
         if reason and self.state is not State.HALTED:
             self._halt(reason)
+        self._check_lead()
         {
             State.STANDING: self._stand,
             State.SPEEDING: self._keep_speed,
@@ -204,6 +215,7 @@ class Conductor:
             self._refuse(command, reason)
             return False
         self.state, self._halted, self._heard_s = State.STANDING, "", self._now()
+        self._told = REST
         return True
 
     # --- ending ----------------------------------------------------------------------------------------
@@ -242,7 +254,7 @@ class Conductor:
 
     def _rest(self) -> None:
         """The arm stands: say what came of the motion, and begin the next."""
-        self.state, self._goal = State.STANDING, None
+        self.state, self._goal, self._told = State.STANDING, None, REST
         ending, self._ending = self._ending, None
         if ending is not None:
             self._say(ending())
@@ -258,6 +270,7 @@ class Conductor:
         self.state, self._halted, self._next, self._goal = State.HALTED, reason, None, None
         self._told = REST
         self._since_s = self._now()
+        self._deadline_s = self._since_s + HALT_S
         self._say(Stalled(self._now(), self._name, f"{reason}; look at the arm, then send it Home"))
 
     # --- in every cycle --------------------------------------------------------------------------------
@@ -270,8 +283,9 @@ class Conductor:
         if twist is None:
             return False
         taken = self._client.speed(twist, self._settings.acceleration_m_s2)
+        if taken:
+            self._told = twist
         self._hear(taken)
-        self._told = twist
         return taken
 
     def _keep_braking(self) -> None:
@@ -305,6 +319,25 @@ class Conductor:
         if self._ending is not None and self._stands():
             self._say(self._ending())
             self._ending = None
+        # A program that has ended brakes by itself, and what a person then does at the pendant is theirs.
+        moving = math.isinf(self._seen.still_since_s)
+        if moving and self._seen.row.runtime == PLAYING and self._now() > self._deadline_s:
+            self._deadline_s = self._now() + HALT_S
+            self._client.halt()
+
+    def _check_lead(self) -> None:
+        """Stop what moves where the program no longer looks: neither guard nor detectors do then."""
+        blind_s = self._now() - self._led_s
+        if blind_s <= self._settings.loop_timeout_s:
+            return
+        reason = f"the program has not looked at it for {blind_s:.2f} s; what held its loop up?"
+        if self._next is not None:
+            self._refuse(self._next, reason)
+            self._next = None
+        if self.state is State.SPEEDING:
+            self._brake(lambda: self._stalled(reason))
+        elif self.state is State.TRAVELLING:
+            self._stop_travel(lambda: self._stalled(reason))
 
     # --- guidance --------------------------------------------------------------------------------------
 
@@ -337,6 +370,8 @@ class Conductor:
             self._heard_s = self._now()
         elif self._now() - self._heard_s > UNHEARD_S and self.state is not State.HALTED:
             self._halt("the controller takes no commands")
+            # Its watchdog may yet hear what it does not obey.
+            self._client.halt()
 
     def _refuse(self, command: Command, reason: str) -> None:
         self._say(Refused(self._now(), self._name, command, reason))

@@ -33,7 +33,9 @@ from drivers.mock.plants.jaws_drive import JawsDrive
 
 TURN_S = 0.005
 
-SCENE = JawsSettings(closed_width_m=0.020, objects={"mug": GripObject(width_m=0.040)})
+SCENE = JawsSettings(
+    closed_width_m=0.020, objects={"mug": GripObject(width_m=0.040), "worn mug": GripObject(width_m=0.038)}
+)
 
 GRIP = Grip("gripper", 0.030, 0.1, 20.0)
 
@@ -159,6 +161,47 @@ class GripperContract:
         bench.device.apply(Stop("gripper"))
         bench.until(Standstill)
         assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+
+    @pytest.mark.parametrize("first", [Stop("gripper"), Home("gripper")])
+    def test_a_stop_upon_a_stop_or_home_still_keeps_what_is_held(
+        self, bench: GripperBench, first: Command
+    ) -> None:
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        bench.until(Gripped)
+        for command in (first, Stop("gripper"), Stop("gripper")):
+            bench.device.apply(command)
+        bench.until(Standstill)
+        bench.turn(0.2)
+        assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+        # Jaws that were only kept in their place would not follow what gives way.
+        bench.place("worn mug")
+        bench.turn(0.3)
+        assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+
+    @pytest.mark.parametrize("first", [Stop("gripper"), Home("gripper")])
+    def test_what_an_earlier_program_gripped_survives_every_stop(
+        self, bench: GripperBench, first: Command
+    ) -> None:
+        bench.place("mug")
+        bench.device.apply(GRIP)
+        bench.until(Gripped)
+        bench.device.close()
+        bench.device.open()
+        for command in (first, Stop("gripper"), Stop("gripper")):
+            bench.device.apply(command)
+        bench.until(Standstill)
+        bench.turn(0.2)
+        bench.device.close()
+        assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+
+    def test_a_stop_upon_home_stops_jaws_on_their_way(self, bench: GripperBench) -> None:
+        bench.device.apply(Grip("gripper", 0.030, 0.05, 20.0))
+        bench.turn(0.2)
+        bench.device.apply(Home("gripper"))
+        bench.until(Reached)
+        bench.device.apply(Stop("gripper"))
+        assert bench.until(Standstill).position_m > 0.035
 
     def test_jaws_that_jam_while_they_open_have_stalled(self, bench: GripperBench) -> None:
         bench.device.apply(Grip("gripper", 0.050, 0.1, 20.0))

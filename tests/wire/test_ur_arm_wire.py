@@ -98,10 +98,13 @@ class Hand:
     def set_out(self, command: Command, before_m: float = 0.003) -> None:
         """Apply, and wait until the tool is well on its way."""
         start = np.array(self.emulated.order()["pose"][:3])
+
+        def well_on_its_way(state: dict[str, Any]) -> bool:
+            self.turn()
+            return bool(np.linalg.norm(np.array(state["pose"][:3]) - start) > before_m)
+
         self.arm.apply(command)
-        self.emulated.until(
-            lambda state: bool(np.linalg.norm(np.array(state["pose"][:3]) - start) > before_m)
-        )
+        self.emulated.until(well_on_its_way)
         self.run(0.02)
 
 
@@ -418,8 +421,23 @@ while True:
 """
 
 
+def test_a_program_whose_loop_hangs_leaves_an_arm_that_stops_and_hears_why(hand: Callable[..., Hand]) -> None:
+    one = hand(loop_timeout_s=0.4)
+    for command, again in ((MoveAt("arm", 0.01, 0.04), 0.0), (MoveTo("arm", 0.04, 0.01), 0.01)):
+        one.set_out(command)
+        before = np.array(one.emulated.order()["pose"][:3])
+        # The reader thread takes every row meanwhile: only the loop stands still.
+        state = one.emulated.until(resting, timeout_s=2.0)
+        # 10 mm/s for the bound and for what a busy machine may be late; 1 ms of way for every 0.1 s.
+        way_m = float(np.linalg.norm(np.array(state["pose"][:3]) - before))
+        assert 0.003 < way_m < 0.01 * (0.4 + 0.2)
+        assert state["runtime"] == "PLAYING", "it was braked, not halted"
+        assert "has not looked at it" in one.await_(Stalled).reason
+        assert one.do(MoveTo("arm", again, 0.05), Reached).position_m == pytest.approx(again, abs=1e-4)
+
+
 @pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_host_that_dies_leaves_an_arm_that_stops_and_one_that_hangs_an_arm_inside_its_limit(
+def test_a_host_that_dies_or_hangs_leaves_an_arm_that_stops(
     emulated: EmulatedUr, blow: signal.Signals
 ) -> None:
     given = settings(emulated)
@@ -433,7 +451,8 @@ def test_a_host_that_dies_leaves_an_arm_that_stops_and_one_that_hangs_an_arm_ins
         emulated.until(lambda state: start_m - state["pose"][2] > 0.003)
         os.kill(host.pid, blow)
         state = emulated.until(resting)
-        assert start_m - state["pose"][2] <= (0.02 if blow is signal.SIGKILL else 0.04)
+        # 3 mm, and 20 mm/s for half a second at most.
+        assert start_m - state["pose"][2] <= 0.02
     finally:
         host.kill()
         host.wait()

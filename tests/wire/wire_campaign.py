@@ -22,6 +22,7 @@ PATIENT = {
     "devices.arm.realtime_priority": "0",
     "devices.arm.watchdog_hz": "5.0",
     "devices.arm.link_timeout_s": "0.5",
+    "devices.arm.loop_timeout_s": "2.0",  # more than limits.late_s, as ever
 }
 
 

@@ -3,7 +3,9 @@
 import io
 import os
 import pty
+import select
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -121,8 +123,15 @@ def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
     with Operator(keyboard.file):
         assert signal.getsignal(signal.SIGINT) is not before[0]
         assert not termios.tcgetattr(keyboard.file.fileno())[3] & termios.ECHO
+        assert not termios.tcgetattr(keyboard.file.fileno())[0] & termios.IXON
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
     assert termios.tcgetattr(keyboard.file.fileno()) == modes
+
+
+def test_ctrl_s_does_not_hold_the_output_up(keyboard):
+    with Operator(keyboard.file):
+        keyboard.press(b"\x13")
+        assert select.select([], [keyboard.file], [], 0.0)[1], "a write would wait for Ctrl+Q"
 
 
 def test_enter_answers_a_question_and_n_says_no(keyboard):
@@ -235,7 +244,10 @@ def test_what_was_not_seen_is_a_dash():
 
 @pytest.fixture
 def screen(keyboard, monkeypatch):
-    """A live view on a terminal of 72 characters, drawn whenever the loop polls; `text()` is what it shows last."""
+    """A live view on a terminal of 72 characters, drawn whenever the loop polls; `text()` is what it shows last.
+
+    `drawn(words)` waits for its thread until the words are on the terminal.
+    """
     monkeypatch.setattr(live, "REFRESH_S", -1.0)
     file = io.StringIO()
     console = LiveConsole(
@@ -243,10 +255,16 @@ def screen(keyboard, monkeypatch):
     )
 
     def text():
-        picture = console._drawn()
-        return picture.plain.splitlines()
+        return console._picture().plain.splitlines()
 
-    console.text, console.file = text, file
+    def drawn(words):
+        end_s = time.monotonic() + 10.0
+        while words not in file.getvalue():
+            assert time.monotonic() < end_s, f"{words} never came: {file.getvalue()}"
+            time.sleep(0.005)
+        return True
+
+    console.text, console.file, console.drawn = text, file, drawn
     return console
 
 
@@ -281,12 +299,22 @@ def test_a_pause_shows_the_way_out(screen):
 def test_a_new_state_is_not_drawn_before_its_commands_are_out(screen):
     screen.campaign_started("mock/transient", 42, Path("runs/x"))
     screen.trial_started(1, {})
-    drawn = len(screen.file.getvalue())
-    screen.state("STOPPING", 3.0)
-    assert len(screen.file.getvalue()) == drawn
     screen.poll()
-    assert "STOPPING" in screen.file.getvalue()[drawn:]
+    assert screen.drawn("trial 1")
+    screen.state("STOPPING", 3.0)
+    assert screen._drawer._pictures.empty()
+    assert "STOPPING" not in screen.file.getvalue()
+    screen.poll()
+    assert screen.drawn("STOPPING")
     screen.campaign_ended("")
+
+
+def test_the_last_picture_is_on_the_terminal_when_the_campaign_has_ended(screen):
+    screen.campaign_started("mock/transient", 1, Path("runs/x"))
+    screen.trial_started(1, {})
+    screen.trial_ended(1, "contact", ROW)
+    screen.campaign_ended("1 trial")
+    assert "1 of 1 trials" in screen.file.getvalue()
 
 
 def test_a_campaign_that_never_began_ends_without_a_picture(screen):

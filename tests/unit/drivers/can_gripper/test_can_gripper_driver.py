@@ -207,6 +207,43 @@ def test_stop_keeps_what_is_held(bench: Bench) -> None:
     assert bench.drive.jaws.contact_n == pytest.approx(20.0, abs=0.6)
 
 
+def test_stops_of_a_held_object_write_no_order_to_the_drive(bench: Bench) -> None:
+    hold_the_mug(bench)
+    before = len(bench.host.sent)
+    for command in (Stop("gripper"), Stop("gripper"), Home("gripper"), Stop("gripper")):
+        bench.apply(command)
+    assert [frame.data for frame in bench.host.sent[before:]] == [b""] * 4
+
+
+def test_two_stops_of_a_motion_stop_it_with_its_own_current(bench: Bench) -> None:
+    bench.apply(Release("gripper", 0.02))
+    bench.turn(0.2)
+    before = len(bench.host.sent)
+    bench.apply(Stop("gripper"))
+    bench.apply(Stop("gripper"))
+    for frame in bench.host.sent[before:]:
+        assert int.from_bytes(frame.data[2:4], "big") == 324  # 15 N / 0.0462 N/mA
+        assert frame.data[4] == 0xC0
+    bench.turn(0.3)
+    assert len(bench.take(Standstill)) == 1
+
+
+def test_stops_after_a_fault_was_cleared_wake_no_drive(bench: Bench) -> None:
+    hold_the_mug(bench)
+    bench.host.gripper.inject("overheat", bench.host.now_s)
+    bench.turn(0.1)
+    bench.apply(Stop("gripper"))
+    bench.turn(0.2)
+    bench.apply(Home("gripper"))
+    before = len(bench.host.sent)
+    bench.apply(Stop("gripper"))
+    bench.apply(Stop("gripper"))
+    assert [frame.data for frame in bench.host.sent[before:]] == [b""] * 2
+    bench.turn(0.2)
+    assert bench.drive.current_ma == 0.0
+    assert len(bench.take(Standstill)) == 2
+
+
 def test_stop_is_answered_before_homing_too(make_bench: Make) -> None:
     bench = make_bench(calibrated=False)
     bench.open()

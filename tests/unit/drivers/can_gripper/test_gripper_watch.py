@@ -9,7 +9,7 @@ import pytest
 from drivers.can_gripper.brackets import Brackets
 from drivers.can_gripper.watch import Watch
 from drivers.can_gripper.words import Finding, State
-from drivers.messages import Grip, Gripped, Release, Stalled, Standstill, Status, Stop
+from drivers.messages import Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
 
 GRIP = Grip("gripper", 0.02, 0.1, 20.0)
 MOVING = State(100, -400, Finding.MOVING, True, True, False, False, False, True)
@@ -21,7 +21,7 @@ THERE = replace(MOVING, finding=Finding.AT_POSITION)
 @pytest.fixture
 def watch() -> Watch:
     made = Watch("gripper", Brackets(0.010), hold_s=0.03)
-    made.begin(GRIP, 1.0)
+    made.begin(GRIP, 1.0, drives=True)
     return made
 
 
@@ -65,6 +65,29 @@ def test_an_object_that_moves_within_the_grip_is_told_when_it_is_gone_alone(watc
     assert not lost.object
 
 
+def test_a_grip_rests_through_stops_and_homes_that_drive_nothing(watch: Watch) -> None:
+    pushed(watch, *[CLOSING] * 5)
+    for command in (Stop("gripper"), Stop("gripper"), Home("gripper"), Stop("gripper")):
+        watch.begin(command, 1.1, drives=False)
+        assert watch.busy
+        assert watch.resting
+
+
+def test_a_motion_is_something_to_stop_whatever_was_asked_since(watch: Watch) -> None:
+    pushed(watch, MOVING)
+    watch.begin(Home("gripper"), 1.1, drives=False)
+    assert pushed(watch, MOVING, begin_s=1.11) == [Reached(1.11, "gripper", pytest.approx(0.0392, abs=1e-4))]
+    assert not watch.resting
+    pushed(watch, THERE, begin_s=1.2)
+    assert watch.resting
+
+
+def test_nothing_is_left_to_stop_after_a_fault(watch: Watch) -> None:
+    watch.begin(Stop("gripper"), 1.0, drives=True)
+    pushed(watch, replace(MOVING, estop=True), fault=True)
+    assert watch.resting
+
+
 def test_a_fault_is_told_once_and_ends_the_command(watch: Watch) -> None:
     late = replace(MOVING, watchdog=True)
     (stalled,) = pushed(watch, late, late, late, fault=True)
@@ -75,20 +98,20 @@ def test_a_fault_is_told_once_and_ends_the_command(watch: Watch) -> None:
 
 
 def test_a_fault_while_stopping_is_told_beside_the_standstill(watch: Watch) -> None:
-    watch.begin(Stop("gripper"), 1.0)
+    watch.begin(Stop("gripper"), 1.0, drives=True)
     told = pushed(watch, *[replace(MOVING, estop=True)] * 10, fault=True)
     assert [type(status) for status in told] == [Stalled, Standstill]
 
 
 def test_jaws_that_still_move_do_not_stand_still(watch: Watch) -> None:
-    watch.begin(Stop("gripper"), 1.0)
+    watch.begin(Stop("gripper"), 1.0, drives=True)
     assert pushed(watch, *[replace(MOVING, position=place) for place in range(100, 120)]) == []
     (still,) = pushed(watch, *[MOVING] * 10, begin_s=1.3)
     assert isinstance(still, Standstill)
 
 
 def test_release_is_held_up_by_an_object(watch: Watch) -> None:
-    watch.begin(Release("gripper", 0.1), 1.0)
+    watch.begin(Release("gripper", 0.1), 1.0, drives=True)
     (stalled,) = pushed(watch, *[OPENING] * 6)
     assert isinstance(stalled, Stalled)
     assert "39.2 mm" in stalled.reason, "10 mm and 155 of 255 counts of 48 mm"

@@ -9,7 +9,19 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.messages import Failed, Grip, Gripped, Listen, Lost, Refused, Stalled, Status
+from drivers.messages import (
+    Failed,
+    Grip,
+    Gripped,
+    Listen,
+    Lost,
+    Refused,
+    Sent,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+)
 from drivers.mock.can_gripper import MockCanGripper, MockCanGripperSettings
 from drivers.mock.faults import Fault, FaultSchedule
 from drivers.mock.plants.jaws import GripObject, JawsSettings
@@ -63,6 +75,28 @@ def test_faults_are_told(kind: str, status: type[Status]) -> None:
     statuses, _, _ = run(0.005, {"kind": kind, "at_s": 0.02})
     assert status in {type(one) for one in statuses}
     assert not any(isinstance(one, Stalled) for one in statuses)
+
+
+def test_stops_in_the_next_trial_keep_what_was_gripped_in_the_last() -> None:
+    drive = JawsDrive(SCENE)
+    drive.advance(0.0)
+    drive.calibrate()
+    drive.advance(3.0)
+    drive.go(0.0, 20_000.0, 300.0)
+    drive.advance(6.0)
+    drive.jaws.place("mug")
+    drive.go(0.8, 20_000.0, 433.0)
+    drive.advance(9.0)
+    drive.restart()
+    clock = VirtualClock()
+    gripper = MockCanGripper("gripper", MockCanGripperSettings(), clock, SimpleNamespace(jaws=drive))
+    gripper.open()
+    gripper.apply(Stop("gripper"))
+    gripper.apply(Stop("gripper"))
+    clock.wait_until(0.5)
+    assert [type(status) for status in gripper.poll()] == [Sent, Sent, Standstill]
+    gripper.close()
+    assert drive.jaws.contact_n == pytest.approx(20.0, abs=0.6)  # 433 mA at 0.0462 N/mA
 
 
 def test_a_gripper_that_is_unplugged_lets_go() -> None:

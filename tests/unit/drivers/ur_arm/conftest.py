@@ -25,10 +25,14 @@ class DirectClient:
         self.calls: list[str] = []
         self.deaf = False
         self.stubborn = False
+        self.unhalted = 0  # how many halts come to nothing
         self._rig = rig
 
     def speed(self, twist: Sequence[float], acceleration_m_s2: float) -> bool:
-        return self._stream("speed", 10, [*twist, acceleration_m_s2, 0.002])
+        taken = self._stream("speed", 10, [*twist, acceleration_m_s2, 0.002])
+        if taken:
+            self._rig.twists.append(tuple(twist))
+        return taken
 
     def end_speed(self) -> bool:
         return self._call("end_speed", 15, [3.0])
@@ -52,7 +56,10 @@ class DirectClient:
 
     def halt(self) -> None:
         self.calls.append("halt")
-        self._rig.controller.stop_program("halt")
+        if self.unhalted:
+            self.unhalted -= 1
+        else:
+            self._rig.controller.stop_program("halt")
 
     def recover(self) -> str:
         controller = self._rig.controller
@@ -107,10 +114,12 @@ class Rig:
         )
         self.axis = Axis(self.settings)
         self.controller.start_program(0)
+        self.looking = True  # the program looks at the arm in every cycle
         self.statuses: list[Status] = []
         self.positions_m: list[float] = []
         self._still_since_s = EPOCH_S
         self.advance(2)
+        self.twists: list[tuple[float, ...]] = []
         self.client = DirectClient(self)
         self.conductor = Conductor(
             "arm", self.settings, self.client, self.now, self.statuses.append, self.seen()
@@ -152,6 +161,8 @@ class Rig:
         while self.now() < end_s:
             seen = self.seen()
             self.advance(old_steps)
+            if self.looking:
+                self.conductor.lead()
             self.conductor.step(seen)
             self.advance(max(1, cycle_steps - old_steps))
 

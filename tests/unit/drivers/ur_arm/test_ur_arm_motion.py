@@ -367,6 +367,91 @@ def test_a_controller_that_takes_no_commands_for_no_visible_reason_halts_the_arm
     assert "takes no commands" in arm.run_until(Stalled, timeout_s=0.5).reason
 
 
+def test_an_arm_that_takes_no_commands_is_stopped_from_outside(rig) -> None:
+    arm = rig()
+    arm.order(MoveAt("arm", 0.05, 0.04))
+    arm.run(0.2)
+    arm.client.deaf = True
+    arm.run_until(Stalled)
+    arm.run(0.1)
+    assert arm.client.calls.count("halt") == 1
+    assert arm.controller.arm.resting
+
+
+def test_an_arm_that_goes_on_all_the_same_is_stopped_from_outside_again(rig) -> None:
+    arm = rig()
+    arm.order(MoveAt("arm", 0.02, 0.04))
+    arm.run(0.2)
+    arm.client.deaf, arm.client.unhalted = True, 1
+    arm.run_until(Stalled)
+    arm.order(Stop("arm"))
+    arm.run(0.4)
+    assert not arm.controller.arm.resting
+    arm.run_until(Standstill, timeout_s=0.3)
+    assert arm.client.calls.count("halt") == 2
+    arm.run(2.0)
+    assert arm.client.calls.count("halt") == 2
+    assert arm.kinds() == ["Sent", "Stalled", "Standstill"]
+
+
+def test_a_twist_after_a_recovery_begins_from_rest(rig) -> None:
+    arm = rig()
+    arm.order(Twist("arm", (0.04, 0.0, 0.0, 0.0, 0.0, 0.0), 5.0))
+    arm.run(0.2)
+    arm.client.deaf = True
+    arm.run_until(Stalled)
+    arm.client.deaf = False
+    arm.order(Home("arm"))
+    arm.run_until(Reached)
+    arm.twists.clear()
+    arm.order(Twist("arm", (-0.001, 0.0, 0.0, 0.0, 0.0, 0.0), 0.3))
+    arm.run_until(Reached)
+    assert min(twist[0] for twist in arm.twists) == pytest.approx(-0.001)
+    assert max(twist[0] for twist in arm.twists) <= 0.0
+
+
+@pytest.mark.parametrize(
+    "command", [MoveAt("arm", 0.02, 0.04), MoveTo("arm", 0.04, 0.02), Twist("arm", DOWN, 5.0)]
+)
+def test_an_arm_that_the_program_no_longer_looks_at_stops_and_says_why(rig, command) -> None:
+    arm = rig(loop_timeout_s=0.3)
+    arm.order(command)
+    arm.run(0.5)
+    before_m, before_s = arm.position_m, arm.now()
+    arm.looking = False
+    stalled = arm.run_until(Stalled)
+    # The bound, one cycle of ours, braking of 10 ms, and 20 ms in which nothing may have moved.
+    assert 0.3 < arm.now() - before_s < 0.3 + 0.06
+    assert arm.position_m - before_m < 0.02 * (0.3 + 0.02)
+    assert "has not looked at it for 0.3" in stalled.reason
+    arm.run(1.0)
+    assert arm.kinds() == ["Sent", "Stalled"]
+
+
+def test_a_motion_that_waits_for_another_s_end_is_not_begun_when_nobody_looks(rig) -> None:
+    # Braking from 0.1 m/s takes 0.2 s: the program is missed before the arm stands.
+    arm = rig(loop_timeout_s=0.05, stop_m_s2=0.5)
+    arm.order(MoveAt("arm", 0.1, 0.04))
+    arm.run(0.25)
+    arm.order(MoveTo("arm", -0.04, 0.1))
+    arm.looking = False
+    arm.run(0.5)
+    assert arm.kinds() == ["Sent", "Refused"]
+    assert "has not looked at it" in arm.statuses[-1].reason
+    assert arm.client.calls.count("move") == 0
+    assert arm.controller.arm.resting
+
+
+def test_a_program_that_comes_back_moves_the_arm_again(rig) -> None:
+    arm = rig()
+    arm.looking = False
+    arm.run(2.0)
+    assert arm.kinds() == []
+    arm.order(MoveTo("arm", 0.01, 0.02))
+    arm.looking = True
+    assert arm.run_until(Reached).position_m == pytest.approx(0.01, abs=1e-5)
+
+
 def test_a_motion_that_the_controller_does_not_take_is_refused(rig) -> None:
     arm = rig()
     arm.client.deaf = True
