@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from config.profile import Profile
     from controller.campaign import Console
     from controller.console import Operator
-    from controller.detectors.protocol import Detector
-    from drivers.messages import SampleBlock
 
 
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
@@ -218,24 +216,28 @@ def emulate(profile: str, overrides: Mapping[str, str]) -> None:
 def replay(detector: str, **given: Any) -> None:
     """Let a detector hear a RECORDING and print one JSON line an event.
 
-    RECORDING is a run folder, a part of its name or `latest`, or a CSV, NPZ or WAV file.
+    RECORDING is a run folder, a part of its name or `latest`, or a CSV, NPZ or WAV file. Of a run, a detector of the
+    run's own profile has its settings there; where it has several of a kind, NAME is one of their names.
 
     \b
     Example:
       run.py replay latest --detector resonance --trial 4
+      run.py replay latest:mock/centering --detector right_ours
+      run.py replay approach.csv --detector pretouch --column i,q --column x_m
       run.py replay finger.csv --detector resonance.paper --column period_s --baseline 2:3 --set threshold_sigma=4
       run.py replay drag.wav --detector slip --column 0 --set threshold=21
     """
+    from config.hearing import hear
     from controller.replay import as_line
     from controller.replay import replay as replayed
 
-    heard, blocks = _heard(detector, **given)
+    heard, blocks = hear(detector, **given)
     silent = True
     for event in replayed(blocks, heard):
         click.echo(json.dumps(as_line(event, detector)))
         silent = False
     if silent:
-        samples = sum(len(block) for block in blocks)
+        samples = sum(len(block) for block in blocks if block.stream == heard.inputs[0])
         complain(f"{detector} found nothing in {samples} samples")
 
 
@@ -262,10 +264,11 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
       run.py calibrate latest --detector slip.paper --set input=board.flexible --false-alarm-interval 600
     """
     from config.assemble import calibratable
+    from config.hearing import hear
     from controller.detectors.calibration import Statistic
     from controller.replay import ReplayError, calibration_line
 
-    heard, blocks = _heard(detector, **given)
+    heard, blocks = hear(detector, **given)
     if not isinstance(heard, Statistic):
         raise ReplayError(
             f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
@@ -293,27 +296,6 @@ def report(runs: Sequence[str], out: Path) -> None:
 
 
 # --- what the verbs share ------------------------------------------------------------------------
-
-
-def _heard(
-    detector: str,
-    recording: Path,
-    overrides: Mapping[str, str],
-    column: str | None,
-    rate_hz: float | None,
-    baseline: tuple[float, float] | None,
-    trial: int | None,
-) -> tuple[Detector, Sequence[SampleBlock]]:
-    """A detector, and the blocks of a recording that it shall hear."""
-    from config.assemble import make_detector
-    from controller.recording.run_folder import RunFolder
-    from controller.replay import between, read_blocks
-
-    made = make_detector(detector, overrides, baseline)
-    if not recording.exists() and not recording.suffix:
-        recording = RunFolder.find(recording).path
-    blocks = read_blocks(recording, made.inputs[0], column=column, rate_hz=rate_hz, trial=trial)
-    return made, blocks if baseline is None else between(blocks, baseline[0])
 
 
 def _loaded(profile: str, overrides: Mapping[str, str], csv: Path | None = None) -> Profile:

@@ -142,12 +142,16 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
                 "--detector",
                 required=True,
                 metavar="NAME",
-                help="Kind of detector: see run.py list --detectors.",
+                help="Kind of detector (run.py list --detectors), or of a run a detector of its profile.",
             ),
             set_option,
             click.option(
                 "--column",
-                help="Column of a CSV or NPZ file; channel of a WAV file or a run's stream, from 0.",
+                "columns",
+                multiple=True,
+                metavar="C[,C]",
+                help="Columns of a CSV or NPZ file; channels of a WAV file or a run's stream, from 0. Once for each "
+                "stream that the detector hears, in its order.",
             ),
             click.option(
                 "--rate",

@@ -17,11 +17,15 @@ from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, calibrate_blocks
 from controller.detectors.protocol import Detector
 from controller.recording.reader import open_run
+from controller.recording.series import TrialRecording
+from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
 from drivers.messages import SampleBlock
 
 UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_hz": "Hz", "_s": "s", "_n": "N", "_v": "V", "_m": "m"}
 """Units that a column's name ends in; the first that fits decides. A column without one is a plain waveform."""
 
+ENVELOPES = ("FS", "V", "")
+"""Units that an envelope may be in; a file's columns need not say."""
 
 JITTER = 0.25
 """Rows of a file are taken for regular samples where their times are within this share of a period of a common grid.
@@ -97,6 +101,126 @@ def as_line(event: Detected, kind: str) -> dict[str, Any]:
     return {**line, "reason": reason} if reason else line
 
 
+def read_inputs(
+    path: Path,
+    inputs: Sequence[str],
+    *,
+    columns: Sequence[str] = (),
+    rate_hz: float | None = None,
+    trial: int | None = None,
+) -> Sequence[SampleBlock]:
+    """Blocks of all streams that a detector hears, each given when its last sample has come, as the loop gives them.
+
+    Args:
+        path: As `read_blocks`.
+        inputs: The detector's streams; of a file, one after the other.
+        columns: For each input what `read_blocks` calls its column; of a run folder, of a WAV file and where there is
+            one input it may be left out.
+        rate_hz: As `read_blocks`.
+        trial: As `read_blocks`.
+
+    Raises:
+        ReplayError: as `read_blocks`; or too few or too many columns, or streams that were not recorded together.
+    """
+    names = " and ".join(inputs)
+    if path.is_file() and len(inputs) > 1 and len(columns) != len(inputs):
+        raise ReplayError(
+            f"{path}: {names} are heard, in this order; give --column for each, for example --column i,q --column x_m"
+        )
+    if len(columns) > len(inputs):
+        raise ReplayError(
+            f"{path}: {len(columns)} times --column, but {names} alone is heard; join them: i,q"
+        )
+    asked = [*columns, *[None] * (len(inputs) - len(columns))]
+    read = [
+        read_blocks(path, stream, column=column, rate_hz=rate_hz, trial=trial)
+        for stream, column in zip(inputs, asked, strict=True)
+    ]
+    _check_overlap(path, read)
+    given: list[SampleBlock] = [block for blocks in read for block in blocks if len(block)]
+    return sorted(given, key=lambda block: block.last_s)
+
+
+def _check_overlap(path: Path, read: Sequence[Sequence[SampleBlock]]) -> None:
+    """Streams of which one ends before another begins tell nothing of each other."""
+    first_out = min(read, key=lambda blocks: blocks[-1].last_s)[-1]
+    last_in = max(read, key=lambda blocks: float(blocks[0].times[0]))[0]
+    begin_s = float(last_in.times[0])
+    if begin_s > first_out.last_s and last_in.stream != first_out.stream:
+        raise ReplayError(
+            f"{path}: {last_in.stream} begins at {begin_s:.6g} s, when {first_out.stream} has ended at"
+            f" {first_out.last_s:.6g} s; choose streams that were recorded together"
+        )
+
+
+def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) -> Sequence[SampleBlock]:
+    """The same blocks, with a finger's sound made an envelope, as the chain of the bench does.
+
+    Args:
+        blocks: Of all streams.
+        stream: The one in which an envelope is heard. At 4 kHz and more it is sound, with frame 0 at the drive's
+            phase zero; below, an envelope already.
+        settings: Of the chain; its channel is the first of what was read.
+
+    Raises:
+        ReplayError: neither sound of one finger nor an envelope, or sound that does not hold the drive.
+    """
+    chain = Iq(stream.removeprefix("signals."), settings)
+    made: list[SampleBlock] = []
+    for block in blocks:
+        if block.stream != stream:
+            made.append(block)
+            continue
+        if block.unit not in ENVELOPES:
+            raise ReplayError(
+                f"{stream}: {block.unit} is no envelope of a finger; choose I and Q, or its sound"
+            )
+        if block.rate_hz is None or block.rate_hz < CARRIER_FROM_HZ:
+            made.append(block)
+            continue
+        if block.values.shape[1] != 1:
+            raise ReplayError(
+                f"{stream}: {block.values.shape[1]} channels of sound; choose one finger's, for example --column 0"
+            )
+        try:
+            # full scale is told on the bench, where it stops the arm; here it is but heard
+            parts = [part for part in chain.push(block) if isinstance(part, SampleBlock)]
+        except ValueError as error:
+            raise ReplayError(str(error)) from None
+        made += [replace(part, stream=stream) for part in parts]
+    if blocks and not any(block.stream == stream for block in made):
+        raise ReplayError(f"{stream}: the sound is too short for an envelope; it takes some milliseconds")
+    return sorted(made, key=lambda block: block.last_s)
+
+
+def own_detectors(manifest: Mapping[str, Any], recording: TrialRecording) -> Mapping[str, Mapping[str, Any]]:
+    """Kind and settings of each detector of the profile that a trial was run with, by name."""
+    resolved = manifest.get("profile", {}).get("resolved", {})
+    tables = {name: dict(table) for name, table in resolved.get("detectors", {}).items()}
+    for factor, value in recording.factors.items():
+        section, _, setting = factor.partition(".")
+        name, _, key = setting.partition(".")
+        if section == "detectors" and name in tables:
+            # the settings of one kind mean nothing to another
+            tables[name] = {"kind": value} if key == "kind" else {**tables[name], key: value}
+    return tables
+
+
+def read_trial(path: Path, trial: int | None) -> tuple[Mapping[str, Any], TrialRecording]:
+    """A run's manifest, and what was recorded of one of its trials; None is the first.
+
+    Raises:
+        ReplayError: nothing was recorded of it.
+    """
+    run = open_run(path)
+    trials = run.recorded_trials
+    chosen = trials[0] if trial is None and trials else trial
+    if chosen is None or chosen not in trials:
+        known = f"{min(trials)} to {max(trials)}" if trials else "none"
+        raise ReplayError(f"{path}: no recording of trial {trial}; recorded are {known}")
+    return run.manifest, run.recording(chosen)
+
+
 def read_blocks(
     path: Path,
     stream: str,
@@ -110,8 +234,8 @@ def read_blocks(
     Args:
         path: A run folder, or a CSV, NPZ or WAV file.
         stream: Name that the detector hears it under; in a run folder, the recorded stream.
-        column: Of a CSV or NPZ file: its name; of a WAV file or of a run's stream: the channel's number, from 0. None
-            is the only one there is besides the time; of a run's stream, all.
+        column: Of a CSV or NPZ file: its name; of a WAV file or of a run's stream: the channel's number, from 0.
+            Several with commas between them. None is the only one there is besides the time; of a run's stream, all.
         rate_hz: Sample rate of a CSV or NPZ file without a column `t_s`, or in place of it. Otherwise times on a
             regular grid give it, with a jump in `seq` where rows are missing; irregular ones give none.
         trial: Of a run folder; None is its first.
@@ -144,11 +268,11 @@ def read_blocks(
     unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
     t0_s = 0.0 if times_s is None else float(times_s[0])
     if times_s is None or rate_hz is not None:
-        return [SampleBlock(stream, 0, t0_s, values[:, None], rate_hz=rate_hz, unit=unit)]
+        return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)]
     # periods and frequencies come one a cycle: even where they look regular they are no samples
     grid = None if unit in ("s", "Hz") else _grid(times_s)
     if grid is None:
-        return [SampleBlock(stream, 0, t0_s, values[:, None], times_s=times_s, unit=unit)]
+        return [SampleBlock(stream, 0, t0_s, values, times_s=times_s, unit=unit)]
     regular_hz, places = grid
     starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
     return [
@@ -156,7 +280,7 @@ def read_blocks(
             stream,
             int(places[first]),
             float(times_s[first]),
-            values[first:last, None],
+            values[first:last],
             rate_hz=regular_hz,
             times_s=times_s[first:last],
             unit=unit,
@@ -179,26 +303,26 @@ def _grid(times_s: NDArray[np.float64]) -> tuple[float, NDArray[np.int64]] | Non
 
 
 def _from_run(path: Path, stream: str, trial: int | None, column: str | None) -> Sequence[SampleBlock]:
-    run = open_run(path)
-    trials = run.recorded_trials
-    chosen = trials[0] if trial is None and trials else trial
-    if chosen is None or chosen not in trials:
-        known = f"{min(trials)} to {max(trials)}" if trials else "none"
-        raise ReplayError(f"{path}: no recording of trial {trial}; recorded are {known}")
-    recording = run.recording(chosen)
+    _, recording = read_trial(path, trial)
     blocks = recording.blocks(stream)
     if not blocks:
         raise ReplayError(
-            f"{path}: trial {chosen} has no stream {stream}; it has {', '.join(recording.streams) or 'none'}"
-            " (choose one with --set input=NAME)"
+            f"{path}: trial {recording.trial} has no stream {stream}; it has"
+            f" {', '.join(recording.streams) or 'none'} (choose one with --set input=NAME)"
         )
     if column is None:
         return blocks
-    channels = blocks[0].values.shape[1]
-    if not (column.isdecimal() and int(column) < channels):
-        raise ReplayError(f"{path}: {stream} has no channel {column}; there are 0 to {channels - 1}")
-    only = [int(column)]
-    return [replace(block, values=block.values[:, only]) for block in blocks]
+    channels = _channels(f"{path}: {stream} has", column, blocks[0].values.shape[1])
+    return [replace(block, values=block.values[:, channels]) for block in blocks]
+
+
+def _channels(where: str, column: str, count: int) -> list[int]:
+    """Numbers of channels as they are written on the command line."""
+    words = column.split(",")
+    unknown = next((word for word in words if not (word.isdecimal() and int(word) < count)), None)
+    if unknown is not None:
+        raise ReplayError(f"{where} no channel {unknown}; there are 0 to {count - 1}")
+    return [int(word) for word in words]
 
 
 def _read_csv(path: Path) -> Mapping[str, NDArray[np.float64]]:
@@ -236,21 +360,27 @@ def _read_npz(path: Path) -> Mapping[str, NDArray[np.float64]]:
 def _columns(
     path: Path, table: Mapping[str, NDArray[np.float64]], column: str | None
 ) -> tuple[str, NDArray[np.float64], NDArray[np.float64] | None]:
-    """The column's name and values, and its times where there are any."""
+    """The first column's name, the values of all that are asked for, and their times where there are any."""
     names = [name for name in table if name != "t_s"]
-    chosen = column or (names[0] if len(names) == 1 else None)
-    if chosen is None:
+    chosen = column.split(",") if column else names
+    if not column and len(names) != 1:
         raise ReplayError(f"{path}: which column? choose with --column; there are {', '.join(names)}")
-    if chosen not in table:
-        raise ReplayError(f"{path}: no column {chosen}; there are {', '.join(names)}")
+    unknown = next((name for name in chosen if name not in table), None)
+    if unknown is not None:
+        raise ReplayError(f"{path}: no column {unknown}; there are {', '.join(names)}")
     times_s = table.get("t_s")
-    if times_s is not None and len(times_s) != len(table[chosen]):
-        raise ReplayError(f"{path}: {chosen} has {len(table[chosen])} rows, t_s has {len(times_s)}")
-    return chosen, table[chosen], times_s
+    rows = {
+        **{name: len(table[name]) for name in chosen},
+        **({} if times_s is None else {"t_s": len(times_s)}),
+    }
+    other = next((name for name, count in rows.items() if count != rows[chosen[0]]), None)
+    if other is not None:
+        raise ReplayError(f"{path}: {chosen[0]} has {rows[chosen[0]]} rows, {other} has {rows[other]}")
+    return chosen[0], np.column_stack([table[name] for name in chosen]), times_s
 
 
 def _read_wav(path: Path, column: str | None) -> tuple[str, NDArray[np.float64], float]:
-    """A channel in full-scale units (-1 to 1), and the sample rate."""
+    """Channels in full-scale units (-1 to 1), and the sample rate."""
     from scipy.io import wavfile
 
     try:
@@ -260,9 +390,7 @@ def _read_wav(path: Path, column: str | None) -> tuple[str, NDArray[np.float64],
     channels = samples if samples.ndim == 2 else samples[:, None]
     if column is None and channels.shape[1] > 1:
         raise ReplayError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
-    if column is not None and not (column.isdecimal() and int(column) < channels.shape[1]):
-        raise ReplayError(f"{path}: no channel {column}; there are 0 to {channels.shape[1] - 1}")
-    chosen = channels[:, int(column or 0)].astype(np.float64)
+    chosen = channels[:, _channels(f"{path}:", column or "0", channels.shape[1])].astype(np.float64)
     if samples.dtype == np.uint8:  # 8-bit WAV is unsigned, silence is 128
         chosen = (chosen - 128.0) / 128.0
     elif np.issubdtype(samples.dtype, np.integer):
@@ -289,4 +417,15 @@ def between(blocks: Sequence[SampleBlock], t0_s: float) -> Sequence[SampleBlock]
     return kept
 
 
-__all__ = ["ReplayError", "as_line", "between", "calibration_line", "read_blocks", "replay"]
+__all__ = [
+    "ReplayError",
+    "as_line",
+    "between",
+    "calibration_line",
+    "enveloped",
+    "own_detectors",
+    "read_blocks",
+    "read_inputs",
+    "read_trial",
+    "replay",
+]

@@ -36,8 +36,25 @@ WHOLE = 0.5
 class Statistic(Protocol):
     """A detector that can show the number which it holds against its threshold."""
 
+    inputs: tuple[str, ...]
+    """Streams that it hears; the first one is what its statistic is made of."""
+
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """The number after each sample of a whole recording, shape (n,); NaN where a sample decides nothing."""
+
+
+@runtime_checkable
+class Joined(Statistic, Protocol):
+    """One whose statistic is made of several streams side by side."""
+
+    def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
+        """What `statistic` asks for, a row for each sample of the first input, shape (n, columns).
+
+        Args:
+            values: The first input, NaN where samples were lost, shape (n, channels).
+            times_s: When, NaN likewise, shape (n,).
+            blocks: The whole recording.
+        """
 
 
 @dataclass(frozen=True)
@@ -74,15 +91,24 @@ def calibrate(
         false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
-        ValueError: a recording too short to say anything, or on which the detector decides nothing.
+        ValueError: a recording too short or too quiet to say anything, or on which the detector decides nothing.
     """
     columns = values[:, None] if values.ndim == 1 else values
     maxima = span_maxima(detector.statistic(columns, rate_hz), rate_hz)
     found = threshold_for(maxima, false_alarm_interval_s)
-    if not 0.0 < found.threshold < math.inf:
+    known = columns[~np.isnan(columns).any(axis=1)]
+    dead = not found.threshold > 0.0 and (known == known[:1]).all()
+    if dead or not found.threshold < math.inf:
         raise ValueError(
             f"the recording asks for a threshold of {found.threshold:g}, which is none; is the sensor alive, is its "
             "range exceeded?"
+        )
+    # a detector that asks for a shape says 0 where it finds none: no tail can be followed through such seconds
+    moved = int(np.count_nonzero(maxima > 0.0))
+    if not found.threshold > 0.0 or (found.extrapolated and moved <= _tail(len(maxima))):
+        raise ValueError(
+            f"only {moved} of {len(maxima)} s hold anything that could be taken for an event: too quiet to ask for a "
+            "threshold; record more of what it shall bear (approaches, starts, stops), or keep its own"
         )
     return found
 
@@ -94,18 +120,21 @@ def calibrate_blocks(
 
     Args:
         detector: Whose threshold.
-        blocks: The recording, in order; all at one rate.
+        blocks: The recording, each stream in order; the detector's first input at one rate.
         false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
         ValueError: as `calibrate`; or values that are not finite, irregular times, more than half lost.
     """
-    values, rate_hz = _joined([block for block in blocks if len(block)])
+    heard = [block for block in blocks if len(block) and block.stream == detector.inputs[0]]
+    values, times_s, rate_hz = _joined(heard)
+    if isinstance(detector, Joined):
+        values = detector.columns(values, times_s, blocks)
     return calibrate(detector, values, rate_hz, false_alarm_interval_s)
 
 
-def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, float]:
-    """All samples of a stream, shape (n, channels), NaN where they were lost; and their rate."""
+def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, Floats, float]:
+    """All samples of a stream, shape (n, channels), and their times, shape (n,), NaN where lost; and their rate."""
     if not blocks:
         raise ValueError("the recording holds no sample")
     rates = {block.rate_hz for block in blocks}
@@ -122,13 +151,15 @@ def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, float]:
     if heard < (1.0 - WHOLE) * length:
         raise ValueError(f"{length - heard} of {length} samples are missing; record more of it in one piece")
     values = np.full((length, blocks[0].values.shape[1]), np.nan)
+    times_s = np.full(length, np.nan)
     for block in blocks:
         physical = block.physical
         bad = np.flatnonzero(~np.isfinite(physical).all(axis=1))
         if bad.size:
             raise ValueError(f"a value at {block.times[bad[0]]:.6g} s is not finite; cut the recording there")
-        values[block.seq - begin : block.seq - begin + len(block)] = physical
-    return values, rate_hz
+        place = slice(block.seq - begin, block.seq - begin + len(block))
+        values[place], times_s[place] = physical, block.times
+    return values, times_s, rate_hz
 
 
 def span_maxima(statistic: Floats, rate_hz: float) -> Floats:
@@ -179,17 +210,31 @@ def poisson_interval(count: float) -> tuple[float, float]:
 
 
 def _extrapolated(ordered: Floats, expected: float, false_alarm_interval_s: float) -> Calibration:
-    """An exponential tail through the largest maxima; its scale's standard error makes the interval."""
-    used = max(TAIL_LEAST, int(TAIL * len(ordered)))
+    """An exponential tail through the largest maxima.
+
+    Where it starts is known to a standard error of scale / sqrt(used), its scale as a mean of exponentials is (chi
+    square), and the two are independent (A. Renyi, Acta Math. Acad. Sci. Hung. 4, 1953): together they make the
+    interval.
+    """
+    from scipy.stats import chi2
+
+    used = _tail(len(ordered))
     start = float(ordered[used])
     scale = float(np.mean(ordered[:used])) - start
     reach = math.log(used / expected)
-    error = 1.96 / math.sqrt(used)
+    threshold = start + scale * reach
+    of_start = 1.96 * scale / math.sqrt(used)
+    low, high = (2.0 * used / float(chi2.ppf(p, 2 * used)) for p in (0.975, 0.025))
     return Calibration(
-        start + scale * reach,
-        start + scale * reach * (1.0 - error),
-        start + scale * reach * (1.0 + error),
+        threshold,
+        threshold - math.hypot(of_start, reach * scale * (1.0 - low)),
+        threshold + math.hypot(of_start, reach * scale * (high - 1.0)),
         false_alarm_interval_s,
         len(ordered) * SPAN_S,
         True,
     )
+
+
+def _tail(count: int) -> int:
+    """How many of so many maxima the tail is fitted to."""
+    return max(TAIL_LEAST, int(TAIL * count))

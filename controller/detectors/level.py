@@ -69,6 +69,7 @@ class LevelPaperDetector:
         self.name = name
         self.settings = settings
         self.inputs = (settings.input,)
+        self.envelope = settings.input
         self._along = Along(settings.input, None, AHEAD, "waiting for contact")
         self.reset()
 
@@ -153,17 +154,10 @@ class LevelSettings(Settings):
     input: str = "signals.right"
     """Envelope of one finger: I and Q, full scales, at a fixed rate."""
 
-    threshold: float | None = Field(default=None, gt=0.0, le=1e9)
-    """Jump that is contact, in root mean squares of what jumps there are otherwise. None: what white Gaussian noise
-    reaches once in `false_alarm_interval_s`, and no less than `least_threshold`. Better calibrate it on approaches
-    without contact."""
-
-    false_alarm_interval_s: float = Field(default=3600.0, gt=1.0, le=1e9)
-    """Mean time between false alarms in white Gaussian noise, where no threshold is given, s."""
-
-    least_threshold: float = Field(default=7.0, gt=0.0, le=1e9)
-    """The least that `false_alarm_interval_s` may ask for. A noise that comes at once, when an arm sets out, is not
-    Gaussian: chosen on simulated approaches, of which some 1 % reach it without contact (benchmarks/pretouch)."""
+    threshold: float = Field(default=7.0, gt=0.0, le=1e9)
+    """Jump that is contact, in root mean squares of what jumps there are otherwise. White Gaussian noise would reach
+    3.8 once an hour, but an arm that sets out is none: chosen on simulated approaches, of which some 1 % reach it
+    without contact (benchmarks/pretouch). Better calibrate it on approaches without contact."""
 
     spans_s: Annotated[tuple[float, ...], Strict(False)] = (0.004, 0.008, 0.016)
     """Lengths over which a jump is looked for, s, growing. Assumption: a finger's foam takes its first load within
@@ -261,6 +255,7 @@ class LevelDetector:
         self.name = name
         self.settings = settings
         self.inputs = (settings.input,)
+        self.envelope = settings.input
         self._along = Along(settings.input, None, AHEAD, "waiting for contact")
         self.reset()
 
@@ -272,17 +267,7 @@ class LevelDetector:
 
     def warm_up(self) -> None:
         """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
-        LevelDetector(self.name, self.settings)._hear(silence(), 1000.0, self.threshold)
-
-    @property
-    def threshold(self) -> float:
-        """What a jump is held against, in scales."""
-        settings = self.settings
-        if settings.threshold is not None:
-            return settings.threshold
-        # |jump|^2 over its mean is exponential; a new one about once in each span
-        looks = settings.false_alarm_interval_s * sum(1.0 / span_s for span_s in settings.spans_s)
-        return max(settings.least_threshold, math.sqrt(math.log(looks)))
+        LevelDetector(self.name, self.settings)._hear(silence(), 1000.0, self.settings.threshold)
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Hear the next samples.
@@ -293,7 +278,7 @@ class LevelDetector:
         heard = self._along.push(block)
         if not len(heard.times_s) or self._along.rate_hz is None:
             return []
-        threshold = self.threshold
+        threshold = self.settings.threshold
         scores, said = self._hear(heard, self._along.rate_hz, threshold)
         events: list[Detected] = []
         for i in np.flatnonzero(said).tolist():

@@ -120,9 +120,8 @@ class PreTouchDetector:
         self.name = name
         self.settings = settings
         self.inputs = (settings.input, settings.position_input)
-        self._along = Along(
-            settings.input, settings.position_input, settings.direction, "detecting pre-touch"
-        )
+        self.envelope = settings.input
+        self._along = self._beside()
         self.reset()
 
     def reset(self) -> None:
@@ -175,12 +174,39 @@ class PreTouchDetector:
             )
         return self.traced(as_complex(values[:, :2]), values[:, 2], rate_hz)[0]
 
+    def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
+        """I, Q and the mover's position (m, NaN where unknown) as `statistic` asks for them, shape (n, 3).
+
+        Args:
+            values: The envelope, NaN where samples were lost, shape (n, channels).
+            times_s: When, NaN likewise, shape (n,).
+            blocks: The recording, with the encoder's blocks.
+        """
+        settings, along = self.settings, self._beside()
+        encoder = [block for block in blocks if len(block) and block.stream == settings.position_input]
+        known = np.flatnonzero(np.isfinite(times_s))
+        position_m = np.full(len(times_s), np.nan)
+        if encoder and len(known):
+            readings_s = np.concatenate([block.times for block in encoder])
+            readings = np.concatenate([block.physical for block in encoder])
+            along.push(SampleBlock(settings.position_input, 0, readings_s[0], readings, times_s=readings_s))
+            asked_s = times_s[known]
+            asked = SampleBlock(settings.input, 0, asked_s[0], values[known], rate_hz=1.0, times_s=asked_s)
+            found_m = along.push(asked).position_m
+            position_m[known[: len(found_m)]] = found_m
+        z = as_complex(values)
+        return np.column_stack((z.real, z.imag, position_m))
+
     def traced(self, z: NDArray[np.complex128], position_m: Floats, rate_hz: float) -> tuple[Floats, Floats]:
         """F ratio and amplitude (full scales) of a whole recording from its first sample, shape (n,) each; the
         detector itself hears nothing of it."""
         twin = PreTouchDetector(self.name, self.settings)
         heard = Heard(np.empty(0), z, position_m, np.zeros(len(z), np.int64))
         return twin._hear(heard, rate_hz)
+
+    def _beside(self) -> Along:
+        settings = self.settings
+        return Along(settings.input, settings.position_input, settings.direction, "detecting pre-touch")
 
     def _hear(self, heard: Heard, rate_hz: float) -> tuple[Floats, Floats]:
         from controller.signals.undulation import fit, undulate

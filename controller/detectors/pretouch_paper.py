@@ -67,6 +67,7 @@ class PreTouchPaperDetector:
         self.settings = settings
         encoder = settings.position_input
         self.inputs = (settings.input,) if encoder is None else (settings.input, encoder)
+        self.envelope = settings.input
         self._along = Along(settings.input, encoder, settings.direction, "detecting pre-touch")
         self.reset()
 

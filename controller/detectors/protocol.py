@@ -34,3 +34,11 @@ class Compiled(Protocol):
 
     def warm_up(self) -> None:
         """Let it load, or compile on first use; leaves the detector as on the day it was made."""
+
+
+@runtime_checkable
+class HearsEnvelope(Protocol):
+    """A detector that hears the envelope of a finger: where there is sound alone, I and Q are made of it first."""
+
+    envelope: str
+    """Which of its inputs that is."""

@@ -204,6 +204,17 @@ class SlipDetector:
         self._next_seq: int | None = None
         self._slipping = False
 
+    def arming_s(self, rate_hz: float) -> float:
+        """How long it learns after a reset, s: before that it tells nothing."""
+        return 2 * _settling(self.settings, rate_hz).learn / rate_hz
+
+    def least_delay_s(self, rate_hz: float) -> float:
+        """From a slip's first sample to the soonest that can tell it where there was no evidence before, s: no sample
+        is worth more than one knock, and none after the first more than the credit gets back in its time."""
+        odds = _odds(self.settings, rate_hz)
+        beyond = max(0.0, self.settings.threshold - odds.cap)
+        return math.ceil(beyond / min(odds.cap, odds.refill)) / rate_hz
+
     def warm_up(self) -> None:
         """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
         self.statistic(np.zeros((64, (self.settings.channel or 0) + 1)), 1000.0)

@@ -142,6 +142,43 @@ def test_nan_in_a_recording_is_said_with_its_time(verb, tmp_path):
     assert (code, err) == (2, "slip: a value at 12.345 s is not finite; cut the recording there\n")
 
 
+@pytest.fixture
+def way(tmp_path):
+    """Two minutes to and fro before nothing: noise in I and Q, and the mover's position."""
+    i, q = 0.09 + 5e-5 * np.random.default_rng(3).standard_normal((2, 120_000))
+    x_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
+    np.savez(tmp_path / "way.npz", i_fs=i, q_fs=q, x_m=x_m)
+    return [tmp_path / "way.npz", "--rate", 1000, "--column", "i_fs,q_fs"]
+
+
+def test_pre_touch_is_calibrated_on_i_q_and_position(verb, way):
+    recording = [*way, "--column", "x_m", "--detector", "pretouch"]
+    code, out, err = verb("calibrate", *recording, "--false-alarm-interval", 12)
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["recording_s"] == 120.0
+    code, out, _ = verb("replay", *recording, "--set", f"threshold={found['threshold']}")
+    seen = [json.loads(line) for line in out.splitlines()]
+    alarms = {int(line["t_s"]) for line in seen if line["event"] == "PreTouch"}
+    # ten are asked for; the tenth is the threshold itself, and one alarm may outlast the next second's
+    assert code == 0
+    assert 5 <= len(alarms) <= 9
+
+
+def test_a_quiet_level_is_not_called_a_dead_sensor(verb, way):
+    code, out, err = verb("calibrate", *way, "--detector", "level", "--false-alarm-interval", 15)
+    assert (code, out) == (2, "")
+    assert "too quiet to ask for a threshold" in err
+    assert "alive" not in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_detector_of_two_streams_is_not_calibrated_on_one(verb, way):
+    code, out, err = verb("calibrate", *way, "--detector", "pretouch", "--false-alarm-interval", 15)
+    assert (code, out) == (2, "")
+    assert "signals.right and arm.position are heard" in err
+
+
 def test_an_interval_is_needed(verb, rolling):
     code, _, err = verb("calibrate", rolling, "--detector", "slip", "--column", "ft_v", "--rate", 1000)
     assert code == 2

@@ -34,6 +34,15 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says():
     assert 0.90 <= covered <= 1.0
 
 
+@pytest.mark.parametrize("interval_s", [250.0, 1e4, 1e6])
+def test_the_interval_of_an_extrapolation_covers_the_truth_about_as_often_as_it_says(interval_s):
+    rng = np.random.default_rng(11)
+    found = [threshold_for(rng.exponential(size=1000), interval_s) for _ in range(2000)]
+    assert all(each.extrapolated for each in found)
+    covered = np.mean([each.low <= math.log(interval_s) <= each.high for each in found])
+    assert 0.92 <= covered <= 0.97
+
+
 def test_spans_without_a_decision_do_not_count():
     statistic = np.full(1000, np.nan)
     statistic[[5, 305, 306]] = 1.0, 2.0, 7.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost
-from controller.detectors.calibration import calibrate
+from controller.detectors.calibration import calibrate, span_maxima
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
 from drivers.messages import SampleBlock
 
@@ -139,14 +139,6 @@ def test_ten_minutes_of_noise_are_quiet():
     assert said(ours(), *(block(z[k : k + 10_000], k) for k in range(0, len(z), 10_000))) == []
 
 
-def test_a_longer_interval_between_false_alarms_asks_for_a_higher_threshold():
-    low, high = (
-        ours(false_alarm_interval_s=interval_s, least_threshold=0.1).threshold for interval_s in (10.0, 1e6)
-    )
-    assert low < high
-    assert ours(threshold=5.0).threshold == 5.0
-
-
 def test_a_smaller_step_gives_a_smaller_value_and_a_threshold_above_it_silences_it():
     values = []
     for share in (0.03, 0.01):
@@ -164,10 +156,32 @@ def test_one_channel_will_do_where_there_is_no_other():
     assert kinds(said(ours(), in_phase)) == [Contact, ContactHeld, ContactLost]
 
 
+def unsettled(count, gap_s=1.25, seed=1):
+    """Noise, and steps of many sizes: what a bench does that is no contact."""
+    rng = np.random.default_rng(seed)
+    sizes = rng.exponential(1e-3, count) * np.exp(2j * np.pi * rng.random(count))
+    z = REST + np.repeat(np.cumsum(sizes), round(gap_s * RATE_HZ))
+    return np.column_stack([z.real, z.imag]) + 3e-5 * rng.standard_normal((len(z), 2))
+
+
 def test_it_can_be_calibrated_on_a_recording_without_contact():
-    z = REST + noise(200_000, 5e-5)
-    found = calibrate(ours(), np.column_stack([z.real, z.imag]), RATE_HZ, 3600.0)
-    assert 1.0 < found.threshold < 10.0
+    columns = unsettled(200)
+    found = calibrate(ours(), columns, RATE_HZ, 25.0)
+    scores = span_maxima(ours().statistic(columns, RATE_HZ), RATE_HZ)
+    # 250 s, once in 25: nine seconds are above, and the tenth is the threshold itself
+    assert np.sum(scores > found.threshold) == 9
+    beyond = calibrate(ours(), columns, RATE_HZ, 3600.0)
+    assert beyond.extrapolated
+    assert beyond.threshold > found.threshold
+
+
+@pytest.mark.parametrize("interval_s", [15.0, 3600.0])
+def test_a_quiet_recording_asks_for_no_threshold_and_is_not_called_dead(interval_s):
+    quiet = REST + noise(120_000, 5e-5)
+    with pytest.raises(ValueError, match=r"of 120 s hold anything .* too quiet to ask for a threshold"):
+        calibrate(ours(), np.column_stack([quiet.real, quiet.imag]), RATE_HZ, interval_s)
+    with pytest.raises(ValueError, match="is the sensor alive"):
+        calibrate(ours(), np.full((120_000, 2), 0.09), RATE_HZ, interval_s)
 
 
 def test_spans_that_do_not_grow_are_refused():

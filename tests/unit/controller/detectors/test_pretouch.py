@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import PreTouch, PreTouchLost
-from controller.detectors.calibration import calibrate
+from controller.detectors.calibration import calibrate, calibrate_blocks
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from drivers.messages import SampleBlock
@@ -173,6 +173,39 @@ def test_it_can_be_calibrated_with_the_position_as_third_column_and_not_without(
     assert 3.0 < found.threshold < 30.0
     with pytest.raises(ValueError, match="three columns"):
         calibrate(ours(), signal.values, RATE_HZ, 30.0)
+
+
+def test_blocks_of_envelope_and_encoder_give_the_threshold_of_the_three_columns():
+    way_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
+    signal, encoder = heard(way_m, size=0.0)
+    from_columns = calibrate(ours(), np.column_stack([signal.values, way_m]), RATE_HZ, 30.0)
+    cut = [
+        SampleBlock(block.stream, at, at / block.rate_hz, block.values[at : at + 500], rate_hz=block.rate_hz)
+        for block in (signal, encoder)
+        for at in range(0, len(block), 500)
+    ]
+    # the encoder has half the rate, and its straight lines are cut where the mover turns
+    assert calibrate_blocks(ours(), cut, 30.0).threshold == pytest.approx(from_columns.threshold, rel=0.05)
+
+
+def test_the_position_beside_a_recorded_sample_is_the_one_that_was_heard_live():
+    """A pose along a slanting direction, an encoder that falls silent for a second, and lost samples."""
+    signal, encoder = heard(trip((0.01, 6.0)))
+    pose = np.column_stack([encoder.values[:, 0], 0.3 - encoder.values[:, 0], np.zeros((len(encoder), 4))])
+    kept = np.r_[0:1000, 1500 : len(pose)]
+    readings = SampleBlock("arm.pose", 0, 0.0, pose[kept], times_s=encoder.times[kept], unit="m")
+    values = signal.values.copy()
+    times_s = signal.times.copy()
+    values[4000:4100], times_s[4000:4100] = np.nan, np.nan
+    detector = ours(position_input="arm.pose", direction=(1.0, -1.0, 0.0))
+    found = detector.columns(values, times_s, [signal, readings])
+    along_m = (encoder.values[:, 0] - (0.3 - encoder.values[:, 0])) / math.sqrt(2.0)
+    expected_m = np.interp(signal.times, encoder.times, along_m)
+    expected_m[1999:3000] = np.nan  # between the last reading, at 1.998 s, and the next, at 3 s
+    expected_m[4000:4100] = np.nan
+    expected_m[-1] = np.nan  # the encoder's last reading is before it
+    assert found[:, 2] == pytest.approx(expected_m, abs=1e-12, nan_ok=True)
+    assert np.array_equal(found[:, :2], values, equal_nan=True)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,127 @@
+"""What `replay` and `calibrate` share: a detector, and the samples of a recording that it shall hear."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from config.assemble import DETECTORS, make_detector
+from config.hints import near_or_all
+from config.source import ProfileError, toml_value
+from config.validation import validated
+from controller.detectors.protocol import Detector, HearsEnvelope
+from controller.recording.run_folder import RunFolder
+from controller.recording.series import TrialRecording
+from controller.replay import ReplayError, between, enveloped, own_detectors, read_inputs, read_trial
+from controller.signals.iq import IqSettings
+from drivers.messages import SampleBlock
+
+CHAIN = "iq."
+"""What begins a setting of the chain from sound to envelope, after `--set`."""
+
+
+def hear(
+    asked: str,
+    recording: Path,
+    overrides: Mapping[str, str],
+    *,
+    columns: Sequence[str] = (),
+    rate_hz: float | None = None,
+    baseline: tuple[float, float] | None = None,
+    trial: int | None = None,
+) -> tuple[Detector, Sequence[SampleBlock]]:
+    """A detector, and all blocks of a recording that it hears, in order of time.
+
+    Args:
+        asked: Kind of detector; of a run folder also a detector's name in the run's profile.
+        recording: A run folder, a part of its name, or a CSV, NPZ or WAV file.
+        overrides: Settings as TOML values; those of the chain from sound to envelope begin with `iq.`. Of a run whose
+            profile has such a detector, its settings in that trial are the defaults.
+        columns: For each input, as `controller.replay.read_inputs` takes them.
+        rate_hz: Of a file without times.
+        baseline: Times in seconds: what is heard begins at the first; a detector with a baseline learns between them.
+        trial: Of a run folder; None is its first.
+
+    Raises:
+        ProfileError: no such detector, or settings that it does not take.
+        ReplayError: the recording does not hold what it hears.
+        RunFolderError: no such run.
+    """
+    chain = {key.removeprefix(CHAIN): text for key, text in overrides.items() if key.startswith(CHAIN)}
+    overrides = {key: text for key, text in overrides.items() if not key.startswith(CHAIN)}
+    if not recording.exists() and not recording.suffix:
+        recording = RunFolder.find(recording).path
+    kind, own = _in_run(recording, asked, overrides, trial) if recording.is_dir() else (asked, {})
+    made = make_detector(kind, {**own, **overrides}, baseline)
+    blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial)
+    if isinstance(made, HearsEnvelope):
+        blocks = enveloped(blocks, made.envelope, _chain_settings(made, chain))
+    elif chain:
+        raise ProfileError(f"--set {CHAIN}{min(chain)}: {asked} hears no envelope of a sound; leave it out")
+    if baseline is not None:
+        blocks = between(blocks, baseline[0])
+    if not any(block.stream == made.inputs[0] for block in blocks):
+        raise ReplayError(f"{recording}: no sample of {made.inputs[0]} from --baseline on; begin earlier")
+    return made, blocks
+
+
+def _in_run(
+    path: Path, asked: str, overrides: Mapping[str, str], trial: int | None
+) -> tuple[str, Mapping[str, str]]:
+    """Kind and settings (TOML values) of the detector that is meant: the run's own where it has one of that kind."""
+    manifest, recording = read_trial(path, trial)
+    tables = own_detectors(manifest, recording)
+    if asked not in DETECTORS:
+        if asked not in tables:
+            known = {*DETECTORS, *tables}
+            raise ProfileError(f"--detector {asked}: no such detector; {near_or_all(asked, known)}")
+        return _split(path, tables[asked])
+    alike = {name: table for name, table in tables.items() if table["kind"] == asked}
+    streams = {key: toml_value(text) for key, text in overrides.items() if key.endswith("input")}
+    meant = {name: table for name, table in alike.items() if streams.items() <= table.items()}
+    heard = {name: table for name, table in meant.items() if _was_heard(path, table, recording)} or meant
+    if len(heard) > 1:
+        names = " or ".join(sorted(heard))
+        raise ReplayError(
+            f"{path}: {len(heard)} detectors of kind {asked} in trial {recording.trial}; say --detector {names}"
+        )
+    return _split(path, next(iter(heard.values()))) if heard else (asked, {})
+
+
+def _split(path: Path, table: Mapping[str, Any]) -> tuple[str, Mapping[str, str]]:
+    """Kind of a run's detector, and its settings as TOML values: what JSON makes of a setting, TOML reads."""
+    kind, own = table["kind"], {key: json.dumps(value) for key, value in table.items() if key != "kind"}
+    try:
+        make_detector(kind, own)
+    except ProfileError as error:
+        problem = error.problems[0].removeprefix("--set ")
+        raise ReplayError(
+            f"{path}: its {kind} is of another version ({problem}); replay it with the commit that its manifest names"
+        ) from None
+    return kind, own
+
+
+def _was_heard(path: Path, table: Mapping[str, Any], recording: TrialRecording) -> bool:
+    """Whether all that a detector hears was recorded in the trial."""
+    return set(make_detector(*_split(path, table)).inputs) <= set(recording.streams)
+
+
+def _chain_settings(detector: HearsEnvelope, given: Mapping[str, str]) -> IqSettings:
+    """Settings of the chain before a detector: its drive is the one that the detector believes in."""
+    drive_hz = getattr(getattr(detector, "settings", None), "drive_hz", None)
+    values = {key: toml_value(text) for key, text in given.items()}
+    if drive_hz is not None and values.setdefault("drive_hz", drive_hz) != drive_hz:
+        raise ProfileError(
+            f"--set {CHAIN}drive_hz = {values['drive_hz']}: the detector has drive_hz = {drive_hz:g}; set both alike"
+        )
+    problems: list[str] = []
+
+    def where(path: tuple[str, ...], place: tuple[str, ...]) -> str:
+        return f"--set {CHAIN}{'.'.join((*path, *place))}"
+
+    settings = validated(IqSettings, values, (), where, problems)
+    if settings is None:
+        raise ProfileError(problems)
+    return settings
