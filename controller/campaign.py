@@ -24,7 +24,7 @@ from controller.measures.trial import TrialEvidence
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.rig import Rig, TrialScene
-from controller.signals.protocol import Signal
+from controller.signals.protocol import Accountable, Signal
 from drivers.clock import utc_now
 from drivers.errors import DeviceError
 from drivers.messages import DeviceInfo, StreamInfo
@@ -178,6 +178,8 @@ class Campaign:
             line = f"{line}; NOT seen standing still: {', '.join(self._unstill)}: look at the bench"
         elif status == "aborted":
             line = f"{line}: the bench is still"
+        warnings = [told["warning"] for told in self._manifest["signals"].values() if "warning" in told]
+        line = "; ".join(part for part in (line, *warnings) if part)
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
         with suppress(RecordingError):
             folder.write_manifest(self._manifest)
@@ -260,7 +262,7 @@ class Campaign:
         self._rig.clock.restart()
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
-        evidence = TrialEvidence(trial.factors, recording)
+        evidence = TrialEvidence(trial.factors, recording, detectors=trial.detectors)
         verdict: str | None = None
         try:
             self._rig.begin_trial(trial.scene)
@@ -280,7 +282,7 @@ class Campaign:
                 evidence.truth = self._rig.truth()
             if self._rig.slips is not None:
                 evidence.slips = self._rig.slips()
-            self._account(loop)
+            self._account(loop, trial.signals)
             outcome: str = verdict or trial.behavior.outcome
             row: dict[str, Any] = {}
             try:
@@ -320,7 +322,7 @@ class Campaign:
 
     # the manifest
 
-    def _account(self, loop: Loop) -> None:
+    def _account(self, loop: Loop, signals: Sequence[Signal]) -> None:
         account = loop.account
         self._unstill = list(dict.fromkeys([*self._unstill, *account.unstill]))
         total = self._manifest["loop"]
@@ -331,6 +333,10 @@ class Campaign:
         total["bench_s"] += self._rig.clock.now()
         for stream, samples in account.lost.items():
             self._manifest["loss"][stream] = self._manifest["loss"].get(stream, 0) + samples
+        for signal in signals:
+            told = signal.account() if isinstance(signal, Accountable) else {}
+            if told:  # a short trial tells nothing, and takes nothing back
+                self._manifest["signals"][signal.name] = dict(told)
 
     def _first_manifest(self, started: datetime) -> dict[str, Any]:
         plan = self._plan
@@ -350,6 +356,7 @@ class Campaign:
             "plant": {},
             "loop": {"turns": 0, "overruns": 0, "worst_late_s": 0.0, "paused_s": 0.0, "bench_s": 0.0},
             "loss": {},
+            "signals": {},
             "exit": {"status": "running", "code": None, "reason": ""},
         }
 

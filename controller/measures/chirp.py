@@ -15,7 +15,19 @@ Floats = NDArray[np.float64]
 STEP_HZ = 250.0
 """Width of the bands in which the sweep is averaged: a hundred in a sweep of 26 kHz, each well above a millisecond."""
 
-COLUMNS = ("best_hz", "best_right_hz", "best_left_hz", "band_low_hz", "band_high_hz", "over_noise_db")
+LATENCY_UNSURE_S = 0.001
+"""How far a device's own word on its latency may be off, s. Assumption: converters' filters, of which it knows nothing,
+take some 0.4 ms each."""
+
+COLUMNS = (
+    "best_hz",
+    "best_right_hz",
+    "best_left_hz",
+    "band_low_hz",
+    "band_high_hz",
+    "unsure_hz",
+    "over_noise_db",
+)
 
 
 def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> tuple[str, dict[str, Any]]:
@@ -23,14 +35,15 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
 
     Returns:
         The outcome, and the columns: the frequency at which both fingers together (their powers added) send back
-        most; each finger's own; the band around it in which that is at least half; the best band's power over that of
-        the silence before, in dB.
+        most; each finger's own; the band around it in which that is at least half; by how much any of them may be off;
+        the best band's power over that of the silence before, in dB. All empty where the sweep did not come to its end.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
-    begun_s = evidence.entered_s.get("SWEEPING")
+    ended_s, asked_s = evidence.entered_s.get("RINGING"), evidence.entered_s.get("SWEEPING")
     series = evidence.recording.stream(settings.fingers_stream)
-    if begun_s is None or not len(series):
+    if ended_s is None or asked_s is None or not len(series):
         return outcome, row
+    begun_s = beginning(ended_s, settings)
     frequencies_hz, power = transfer(series.times_s - begun_s, series.values, settings)
     if not len(frequencies_hz):
         return outcome, row
@@ -44,7 +57,7 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
         high += 1
     # a sweep that was paused and begun again is not silence
     silent_s = evidence.entered_s.get("SILENT", -np.inf)
-    silence = series.values[(series.times_s >= silent_s) & (series.times_s < begun_s)]
+    silence = series.values[(series.times_s >= silent_s) & (series.times_s < min(asked_s, begun_s))]
     noise = float((silence - silence.mean(axis=0)).var(axis=0).sum()) if len(silence) else 0.0
     per_finger = frequencies_hz[np.argmax(power, axis=0)]
     row.update(
@@ -53,16 +66,30 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
         best_left_hz=float(per_finger[-1]),
         band_low_hz=float(frequencies_hz[low] - 0.5 * STEP_HZ),
         band_high_hz=float(frequencies_hz[high] + 0.5 * STEP_HZ),
+        unsure_hz=0.5 * STEP_HZ + abs(_slope_hz_s(settings)) * LATENCY_UNSURE_S,
         over_noise_db=10.0 * float(np.log10(together[best] / noise)) if noise > 0.0 else None,
     )
     return outcome, row
+
+
+def beginning(ended_s: float, settings: ChirpSettings) -> float:
+    """When the sweep was first heard, s: counted back from its end, which the device tells by the frames it hears.
+
+    The order to sweep is no such time: the sweep begins a buffer later and comes back after the card's latency, at the
+    default 6.5 Hz for each millisecond.
+    """
+    return ended_s - settings.duration_s
+
+
+def _slope_hz_s(settings: ChirpSettings) -> float:
+    return (settings.to_hz - settings.from_hz) / settings.duration_s
 
 
 def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[Floats, Floats]:
     """Mean square of what comes back while the sweep passes through each band.
 
     Args:
-        times_s: Since the sweep began, shape (n,).
+        times_s: Since the sweep was first heard, shape (n,).
         values: Of the fingers, shape (n, fingers).
         settings: Of the sweep.
 
@@ -71,7 +98,7 @@ def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[
         left out.
     """
     inside = (times_s >= 0.0) & (times_s < settings.duration_s)
-    slope_hz_s = (settings.to_hz - settings.from_hz) / settings.duration_s
+    slope_hz_s = _slope_hz_s(settings)
     swept_hz = abs(slope_hz_s) * times_s[inside]
     cells = np.floor(swept_hz / STEP_HZ).astype(np.int64)
     count = np.bincount(cells) if len(cells) else np.empty(0, dtype=np.int64)

@@ -9,17 +9,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from behaviors.events import Contact, Event, SlipEnded, SlipStarted
+from behaviors.events import Contact, Event, GuardStopped, Paused, SlipEnded, SlipStarted
 from behaviors.slip_settings import RollSlipSettings, SensorRunSettings
+from controller.detectors.slip import SlipDetector
 from controller.measures.trial import TrialEvidence
 from controller.signals.spectrum_blocks import SpectrumBlocks
-from drivers.messages import Sent, Stop
+from drivers.messages import SampleBlock, Sent, Stop
 
 Floats = NDArray[np.float64]
 
 DETECTORS = ("paper", "ours")
 
-_EACH = ("detected", "missed", "early", "delay_s", "first_delay_s", "told_s", "false_alarms", "touch_alarms")
+_EACH = (
+    *("detected", "missed", "early", "delay_s", "first_delay_s", "told_s"),
+    *("false_alarms", "touch_alarms", "quiet_s"),
+)
 
 COLUMNS = (
     "clock_s",
@@ -31,8 +35,9 @@ COLUMNS = (
     "slide_s",
     "slip_s",
     "slip_end_s",
-    "quiet_s",
+    "listen_s",
     *(f"{detector}_{what}" for detector in DETECTORS for what in _EACH),
+    "ours_least_delay_s",
     "peak_product",
     "peak_product_before",
     "dominant_hz",
@@ -42,8 +47,10 @@ COLUMNS = (
 """`clock_s` is where the paper's time axis begins. `reference` says what the delays run from: the truth of a simulated
 bench, or the moment at which the arm was told to slide. `slide_s` is the first such moment, `slip_s` the first true
 slip, `told_s` a detector's first word after `slide_s`. `early` counts slips that were called between the arm's start
-and the true slip, or that began while the detector called slip already: neither detected nor missed. `touch_alarms`
-are the false ones of descent and pressing; `quiet_s` is the time in which the others can happen."""
+and the true slip, or that began while the detector called slip already: neither detected nor missed. A slip that was
+cut short before it could be told is none of the three. `listen_s` is when the slip detectors began to listen;
+`touch_alarms` are the false ones of descent and pressing, `quiet_s` is the time in which a detector could have alarmed
+at any other time without slip. `ours_least_delay_s` is how long ours takes at least, whatever the slip."""
 
 BLOCK_S = 0.064
 SLOW_BLOCK_S = 0.16
@@ -92,17 +99,22 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
         row["slip_s"], row["slip_end_s"] = slips[0].begin_s, slips[-1].end_s
     excused = [Span(slip.told_s, slip.end_s) for slip in slips] + (true_slips or [])
     descent = _descent(evidence)
-    row["quiet_s"] = _quiet_s(evidence, run, excused, descent)
+    row["listen_s"] = listen_s = _listen_s(evidence, run)
+    arming_s, row["ours_least_delay_s"] = _ours_at_best(evidence, run)
+    cuts_s = _cuts_s(evidence)
     for who in DETECTORS:
-        words = _words(evidence.events, getattr(run, who))
-        scored = _score(words, slips, settings.missed_after_s, evidence.entered_s.get("HALTING", math.inf))
+        words = _words(evidence.events, getattr(run, who), listen_s)
+        if listen_s is not None:
+            armed_s = listen_s + (arming_s if who == "ours" else 0.0)
+            row[f"{who}_quiet_s"] = _quiet_s(armed_s, _silent_s(evidence, run), excused, descent)
+        scored = _score(words, slips, settings.missed_after_s, cuts_s)
         alarms = _alarms(words, excused, descent)
         if commanded:
             after = [w.t_s for w in words if isinstance(w, SlipStarted) and w.t_s >= commanded[0].begin_s]
             row[f"{who}_told_s"] = after[0] if after else None
         row.update({f"{who}_{what}": value for what, value in {**scored, **alarms}.items()})
     row["press_n"] = _press(evidence, settings)
-    row.update(_spectrum(evidence, run, slips))
+    row.update(_spectrum(evidence, run, slips, listen_s))
     row.update(_stop(evidence, settings, run))
     return outcome, row
 
@@ -114,7 +126,7 @@ def _commanded(evidence: TrialEvidence) -> list[Span]:
     """From when the arm was told to slide until it stood or was told something else."""
     ends_s = [t_s for _, t_s in evidence.visits[1:]]
     if evidence.visits:
-        ends_s.append(max(evidence.visits[-1][1], evidence.events[-1].t_s if evidence.events else 0.0))
+        ends_s.append(_end_s(evidence))
     return [
         Span(t_s, end_s)
         for (state, t_s), end_s in zip(evidence.visits, ends_s, strict=True)
@@ -139,19 +151,43 @@ def _true(commanded: Sequence[Span], true_slips: Sequence[Span]) -> list[Slip]:
     return found
 
 
+def _cuts_s(evidence: TrialEvidence) -> Sequence[float]:
+    """When the course of the trial was broken off: by the reflex, the guard, a pause or a fault.
+
+    A step that ends as planned breaks nothing off: what nobody told of a slip until its end was missed.
+    """
+    cuts_s = [event.t_s for event in evidence.events if isinstance(event, GuardStopped | Paused)]
+    cuts_s += [evidence.entered_s[state] for state in ("HALTING", "FAILED") if state in evidence.entered_s]
+    return cuts_s if "LIFTING" in evidence.entered_s else [*cuts_s, _end_s(evidence)]
+
+
+def _end_s(evidence: TrialEvidence) -> float:
+    """The last that is known of the trial."""
+    last_s = [t_s for _, t_s in evidence.visits[-1:]] + [event.t_s for event in evidence.events[-1:]]
+    return max(last_s, default=0.0)
+
+
 # --- what the detectors said ----------------------------------------------------------------------
 
 
-def _words(events: Sequence[Event], detector: str) -> list[SlipStarted | SlipEnded]:
+def _words(events: Sequence[Event], detector: str, listen_s: float | None) -> list[SlipStarted | SlipEnded]:
     return [
-        event for event in events if isinstance(event, SlipStarted | SlipEnded) and event.detector == detector
+        event
+        for event in events
+        if isinstance(event, SlipStarted | SlipEnded)
+        and event.detector == detector
+        and listen_s is not None
+        and event.t_s >= listen_s
     ]
 
 
 def _score(
-    words: Sequence[SlipStarted | SlipEnded], slips: Sequence[Slip], missed_after_s: float, halted_s: float
+    words: Sequence[SlipStarted | SlipEnded],
+    slips: Sequence[Slip],
+    missed_after_s: float,
+    cuts_s: Sequence[float],
 ) -> Mapping[str, Any]:
-    """Slip by slip; one that the reflex ended before a detector's time was up is not held against that detector."""
+    """Slip by slip; one that was broken off before a detector's time was up is not held against that detector."""
     delays_s: list[float] = []
     early = missed = 0
     for slip in slips:
@@ -167,7 +203,7 @@ def _score(
             early += 1
         elif told:
             delays_s.append(told[0] - slip.begin_s)
-        elif halted_s > slip.begin_s + missed_after_s:
+        elif not any(slip.told_s <= cut_s <= latest_s for cut_s in cuts_s):
             missed += 1
     return {
         "detected": len(delays_s),
@@ -192,15 +228,34 @@ def _alarms(
     return {"false_alarms": len(alarms) - touching, "touch_alarms": touching}
 
 
-def _quiet_s(
-    evidence: TrialEvidence, run: SensorRunSettings, excused: Sequence[Span], descent: Span
-) -> float | None:
-    """Time from when the slip detectors listen to lifting, without descent, pressing and slips."""
-    from_states = ("RESTING",) if run.listen == "rest" else ("LOADING", "ROLLING", "SLIPPING")
-    begin_s = next((t_s for state, t_s in evidence.visits if state in from_states), None)
-    if begin_s is None:
-        return None
-    end_s = evidence.entered_s.get("LIFTING", evidence.visits[-1][1])
+def _listen_s(evidence: TrialEvidence, run: SensorRunSettings) -> float | None:
+    """When the slip detectors began to listen; anew where a pause before the contact began the trial anew."""
+    if run.listen == "rest":
+        return evidence.entered_s.get("RESTING")
+    moving = ("LOADING", "ROLLING", "SLIPPING")
+    return next((t_s for state, t_s in evidence.visits if state in moving), None)
+
+
+def _ours_at_best(evidence: TrialEvidence, run: SensorRunSettings) -> tuple[float, float | None]:
+    """How long ours learns before it can tell anything, and how long it takes at least to tell a slip, s."""
+    ours: object = evidence.detectors.get(run.ours)
+    rate_hz = next((block.rate_hz for block in evidence.recording.blocks(run.stream)), None)
+    if not isinstance(ours, SlipDetector) or rate_hz is None:
+        return 0.0, None
+    return ours.arming_s(rate_hz), ours.least_delay_s(rate_hz)
+
+
+def _silent_s(evidence: TrialEvidence, run: SensorRunSettings) -> float:
+    """When the slip detectors ceased to listen; those that began with motion do so when the reflex has stopped it."""
+    states = ("LIFTING",) if run.listen == "rest" else ("LIFTING", "STOPPED")
+    return min(
+        (evidence.entered_s[state] for state in states if state in evidence.entered_s),
+        default=_end_s(evidence),
+    )
+
+
+def _quiet_s(begin_s: float, end_s: float, excused: Sequence[Span], descent: Span) -> float:
+    """Time from when a detector can tell slip to when it hears no more, without descent, pressing and slips."""
     busy = sorted([descent, *(Span(span.begin_s, span.end_s + AFTER_S) for span in excused)])
     quiet_s, here_s = 0.0, begin_s
     for span in busy:
@@ -230,30 +285,82 @@ def _press(evidence: TrialEvidence, settings: RollSlipSettings) -> float | None:
     return float(series.values[wanted, 2].mean()) if wanted.any() else None
 
 
-def _spectrum(evidence: TrialEvidence, run: SensorRunSettings, slips: Sequence[Slip]) -> Mapping[str, Any]:
+class PaperBlocks(NamedTuple):
+    """The paper's statistic, block by block, of the channel that decides; each of shape (m,).
+
+    Attributes:
+        begin_s: Bench time just before each block's first sample.
+        end_s: Bench time of its last.
+        power: Peak of its spectrum, the stream's unit squared; NaN where a sample is not finite.
+        frequency_hz: Where the peak is; NaN likewise.
+    """
+
+    begin_s: Floats
+    end_s: Floats
+    power: Floats
+    frequency_hz: Floats
+
+    @property
+    def product(self) -> Floats:
+        """What the paper holds against its threshold."""
+        return self.power * self.frequency_hz
+
+
+def paper_blocks(recorded: Sequence[SampleBlock], channel: int | None, listen_s: float | None) -> PaperBlocks:
+    """Cut a stream as the paper's detector does: anew when it begins to listen, and after each gap.
+
+    Args:
+        recorded: The stream's blocks, in order, at one rate.
+        channel: Which one is heard; None hears all.
+        listen_s: When the detector began to listen; None where it never did.
+    """
+    found: list[PaperBlocks] = []
+    spectra: SpectrumBlocks | None = None
+    next_seq, listening = 0, False
+    for block in recorded:
+        rate_hz = block.rate_hz
+        if rate_hz is None or not len(block):
+            continue
+        if spectra is None:
+            spectra = SpectrumBlocks(round((SLOW_BLOCK_S if rate_hz < SLOW_HZ else BLOCK_S) * rate_hz))
+        begins = not listening and listen_s is not None and block.times[0] >= listen_s
+        if begins or block.seq != next_seq:
+            spectra.reset()
+        listening, next_seq = listening or begins, block.seq + len(block)
+        values = block.physical if channel is None else block.physical[:, channel : channel + 1]
+        ends, power, frequency_hz = spectra.push(values, rate_hz)
+        # NaN never wins, and of equal frequencies the first channel does
+        deciding = np.argmax(np.where(np.isnan(frequency_hz), -1.0, frequency_hz), axis=1)
+        rows = np.arange(len(ends))
+        end_s = block.times[ends]
+        found.append(
+            PaperBlocks(
+                end_s - spectra.size / rate_hz, end_s, power[rows, deciding], frequency_hz[rows, deciding]
+            )
+        )
+    if not found:
+        return PaperBlocks(*(np.empty(0) for _ in PaperBlocks._fields))
+    return PaperBlocks(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
+
+
+def _spectrum(
+    evidence: TrialEvidence, run: SensorRunSettings, slips: Sequence[Slip], listen_s: float | None
+) -> Mapping[str, Any]:
     """Largest product of the paper in slip, and between pressing and slip; and the frequency that dominates in slip."""
-    series = evidence.recording.stream(run.stream)
-    if not slips or len(series.times_s) < 2:
+    if not slips:
         return {}
-    rate_hz = 1.0 / float(np.median(np.diff(series.times_s)))
-    size = round((SLOW_BLOCK_S if rate_hz < SLOW_HZ else BLOCK_S) * rate_hz)
-    values = series.values if run.channel is None else series.values[:, run.channel : run.channel + 1]
-    ends, power, frequency_hz = SpectrumBlocks(size).push(np.ascontiguousarray(values), rate_hz)
-    if not len(ends):
-        return {}
-    deciding = np.argmax(np.where(np.isnan(frequency_hz), -1.0, frequency_hz), axis=1)
-    rows = np.arange(len(ends))
-    hz, product = frequency_hz[rows, deciding], power[rows, deciding] * frequency_hz[rows, deciding]
-    end_s = series.times_s[ends]
-    begin_s = end_s - size / rate_hz
-    inside = np.zeros(len(ends), bool)
+    blocks = paper_blocks(evidence.recording.blocks(run.stream), run.channel, listen_s)
+    inside = np.zeros(len(blocks.end_s), bool)
     for slip in slips:
-        inside |= (begin_s >= slip.begin_s) & (end_s <= slip.end_s)
-    before = (begin_s >= _descent(evidence).end_s) & (end_s < slips[0].told_s)
+        inside |= (blocks.begin_s >= slip.begin_s) & (blocks.end_s <= slip.end_s)
+    before = (blocks.begin_s >= _descent(evidence).end_s) & (blocks.end_s < slips[0].told_s)
+    # a block that says nothing counts for nothing
+    inside &= ~np.isnan(blocks.power)
+    before &= ~np.isnan(blocks.power)
     return {
-        "peak_product": float(product[inside].max()) if inside.any() else None,
-        "peak_product_before": float(product[before].max()) if before.any() else None,
-        "dominant_hz": float(np.median(hz[inside])) if inside.any() else None,
+        "peak_product": float(blocks.product[inside].max()) if inside.any() else None,
+        "peak_product_before": float(blocks.product[before].max()) if before.any() else None,
+        "dominant_hz": float(np.median(blocks.frequency_hz[inside])) if inside.any() else None,
     }
 
 

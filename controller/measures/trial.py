@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Event
+from controller.detectors.protocol import Detector
 from controller.recording.series import TrialRecording
 
 
@@ -19,12 +20,13 @@ class TrialEvidence:
 
     Attributes:
         factors: What the trial varied.
+        recording: The streams.
         events: In the order in which they were handled.
         entered_s: Bench time at which each state was last entered, by name.
         visits: Every state in the order of its being entered, with the bench time.
-        recording: The streams.
         truth: Instants at which contact really began and ended, where the bench is simulated here; else None.
         slips: Instants at which slip really did, where the bench knows slip; else None.
+        detectors: Who could be asked to listen, by name.
     """
 
     factors: Mapping[str, Any]
@@ -34,6 +36,7 @@ class TrialEvidence:
     visits: list[tuple[str, float]] = field(default_factory=list)
     truth: Sequence[tuple[float, bool]] | None = None
     slips: Sequence[tuple[float, bool]] | None = None
+    detectors: Mapping[str, Detector] = field(default_factory=dict)
 
     def series(
         self, stream: str, since_s: float = -np.inf, until_s: float = np.inf

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from behaviors.chirp import ChirpSettings
-from controller.measures.chirp import transfer
+from controller.measures.chirp import LATENCY_UNSURE_S, STEP_HZ, beginning, transfer
 from controller.recording.reader import Run
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
@@ -45,12 +45,22 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         context={
             "paragraphs": [
                 "The drive is swept once, linearly, while nothing is near; what comes back is squared and "
-                "averaged in bands."
+                f"averaged in bands of {STEP_HZ:g} Hz. When it began is counted back from its end, by the frames "
+                "in which the device heard it; what a card says of its own latency is in that, and may be off by "
+                f"{number(LATENCY_UNSURE_S, 0, 1e3)} ms (assumed)."
             ],
             "tables": [
                 {
                     "caption": "Best frequency: both fingers' powers added, and each finger's own.",
-                    "head": ["trial", "best, kHz", "right", "left", "half-power band", "over noise, dB"],
+                    "head": [
+                        "trial",
+                        "best, kHz",
+                        "right",
+                        "left",
+                        "± (band and latency)",
+                        "half-power band",
+                        "over noise, dB",
+                    ],
                     "rows": [_row(row) for row in rows],
                     "left": 1,
                 }
@@ -72,6 +82,7 @@ def _row(row: Any) -> list[str]:
         khz("best_hz"),
         khz("best_right_hz"),
         khz("best_left_hz"),
+        khz("unsure_hz"),
         f"{khz('band_low_hz')} to {khz('band_high_hz')}",
         number(row.get("over_noise_db"), 1),
     ]
@@ -81,9 +92,9 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
     for run in runs:
         settings = ChirpSettings.model_validate(setting_of(run, "behavior") or {})
         begun_s = {
-            int(event["trial"]): float(event["t_s"])
+            int(event["trial"]): beginning(float(event["t_s"]), settings)
             for event in run.events
-            if event.get("next") == "SWEEPING"
+            if event.get("next") == "RINGING"
         }
         for trial in run.recorded_trials:
             series = run.recording(trial).stream(settings.fingers_stream)

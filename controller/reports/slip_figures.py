@@ -9,12 +9,11 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from controller.measures.slip import BLOCK_S, SLOW_BLOCK_S, SLOW_HZ
+from controller.measures.slip import BLOCK_S, PaperBlocks, paper_blocks
 from controller.recording.reader import Run
 from controller.recording.series import Series
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.signals.spectrum_blocks import SpectrumBlocks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,9 +25,8 @@ def draw_run(figures: Figures, run: Run, row: Mapping[str, Any], sensor: str) ->
     """One trial: the signal (forces and angle of a fingertip), peak and frequency of each block, their product."""
     settings = setting_of(run, "behavior", "sensors", sensor) or {}
     recording = run.recording(int(row["trial"]))
-    series = recording.stream(str(settings.get("stream")))
-    if len(series) < 2:
-        return None
+    stream = str(settings.get("stream"))
+    series = recording.stream(stream)
     zero_s = float(row.get("clock_s") or 0.0)
     # Lifting off shakes the tip as nothing else does: it is not part of the paper's runs.
     lifted_s = next(
@@ -45,25 +43,28 @@ def draw_run(figures: Figures, run: Run, row: Mapping[str, Any], sensor: str) ->
     forces = (
         recording.stream(str(settings.get("forces_stream") or "")) if settings.get("forces_stream") else None
     )
-    blocks = _blocks(series, settings.get("channel"))
+    channel = settings.get("channel")
+    blocks = paper_blocks(recording.blocks(stream), channel, row.get("listen_s"))
+    shown = (blocks.begin_s >= zero_s) & (blocks.end_s < lifted_s)
+    blocks = PaperBlocks(*(column[shown] for column in blocks))
     panels = 5 if forces is not None and len(forces) else 4
     with figures.figure(1.15 * panels + 0.6, rows=panels, sharex=True) as drawing:
         axes = list(drawing.axes)
         if panels == 5 and forces is not None:
             _draw_forces(axes[0], axes[1], forces.between(zero_s, lifted_s), zero_s)
         else:
-            _draw_signal(axes[0], series, settings.get("channel"), zero_s)
+            _draw_signal(axes[0], series, channel, zero_s)
         peak, frequency, product = axes[-3:]
-        ends_s, power, frequency_hz, _ = blocks
-        for panel, values in ((peak, power), (frequency, frequency_hz), (product, power * frequency_hz)):
-            panel.step(ends_s - zero_s, values, where="pre", color=OURS, lw=0.8)
+        statistic = ((peak, blocks.power), (frequency, blocks.frequency_hz), (product, blocks.product))
+        for panel, values in statistic:
+            panel.step(*_broken(blocks, values, zero_s), where="pre", color=OURS, lw=0.8)
         peak.set_ylabel(f"peak ({series.unit}²)")
         frequency.set_ylabel("frequency (Hz)")
         product.set_ylabel("product")
         threshold = setting_of(run, "detectors", str(settings.get("paper")), "threshold")
         if isinstance(threshold, int | float):
             product.axhline(threshold, color=FALSE, lw=0.8, ls=(0, (4, 2)))
-        _mark(run, row, settings, product, zero_s, float(np.nanmax(power * frequency_hz, initial=0.0)))
+        _mark(run, row, settings, product, zero_s, float(np.nanmax(blocks.product, initial=0.0)))
         for panel in axes:
             if row.get("slip_s") is not None and row.get("slip_end_s") is not None:
                 panel.axvspan(
@@ -108,15 +109,14 @@ def draw_fingertip_spectra(figures: Figures, run: Run, row: Mapping[str, Any]) -
         return Markup(drawing.save("fig_9_spectra"))
 
 
-def _blocks(series: Series, channel: int | None) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
-    """Ends of the paper's blocks in seconds, peak, frequency, and the channel that decides, each of shape (m,)."""
-    rate_hz = 1.0 / float(np.median(np.diff(series.times_s)))
-    size = round((SLOW_BLOCK_S if rate_hz < SLOW_HZ else BLOCK_S) * rate_hz)
-    values = series.values if channel is None else series.values[:, channel : channel + 1]
-    ends, power, frequency_hz = SpectrumBlocks(size).push(np.ascontiguousarray(values), rate_hz)
-    deciding = np.argmax(np.where(np.isnan(frequency_hz), -1.0, frequency_hz), axis=1)
-    rows = np.arange(len(ends))
-    return series.times_s[ends], power[rows, deciding], frequency_hz[rows, deciding], deciding
+def _broken(blocks: PaperBlocks, values: Floats, zero_s: float) -> tuple[Floats, Floats]:
+    """Ends of blocks and values, with a NaN at the beginning of each block that does not follow on the one before."""
+    # half a block is longer than rounding and shorter than any gap that makes a new block matter
+    apart = (
+        np.flatnonzero(blocks.begin_s[1:] - blocks.end_s[:-1] > 0.5 * (blocks.end_s - blocks.begin_s)[1:]) + 1
+    )
+    ends_s = np.insert(blocks.end_s, apart, blocks.begin_s[apart])
+    return ends_s - zero_s, np.insert(values, apart, np.nan)
 
 
 def _draw_forces(forces: Axes, angle: Axes, series: Series, zero_s: float) -> None:

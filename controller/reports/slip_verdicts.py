@@ -7,12 +7,33 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 FILE = Path(__file__).with_suffix(".toml")
 """Fixed before anything was judged by it."""
 
 VERDICTS: Mapping[str, Any] = tomllib.loads(FILE.read_text(encoding="utf-8"))
 """`missed_after_s`, `false_alarm_interval_s`, and for `good` and `regular` the largest `missed` (share) and
 `median_s`."""
+
+NOT_JUDGED = "not judged"
+
+LEAST = 3
+"""With fewer slips told or missed there is no verdict: the median would be the delay of a single slip."""
+
+
+def verdict_of(delays_s: ArrayLike) -> str:
+    """good, regular or bad; `NOT_JUDGED` where fewer than `LEAST` slips are left.
+
+    Args:
+        delays_s: Of the slips that were told or missed, infinite where missed, shape (n,). A slip that was called
+            before it began is neither: a failure of its own, to be told beside the verdict.
+    """
+    delays = np.asarray(delays_s, dtype=np.float64)
+    if len(delays) < LEAST:
+        return NOT_JUDGED
+    return verdict(float(np.mean(np.isinf(delays))), float(np.median(delays)))
 
 
 def verdict(missed: float, median_s: float) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.signals.demodulation_kernel import cic_counts, cic_packed, fused_counts, fused_packed
-from controller.signals.lowpass import CIC_STAGES, cic_taps, cosine_taps
+from controller.signals.lowpass import CIC_DECIMATION_MAX, CIC_STAGES, cic_taps, cosine_taps
 from controller.signals.oscillator import TABLE_MAX, TWELFTHS, Oscillator
 
 Floats = NDArray[np.float64]
@@ -156,12 +156,17 @@ class Cic:
     Args:
         channel: Of the finger, from 0.
         oscillator: The drive.
-        decimation: Frames an output, at most 256.
+        decimation: Frames an output.
+
+    Raises:
+        ValueError: the decimation is above `CIC_DECIMATION_MAX`.
     """
 
     def __init__(self, channel: int, oscillator: Oscillator, decimation: int) -> None:
         self._channel = channel
         self._decimation = decimation
+        if decimation > CIC_DECIMATION_MAX:
+            raise ValueError(f"{decimation} frames an output leave no room; {CIC_DECIMATION_MAX} at the most")
         gain = decimation**CIC_STAGES
         # one bit is the sign's
         room = (1 << (63 - FULL_SCALE_BITS)) // gain

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from controller.signals.beat import Beat
+from controller.signals.beat import SEGMENT_S, Beat
+from controller.signals.lowpass import CIC_DECIMATION_MAX, SPAN
 from drivers.messages import SampleBlock, Saturated, StreamInfo
 from drivers.settings import Settings
 
@@ -31,11 +31,20 @@ CLEAR_S: Final = 0.1
 """So long without a clipped frame ends an excursion to full scale (assumption, as of the audio driver)."""
 
 CONVERTER_HZ: Final = 96_000.0
-"""Rate of the sound that it is warmed up for (NUMERICS: 96 kHz)."""
+"""Rate of a run's sound, whatever it comes from; a recording by itself may have another one."""
 
-GUARD: Final = 10.0
-"""How far from the drive its image and the converter's own offset fold to, in output rates at the least: the fused
-filter stops all that is farther."""
+GUARD: Final = {"fused": 3.0, "in_phase": 3.0, "cic": 10.0}
+"""How far from the drive its image and the converter's own offset must stay, in output rates: beyond, the low-pass
+takes 95 dB off them (the FIR), or 90 dB (the sums)."""
+
+OUTPUT_MIN_HZ: Final = 100.0
+"""Least rate of I and Q: what is slower has no room for undulations (assumption)."""
+
+DRIFT_MAX_PPM: Final = 0.01
+"""Clocks that are farther apart are two. At 0.01 ppm a bridge's imbalance of 0.2 of full scale turns by 5e-4 of full
+scale a second at 40 kHz, and the level detector still hears a step of 0.001 after 15 s; at 0.02 it misses half of
+them, at 0.3 the paper's pre-touch calls the turning itself an object. On one clock 0.004 were measured at the most
+(centering, 96 trials of 11 s on the mock bench)."""
 
 
 class IqSettings(Settings):
@@ -50,8 +59,9 @@ class IqSettings(Settings):
     drive_hz: float = Field(default=40_000.0, gt=0.0, le=500_000.0)
     """Of the tone, to a millihertz. 40 kHz: Rupavatharam et al., III.A.2."""
 
-    output_hz: float = Field(default=1000.0, ge=100.0, le=4000.0)
-    """I and Q a second; the frame rate is a multiple of it."""
+    output_hz: float = Field(default=1000.0, ge=OUTPUT_MIN_HZ, le=4000.0)
+    """I and Q a second; the frame rate is a multiple of it. The drive must be 3 times it or more (`cic`: 10), and as
+    far below half the frame rate as 1.5 times it (`cic`: 5)."""
 
     variant: Literal["fused", "cic", "in_phase"] = "fused"
     """`fused`: a FIR of 6 ms (at 1 kHz out), flat to 0.001 dB from 0 to 100 Hz, 3 ms of delay. `cic`: whole numbers to
@@ -68,6 +78,39 @@ class IqSettings(Settings):
                 f'in-phase alone cannot tell a beat: clocks = "{self.clocks}" needs another variant'
             )
         return self
+
+    @property
+    def silent_s(self) -> float:
+        """How long the clocks are listened to before the first I and Q, s; 0 where they are not tracked."""
+        return SEGMENT_S + SPAN / self.output_hz if self.clocks == "tracked" else 0.0
+
+    def misfit(self, rate_hz: float = CONVERTER_HZ) -> tuple[str, str] | None:
+        """Which setting does not suit sound of so many frames a second, and why in words; None where all do."""
+        output_hz, drive_hz, guard = self.output_hz, self.drive_hz, GUARD[self.variant]
+        if rate_hz / output_hz != round(rate_hz / output_hz):
+            return "output_hz", f" = {output_hz:g}: {rate_hz:g} frames a second are no multiple of it"
+        if self.variant == "cic" and rate_hz / output_hz > CIC_DECIMATION_MAX:
+            least_hz = rate_hz / CIC_DECIMATION_MAX
+            return "output_hz", f' = {output_hz:g}: variant = "cic" needs {least_hz:g} at the least'
+        least_hz, most_hz = guard * output_hz, 0.5 * (rate_hz - guard * output_hz)
+        if least_hz <= drive_hz <= most_hz:
+            return None
+        able = f"{least_hz:g} to {most_hz:g} Hz" if least_hz <= most_hz else "no drive at all"
+        said = (
+            f' = {drive_hz:g}: {rate_hz:g} frames a second with variant = "{self.variant}" and output_hz ='
+            f" {output_hz:g} can do {able}; {self._remedy(rate_hz)}"
+        )
+        return "drive_hz", said
+
+    def _remedy(self, rate_hz: float) -> str:
+        """What to do about a drive that sound of this rate cannot hold."""
+        slower_hz = min(self.drive_hz, rate_hz - 2.0 * self.drive_hz) / GUARD[self.variant]
+        least_hz = max(OUTPUT_MIN_HZ, rate_hz / CIC_DECIMATION_MAX if self.variant == "cic" else 0.0)
+        if slower_hz >= least_hz:
+            return f"lower output_hz to {rate_hz / math.ceil(rate_hz / slower_hz):g}"
+        if rate_hz < CONVERTER_HZ:
+            return f"record at {CONVERTER_HZ:.0f} Hz"
+        return "choose another drive"
 
 
 class Run(NamedTuple):
@@ -115,6 +158,23 @@ class Iq:
         """
         return math.nan if self._beat is None else 1e6 * self._beat.hz / self._settings.drive_hz
 
+    def account(self) -> Mapping[str, object]:
+        """How the clocks went, for the manifest: `drift_ppm`, and a `warning` where they are two and taken for one.
+
+        Empty where nobody looks or knows yet.
+        """
+        drift_ppm = self.drift_ppm
+        if math.isnan(drift_ppm):
+            return {}
+        clocks = self._settings.clocks
+        told: dict[str, object] = {"clocks": clocks, "drift_ppm": drift_ppm}
+        if clocks == "watched" and abs(drift_ppm) > DRIFT_MAX_PPM:
+            told["warning"] = (
+                f"{self.info.name}: drive and converter are {abs(drift_ppm):.3g} ppm apart, more than "
+                f'{DRIFT_MAX_PPM:g}: set clocks = "tracked", or use one card for both'
+            )
+        return told
+
     def reset(self) -> None:
         """Forget all that was heard."""
         if self._demodulator is not None:
@@ -125,11 +185,9 @@ class Iq:
     def warm_up(self) -> None:
         """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
         settings = self._settings
-        rate_hz = settings.output_hz * math.ceil(CONVERTER_HZ / settings.output_hz)
-        counts = np.zeros((round(16 * rate_hz / settings.output_hz), settings.channel + 1), np.int32)
-        silence = SampleBlock(settings.input, 0, 0.0, counts, rate_hz=rate_hz, scale=1.0 / FULL_SCALE)
-        with contextlib.suppress(ValueError):  # a drive that does not suit it is told with the first sound
-            Iq(self.name, settings).push(silence)
+        counts = np.zeros((round(16 * CONVERTER_HZ / settings.output_hz), settings.channel + 1), np.int32)
+        silence = SampleBlock(settings.input, 0, 0.0, counts, rate_hz=CONVERTER_HZ, scale=1.0 / FULL_SCALE)
+        Iq(self.name, settings).push(silence)
 
     def push(self, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
         """Hear the next frames of both fingers.
@@ -172,22 +230,14 @@ class Iq:
         from controller.signals.oscillator import Oscillator
 
         settings = self._settings
-        ratio = rate_hz / settings.output_hz
-        if ratio != round(ratio):
-            raise ValueError(
-                f"{stream}: {rate_hz:g} frames a second are no multiple of {settings.output_hz:g}; "
-                "record at 96000 Hz, or set output_hz"
-            )
-        away_hz = min(settings.drive_hz, rate_hz - 2.0 * settings.drive_hz)
-        if away_hz < GUARD * settings.output_hz:
-            raise ValueError(
-                f"{stream}: {rate_hz:g} frames a second cannot hold a drive of {settings.drive_hz:g} Hz; "
-                "record at 96000 Hz"
-            )
+        misfit = settings.misfit(rate_hz)
+        if misfit is not None:
+            raise ValueError(f"{stream}: {self.info.name} {misfit[0]}{misfit[1]}")
+        decimation = round(rate_hz / settings.output_hz)
         oscillator = Oscillator(settings.drive_hz, rate_hz)
         if settings.variant == "cic":
-            return Cic(settings.channel, oscillator, round(ratio))
-        return Fused(settings.channel, oscillator, round(ratio), settings.variant == "fused")
+            return Cic(settings.channel, oscillator, decimation)
+        return Fused(settings.channel, oscillator, decimation, settings.variant == "fused")
 
     def _excursions(self, block: SampleBlock, frame: int, counts: NDArray[np.int32]) -> Iterator[Saturated]:
         from controller.signals.demodulation_kernel import peak

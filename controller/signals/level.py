@@ -325,6 +325,15 @@ def _restart(f: Search) -> None:
 
 
 @njit(cache=True)
+def _turn(f: Search, z: complex) -> None:
+    """First sample after a gap, over which the drive's phase may have stepped: the levels turn with it, sizes stay."""
+    turn = z * f.levels[LAST].conjugate()
+    size = abs(turn)
+    if 0.0 < size < BEYOND_FS:
+        f.levels[:] *= turn / size
+
+
+@njit(cache=True)
 def _touch(s: Steps, f: Search, z: complex) -> tuple[float, int]:
     """One sample of a contact; returns how much of the step is left, and what is to be said."""
     counts, levels = f.counts, f.levels
@@ -377,6 +386,7 @@ def find_steps(
         if missing[i] != 0:
             counts[FRESH] = 0
             counts[SEEN_BAD] = s.patience + 1
+            _turn(f, z[i])
         if not (abs(z[i].real) < BEYOND_FS and abs(z[i].imag) < BEYOND_FS):
             counts[SEEN_BAD] += 1
             continue

@@ -20,6 +20,9 @@ the window's length are nulls beyond the sixth: at 40 kHz the images fall on one
 
 CIC_STAGES: Final = 3
 
+CIC_DECIMATION_MAX: Final = 256
+"""Most frames an output of three sums: the mixer's whole numbers then still have an amplitude of 2^16."""
+
 
 def cosine_taps(decimation: int) -> Floats:
     """The low-pass of `COSINES` for a decimation, sum 1, shape (6 decimation,).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from drivers.messages import SampleBlock, Saturated, StreamInfo
 
@@ -27,6 +27,14 @@ class Signal(Protocol):
 
     def reset(self) -> None:
         """Forget everything, as on the day it was made."""
+
+
+@runtime_checkable
+class Accountable(Protocol):
+    """A signal that knows something about the bench which belongs into the manifest."""
+
+    def account(self) -> Mapping[str, object]:
+        """What it found since its last reset; a `warning` in it is told to the person at the bench."""
 
 
 class Signals:

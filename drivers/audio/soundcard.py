@@ -24,13 +24,18 @@ WAITING_PACKETS: Final = 4096
 SPARE_BITS: Final = 8
 """PortAudio hands 24-bit samples over at the top of 32."""
 
+ROUND_TRIP_MAX_S: Final = 1.0
+"""A card that claims a longer way from output to input has no clock to tell it by (assumption)."""
+
 
 class SoundCard:
     """A sound card's input channels, and the drive on all of its output channels.
 
     Input and output are one stream on one clock: the drive is generated for the frames that its buffer is handed over
-    with, so that the phase at the input is that of `seq`, but for the card's constant latency. After an overrun the
-    frames that are missing are counted by the card's own time, and the drive goes on with the same count.
+    with, so that the phase at the input is that of `seq`, but for the card's constant latency. Whatever the card loses,
+    of input or of output, may change that latency by some frames, and nobody knows by how many: the sound that may
+    hold the step is left out, which is a gap in `seq`. No phase from before it is to be compared with one from
+    after it. The drive itself goes on without a step of its own.
 
     Args:
         device: Name in the profile.
@@ -54,7 +59,7 @@ class SoundCard:
         chosen = self._choose(sounddevice)
         channels = int(chosen["max_input_channels"])
         self._has_output = int(chosen["max_output_channels"]) > 0
-        self._callback = callback = _Callback(self._has_output)
+        self._callback = callback = _Callback(2.0 * self._settings.latency_s)
         made, wanted = sounddevice.InputStream, {"device": chosen["index"], "channels": channels}
         if self._has_output:
             made = sounddevice.Stream
@@ -161,7 +166,8 @@ class SoundCard:
 
     def account(self) -> Mapping[str, object]:
         """See `Source.account`."""
-        return {} if self._callback is None else {"overruns": self._callback.overruns}
+        callback = self._callback
+        return {} if callback is None else {"overruns": callback.overruns, "underruns": callback.underruns}
 
     def close(self) -> None:
         """See `Source.close`."""
@@ -176,26 +182,38 @@ class SoundCard:
 class _Callback:
     """What PortAudio's thread runs: it copies the input into a queue and computes the output, nothing else.
 
+    Two counts: of input frames, those that were lost included, and of output frames, which nothing interrupts. They are
+    equal until something is lost.
+
+    Args:
+        round_trip_s: How long output is taken to need to the input, at the least, whatever the card says.
+
     Attributes:
-        overruns: How often the card said that input was lost.
+        overruns: How often the card said that input was lost or made up.
+        underruns: How often it said so of output.
         declined: Drives that cannot be.
-        sweeps: Chirps that are over.
+        sweeps: Chirps whose end has been heard, as far as the card's own word on its latency goes.
         fault: Why the stream has ended.
         closing: It is meant to end.
     """
 
-    def __init__(self, has_output: bool) -> None:
+    def __init__(self, round_trip_s: float) -> None:
         self.overruns = 0
+        self.underruns = 0
         self.declined: deque[Declined] = deque()
         self.sweeps: deque[Swept] = deque()
         self.fault: str | None = None
         self.closing = False
         self._packets: deque[Packet] = deque(maxlen=WAITING_PACKETS)
         self._frame = 0
+        self._played = 0
+        self._round_trip_s = round_trip_s
+        self._doubtful = 0
         self._expected_s: float | None = None
         self._lock = threading.Lock()
         self._wave: Wave = Silence()
         self._asked: Drive | None = None
+        self._sweep_returns: int | None = None
 
     def play(self, command: Drive) -> None:
         """Drive so from the next buffer on."""
@@ -213,9 +231,14 @@ class _Callback:
         """Of a card without output."""
         arrival_s = monotonic_s()
         if status.input_overflow:
-            self.overruns += 1
             self._frame += self._missing(time)
-        self._packets.append(Packet(self._frame, indata >> SPARE_BITS, arrival_s))
+        if status.input_underflow:  # PortAudio has filled the buffer with what was never heard
+            self._doubtful = max(self._doubtful, frames)
+        self.overruns += bool(status.input_overflow or status.input_underflow)
+        if self._doubtful < frames:
+            first = self._doubtful
+            self._packets.append(Packet(self._frame + first, indata[first:] >> SPARE_BITS, arrival_s))
+        self._doubtful = max(0, self._doubtful - frames)
         self._frame += frames
         adc_s = float(time.inputBufferAdcTime)
         self._expected_s = adc_s + frames / RATE_HZ if adc_s > 0.0 else None
@@ -223,15 +246,26 @@ class _Callback:
     def both(
         self, indata: NDArray[np.int32], outdata: NDArray[np.int32], frames: int, time: Any, status: Any
     ) -> None:
-        """Of a card with output: the same frames in and out."""
+        """Of a card with output: as many frames out as in."""
+        output_lost = bool(status.output_underflow or status.output_overflow)
+        self.underruns += output_lost
+        round_trip_s = _told_round_trip(time)
+        if output_lost or status.input_overflow or status.input_underflow:
+            # Told after it happened, of output that may not have been played yet: until what is computed now comes
+            # back, the step may lie anywhere.
+            self._doubtful = max(frames, round(max(round_trip_s, self._round_trip_s) * RATE_HZ))
         self.heard(indata, frames, time, status)
-        first = self._frame - frames
+        first, self._played = self._played, self._played + frames
         self._choose(first)
         wave = self._wave.at(first, frames) * (FULL_SCALE - 1)
         outdata[:] = (np.rint(wave).astype(np.int32) << SPARE_BITS)[:, None]
-        if self._wave.end is not None and self._wave.end <= first + frames:
-            self.sweeps.append(Swept(self._wave.end, monotonic_s()))
+        if self._wave.end is not None and self._wave.end <= self._played:
+            later = self._frame - self._played + round(round_trip_s * RATE_HZ)
+            self._sweep_returns = self._wave.end + later
             self._wave = Silence()
+        if self._sweep_returns is not None and self._sweep_returns <= self._frame:
+            self.sweeps.append(Swept(self._sweep_returns, monotonic_s()))
+            self._sweep_returns = None
 
     def finished(self) -> None:
         """The stream has ended: PortAudio says so when a card is unplugged."""
@@ -241,6 +275,8 @@ class _Callback:
     def _choose(self, first: int) -> None:
         with self._lock:
             asked, self._asked = self._asked, None
+        if asked is not None:
+            self._sweep_returns = None
         if isinstance(asked, Tone):
             self._wave = ToneWave(asked.frequency_hz, asked.level)
         elif isinstance(asked, Chirp):
@@ -255,6 +291,13 @@ class _Callback:
         if self._expected_s is None or adc_s <= 0.0:
             return 1
         return max(1, round((adc_s - self._expected_s) * RATE_HZ))
+
+
+def _told_round_trip(time: Any) -> float:
+    """How long the card says that this buffer's output takes to the input, s; 0 where it does not say."""
+    adc_s, dac_s = float(time.inputBufferAdcTime), float(time.outputBufferDacTime)
+    told_s = dac_s - adc_s if adc_s > 0.0 else 0.0
+    return told_s if 0.0 < told_s < ROUND_TRIP_MAX_S else 0.0
 
 
 def _first(error: Exception) -> str:

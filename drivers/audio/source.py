@@ -71,7 +71,8 @@ class Swept:
     """A chirp is over.
 
     Attributes:
-        frame: The first frame after it.
+        frame: The first frame after it, of those that are heard: what is known of the way from output to input is in
+            it.
         arrival_s: Monotonic time in seconds at which that was known.
     """
 

@@ -50,6 +50,36 @@ def test_who_listens_for_another_frequency_than_is_driven_is_told_so(listener):
     assert f"[{listener}] drive_hz = 41000.0: [behavior] has drive_hz = 40000.0" in str(refusal.value)
 
 
+@pytest.mark.parametrize(
+    ("setting", "value", "line"),
+    [
+        (
+            "drive_hz",
+            "44000.0",
+            '[signals.left] drive_hz = 44000: 96000 frames a second with variant = "cic"',
+        ),
+        ("output_hz", "100.0", '[signals.left] output_hz = 100: variant = "cic" needs 375 at the least'),
+        ("output_hz", "700.0", "[signals.left] output_hz = 700: 96000 frames a second are no multiple of it"),
+    ],
+)
+def test_a_drive_that_the_chain_cannot_do_is_refused_with_the_profile(setting, value, line):
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", {"signals.left.variant": "cic", f"signals.left.{setting}": value})
+    assert line in str(refusal.value)
+
+
+def test_who_tracks_the_clocks_needs_a_rest_in_which_detectors_can_learn():
+    tracked = {"signals.left.clocks": "tracked"}
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", tracked)
+    (line,) = str(refusal.value).splitlines()
+    assert line.endswith(
+        "[behavior] baseline_s = 1.0: [signals.left] tracks for 1.01 s before it gives anything, and"
+        " [detectors.left_contact] learns for 0.3 s; make it 1.31 or longer"
+    )
+    assert loaded("mock/centering", tracked | {"behavior.baseline_s": "1.31"}).behavior.baseline_s == 1.31
+
+
 def test_a_bench_that_is_driven_at_another_frequency_throughout_is_taken():
     wanted = {"behavior.drive_hz": "41000.0"}
     listeners = (

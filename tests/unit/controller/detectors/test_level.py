@@ -128,6 +128,21 @@ def test_contact_survives_lost_samples():
     assert events[2].t_s > 5.0
 
 
+@pytest.mark.parametrize("turned_rad", [0.0, 0.6, -2.2])
+@pytest.mark.parametrize("size_fs", [0.001, 0.005])
+@pytest.mark.parametrize("towards_rad", [0.3, 1.9])
+def test_after_a_gap_over_which_the_drives_phase_stepped_small_contacts_are_seen_as_before(
+    turned_rad, size_fs, towards_rad
+):
+    t_s = np.arange(8000) / RATE_HZ
+    z = REST + size_fs * np.exp(1j * towards_rad) * pressed(t_s, 5.0, 7.0) + noise(len(t_s), seed=2)
+    z[3000:] *= np.exp(1j * turned_rad)
+    events = said(ours(), block(z[:3000]), block(z[3037:], 3037))
+    assert kinds(events) == [Contact, ContactHeld, ContactLost]
+    assert events[0].t_s == pytest.approx(5.0, abs=0.1)
+    assert events[2].t_s == pytest.approx(7.0, abs=0.1)
+
+
 def test_noise_that_comes_at_once_is_no_contact():
     for seed in range(20):
         z = REST + np.concatenate([noise(2000, 1e-5, seed), noise(4000, 1e-4, seed + 100)])

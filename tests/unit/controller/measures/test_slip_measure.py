@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from behaviors.events import Contact, SlipEnded, SlipStarted
+from behaviors.events import Contact, GuardStopped, Paused, SlipEnded, SlipStarted
 from behaviors.slip_settings import RollSlipSettings
-from controller.measures.slip import COLUMNS, measure
+from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
+from controller.measures.slip import COLUMNS, measure, paper_blocks
 from controller.measures.trial import TrialEvidence
-from controller.recording.series import Series
-from drivers.messages import Sent, Standstill, Stop
+from controller.recording.series import TrialRecording
+from drivers.messages import SampleBlock, Sent, Standstill, Stop
 
 SETTINGS = RollSlipSettings(
     sensors={
@@ -40,14 +41,11 @@ BOTH = [*VISITS[:-1], ("SLIPPING", 7.0), ("LIFTING", 8.0)]
 """Forth, and back."""
 
 
-class Recorded:
-    """Streams that somebody recorded."""
-
-    def __init__(self, streams):
-        self.streams = streams
-
-    def stream(self, name):
-        return self.streams.get(name, Series(np.empty(0), np.empty((0, 6))))
+def recorded(*blocks):
+    recording = TrialRecording(1)
+    for block in blocks:
+        recording.add(block)
+    return recording
 
 
 def started(t_s, who):
@@ -58,16 +56,27 @@ def ended(t_s, who):
     return SlipEnded(t_s, who, 1.0, 7.0)
 
 
-def tone(hz=187.5, volt=0.2, since_s=5.02, until_s=6.0):
-    """Three channels at 1 kHz, the second with a tone while it slips."""
+def tone(hz=187.5, volt=0.2, since_s=5.02, until_s=6.0, gap=0):
+    """Three channels at 1 kHz, the second with a tone while it slips; `gap` samples are lost in its middle."""
     times_s = np.arange(2000, 8000) / 1000.0
     values = np.zeros((len(times_s), 3))
     slipping = (times_s >= since_s) & (times_s < until_s)
     values[:, 1] = volt * np.sin(2 * np.pi * hz * times_s) * slipping
-    return Series(times_s, values, "V")
+    return [
+        SampleBlock(
+            "board.fingertip", 2000 + first, times_s[first], values[first:last], rate_hz=1000.0, unit="V"
+        )
+        for first, last in ((0, 3500), (3500 + gap, 6000))
+    ]
 
 
-def evidence(words=(), slips=((5.02, True), (6.0, False)), streams=None, extra=(), visits=VISITS):
+def ours(threshold=20.0):
+    return SlipDetector("o", SlipSettings(input="board.fingertip", channel=1, threshold=threshold))
+
+
+def evidence(
+    words=(), slips=((5.02, True), (6.0, False)), blocks=(), extra=(), visits=VISITS, detectors=None
+):
     events = [
         Contact(3.5, "touch", 0.4, 0.3),
         *words,
@@ -75,12 +84,13 @@ def evidence(words=(), slips=((5.02, True), (6.0, False)), streams=None, extra=(
     ]
     return TrialEvidence(
         {"sensor": "fingertip"},
-        Recorded(streams or {}),
+        recorded(*blocks),
         sorted(events, key=lambda event: event.t_s),
         dict(visits),
         list(visits),
         truth=[(3.4, True), (8.1, False)],
         slips=slips,
+        detectors=detectors or {},
     )
 
 
@@ -143,7 +153,50 @@ def test_a_word_just_after_the_end_is_late_and_one_long_after_false():
 
 def test_quiet_is_what_is_neither_descent_nor_slip():
     # rest 1 to 2 s, after pressing from 4.2 to 5 s, after the slip from 6.2 s until it lifts at 8 s
-    assert row_of()["quiet_s"] == pytest.approx(1.0 + 0.8 + 1.8)
+    row = row_of()
+    assert row["listen_s"] == 1.0
+    assert row["paper_quiet_s"] == row["ours_quiet_s"] == pytest.approx(1.0 + 0.8 + 1.8)
+
+
+def test_while_a_detector_learns_it_cannot_alarm_and_is_not_quiet():
+    row = row_of(blocks=tone(), detectors={"o": ours()})
+    assert row["paper_quiet_s"] == pytest.approx(1.0 + 0.8 + 1.8)
+    assert row["ours_quiet_s"] == pytest.approx(0.8 + 1.8), "the second at rest is the one in which it learns"
+
+
+def test_how_long_ours_takes_at_least_follows_from_threshold_rate_and_the_worth_of_a_knock():
+    # a knock is worth ln(200 / 1) nats at once, and a ninth of it each ms after that
+    knock = np.log(200.0)
+    row = row_of(blocks=tone(), detectors={"o": ours(threshold=20.0)})
+    assert row["ours_least_delay_s"] == pytest.approx(0.001 * np.ceil((20.0 - knock) / (knock / 9.0)))
+    assert row_of(blocks=tone())["ours_least_delay_s"] is None, "nobody knows who listened"
+
+
+@pytest.mark.parametrize("cut", [GuardStopped(5.04, "force"), Paused(5.04)])
+def test_a_slip_that_guard_or_pause_cut_short_is_not_held_against_anybody(cut):
+    visits = [*VISITS[:7], ("LIFTING", 9.0)]
+    row = row_of(slips=((5.02, True), (5.05, False)), extra=[cut], visits=visits)
+    assert (row["slips"], row["ours_missed"], row["paper_missed"]) == (1, 0, 0)
+
+
+def test_a_slip_in_which_the_trial_failed_is_not_held_against_anybody():
+    row = row_of(slips=((5.02, True), (5.05, False)), visits=[*VISITS[:7], ("FAILED", 5.05)])
+    assert (row["slips"], row["ours_missed"]) == (1, 0)
+    last = [Sent(5.06, "arm", Stop("arm"))]
+    row = row_of(slips=((5.02, True), (5.05, False)), extra=last, visits=VISITS[:7])
+    assert (row["slips"], row["ours_missed"]) == (1, 0), "nor where a fault ended it without a word"
+
+
+def test_a_short_slip_that_ended_by_itself_was_missed_and_so_was_one_whose_step_ended_as_planned():
+    assert row_of(slips=((5.02, True), (5.05, False)))["ours_missed"] == 1
+    planned = [*VISITS[:7], ("LIFTING", 5.5)]
+    assert row_of(slips=((5.02, True), (5.5, False)), visits=planned)["ours_missed"] == 1
+
+
+def test_a_pause_before_the_contact_begins_the_trial_anew_and_takes_nothing_from_its_slip():
+    again = [("HOMING", 0.0), ("RESTING", 0.2), ("HOMING", 0.9), *VISITS[1:]]
+    row = row_of([started(0.5, "o"), ended(0.6, "o")], extra=[Paused(0.7)], visits=again)
+    assert (row["listen_s"], row["ours_missed"], row["ours_false_alarms"]) == (1.0, 1, 0)
 
 
 def test_a_true_slip_that_nobody_asked_for_is_no_false_alarm_and_not_scored():
@@ -168,7 +221,7 @@ def test_without_the_truth_the_command_is_what_counts():
 
 
 def test_the_papers_product_and_the_frequency_that_dominates_are_those_of_the_slip():
-    row = row_of(streams={"board.fingertip": tone()})
+    row = row_of(blocks=tone())
     # a tone of amplitude A in the middle of a bin has A^2 N / 4 of the power
     assert row["peak_product"] == pytest.approx(0.2**2 * 64 / 4 * 187.5, rel=0.02)
     assert row["dominant_hz"] == pytest.approx(187.5)
@@ -179,7 +232,8 @@ def test_the_press_is_the_mean_force_of_the_table_while_pressed():
     times_s = np.arange(0.0, 9.0, 0.002)
     values = np.zeros((len(times_s), 6))
     values[(times_s > 3.8) & (times_s < 8.1), 2] = 5.0
-    assert row_of(streams={"arm.force": Series(times_s, values, "N")})["press_n"] == pytest.approx(5.0)
+    force = SampleBlock("arm.force", 0, 0.0, values, rate_hz=500.0, unit="N")
+    assert row_of(blocks=[force])["press_n"] == pytest.approx(5.0)
 
 
 def test_the_stop_is_timed_from_the_sample_that_told_slip_to_the_command_on_its_way():
@@ -189,14 +243,38 @@ def test_the_stop_is_timed_from_the_sample_that_told_slip_to_the_command_on_its_
     pose = np.zeros((len(times_s), 6))
     pose[:, 0] = 0.01 * np.clip(times_s - 5.0, 0.0, 0.035)
     visits = [*VISITS[:7], ("HALTING", 5.026), ("STOPPED", 5.05), ("LIFTING", 5.55)]
-    row = row_of(words, extra=stop, visits=visits, streams={"arm.pose": Series(times_s, pose, "m")})
+    row = row_of(
+        words,
+        extra=stop,
+        visits=visits,
+        blocks=[SampleBlock("arm.pose", 0, 4.0, pose, rate_hz=500.0, unit="m")],
+    )
     assert row["slip_to_stop_s"] == pytest.approx(0.005)
     assert (row["ours_detected"], row["paper_missed"]) == (1, 0), "the paper's had no time to speak"
     assert row["stop_travel_m"] == pytest.approx(0.01 * 0.009, abs=1e-6)
 
 
 def test_a_trial_that_never_touched_has_a_row_without_slips():
-    bare = TrialEvidence({"sensor": "fingertip"}, Recorded({}), [], {"RESTING": 1.0}, [("RESTING", 1.0)])
+    bare = TrialEvidence({"sensor": "fingertip"}, recorded(), [], {"RESTING": 1.0}, [("RESTING", 1.0)])
     outcome, row = measure(bare, SETTINGS, "no_contact")
     assert outcome == "no_contact"
     assert (row["slips"], row["ours_missed"], row["peak_product"], row["touch_s"]) == (0, 0, None, None)
+
+
+@pytest.mark.parametrize("gap", [0, 30])
+def test_the_papers_blocks_are_its_detectors_own_begun_with_listening_and_after_a_gap(gap):
+    blocks = tone(gap=gap)
+    detector = SlipPaperDetector(
+        "p", SlipPaperSettings(input="board.fingertip", channel=1, threshold=0.02**2 * 64 / 4 * 187.5)
+    )
+    # it listens from the second block on: 5.5 s is in the middle of a block of those that begin at 2 s
+    words = detector.push(blocks[1])
+    found = paper_blocks(blocks, 1, listen_s=blocks[1].t0_s)
+    assert words
+    for word in words:
+        (at,) = np.flatnonzero(np.isclose(found.end_s, word.t_s))
+        assert found.product[at] == pytest.approx(word.value)
+    first = np.flatnonzero(found.begin_s > blocks[0].last_s - 1e-6)[0]
+    assert found.begin_s[first] == pytest.approx(blocks[1].t0_s - 0.001), (
+        "before the first sample by one period"
+    )

@@ -50,6 +50,13 @@ def test_a_tone_beyond_half_the_rate_is_refused():
         Oscillator(48_000.0, RATE_HZ)
 
 
+def test_sums_over_more_frames_than_their_whole_numbers_hold_are_refused():
+    with pytest.raises(ValueError, match=r"257 frames an output leave no room; 256 at the most"):
+        Cic(0, Oscillator(40_000.0, RATE_HZ), 257)
+    # at the most an oscillator of 2^16 is left
+    assert Cic(0, Oscillator(40_000.0, RATE_HZ), 256).scale == pytest.approx(2.0 / (2**16 * 256**3))
+
+
 @pytest.mark.parametrize("drive_hz", DRIVES_HZ)
 @pytest.mark.parametrize("kind", ["fused", "cic", "in_phase"])
 def test_blocks_of_any_size_give_the_same_to_the_bit(kind, drive_hz):

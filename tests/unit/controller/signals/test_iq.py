@@ -164,6 +164,31 @@ def test_clocks_20_ppm_apart_are_measured_and_tracked():
     assert times_s[0] == pytest.approx(1.003, abs=0.002)
     assert np.ptp(np.unwrap(np.angle(z))) < 1e-3
     assert np.isnan(iq().drift_ppm)
+    assert watching.account()["drift_ppm"] == watching.drift_ppm
+    assert watching.account()["warning"] == (
+        'signals.finger: drive and converter are 20 ppm apart, more than 0.01: set clocks = "tracked", or use one card '
+        "for both"
+    )
+    # what is taken off needs no warning
+    assert tracking.account() == {"clocks": "tracked", "drift_ppm": pytest.approx(20.0, abs=0.01)}
+
+
+def test_one_clock_that_is_watched_is_no_cause_for_a_warning():
+    rng = np.random.default_rng(1)
+    n = 5 * RATE_HZ
+    noise = 1e-4 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    watching = iq(clocks="watched")
+    assert watching.account() == {}
+    heard(watching, fingers(0.2 + noise, np.zeros(n)), [9600])
+    told = watching.account()
+    assert abs(told["drift_ppm"]) < 0.01
+    assert "warning" not in told
+
+
+def test_clocks_that_are_believed_to_be_one_are_not_looked_at():
+    signal = iq()
+    heard(signal, fingers(np.full(2 * RATE_HZ, 0.2), np.zeros(2 * RATE_HZ)), [9600])
+    assert signal.account() == {}
 
 
 def test_a_reset_forgets():
@@ -177,8 +202,13 @@ def test_a_reset_forgets():
 @pytest.mark.parametrize(
     ("settings", "more", "shape", "words"),
     [
-        ({}, {"rate_hz": 44_100.0}, (10, 2), "44100 frames a second are no multiple of 1000"),
-        ({}, {"rate_hz": 48_000.0}, (10, 2), "48000 frames a second cannot hold a drive of 40000 Hz"),
+        ({}, {"rate_hz": 44_100.0}, (10, 2), "output_hz = 1000: 44100 frames a second are no multiple of it"),
+        (
+            {},
+            {"rate_hz": 48_000.0},
+            (10, 2),
+            r"drive_hz = 40000: 48000 frames .* can do 3000 to 22500 Hz; record at",
+        ),
         ({"channel": 1}, {}, (10, 1), "1 channel where signals.finger needs 2"),
         ({"channel": 1}, {"rate_hz": 1000.0}, (10, 2), "2 channels where signals.finger needs 4"),
         ({}, {"rate_hz": None, "times_s": np.arange(10.0)}, (10, 2), "irregular times"),
@@ -217,8 +247,66 @@ def test_once_warmed_up_sound_brings_nothing_new_to_compile(variant):
     assert all(np.array_equal(a.values, b.values) for a, b in zip(first, unwarmed, strict=True))
 
 
-def test_a_drive_that_no_sound_can_hold_is_told_with_the_first_sound_and_not_before():
-    signal = iq(drive_hz=47_990.0)
-    signal.warm_up()
-    with pytest.raises(ValueError, match="cannot hold a drive of 47990 Hz"):
-        signal.push(sound(np.zeros((960, 2), np.int32)))
+@pytest.mark.parametrize(
+    ("settings", "key", "words"),
+    [
+        ({"drive_hz": 46_500.0}, None, ""),
+        ({"drive_hz": 3000.0}, None, ""),
+        ({"drive_hz": 43_000.0, "variant": "cic"}, None, ""),
+        ({"drive_hz": 40_000.0, "output_hz": 4000.0}, None, ""),
+        ({"output_hz": 375.0, "variant": "cic"}, None, ""),
+        (
+            {"drive_hz": 46_501.0},
+            "drive_hz",
+            ' = 46501: 96000 frames a second with variant = "fused" and output_hz = 1000 can do 3000 to 46500 Hz; '
+            "lower output_hz to 989.691",
+        ),
+        ({"drive_hz": 2999.0}, "drive_hz", " can do 3000 to 46500 Hz; lower output_hz to 989.691"),
+        (
+            {"drive_hz": 44_000.0, "variant": "cic"},
+            "drive_hz",
+            "can do 10000 to 43000 Hz; lower output_hz to 800",
+        ),
+        ({"output_hz": 2000.0, "variant": "cic"}, "drive_hz", "20000 to 38000 Hz; lower output_hz to 1600"),
+        (
+            {"output_hz": 4000.0, "variant": "cic"},
+            "drive_hz",
+            "can do no drive at all; lower output_hz to 1600",
+        ),
+        ({"drive_hz": 47_990.0}, "drive_hz", "can do 3000 to 46500 Hz; choose another drive"),
+        ({"drive_hz": 60_000.0}, "drive_hz", "choose another drive"),
+        ({"output_hz": 900.0}, "output_hz", " = 900: 96000 frames a second are no multiple of it"),
+        (
+            {"output_hz": 100.0, "variant": "cic"},
+            "output_hz",
+            ' = 100: variant = "cic" needs 375 at the least',
+        ),
+    ],
+)
+def test_settings_say_which_of_them_no_sound_can_hold_and_what_would_do(settings, key, words):
+    misfit = IqSettings(**settings).misfit()
+    assert (misfit[0] if misfit else None) == key
+    assert misfit is None or words in misfit[1]
+
+
+@pytest.mark.parametrize(
+    ("variant", "output_hz", "guard", "limit_db"),
+    [
+        ("fused", 100.0, 3.0, -95.0),
+        ("fused", 1000.0, 3.0, -95.0),
+        ("fused", 4000.0, 3.0, -95.0),
+        ("cic", 375.0, 10.0, -90.0),
+        ("cic", 1000.0, 10.0, -90.0),
+    ],
+)
+def test_at_either_end_of_the_range_image_and_offset_are_down(variant, output_hz, guard, limit_db):
+    z = np.full(round(40 * RATE_HZ / output_hz), 0.2 + 0.1j)
+    # half an output away from where the sums have a zero
+    away_hz = (guard + 0.5) * output_hz
+    for drive_hz in (away_hz, 0.5 * (RATE_HZ - away_hz)):
+        assert IqSettings(variant=variant, output_hz=output_hz, drive_hz=drive_hz).misfit() is None
+        counts = fingers(z, z, drive_hz=drive_hz) + round(0.1 * 2**23)
+        chain = iq(variant=variant, output_hz=output_hz, drive_hz=drive_hz)
+        _, _, found = joined(heard(chain, counts, [9600]))
+        # twice the offset is mixed onto the drive, and the image is as large as the envelope
+        assert 20 * np.log10(np.abs(found - z[0]).max() / 0.3) < limit_db + 6.0

@@ -11,13 +11,19 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from behaviors.events import Contact
+from controller.detectors.level import LevelDetector, LevelSettings
+from controller.signals.iq import Iq, IqSettings
 from drivers.audio.driver import Audio, AudioSettings
 from drivers.audio.oscillator import ToneWave
+from drivers.audio.soundcard import SoundCard
+from drivers.audio.source import Swept
 from drivers.clock import WallClock
 from drivers.errors import PortError, ProtocolError
-from drivers.messages import Chirp, Excite, Failed, Listen, Lost, Reached, Refused, Tone
+from drivers.messages import Chirp, Excite, Failed, Listen, Lost, Reached, Refused, SampleBlock, Tone
 
 RATE_HZ = 96_000
+ROUND_TRIP = 2400  # frames from the card's output to its input, as it says itself
 
 CARDS = [
     {"index": 0, "name": "HDA Intel: Analog", "max_input_channels": 2, "max_output_channels": 2},
@@ -57,12 +63,16 @@ class Stream:
 
     def close(self, ignore_errors: bool) -> None: ...
 
-    def buffer(self, counts: Any, missing: int = 0) -> Any:
+    def buffer(self, counts: Any, missing: int = 0, *flags: str) -> Any:
         """Hand over a buffer of 24-bit counts, and take one of the drive, in full scales; `missing` were overrun."""
         n = len(counts)
         self.adc_s += missing / RATE_HZ
-        stamp = SimpleNamespace(inputBufferAdcTime=self.adc_s)
-        status = SimpleNamespace(input_overflow=missing > 0)
+        stamp = SimpleNamespace(
+            inputBufferAdcTime=self.adc_s, outputBufferDacTime=self.adc_s + ROUND_TRIP / RATE_HZ
+        )
+        names = ("input_underflow", "input_overflow", "output_underflow", "output_overflow")
+        status = SimpleNamespace(**{name: name in flags for name in names})
+        status.input_overflow |= missing > 0
         indata = (counts << 8).astype(np.int32)
         self.adc_s += n / RATE_HZ
         if isinstance(self, InputStream):
@@ -120,8 +130,8 @@ def test_counts_come_to_the_last_bit_with_their_frames() -> None:
 
 
 @pytest.mark.usefixtures("portaudio")
-def test_an_overrun_is_lost_frames_by_the_cards_own_time() -> None:
-    device, stream = listening()
+def test_an_overrun_of_a_card_without_output_is_lost_frames_by_the_cards_own_time() -> None:
+    device, stream = listening("USB Audio 24 loopback")
     stream.buffer(sound(480))
     stream.buffer(sound(480), missing=1234)
     blocks = device.read()
@@ -129,6 +139,49 @@ def test_an_overrun_is_lost_frames_by_the_cards_own_time() -> None:
     assert [lost.samples for lost in device.poll() if isinstance(lost, Lost)] == [1234]
     assert device.account()["overruns"] == 1
     assert device.account()["frames_lost"] == 1234
+    device.close()
+
+
+@pytest.mark.usefixtures("portaudio")
+@pytest.mark.parametrize("name", ["USB Audio 24", "USB Audio 24 loopback"])
+def test_input_that_portaudio_made_up_is_not_handed_out(name: str) -> None:
+    device, stream = listening(name)
+    stream.buffer(sound(480))
+    stream.buffer(np.zeros((480, 2), np.int32), 0, "input_underflow")
+    for _ in range(20):
+        stream.buffer(sound(480))
+    blocks = device.read()
+    assert all(block.values.any(axis=1).all() for block in blocks)
+    (lost,) = [one for one in device.poll() if isinstance(one, Lost)]
+    assert lost.samples >= 480
+    device.close()
+
+
+@pytest.mark.usefixtures("portaudio")
+@pytest.mark.parametrize("flag", ["output_underflow", "output_overflow", "input_overflow"])
+@pytest.mark.parametrize("latency_s", [0.005, 0.02])
+def test_whatever_the_card_loses_leaves_out_what_was_heard_until_the_drive_is_back(
+    flag: str, latency_s: float
+) -> None:
+    device = audio("USB Audio 24", latency_s=latency_s)
+    device.open()
+    device.apply(Listen("audio", frozenset({"audio.fingers"})))
+    stream = Stream.opened[-1]
+    stream.buffer(sound(480))
+    missing = 7 if flag == "input_overflow" else 0
+    counts = [sound(480, seed) for seed in range(20)]
+    stream.buffer(counts[0], missing, flag)
+    for one in counts[1:]:
+        stream.buffer(one)
+    # what the card says of its round trip, or twice the buffering that it was asked for, whichever is longer
+    doubtful = max(ROUND_TRIP, round(2 * latency_s * RATE_HZ))
+    first, *rest = device.read()
+    assert (first.seq, len(first)) == (0, 480)
+    assert rest[0].seq == 480 + missing + doubtful
+    assert np.array_equal(np.concatenate([block.values for block in rest]), np.concatenate(counts)[doubtful:])
+    assert [lost.samples for lost in device.poll() if isinstance(lost, Lost)] == [missing + doubtful]
+    told = device.account()
+    assert (told["overruns"], told["underruns"]) == ((1, 0) if missing else (0, 1))
     device.close()
 
 
@@ -147,17 +200,118 @@ def test_a_queue_that_nobody_empties_loses_its_oldest_and_says_so(monkeypatch: p
 
 
 @pytest.mark.usefixtures("portaudio")
-def test_the_drive_is_locked_to_the_frames() -> None:
+def test_the_drive_is_locked_to_the_frames_and_goes_on_without_a_step_whatever_is_lost() -> None:
     device, stream = listening()
     assert not stream.buffer(sound(480)).any()
     device.apply(Tone("audio", 40_000.0, 0.5))
     out = [stream.buffer(sound(480)), stream.buffer(sound(333))]
+    # the card plays buffer after buffer: frames of input that nobody got leave no gap in the output
     out.append(stream.buffer(sound(480), missing=100))
+    out.append(stream.buffer(sound(480), 0, "output_underflow"))
     expected = ToneWave(40_000.0, 0.5)
-    for wave, first in zip(out, (480, 960, 960 + 333 + 100), strict=True):
+    for wave, first in zip(out, (480, 960, 960 + 333, 960 + 333 + 480), strict=True):
         assert wave == pytest.approx(np.repeat(expected.at(first, len(wave))[:, None], 2, axis=1), abs=3e-7)
     device.apply(Excite("audio", False))
     assert not stream.buffer(sound(480)).any()
+    device.close()
+
+
+class Finger:
+    """What is played comes back, weaker and later, with noise; the card may drop frames on either way."""
+
+    LEVEL = 0.2
+
+    def __init__(self, stream: Stream) -> None:
+        self.stream = stream
+        self.line = np.zeros(ROUND_TRIP)
+        self.share = self.LEVEL
+        self.rng = np.random.default_rng(3)
+
+    def run(self, seconds: float, missing: int = 0, *flags: str) -> None:
+        """Buffers of 5 ms; of the first one the card says that something was lost before it."""
+        self.line = self.line[missing:]
+        for k in range(round(seconds * RATE_HZ / 480)):
+            heard, self.line = self.line[:480], self.line[480:]
+            counts = np.rint((self.share * heard + 1e-4 * self.rng.standard_normal(480)) * 2**23)
+            given = np.column_stack([counts, counts]).astype(np.int32)
+            played = self.stream.buffer(given, 0 if k else missing, *(() if k else flags))
+            self.line = np.concatenate([self.line, played[:, 0]])
+
+    def slip(self, frames: int) -> None:
+        """The output ran dry: so many frames of silence were played before what is to come."""
+        self.line = np.concatenate([self.line, np.zeros(frames)])
+
+
+def driven() -> tuple[Audio, Finger]:
+    """A finger whose tone has come back already."""
+    device, stream = listening()
+    device.apply(Tone("audio", 40_000.0, 1.0))
+    finger = Finger(stream)
+    finger.run(0.1)
+    device.read()
+    return device, finger
+
+
+def envelope(device: Audio) -> list[SampleBlock]:
+    signal = Iq("right", IqSettings())
+    made = [thing for block in device.read() for thing in signal.push(block)]
+    return [block for block in made if isinstance(block, SampleBlock)]
+
+
+def contacts(blocks: list[SampleBlock]) -> list[float]:
+    detector = LevelDetector("touch", LevelSettings())
+    return [event.t_s for block in blocks for event in detector.push(block) if isinstance(event, Contact)]
+
+
+@pytest.mark.usefixtures("portaudio")
+@pytest.mark.parametrize("slip", [1, 2, 5, 50, 480])
+def test_output_that_ran_dry_turns_the_phase_and_reads_as_no_contact(slip: int) -> None:
+    device, finger = driven()
+    finger.run(1.5)
+    finger.slip(slip)
+    finger.run(1.5, 0, "output_underflow")
+    blocks = envelope(device)
+    z = np.concatenate([block.physical for block in blocks]).view(np.complex128)[:, 0]
+    before, after = np.mean(z[200:1000]), np.mean(z[-1000:])
+    assert abs(before) == pytest.approx(finger.LEVEL, rel=1e-3)
+    turned = np.angle(after / before * np.exp(2j * np.pi * 5 / 12 * slip))
+    assert turned == pytest.approx(0.0, abs=1e-3)
+    assert not contacts(blocks)
+    device.close()
+
+
+@pytest.mark.usefixtures("portaudio")
+def test_the_same_slip_without_a_word_of_the_card_reads_as_contact() -> None:
+    device, finger = driven()
+    finger.run(1.5)
+    finger.slip(1)
+    finger.run(1.5)
+    assert contacts(envelope(device))
+    device.close()
+
+
+@pytest.mark.usefixtures("portaudio")
+@pytest.mark.parametrize("slip", [0, 1, 6])
+def test_a_contact_after_a_loss_is_seen(slip: int) -> None:
+    device, finger = driven()
+    finger.run(1.5)
+    finger.slip(slip)
+    finger.run(1.5, 0, "output_underflow")
+    finger.share = 1.1 * finger.LEVEL
+    finger.run(1.0)
+    assert len(contacts(envelope(device))) == 1
+    device.close()
+
+
+@pytest.mark.usefixtures("portaudio")
+def test_lost_input_turns_nothing_where_the_card_knows_how_much_it_was() -> None:
+    device, finger = driven()
+    finger.run(1.5)
+    finger.run(1.5, 101, "input_overflow")
+    blocks = envelope(device)
+    z = np.concatenate([block.physical for block in blocks]).view(np.complex128)[:, 0]
+    assert np.angle(np.mean(z[-1000:]) / np.mean(z[200:1000])) == pytest.approx(0.0, abs=1e-3)
+    assert not contacts(blocks)
     device.close()
 
 
@@ -171,8 +325,42 @@ def test_a_chirp_is_told_when_it_is_over() -> None:
     assert not [one for one in device.poll() if isinstance(one, Reached)]
     stream.buffer(sound(480))
     assert not stream.buffer(sound(480)).any()
+    # it was played to its end, but is still on its way back
+    device.read()
+    assert not [one for one in device.poll() if isinstance(one, Reached)]
+    for _ in range(ROUND_TRIP // 480):
+        stream.buffer(sound(480))
     device.read()
     assert len([one for one in device.poll() if isinstance(one, Reached)]) == 1
+    device.close()
+
+
+@pytest.mark.usefixtures("portaudio")
+@pytest.mark.parametrize("missing", [0, 77])
+def test_a_chirp_ends_with_the_frame_at_which_its_end_is_heard(missing: int) -> None:
+    card = SoundCard("audio", AudioSettings(port="sounddevice:USB Audio 24"), "USB Audio 24")
+    card.open()
+    stream = Stream.opened[-1]
+    stream.buffer(sound(480))
+    stream.buffer(sound(480), missing)
+    card.drive(Chirp("audio", 20_000.0, 46_000.0, 0.01, 1.0))
+    for _ in range(10):
+        stream.buffer(sound(480))
+    (swept,) = [one for one in card.receive() if isinstance(one, Swept)]
+    assert swept.frame == 960 + missing + 960 + ROUND_TRIP
+    card.close()
+
+
+@pytest.mark.usefixtures("portaudio")
+def test_a_drive_that_follows_a_chirp_is_not_told_of_its_end() -> None:
+    device, stream = listening()
+    device.apply(Chirp("audio", 20_000.0, 46_000.0, 0.005, 1.0))
+    stream.buffer(sound(480))
+    device.apply(Excite("audio", False))
+    for _ in range(10):
+        stream.buffer(sound(480))
+    device.read()
+    assert not [one for one in device.poll() if isinstance(one, Reached)]
     device.close()
 
 

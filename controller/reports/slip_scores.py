@@ -1,0 +1,202 @@
+"""What slip detectors told, missed and called too early, pooled over trials of one kind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from controller.recording.reader import Run
+from controller.reports.counts import total, values
+from controller.reports.run_account import setting_of
+from controller.reports.slip_verdicts import NOT_JUDGED, VERDICTS, verdict_of
+from controller.reports.text import NOTHING
+
+METHODS = {"paper": "the paper's", "ours": "ours"}
+
+
+@dataclass(frozen=True, slots=True)
+class PaperSensor:
+    """A line of the paper's Table 1.
+
+    Attributes:
+        id: Of the experiment.
+        name: In words.
+        noise: The paper's word for it.
+        verdict: The paper's word for its slip detection.
+        dominant_hz: Frequency of the slip vibration, None where none stands out.
+    """
+
+    id: str
+    name: str
+    noise: str
+    verdict: str
+    dominant_hz: float | None
+
+
+SENSORS: Mapping[str, PaperSensor] = {
+    "fingertip": PaperSensor("B1", "fingertip", "medium", "good", 180.0),
+    "flexible_finger": PaperSensor("B2", "flexible finger", "medium", "good", 125.0),
+    "barrett_finger": PaperSensor("B3", "BarrettHand", "high", "regular", 375.0),
+    "wrist": PaperSensor("B4", "wrist", "high", "bad", None),
+    "dsa": PaperSensor("B5", "DSA matrix", "low", "bad", None),
+}
+"""Table 1 and sections 4.3, 5.1 to 5.4."""
+
+PLANT: Mapping[str, tuple[float | str, str]] = {
+    "radius_m": (0.012, "a tip of radius {:g} m"),
+    "bumps_hz": (0.0, "bumps, {:g} a second"),
+    "loads_hz": (0.0, "load steps, {:g} a second"),
+    "rolling_scale": (1.0, "rolling × {:g}"),
+    "noise_scale": (1.0, "noise × {:g}"),
+    "mode_scale": (1.0, "frequency × {:g}"),
+    "damping_scale": (1.0, "damping × {:g}"),
+    "friction": ("none", "friction {:g}"),
+}
+"""Settings of the slip bench that change what a sensor feels, each with the value of Table 1 and the words for another.
+Where the table lies (`surface_m`) changes when, not what."""
+
+PLAIN = "none"
+"""Nothing shakes the tip beside slip and rolling."""
+
+
+class Condition(NamedTuple):
+    """Which trials are pooled.
+
+    Attributes:
+        nuisance: What is different from Table 1 in words, or `PLAIN`.
+        reflex: Whose word stops the arm, `paper` or `ours`; "" where nobody's does.
+    """
+
+    nuisance: str
+    reflex: str
+
+
+TABLE_1 = Condition(PLAIN, "")
+"""What the paper's own table was made under."""
+
+
+def condition_of(run: Run, row: Mapping[str, Any]) -> Condition:
+    """Under what a trial was run: the profile's plant, with the trial's own factors laid over it."""
+
+    def setting(section: str, key: str) -> Any:
+        own = row.get(f"{section}.{key}")
+        return setting_of(run, section, key) if own is None else own
+
+    said = []
+    for key, (usual, words) in PLANT.items():
+        value = setting("plant", key)
+        if isinstance(value, int | float) and value != usual:
+            said.append(words.format(value))
+    said += [
+        f"{name} = {value}"
+        for name, value in row.items()
+        if name.startswith(("detectors.", "behavior.")) and name not in _REFLEX and value is not None
+    ]
+    reflex = str(setting("behavior", "reflex")) if setting("behavior", "stop_on_slip") is True else ""
+    return Condition("; ".join(said) or PLAIN, reflex)
+
+
+_REFLEX = ("behavior.stop_on_slip", "behavior.reflex")
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """One detector on one sensor under one condition, over all trials.
+
+    Attributes:
+        sensor: Its name in the profile.
+        condition: Under which.
+        method: `paper` or `ours`.
+        slips: How many there were; those neither told, missed nor early were cut short.
+        missed: Told by nobody within `missed_after_s`.
+        early: Called before they began.
+        delays_s: Of those that were told.
+        alarms: False ones, in `heard_s` seconds in which it could have alarmed.
+        touches: Touches at which it listened, and `touch_alarms` what it told of descent and pressing.
+        least_delay_s: How long it takes at least, by its own settings; NaN where it is not known.
+        verdict: good, regular, bad or not judged; a dash where there was no slip.
+    """
+
+    sensor: str
+    condition: Condition
+    method: str
+    slips: int
+    missed: int
+    early: int
+    delays_s: Sequence[float]
+    alarms: int
+    heard_s: float
+    touches: int
+    touch_alarms: int
+    least_delay_s: float
+    verdict: str
+
+    @property
+    def scored(self) -> int:
+        """Slips that were told or missed: what missing and delays are shares and quantiles of."""
+        return len(self.delays_s) + self.missed
+
+    @property
+    def cut_short(self) -> int:
+        """Slips that the arm's stop ended before they could be told."""
+        return self.slips - self.scored - self.early
+
+    @property
+    def too_slow(self) -> bool:
+        """Whether it could not have told any slip in time, whatever the slip."""
+        return bool(self.least_delay_s > VERDICTS["missed_after_s"])
+
+
+def measured_rows(run: Run) -> Sequence[Mapping[str, Any]]:
+    """Trials that ran to their end in contact: one that an error or a pause cut off says nothing about detectors."""
+    return [row for row in run.trials if row.get("outcome") == "contact" and row.get("slips") is not None]
+
+
+def read_scores(runs: Sequence[Run]) -> list[Score]:
+    """Every sensor, condition and detector of which there are trials."""
+    groups: dict[tuple[str, Condition], list[Mapping[str, Any]]] = {}
+    for run in runs:
+        for row in measured_rows(run):
+            groups.setdefault((str(row.get("sensor")), condition_of(run, row)), []).append(row)
+    return [
+        _score(sensor, condition, method, rows)
+        for sensor in SENSORS
+        for (name, condition), rows in sorted(groups.items())
+        if name == sensor
+        for method in METHODS
+    ]
+
+
+def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mapping[str, Any]]) -> Score:
+    slips, missed = total(rows, "slips"), total(rows, f"{method}_missed")
+    # A row holds the median of its trial's one or two slips: it stands for each of them that was told.
+    delays_s = [
+        float(row[f"{method}_delay_s"] or 0.0)
+        for row in rows
+        for _ in range(int(row.get(f"{method}_detected") or 0))
+    ]
+    touched = [row for row in rows if row.get("touch_s") is not None and row.get("listen_s") is not None]
+    if not slips:
+        word = NOTHING
+    elif condition.reflex not in ("", method):
+        # what the other's word cut short, this detector might have missed
+        word = NOT_JUDGED
+    else:
+        word = verdict_of([*delays_s, *[math.inf] * missed])
+    return Score(
+        sensor,
+        condition,
+        method,
+        slips,
+        missed,
+        total(rows, f"{method}_early"),
+        delays_s,
+        total(rows, f"{method}_false_alarms"),
+        sum(values(rows, f"{method}_quiet_s")),
+        sum(row["listen_s"] <= row["touch_s"] for row in touched),
+        total(rows, f"{method}_touch_alarms"),
+        max(values(rows, f"{method}_least_delay_s"), default=math.nan),
+        word,
+    )

@@ -1,0 +1,220 @@
+"""The section on B1 to B5 and B8, from rows written by hand."""
+
+import re
+from datetime import UTC, datetime
+
+import pytest
+
+from controller.measures.slip import COLUMNS
+from controller.recording.reader import open_run
+from controller.recording.recorder import Recorder
+from controller.recording.run_folder import RunFolder
+from controller.reports.figures import Figures
+from controller.reports.report import build_report
+from controller.reports.slip import interval
+from controller.reports.slip_scores import PLAIN, PLANT, TABLE_1, condition_of, read_scores
+from controller.reports.slip_verdicts import NOT_JUDGED, verdict_of
+from drivers.mock.slip_scene import SlipBenchSettings
+
+START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
+
+NEVER = float("inf")
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
+
+
+def text_of(path):
+    page = re.sub(r"<(svg|style)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
+
+
+def trial(sensor="fingertip", outcome="contact", slips=1, **more):
+    """A trial in which both detectors told every slip; `paper_…` and `ours_…` say what was otherwise."""
+    row = {"slips": slips, "touch_s": 3.5, "listen_s": 1.0}
+    for who in ("paper", "ours"):
+        row |= {f"{who}_{what}": 0 for what in ("missed", "early", "false_alarms", "touch_alarms")}
+        row |= {f"{who}_detected": slips, f"{who}_delay_s": 0.05 if slips else None, f"{who}_quiet_s": 100.0}
+    return sensor, outcome, {**row, **more}
+
+
+UNTOLD = {"detected": 0, "delay_s": None}
+
+
+def of(who, **what):
+    return {f"{who}_{name}": value for name, value in what.items()}
+
+
+def write(root, trials, *, factors=("sensor",), planned=None, bench="mock", **resolved):
+    settings = {
+        "plant": {key: usual for key, (usual, _) in PLANT.items()} | resolved.pop("plant", {}),
+        "behavior": {"stop_on_slip": False, "reflex": "ours", **resolved.pop("behavior", {})},
+        **resolved,
+    }
+    folder = RunFolder.create(root, f"{bench}/slip", START)
+    folder.write_manifest(
+        {
+            "profile": {"name": f"{bench}/slip", "hash": "0123", "resolved": settings},
+            "experiment": "slip",
+            "bench": bench,
+            "trials": planned or len(trials),
+            "started_utc": START.isoformat(),
+            "exit": {"status": "done", "code": 0, "reason": ""},
+        }
+    )
+    recorder = Recorder(folder, START, streams={}, factors=list(factors), measures=COLUMNS)
+    for number, (sensor, outcome, row) in enumerate(trials, start=1):
+        own = {name: row[name] for name in factors if name in row}
+        recorder.begin_trial(number, {"sensor": sensor, **own}, 100.0 * number)
+        recorder.end_trial(outcome, {name: value for name, value in row.items() if name not in own})
+    recorder.close()
+    return open_run(folder.path)
+
+
+def scores_of(*runs):
+    return {(each.sensor, each.condition, each.method): each for each in read_scores(runs)}
+
+
+def test_slips_that_were_called_early_are_neither_told_nor_missed(tmp_path):
+    early = [trial(**of("paper", early=1, **UNTOLD))] * 5
+    score = scores_of(write(tmp_path, [trial(), *early]))["fingertip", TABLE_1, "paper"]
+    assert (score.slips, score.scored, score.early, score.cut_short) == (6, 1, 5, 0)
+    assert score.verdict == NOT_JUDGED, "one slip of six is no evidence"
+
+
+def test_a_share_missed_is_one_of_those_told_or_missed(tmp_path, undrawn):
+    rows = [
+        *[trial()] * 4,
+        trial(**of("paper", missed=1, **UNTOLD)),
+        *[trial(**of("paper", early=1, **UNTOLD))] * 5,
+    ]
+    run = write(tmp_path, rows)
+    # one of five is regular, one of ten would be regular too, but of the ten five were never there to be missed
+    assert scores_of(run)["fingertip", TABLE_1, "paper"].verdict == "regular"
+    text = text_of(build_report([run]))
+    assert "B1 fingertip the paper's 5 of 10 1 of 5 (4 to 62 %) 50 50 regular good" in text
+    assert "Beside that, 5 of 10 slips were called before they began." in text
+
+
+def test_a_detector_that_was_never_given_its_time_is_not_judged(tmp_path, undrawn):
+    cut = [trial(**of("paper", **UNTOLD))] * 3
+    run = write(tmp_path, cut)
+    assert scores_of(run)["fingertip", TABLE_1, "paper"].cut_short == 3
+    text = text_of(build_report([run]))
+    assert "the paper's detector is not judged: it told or missed 0 of 3 slips, and 3 are the least" in text
+    assert "not judged (0 of 3)" in text
+
+
+def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_told(tmp_path, undrawn):
+    run = write(tmp_path, [trial()] * 3, behavior={"stop_on_slip": True})
+    stopped = condition_of(run, run.trials[0])
+    assert (stopped.nuisance, stopped.reflex) == (PLAIN, "ours")
+    scores = scores_of(run)
+    assert scores["fingertip", stopped, "paper"].verdict == NOT_JUDGED
+    assert scores["fingertip", stopped, "ours"].verdict == "good"
+    text = text_of(build_report([run]))
+    assert "B1: the arm stops when ours tells slip; the paper's detector is not judged." in text
+    assert "the paper says" not in text
+
+
+@pytest.mark.parametrize("outcome", ["guard", "fault", "aborted", "no_contact"])
+def test_trials_that_did_not_run_to_their_end_are_left_out(tmp_path, outcome):
+    cut = trial(outcome=outcome, **of("paper", missed=1, **UNTOLD))
+    score = scores_of(write(tmp_path, [*[trial()] * 3, cut]))["fingertip", TABLE_1, "paper"]
+    assert (score.slips, score.missed, score.verdict) == (3, 0, "good")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("rolling_scale", 2.0, "rolling × 2"),
+        ("noise_scale", 3.0, "noise × 3"),
+        ("mode_scale", 0.7, "frequency × 0.7"),
+        ("damping_scale", 3.0, "damping × 3"),
+        ("friction", 0.4, "friction 0.4"),
+        ("bumps_hz", 1.0, "bumps, 1 a second"),
+        ("loads_hz", 0.5, "load steps, 0.5 a second"),
+    ],
+)
+def test_another_bench_is_not_table_1_be_it_the_profiles_or_the_trials(tmp_path, key, value, said):
+    profile = write(tmp_path, [trial()], plant={key: value})
+    assert condition_of(profile, profile.trials[0]).nuisance == said
+    usual = PLANT[key][0]
+    usual = 0.2 if usual == "none" else usual
+    factor = f"plant.{key}"
+    each = write(tmp_path, [trial(**{factor: value})], factors=("sensor", factor))
+    assert condition_of(each, each.trials[0]).nuisance == said
+    if key != "friction":
+        back = write(tmp_path, [trial(**{factor: usual})], factors=("sensor", factor), plant={key: value})
+        assert condition_of(back, back.trials[0]).nuisance == PLAIN, "the trial's own word counts"
+
+
+def test_a_trial_with_another_threshold_is_not_table_1(tmp_path):
+    factor = "detectors.fingertip_ours.threshold"
+    run = write(tmp_path, [trial(**{factor: 30.0})], factors=("sensor", factor))
+    assert condition_of(run, run.trials[0]).nuisance == "detectors.fingertip_ours.threshold = 30"
+
+
+def test_every_setting_of_the_bench_is_compared_with_its_default():
+    fields = {name: field.default for name, field in SlipBenchSettings.model_fields.items()}
+    assert fields.pop("surface_m") == 0.003, "where the table lies: when, not what"
+    assert {key: "none" if value is None else value for key, value in fields.items()} == {
+        key: usual for key, (usual, _) in PLANT.items()
+    }
+
+
+def test_what_bumps_do_stands_in_a_table_of_its_own(tmp_path, undrawn):
+    shaken = [trial(**of("paper", false_alarms=2, touch_alarms=1)), *[trial()] * 2]
+    runs = [write(tmp_path, [trial()] * 3), write(tmp_path, shaken, plant={"bumps_hz": 1.0})]
+    text = text_of(build_report(runs))
+    assert (
+        "B1 with bumps, 1 a second: ours misses 0 of 3, with 0 false alarms in 5 min and 0 at touch" in text
+    )
+    # 300 s: two alarms are 150 s apart, 300 / 7.22 to 300 / 0.242 s (Garwood's table); none is 300 / 3.69 at least
+    assert "B1 fingertip the paper's 2 5 min 2 min (42 s to 21 min) 1 in 3" in text
+    assert "B1 fingertip ours 0 5 min over 81 s 0 in 3" in text
+
+
+def test_a_detector_that_did_not_listen_at_the_touch_has_no_alarms_there(tmp_path):
+    score = scores_of(write(tmp_path, [trial(listen_s=5.0)]))["fingertip", TABLE_1, "ours"]
+    assert score.touches == 0
+
+
+def test_without_an_alarm_the_interval_has_a_lower_end():
+    assert interval(0, 3600.0) == "over 16 min", "3600 / 3.69"
+    assert interval(0, 0.0) == "–"
+
+
+def test_a_detector_that_cannot_be_in_time_is_told_of(tmp_path, undrawn):
+    late = trial("dsa", ours_least_delay_s=2.35, **of("ours", missed=1, **UNTOLD))
+    settings = {
+        "behavior": {"sensors": {"dsa": {"ours": "dsa_ours"}}},
+        "detectors": {"dsa_ours": {"threshold": 800.0}},
+    }
+    text = text_of(build_report([write(tmp_path, [late] * 3, **settings)]))
+    assert "bad (too slow)" in text
+    assert "B5: at its threshold (800 nats) ours takes at least 2.35 s" in text
+    in_time = [trial("dsa", ours_least_delay_s=0.2, **of("ours", missed=1, **UNTOLD))] * 3
+    assert "too slow" not in text_of(build_report([write(tmp_path, in_time)]))
+
+
+def test_table_1_says_that_it_is_not_at_equal_false_alarms(tmp_path, undrawn):
+    assert "Not at equal false alarms" in text_of(build_report([write(tmp_path, [trial()] * 3)]))
+
+
+@pytest.mark.parametrize(
+    ("delays_s", "word"),
+    [
+        ([0.1] * 2, NOT_JUDGED),
+        ([], NOT_JUDGED),
+        ([0.1] * 3, "good"),
+        ([0.1] * 9 + [NEVER], "regular"),
+        ([0.2] * 3, "regular"),
+        ([NEVER] * 3, "bad"),
+        ([0.1, NEVER, NEVER], "bad"),
+    ],
+)
+def test_a_verdict_needs_three_slips_that_were_told_or_missed(delays_s, word):
+    assert verdict_of(delays_s) == word
