@@ -53,6 +53,9 @@ class Behavior:
     initial: ClassVar[Enum]
     final: ClassVar[frozenset[Enum]]
     table: ClassVar[Sequence[Mapping[str, Any]]]
+    range_streams: frozenset[str] = frozenset()
+    """Streams that must stay in their range in every motion of this trial, beside `limits.range_streams`: for what a
+    trial's factor puts on the mover. Its states name them where they measure them."""
 
     def __init__(self, plans: Mapping[Enum, StatePlan], mover: str = "") -> None:
         missing = set(self.States) - set(plans) - self.final

@@ -125,6 +125,13 @@ class RollSlip(Behavior):
         {
             "trigger": "reached",
             "source": States.LIFTING,
+            "dest": States.HOMING,
+            "conditions": ["from_mover", "anew"],
+            "label": "after a pause in the descent",
+        },
+        {
+            "trigger": "reached",
+            "source": States.LIFTING,
             "dest": States.LEVELLING,
             "conditions": ["from_mover", "turned"],
             "label": "tip at an angle",
@@ -142,11 +149,16 @@ class RollSlip(Behavior):
             "conditions": "from_mover",
         },
         {"trigger": "reached", "source": States.RETURNING, "dest": States.DONE, "conditions": "from_mover"},
-        {"trigger": "resumed", "source": [States.HOMING, States.ZEROING], "dest": States.HOMING},
         {
             "trigger": "resumed",
-            "source": [States.TILTING, States.RESTING, States.DESCENDING],
+            "source": [States.HOMING, States.ZEROING, States.TILTING, States.RESTING],
             "dest": States.HOMING,
+        },
+        {
+            "trigger": "resumed",
+            "source": States.DESCENDING,
+            "dest": States.LIFTING,
+            "before": "say_anew",
         },
         {
             "trigger": "resumed",
@@ -195,12 +207,15 @@ class RollSlip(Behavior):
         self.run = settings.sensors[factors.sensor]
         self._reflex = self.run.ours if settings.reflex == "ours" else self.run.paper
         self._touched_m = 0.0
+        if self.run.forces_stream is not None:
+            self.range_streams = frozenset({self.run.forces_stream})
         self._begin_steps()
         super().__init__(self._planned(), mover=settings.mover)
 
     def _begin_steps(self) -> None:
         self._step = -1
         self._turned_rad = 0.0
+        self._anew = False
         self._listening = self.run.listen == "rest"
 
     def _planned(self) -> Mapping[Enum, StatePlan]:
@@ -254,6 +269,10 @@ class RollSlip(Behavior):
     def turned(self) -> bool:
         """Whether the tip is at an angle, as far as is known."""
         return abs(self._turned_rad) > 1e-3
+
+    def anew(self) -> bool:
+        """Whether the trial begins again once the tip is off the table."""
+        return self._anew
 
     def touched(self) -> bool:
         """Whether the contact is the touch detector's."""
@@ -312,8 +331,14 @@ class RollSlip(Behavior):
         """The descent ended at its limit."""
         self.conclude("no_contact", f"no contact up to {self.settings.descend_limit_m:.6g} m")
 
+    def say_anew(self) -> None:
+        """Paused in the descent: a contact is not heeded while paused, so the tip may stand on the table."""
+        self._anew = True
+
     def say_interrupted(self) -> None:
         """Paused in contact: what was pressed and rolled cannot be taken up again."""
+        if self.state is self.States.ROLLING:
+            self._turned_rad = 0.0  # broken off somewhere: `Home` turns back what there is, and no more
         self.outcome = "aborted"
         self.reason = f"paused in {self.state.name}; run this trial again"
 

@@ -45,7 +45,7 @@ class SensorRunSettings(Settings):
     """Which of its channels slip is looked for in; None takes the one that decides in each block."""
 
     forces_stream: str | None = None
-    """Its calibrated forces, where there are such; recorded, and watched for overload."""
+    """Its calibrated forces, where there are such; recorded, and watched for overload in every motion."""
 
     touch: str
     """Detector that sees the table: it ends the descent."""
@@ -133,12 +133,12 @@ class RollSlipSettings(Settings):
     motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
     """Longest stay in any state that waits for the mover, beyond what its motion takes."""
 
-    home_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
-    """Longest homing."""
+    home_timeout_s: float = Field(default=150.0, gt=0.0, le=600.0)
+    """Longest homing. An arm turns home as slowly as it moves home: 1.5 rad at 0.02 rad/s take 75 s."""
 
 
 class RollSlipFactors(Settings):
     """What a trial varies."""
 
     sensor: SensorName
-    """Which sensor the tip carries; changed by hand on a real bench."""
+    """Which sensor the tip carries. On a real bench it is changed by hand, between runs: nobody asks for it in one."""

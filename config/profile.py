@@ -116,6 +116,7 @@ class Profile:
         behavior = sections.behavior(self.experiment)
         limits, plant = sections.limits(), sections.plant(self.bench)
         sections.check_drive(behavior, signals, detectors)
+        sections.check_home(self.devices, limits)
         if sections.problems or behavior is None or limits is None:
             raise ProfileError(sections.problems)
         return replace(
@@ -213,6 +214,7 @@ def _validated(source: Source, table: SettingsTable) -> Profile:
     experiment = sections.experiment()
     behavior = sections.behavior(experiment) if experiment else None
     sections.check_drive(behavior, signals, detectors)
+    sections.check_home(devices, limits)
     if sections.problems or not (experiment and behavior and limits and loop and trials):
         raise ProfileError(list(dict.fromkeys(sections.problems)))
     profile = Profile(

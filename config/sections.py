@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -43,12 +44,18 @@ SIGNALS = "signals"
 DRIVE = "drive_hz"
 """Setting by this name of a behavior, a signal or a detector is the frequency with which the transducers are driven."""
 
+REST = "baseline_s"
+"""Setting by this name of a behavior is how long it listens at rest before it moves."""
+
+HOME_SPEED = "home_speed_m_s"
+"""Setting by this name of a device is the speed of its `Home`, which no command carries and so no guard can see."""
+
 _NAMED_ABOVE = ("driver", "port", "kind")
 """Keys that choose the settings class, so most classes do not have them as fields."""
 
 _DEVICES = ("mover", "exciter", "device", "operator")
 _STREAMS = ("input", "inputs", "measures", "stream")
-_STREAM_ENDING = "_stream"
+_STREAM_ENDINGS = ("_stream", "_streams")
 """Settings by these names speak of devices or of their streams (`device.stream`): they must be there."""
 
 _DETECTORS = ("detector", "touch", "paper", "ours")
@@ -155,6 +162,10 @@ class Sections:
             if kind and settings:
                 entries[name] = SignalEntry(kind, settings)
         self._check_circles(entries)
+        for name, entry in entries.items():
+            misfit = getattr(entry.settings, "misfit", lambda: None)()
+            if misfit is not None:
+                self._say(("signals", name), *misfit)
         return entries
 
     def _check_circles(self, entries: Mapping[str, SignalEntry]) -> None:
@@ -193,6 +204,37 @@ class Sections:
             if driven_hz is not None and heard_hz != driven_hz:
                 said = f" = {shown(heard_hz)}: [behavior] has {DRIVE} = {shown(driven_hz)}; write the same in both"
                 self._say((section, name), DRIVE, said)
+        self._check_rest(behavior, signals, detectors)
+
+    def _check_rest(
+        self,
+        behavior: Settings | None,
+        signals: Mapping[str, SignalEntry],
+        detectors: Mapping[str, DetectorEntry],
+    ) -> None:
+        """What learns at rest must have heard enough when the rest is over, also of a signal that begins late."""
+        baseline_s = getattr(behavior, REST, None)
+        for name, entry in detectors.items():
+            _, _, signal = str(getattr(entry.settings, "input", "")).partition(f"{SIGNALS}.")
+            learn_s = getattr(entry.settings, "learn_s", None)
+            silent_s = getattr(signals[signal].settings, "silent_s", 0.0) if signal in signals else 0.0
+            if baseline_s is None or learn_s is None or not silent_s or baseline_s >= silent_s + learn_s:
+                continue
+            said = (
+                f" = {shown(baseline_s)}: [signals.{signal}] tracks for {silent_s:.2f} s before it gives anything, and"
+                f" [detectors.{name}] learns for {learn_s:g} s; make it"
+                f" {math.ceil(100.0 * (silent_s + learn_s)) / 100.0:g} or longer"
+            )
+            self._say(("behavior",), REST, said)
+
+    def check_home(self, devices: Mapping[str, DeviceEntry], limits: Settings | None) -> None:
+        """`Home` is a motion like any other: it must not be faster than the guard lets others be."""
+        most_m_s = getattr(limits, "speed_m_s", None)
+        for name, entry in devices.items():
+            home_m_s = getattr(entry.settings, HOME_SPEED, None)
+            if most_m_s is not None and home_m_s is not None and home_m_s > most_m_s:
+                said = f" = {shown(home_m_s)}: faster than [limits] speed_m_s = {shown(most_m_s)}; lower it to that"
+                self._say(("devices", name), HOME_SPEED, said)
 
     def limits(self) -> Settings | None:
         """Settings of the guard."""
@@ -312,7 +354,7 @@ class Sections:
                 hint = near_or_all(value, self._table_of("detectors"))
                 self._say(path, key, f" = {shown(value)}: no detector '{value}'; {hint}")
             values = (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ()
-            is_stream = key in _STREAMS or key.endswith(_STREAM_ENDING)
+            is_stream = key in _STREAMS or key.endswith(_STREAM_ENDINGS)
             for name in values if is_stream or key in _DEVICES else ():
                 device, _, stream = name.partition(".") if is_stream else (name, "", "")
                 if device == SIGNALS:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Annotated, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, Strict, model_validator
 
 from drivers.messages import (
@@ -66,12 +65,19 @@ class GuardSettings(Settings):
     pose_stream: str | None = None
     """Where the tool's pose comes from (x, y, z in m first); needed for the box."""
 
+    range_streams: Annotated[tuple[str, ...], Strict(False)] = ()
+    """Streams that must stay within the range in which they tell the truth, a fingertip's forces for example: heard and
+    watched in every motion. What they say of their range (`Saturated`) stops it, as does their silence."""
+
     reach_m: float = Field(default=0.0, ge=0.0, le=2.0)
     """Farthest that a free motion (`Twist`, `MovePose`) may lead from where it begins, or from the start pose. None may
-    be made unless this is given."""
+    be made unless this is given, one that only turns included."""
+
+    reach_rad: float = Field(default=0.0, ge=0.0, le=math.tau)
+    """Farthest that a free motion may turn the tool, likewise. None may turn it unless this is given."""
 
     speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
-    """Fastest motion that may be asked for."""
+    """Fastest motion that may be asked for; a device's own `home_speed_m_s` is held against it in the profile."""
 
     turn_rad_s: float = Field(default=1.0, gt=0.0, le=10.0)
     """Fastest turn of the tool that may be asked for. Assumption: a UR's own reduced mode is of this order."""
@@ -108,22 +114,38 @@ class Guard:
 
     def __init__(self, settings: GuardSettings) -> None:
         self.settings = settings
-        self.inputs = frozenset(
-            stream
-            for stream, wanted in (
-                (settings.force_stream, settings.force_n is not None),
-                (settings.position_stream, settings.position_stream is not None),
-                (settings.pose_stream, settings.workspace_min_m is not None),
-            )
-            if wanted and stream is not None
-        )
+        looks: list[tuple[str | None, bool, Callable[[SampleBlock], Sequence[str]]]] = [
+            (settings.force_stream, settings.force_n is not None, self._force),
+            (settings.position_stream, True, self._position),
+            (settings.pose_stream, settings.workspace_min_m is not None, self._pose),
+        ]
+        self._looks: dict[str, list[Callable[[SampleBlock], Sequence[str]]]] = {}
+        for stream, wanted, look in looks:
+            if stream is not None and wanted:
+                self._looks.setdefault(stream, []).append(look)
+        self.inputs: frozenset[str]
         """Streams that must be alive while anything moves."""
         self.reset()
 
-    def reset(self) -> None:
-        """Begin a trial: empty the filter, forget how old each stream is."""
-        self._tail: NDArray[np.float64] = np.empty(0)
+    def reset(self, range_streams: frozenset[str] = frozenset()) -> None:
+        """Begin a trial: empty the filter, forget how old each stream is.
+
+        Args:
+            range_streams: Streams that this trial has watched like `limits.range_streams`.
+        """
+        self.inputs = frozenset((*self._looks, *self.settings.range_streams, *range_streams))
+        self._tail_n: list[float] = []
         self._seen_s: dict[str, float] = {}
+        self.arm(frozenset())
+
+    def arm(self, decisive: frozenset[str]) -> None:
+        """Watch other streams from now on, beside the guard's own.
+
+        Args:
+            decisive: Streams that the armed detectors hear: a motion that ends by them needs them alive.
+        """
+        self._watched = sorted(self.inputs | decisive)
+        self._aligned = False
 
     def fit(self, streams: Mapping[str, StreamInfo]) -> None:
         """See that what is to be watched is there, before anything moves.
@@ -135,12 +157,13 @@ class Guard:
             GuardRefusal: a stream that nobody sends, or one with too few channels.
         """
         settings = self.settings
-        needed = {
-            "force_stream": (settings.force_stream, max(settings.force_channels) + 1),
-            "position_stream": (settings.position_stream, 1),
-            "pose_stream": (settings.pose_stream, 3),
-        }
-        for key, (name, channels) in needed.items():
+        needed = [
+            ("force_stream", settings.force_stream, max(settings.force_channels) + 1),
+            ("position_stream", settings.position_stream, 1),
+            ("pose_stream", settings.pose_stream, 3),
+            *(("range_streams", name, 1) for name in settings.range_streams),
+        ]
+        for key, name, channels in needed:
             if name is None or name not in self.inputs:
                 continue
             if name not in streams:
@@ -171,13 +194,12 @@ class Guard:
             self._admit_speed(what, command.speed_m_s)
             self._admit_target(what, command.position_m)
         elif isinstance(command, Twist):
-            speed_m_s = math.hypot(*command.twist[:3])
-            self._admit_speed(what, speed_m_s)
-            self._admit_turn(what, math.hypot(*command.twist[3:]))
-            self._admit_reach(what, speed_m_s * command.duration_s)
+            self._admit_twist(what, command)
         elif isinstance(command, MovePose):
+            # What turns on the way, back to the start pose's orientation perhaps, takes the same number for rad/s.
             self._admit_speed(what, command.speed_m_s)
-            self._admit_reach(what, math.hypot(*command.offset[:3]))
+            self._admit_turn(what, command.speed_m_s)
+            self._admit_reach(what, math.hypot(*command.offset[:3]), math.hypot(*command.offset[3:]))
         elif isinstance(command, Grip | Release):
             self._admit_speed(what, command.speed_m_s)
             limit_n = self.settings.grip_n
@@ -189,8 +211,19 @@ class Guard:
             raise GuardRefusal(f"{what}: no limit is known for this motion")
         return command
 
+    def _admit_twist(self, what: str, command: Twist) -> None:
+        speed_m_s, turn_rad_s = math.hypot(*command.twist[:3]), math.hypot(*command.twist[3:])
+        if command.duration_s <= 0.0:
+            raise GuardRefusal(f"{what}: {command.duration_s:.6g} s is no duration; it must be above 0")
+        if speed_m_s > 0.0:
+            self._admit_speed(what, speed_m_s)
+        self._admit_turn(what, turn_rad_s)
+        self._admit_reach(what, speed_m_s * command.duration_s, turn_rad_s * command.duration_s)
+
     def _admit_speed(self, what: str, speed_m_s: float) -> None:
         limit_m_s = self.settings.speed_m_s
+        if speed_m_s <= 0.0:
+            raise GuardRefusal(f"{what}: {speed_m_s:.6g} m/s is no speed; it must be above 0")
         if speed_m_s > limit_m_s:
             raise GuardRefusal(f"{what}: {speed_m_s:.6g} m/s is beyond limits.speed_m_s = {limit_m_s:.6g}")
 
@@ -201,11 +234,17 @@ class Guard:
                 f"{what}: {turn_rad_s:.6g} rad/s is beyond limits.turn_rad_s = {limit_rad_s:.6g}"
             )
 
-    def _admit_reach(self, what: str, distance_m: float) -> None:
-        limit_m = self.settings.reach_m
+    def _admit_reach(self, what: str, distance_m: float, angle_rad: float) -> None:
+        limit_m, limit_rad = self.settings.reach_m, self.settings.reach_rad
+        if limit_m == 0.0:
+            raise GuardRefusal(f"{what}: no free motion may be made without limits.reach_m; give it")
         if distance_m > limit_m:
             raise GuardRefusal(
                 f"{what}: leads {distance_m:.6g} m away, beyond limits.reach_m = {limit_m:.6g}"
+            )
+        if angle_rad > limit_rad:
+            raise GuardRefusal(
+                f"{what}: turns by {angle_rad:.6g} rad, beyond limits.reach_rad = {limit_rad:.6g}"
             )
 
     def _admit_target(self, what: str, target_m: float) -> None:
@@ -221,7 +260,6 @@ class Guard:
         blocks: Iterable[SampleBlock],
         moving: bool,
         late_s: float = 0.0,
-        decisive: frozenset[str] = frozenset(),
         saturated: Sequence[Saturated] = (),
     ) -> str | None:
         """See one turn of the loop.
@@ -233,7 +271,6 @@ class Guard:
             blocks: What arrived in it.
             moving: Whether any mover may be moving.
             late_s: How much later than planned the turn began.
-            decisive: Streams that the armed detectors hear: a motion that ends by them needs them alive.
             saturated: Streams that left the range in which they tell the truth.
 
         Returns:
@@ -244,24 +281,25 @@ class Guard:
             f"{status.stream} is beyond its range, at {status.value:.4g}: it no longer tells the truth"
             for status in saturated
         ]
-        # A stream that was not watched before the motion began is not stale, it is about to start.
-        watched = (self.inputs | decisive) if moving else frozenset()
-        self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(watched)}
+        if not moving:
+            self._seen_s, self._aligned = {}, False
+        elif not self._aligned:
+            # A stream that was not watched before the motion began is not stale, it is about to start.
+            self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in self._watched}
+            self._aligned = True
+        seen_s = self._seen_s
         for block in blocks:
+            stream = block.stream
             if not len(block):
                 continue
-            if block.stream in self._seen_s:
+            if stream in seen_s:
                 # A time stamp from the future keeps nothing alive.
-                self._seen_s[block.stream] = max(self._seen_s[block.stream], min(block.last_s, t_s))
-            if block.stream == settings.force_stream and settings.force_n is not None:
-                reasons += self._force(block)
-            if block.stream == settings.position_stream:
-                reasons += self._position(block)
-            if block.stream == settings.pose_stream:
-                reasons += self._pose(block)
-        for stream, seen_s in self._seen_s.items():
-            if t_s - seen_s > settings.stale_s:
-                silence_s = t_s - seen_s
+                seen_s[stream] = max(seen_s[stream], min(block.last_s, t_s))
+            for look in self._looks.get(stream, ()):
+                reasons += look(block)
+        for stream, last_s in seen_s.items():
+            silence_s = t_s - last_s
+            if silence_s > settings.stale_s:
                 reasons.append(
                     f"{stream} is silent for {silence_s:.3f} s (limits.stale_s = {settings.stale_s:g})"
                 )
@@ -271,18 +309,22 @@ class Guard:
 
     def _force(self, block: SampleBlock) -> Sequence[str]:
         """Running median over whole windows; a sample that is not finite is a reason by itself."""
-        parts_n = block.physical[:, list(self.settings.force_channels)]
-        force_n = parts_n[:, 0] if parts_n.shape[1] == 1 else np.linalg.norm(parts_n, axis=1)
-        limit_n = self.settings.force_n
+        settings, channels = self.settings, self.settings.force_channels
+        if len(channels) == 1:
+            parts_n = block.values[:, channels[0]] * block.scale
+        else:
+            parts_n = np.linalg.norm(block.values[:, channels] * block.scale, axis=1)
+        limit_n = settings.force_n
         assert limit_n is not None
-        keep = max(1, round(self.settings.force_median_s * (block.rate_hz or 0.0))) - 1
-        joined = np.concatenate((self._tail, force_n))
-        self._tail = joined[max(0, len(joined) - keep) :] if keep else np.empty(0)
-        # A median cannot exceed the largest, so this is all that a quiet turn costs. NaN is not below anything.
-        if np.abs(joined).max() <= limit_n:
+        keep = max(1, round(settings.force_median_s * (block.rate_hz or 0.0))) - 1
+        joined_n = self._tail_n + parts_n.tolist()
+        self._tail_n = joined_n[max(0, len(joined_n) - keep) :] if keep else []
+        # A median cannot exceed the largest, so this is all that a quiet turn costs.
+        if _first_outside(joined_n, -limit_n, limit_n) is None:
             return ()
+        joined = np.array(joined_n)
         if not np.isfinite(joined).all():
-            self._tail = np.empty(0)
+            self._tail_n = []
             return (f"{block.stream} reads {joined[~np.isfinite(joined)][0]}",)
         if len(joined) <= keep:
             return ()
@@ -297,13 +339,14 @@ class Guard:
 
     def _position(self, block: SampleBlock) -> Sequence[str]:
         settings = self.settings
-        for position_m in (float(block.values.min() * block.scale), float(block.values.max() * block.scale)):
-            if not settings.travel_min_m <= position_m <= settings.travel_m:
-                return (
-                    f"{block.stream} is at {position_m:.6f} m, outside limits.travel_min_m .. travel_m"
-                    f" = {settings.travel_min_m:g} .. {settings.travel_m:g}",
-                )
-        return ()
+        positions_m = (block.values * block.scale).ravel().tolist()
+        position_m = _first_outside(positions_m, settings.travel_min_m, settings.travel_m)
+        if position_m is None:
+            return ()
+        return (
+            f"{block.stream} is at {position_m:.6f} m, outside limits.travel_min_m .. travel_m"
+            f" = {settings.travel_min_m:g} .. {settings.travel_m:g}",
+        )
 
     def _pose(self, block: SampleBlock) -> Sequence[str]:
         least_m, most_m = self.settings.workspace_min_m, self.settings.workspace_max_m
@@ -318,3 +361,11 @@ class Guard:
             f"{block.stream} is at ({x_m:.4f}, {y_m:.4f}, {z_m:.4f}) m, outside limits.workspace_min_m"
             " .. workspace_max_m",
         )
+
+
+def _first_outside(values: Iterable[float], least: float, most: float) -> float | None:
+    """The first value that is not inside, NaN included; a turn's few samples are sooner seen here than by numpy."""
+    for value in values:
+        if not least <= value <= most:
+            return value
+    return None

@@ -159,7 +159,6 @@ class Loop:
         self._detectors = detectors
         self._signals = Signals(signals)
         self._armed: frozenset[str] = frozenset()
-        self._inputs: frozenset[str] = frozenset()
         self._heard: frozenset[str] = frozenset()
         self._asked: frozenset[str] = frozenset()
         self._behind: frozenset[str] = frozenset()
@@ -167,7 +166,7 @@ class Loop:
         self._moving: set[str] = set()
         self._paused_s: float | None = None
         self._resuming = False
-        self._guard.reset()
+        self._guard.reset(behavior.range_streams)
         try:
             self._guard.fit(self._streams | {signal.info.name: signal.info for signal in signals})
             for line in misfits(self._streams.keys(), behavior, detectors, signals):
@@ -272,7 +271,7 @@ class Loop:
             self._note(status)
         self._attend(t_s)
         beyond = [status for status in statuses if isinstance(status, Saturated)]
-        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s, self._inputs, beyond)
+        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s, beyond)
         if reason is not None:
             self._stop_all()
         events: list[Event] = [*statuses, *self._detect(blocks)]
@@ -362,11 +361,12 @@ class Loop:
         for name in plan.detectors - self._armed:
             self._detectors[name].reset()
         self._armed = plan.detectors
-        self._inputs = frozenset(stream for name in plan.detectors for stream in self._detectors[name].inputs)
-        heard = set(plan.measures) | self._inputs
+        decisive = frozenset(stream for name in plan.detectors for stream in self._detectors[name].inputs)
+        self._guard.arm(decisive)
+        heard = plan.measures | decisive
         if self._moving or any(isinstance(command, MOTION) for command in commands):
             heard |= self._guard.inputs
-        self._listen(frozenset(heard))
+        self._listen(heard)
 
     def _listen(self, heard: frozenset[str]) -> None:
         if heard == self._heard:

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from config import assemble
+from config.profile import load_profile
 from config.script import run_trials
-from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD
+from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD, Campaign
+from controller.recording.reader import open_run
 
 SENSORS = ("fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa")
 
@@ -140,6 +143,54 @@ def test_a_tangential_overload_stops_the_arm_too(tmp_path):
     assert "signals.tip is beyond its range" in outcome.line
     row = row_of(run, "fingertip")
     assert row["outcome"] == "guard"
+
+
+@pytest.mark.parametrize("state", ["TILTING", "LIFTING", "LEVELLING", "RETURNING"])
+def test_an_overload_stops_the_arm_in_states_in_which_no_detector_listens_too(tmp_path, every_sensor, state):
+    entered_s = next(
+        event["t_s"] for event in every_sensor.events if event["trial"] == 1 and event["next"] == state
+    )
+    fault = f'[{{ device = "board", kind = "full_scale", at_s = {entered_s + 0.05} }}]'
+    outcome, run = run_slip(tmp_path, "fingertip", faults=fault)
+    assert outcome.exit_code == EXIT_GUARD
+    assert "signals.tip is beyond its range" in outcome.line
+    (stopped,) = [event for event in run.events if event["event"] == "GuardStopped"]
+    assert stopped["state"] == state
+    assert stopped["t_s"] < entered_s + 0.1
+
+
+def test_a_fingertip_that_falls_silent_on_the_way_home_stops_the_arm(tmp_path, every_sensor):
+    events = [event for event in every_sensor.events if event["trial"] == 1]
+    left_s = next(event["t_s"] for event in events if event.get("next") == "RETURNING")
+    fault = f'[{{ device = "board", kind = "silent", at_s = {left_s + 0.01} }}]'
+    outcome, run = run_slip(tmp_path, "fingertip", faults=fault)
+    assert outcome.exit_code == EXIT_GUARD
+    assert "signals.tip is silent" in outcome.line
+    (stopped,) = [event for event in run.events if event["event"] == "GuardStopped"]
+    assert stopped["state"] == "RETURNING"
+
+
+def test_a_fingertip_that_is_not_at_the_tip_is_asked_nothing(tmp_path):
+    outcome, _ = run_slip(tmp_path, "wrist", faults='[{ device = "board", kind = "silent", at_s = 0.0 }]')
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+
+
+def test_a_pause_in_the_descent_lifts_before_the_tip_turns_and_the_trial_is_run_all_the_same(
+    tmp_path, script
+):
+    script.words = {"DESCENDING": ["pause"], "PAUSED": ["resume"]}
+    profile = load_profile(
+        "mock/slip",
+        {"trials.list": '[{ sensor = "fingertip" }]', "trials.repeats": "1"},
+        table=assemble.Table(),
+    )
+    plan = assemble.plan_campaign(profile, profile.trials(1), 1)
+    outcome = Campaign(plan, assemble.build_rig(profile), script, tmp_path).run()
+    assert outcome.exit_code == EXIT_DONE
+    names = [name for name, _ in script.seen]
+    paused = names.index("PAUSED")
+    assert names[paused + 1 : paused + 5] == ["DESCENDING", "LIFTING", "HOMING", "ZEROING"]
+    assert open_run(outcome.folder).trials[0]["outcome"] == "contact"
 
 
 def test_a_table_that_presses_too_hard_stops_the_arm_by_its_own_force(tmp_path):

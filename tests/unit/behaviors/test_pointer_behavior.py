@@ -113,7 +113,33 @@ def test_an_angle_without_a_table_ends_the_trial_without_contact():
     assert (behavior.outcome, behavior.reason) == ("no_contact", "no contact up to 0.006 m at -0.5 rad")
 
 
-@pytest.mark.parametrize("state", [STATES.TURNING, STATES.DESCENDING, STATES.RECORDING])
+def paused_in(state):
+    behavior, t_s = to(state if state not in (STATES.UNTURNING, STATES.RETURNING) else STATES.DESCENDING)
+    while behavior.state is not state:
+        t_s += 1.0
+        behavior.handle(reached(t_s))
+    return behavior, t_s
+
+
+@pytest.mark.parametrize("state", [state for state in STATES if state not in Pointer.final])
+def test_a_pause_is_followed_by_a_lift_wherever_the_tip_may_touch_and_by_the_way_home_elsewhere(state):
+    behavior, t_s = paused_in(state)
+    off_the_table = (STATES.HOMING, STATES.ZEROING, STATES.UNTURNING, STATES.RETURNING)
+    lift = MoveAt("arm", -0.01, 0.0)
+    assert behavior.handle(Resumed(t_s)) == [Home("arm") if state in off_the_table else lift]
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        STATES.TURNING,
+        STATES.WAITING,
+        STATES.DESCENDING,
+        STATES.STOPPING,
+        STATES.RESTING,
+        STATES.RECORDING,
+    ],
+)
 def test_after_a_pause_it_lifts_goes_home_and_turns_to_the_same_angle(state):
     behavior, t_s = to(state)
     assert behavior.handle(Resumed(t_s)) == [MoveAt("arm", -0.01, 0.0)]

@@ -1,5 +1,7 @@
 """B8's machine: which commands follow from which events."""
 
+from dataclasses import replace
+
 import pytest
 from pydantic import ValidationError
 
@@ -188,13 +190,74 @@ def test_the_guards_word_ends_the_trial_from_every_state(state):
     assert (behavior.done, behavior.outcome) == (True, "guard")
 
 
-def test_a_pause_in_the_air_begins_anew_and_one_in_contact_gives_up():
-    resting = led_to(STATES.RESTING)
-    assert resting.handle(Resumed(3.0)) == [Home("arm")]
-    rolling = led_to(STATES.ROLLING)
-    assert rolling.handle(Resumed(6.0)) == [MoveAt("arm", -0.01, 0.0)]
-    assert rolling.outcome == "aborted"
-    assert "ROLLING" in rolling.reason
+LIFT = MoveAt("arm", -0.01, 0.0)
+
+MAY_TOUCH = [state for state in STATES if STATES.DESCENDING.value <= state.value <= STATES.RETURNING.value]
+"""From the descent on the tip may stand on the table, wherever the pause has stopped it."""
+
+
+def paused_in(state):
+    """Led there; a stop on slip leads to the last two."""
+    if state not in (STATES.HALTING, STATES.STOPPED):
+        return led_to(state)
+    behavior = led_to(STATES.SLIPPING, stop_on_slip=True)
+    behavior.handle(slip(8.1))
+    if state is STATES.STOPPED:
+        behavior.handle(Standstill(8.2, "arm", 0.004))
+    return behavior
+
+
+@pytest.mark.parametrize("state", [state for state in STATES if state not in RollSlip.final])
+def test_a_pause_is_followed_by_a_lift_before_anything_else_wherever_the_tip_may_touch(state):
+    behavior = paused_in(state)
+    assert behavior.state is state
+    assert behavior.handle(Resumed(60.0)) == [LIFT if state in MAY_TOUCH else Home("arm")]
+
+
+@pytest.mark.parametrize("state", [STATES.HOMING, STATES.ZEROING, STATES.TILTING, STATES.RESTING])
+def test_a_pause_in_the_air_begins_anew(state):
+    behavior = paused_in(state)
+    behavior.handle(Resumed(60.0))
+    behavior.handle(reached(70.0))
+    assert behavior.state is STATES.ZEROING
+    assert behavior.handle(Tick(71.0)) == [
+        Twist("arm", (0.0, 0.0, 0.0, 0.0, -0.2, 0.0), pytest.approx(2.0))
+    ], "tilted from the start pose once more"
+
+
+def test_a_pause_in_the_descent_lifts_and_then_begins_anew():
+    behavior = led_to(STATES.DESCENDING)
+    behavior.handle(Resumed(60.0))
+    assert behavior.handle(Resumed(61.0)) == [LIFT], "paused once more"
+    assert behavior.handle(reached(62.0)) == [Home("arm")]
+    behavior.handle(reached(63.0))
+    assert behavior.state is STATES.ZEROING
+    for state, event in PATH[1:]:
+        behavior.handle(replace(event, t_s=event.t_s + 63.0))
+        assert behavior.state is state, "the second time it goes home from the lift by way of levelling"
+    assert behavior.outcome == "contact"
+
+
+@pytest.mark.parametrize("state", MAY_TOUCH[1:-3])
+def test_a_pause_in_contact_lifts_and_gives_up(state):
+    behavior = paused_in(state)
+    behavior.handle(Resumed(60.0))
+    assert behavior.outcome == "aborted"
+    assert state.name in behavior.reason
+
+
+@pytest.mark.parametrize("state", [STATES.ROLLING, STATES.LEVELLING])
+def test_a_turn_that_a_pause_broke_off_is_left_to_home(state):
+    """Nobody knows how far it went: turned back by the whole of it, the tip would end up beyond its range."""
+    behavior = led_to(state)
+    behavior.handle(Resumed(60.0))
+    assert behavior.handle(reached(61.0)) == [Home("arm")]
+    assert behavior.state is STATES.RETURNING
+
+
+def test_the_forces_of_the_trials_own_sensor_are_watched_in_every_motion():
+    assert trial().range_streams == {"signals.tip"}
+    assert trial({"forces_stream": None}).range_streams == frozenset()
 
 
 def test_a_refused_baseline_is_a_fault_that_says_why():

@@ -127,6 +127,25 @@ def test_a_failure_ends_the_trial_with_its_reason(event, outcome):
     assert event.reason in behavior.reason
 
 
+def test_a_pause_before_the_fingertip_is_set_up_asks_for_that_again():
+    behavior = weights()
+    asked = behavior.begin(0.0)
+    assert behavior.handle(Resumed(5.0)) == asked
+    assert behavior.state is STATES.SETTING_UP
+
+
+@pytest.mark.parametrize("state", [STATES.HANGING, STATES.SWINGING])
+def test_a_pause_with_a_weight_on_its_way_asks_for_it_again(state):
+    behavior = weights()
+    behavior.begin(0.0)
+    behavior.handle(answered(1.0))
+    if state is STATES.SWINGING:
+        behavior.handle(Loaded(2.0, "operator", "x", 0.0))
+    assert behavior.state is state
+    assert behavior.handle(Resumed(2.5)) == [LoadWeight("operator", "x", 0.0)]
+    assert behavior.state is STATES.HANGING
+
+
 def test_after_a_pause_the_same_weight_is_asked_for_again():
     behavior = weights()
     behavior.begin(0.0)

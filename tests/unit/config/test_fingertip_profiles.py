@@ -48,6 +48,14 @@ def test_the_pointer_covers_the_range_of_figure_11_in_both_directions(bench):
     assert set(loaded(f"{bench}/pointer").devices) == {"arm", "board"}
 
 
+@pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
+def test_the_pointers_fingertip_is_watched_in_every_motion(bench):
+    profile = loaded(f"{bench}/pointer")
+    assert profile.limits.range_streams == ("signals.tip",)
+    ends_rad = profile.behavior.angles_rad[0], profile.behavior.angles_rad[-1]
+    assert profile.limits.reach_rad >= ends_rad[1] - ends_rad[0]
+
+
 def test_the_pointer_touches_with_several_forces_below_the_sensors_limit():
     forces = [trial.factors["detectors.touch.threshold"] for trial in loaded("mock/pointer").trials(0)]
     assert len(set(forces)) >= 3

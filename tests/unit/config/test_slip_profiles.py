@@ -1,10 +1,12 @@
 """The slip profiles: what they ask for is what the paper prints, and the three benches ask for the same."""
 
+import re
+
 import pytest
 
 from config.assemble import Table
 from config.profile import load_profile
-from config.source import ProfileError, read_source
+from config.source import PROFILES, ProfileError, read_source
 
 PRINTED_SLIP_S = {
     "fingertip": [3.6],  # 6.20 to 9.8 s
@@ -46,6 +48,38 @@ def test_other_benches_ask_the_same_of_sensors_detectors_and_limits(bench):
     for section in ("experiment", "signals", "detectors", "limits"):
         assert other[section] == mock[section]
     assert other["behavior"]["sensors"] == mock["behavior"]["sensors"]
+
+
+def test_a_run_on_the_real_bench_is_of_one_sensor_for_nobody_asks_to_change_it():
+    sensors = {trial.factors["sensor"] for trial in loaded("hardware/slip").trials(0)}
+    assert sensors == {"fingertip"}
+
+
+def test_the_line_that_the_real_benchs_profile_gives_runs_another_sensor():
+    text = (PROFILES / "hardware" / "slip.toml").read_text()
+    ((key, value),) = re.findall(r'--set "(trials\.list)=(.*)"', text)
+    assert {trial.factors["sensor"] for trial in loaded("hardware/slip", {key: value}).trials(0)} == {"wrist"}
+
+
+@pytest.mark.parametrize("speed_m_s", ["0.021", "0.25"])
+def test_a_home_that_is_faster_than_the_guard_lets_others_be_is_refused_at_load(speed_m_s):
+    with pytest.raises(ProfileError) as refusal:
+        loaded(overrides={"devices.arm.home_speed_m_s": speed_m_s})
+    assert str(refusal.value) == (
+        f"--set: [devices.arm] home_speed_m_s = {speed_m_s}: faster than [limits] speed_m_s = 0.02;"
+        " lower it to that"
+    )
+
+
+def test_a_trial_may_not_lower_the_limit_below_the_speed_of_home_either():
+    rows = '[{ sensor = "wrist" }, { sensor = "wrist", limits.speed_m_s = 0.01 }]'
+    with pytest.raises(ProfileError, match=r"home_speed_m_s = 0.02: faster than .* = 0.01"):
+        loaded(overrides={"trials.list": rows})
+
+
+def test_a_range_that_no_signal_has_is_told_with_its_place():
+    with pytest.raises(ProfileError, match=r"\[limits\] range_streams .*no signal 'tap'; did you mean 'tip'"):
+        loaded(overrides={"limits.range_streams": '["signals.tap"]'})
 
 
 def test_over_the_wire_the_arm_stops_on_slip_and_every_device_talks():

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from controller.guard import Guard, GuardRefusal, GuardSettings
-from drivers.messages import Grip, MoveAt, MovePose, MoveTo, Release, SampleBlock, Saturated, Stop, Twist
+from drivers.messages import (
+    Grip,
+    MoveAt,
+    MovePose,
+    MoveTo,
+    Release,
+    SampleBlock,
+    Saturated,
+    Stop,
+    StreamInfo,
+    Twist,
+)
 
 
 def guard(**changes):
@@ -95,13 +106,69 @@ def test_force_counts_while_nothing_moves_as_well():
 
 
 def test_a_stream_that_a_detector_decides_by_is_watched_like_the_guards_own():
-    watched, decisive = guard(), frozenset({"board.period"})
+    watched = guard()
+    watched.arm(frozenset({"board.period"}))
     both = [force(np.zeros(5)), position([0.0])]
-    assert watched.watch(0.0, both, moving=True, decisive=decisive) is None
+    assert watched.watch(0.0, both, moving=True) is None
     late = [force(np.zeros(5), start=200), position([0.0], t0_s=0.2)]
-    reason = watched.watch(0.2, late, moving=True, decisive=decisive)
+    reason = watched.watch(0.2, late, moving=True)
     assert reason is not None
     assert reason.startswith("board.period is silent")
+
+
+def test_a_stream_that_nobody_decides_by_any_more_may_fall_silent():
+    watched = guard()
+    watched.arm(frozenset({"board.period"}))
+    watched.watch(0.0, [], moving=True)
+    watched.arm(frozenset())
+    own = [force(np.zeros(5), start=200), position([0.0], t0_s=0.2)]
+    assert watched.watch(0.2, own, moving=True) is None
+
+
+def test_what_was_silent_before_another_stream_was_armed_is_as_stale_after_it():
+    watched = guard()
+    watched.watch(0.0, [], moving=True)
+    watched.watch(0.08, [position([0.0], t0_s=0.08)], moving=True)
+    watched.arm(frozenset({"board.period"}))
+    reason = watched.watch(0.12, [position([0.0], t0_s=0.12)], moving=True)
+    assert reason is not None
+    assert reason.startswith("board.load_cell is silent for 0.120 s")
+
+
+def test_a_motion_that_ends_as_others_are_armed_leaves_nothing_to_be_stale():
+    watched = guard()
+    watched.watch(0.0, [], moving=True)
+    watched.arm(frozenset({"board.period"}))
+    assert watched.watch(0.3, [], moving=False) is None
+    assert watched.watch(9.0, [], moving=True) is None
+
+
+def test_a_stream_whose_range_is_watched_must_be_alive_in_every_motion():
+    watched = guard(range_streams=["signals.tip"])
+    assert "signals.tip" in watched.inputs
+    own = [force(np.zeros(5)), position([0.0])]
+    watched.watch(0.0, own, moving=True)
+    late = [force(np.zeros(5), start=200), position([0.0], t0_s=0.2)]
+    assert watched.watch(0.2, late, moving=True).startswith("signals.tip is silent")
+
+
+def test_a_trial_may_have_the_range_of_its_own_streams_watched_and_the_next_one_has_not():
+    watched = guard()
+    watched.reset(frozenset({"signals.tip"}))
+    assert watched.inputs == {"board.load_cell", "stage.position", "signals.tip"}
+    watched.reset()
+    assert watched.inputs == {"board.load_cell", "stage.position"}
+
+
+def test_a_range_that_nobody_tells_of_is_refused_before_anything_moves():
+    streams = {
+        name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "stage.position", "signals.tip")
+    }
+    guard(range_streams=["signals.tip"]).fit(streams)
+    with pytest.raises(
+        GuardRefusal, match=r"limits.range_streams = signals.tap: the bench has no such stream"
+    ):
+        guard(range_streams=["signals.tap"]).fit(streams)
 
 
 def test_a_time_stamp_from_the_future_keeps_no_stream_alive():
@@ -127,6 +194,10 @@ def test_travel_beyond_the_limit_stops_the_bench():
         (MoveTo("stage", -0.01, 0.01), "-0.01 m is outside"),
         (MoveTo("stage", math.nan, 0.01), "position_m is nan"),
         (MoveAt("stage", math.inf, 0.01), "velocity_m_s is inf"),
+        (MoveAt("stage", 0.0, 0.01), "0 m/s is no speed"),
+        (MoveTo("stage", 0.01, -5.0), "-5 m/s is no speed"),
+        (MovePose("arm", (0.0,) * 6, -0.01), "-0.01 m/s is no speed"),
+        (Release("gripper", 0.0), "0 m/s is no speed"),
         (Twist("arm", (0.03, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1), "0.03 m/s is beyond limits.speed_m_s"),
         (Twist("arm", (0.0, 0.0, math.nan, 0.0, 0.0, 0.0), 0.1), "twist is nan"),
         (Grip("gripper", 0.01, 0.01, 90.0), "90 N is outside"),
@@ -183,24 +254,55 @@ def test_a_sensor_beyond_its_range_stops_the_bench():
 
 
 @pytest.mark.parametrize(
-    "command",
+    ("command", "said"),
     [
-        Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 11.0),
-        Twist("arm", (0.0, 0.0, 0.0, 0.0, 1.01, 0.0), 1.0),
-        MovePose("arm", (0.06, 0.08, 0.03, 0.0, 0.0, 0.0), 0.01),
-        MovePose("arm", (0.05, 0.0, 0.0, 0.0, 0.0, 0.0), 0.021),
+        (Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 11.0), "limits.reach_m = 0.1"),
+        (Twist("arm", (0.0, 0.0, 0.0, 0.0, 1.01, 0.0), 1.0), "limits.turn_rad_s = 1"),
+        (
+            Twist("arm", (0.0, 0.0, 0.0, 0.0, 0.5, 0.0), 3.1),
+            "turns by 1.55 rad, beyond limits.reach_rad = 1.5",
+        ),
+        (Twist("arm", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0), -60.0), "-60 s is no duration"),
+        (Twist("arm", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0), "0 s is no duration"),
+        (MovePose("arm", (0.06, 0.08, 0.03, 0.0, 0.0, 0.0), 0.01), "limits.reach_m = 0.1"),
+        (MovePose("arm", (0.05, 0.0, 0.0, 0.0, 0.0, 0.0), 0.021), "limits.speed_m_s = 0.02"),
+        (
+            MovePose("arm", (0.0, 0.0, 0.0, 1.8, 2.4, 0.0), 0.01),
+            "turns by 3 rad, beyond limits.reach_rad = 1.5",
+        ),
     ],
 )
-def test_a_free_motion_is_held_to_speed_turn_and_reach(command):
-    with pytest.raises(GuardRefusal):
-        guard(reach_m=0.1).admit(command)
+def test_a_free_motion_is_held_to_speed_turn_and_reach(command, said):
+    with pytest.raises(GuardRefusal, match=said):
+        guard(reach_m=0.1, reach_rad=1.5).admit(command)
 
 
-def test_no_free_motion_without_a_reach():
-    with pytest.raises(GuardRefusal, match="reach_m"):
-        guard().admit(MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01))
-    allowed = Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.1, 0.0), 5.0)
-    assert guard(reach_m=0.1).admit(allowed) is allowed
+def test_a_move_that_turns_is_held_to_the_turn_by_the_same_number():
+    turning = MovePose("arm", (0.0, 0.0, 0.0, 0.0, 0.5, 0.0), 0.015)
+    assert guard(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.015).admit(turning) is turning
+    with pytest.raises(GuardRefusal, match=r"0.015 rad/s is beyond limits.turn_rad_s = 0.01"):
+        guard(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.01).admit(turning)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        MovePose("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01),
+        MovePose("arm", (0.0, 0.0, 0.0, 0.0, 0.1, 0.0), 0.01),
+        MovePose("arm", (0.0,) * 6, 0.01),
+        Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1),
+        Twist("arm", (0.0, 0.0, 0.0, 0.0, 0.1, 0.0), 0.1),
+    ],
+)
+def test_no_free_motion_without_a_reach_one_that_only_turns_included(command):
+    with pytest.raises(GuardRefusal, match=r"without limits.reach_m"):
+        guard(reach_rad=1.5).admit(command)
+    assert guard(reach_m=0.1, reach_rad=1.5).admit(command) is command
+
+
+def test_no_turn_without_a_reach_in_radians():
+    with pytest.raises(GuardRefusal, match=r"limits.reach_rad = 0"):
+        guard(reach_m=0.1).admit(Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.1, 0.0), 5.0))
 
 
 def test_of_several_channels_the_size_of_the_force_counts():
