@@ -9,6 +9,7 @@ BENCHMARKS = {
     "physics": "benchmarks.physics.run",
     "chain": "benchmarks.chain.run",
     "slip": "benchmarks.slip.run",
+    "slip_thresholds": "benchmarks.slip_thresholds",
     "slip_endurance": "benchmarks.slip.endurance",
     "aura": "benchmarks.aura.run",
     "pretouch": "benchmarks.pretouch.run",

@@ -1,28 +1,41 @@
-"""Thresholds of the slip detectors on the slip bench's streams: for one false alarm in an hour of rolling without slip.
+"""Thresholds of the slip detectors on the slip bench's streams: for one false alarm in an hour without slip.
 
-    python -m benchmarks.slip_thresholds [--hours 2] [--bumps 0] [sensor …]
+    python -m benchmarks.slip_thresholds [--quick]
 
 Everything here is simulated: what the devices of `mock/bench_slip` would send while the arm rolls the pressed tip to
-and fro. The profile `mock/slip` has what this prints, rounded.
+and fro, smoothly and with a bump a second. The thresholds of the profile `mock/slip` are from here, but for the two
+that the paper prints.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
+import multiprocessing
+import os
+import resource
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detectors.calibration import calibrate
+from benchmarks.results import FOLDER, save, table
+from benchmarks.slip.scenes import ARMED_S, SETTLE_S
+from benchmarks.slip.scoring import first_maxima, fresh
+from benchmarks.slip.wording import per_reset
+from controller.detectors.calibration import Statistic, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
+from controller.reports.slip_verdicts import VERDICTS
 from drivers.mock.noise import gaussian_at
 from drivers.mock.slip_bench import SlipBench
-from drivers.mock.slip_scene import CONVERTER_V, FINGER, PLANTS, SlipBenchSettings
+from drivers.mock.slip_scene import CONVERTER_V, FINGER, PLANTS, Sensor, SlipBenchSettings
 
 Floats = NDArray[np.float64]
 
-RATES_HZ: Mapping[str, float] = {
+RATES_HZ: Mapping[Sensor, float] = {
     "fingertip": 1000.0,
     "flexible_finger": 1000.0,
     "barrett_finger": 1000.0,
@@ -35,10 +48,29 @@ TEXEL_V = 1e-3
 ARM_N = 0.5
 """One count of the hand and of a texel; standard deviation of the arm's own force sensor: as the devices have them."""
 
+HOURS, QUICK_HOURS = 12.0, 1.0 / 3.0
+"""Of recordings for each sensor, with and without bumps: twelve alarms are expected in them, which are known to within
+a factor of two (Poisson, 95 %)."""
+
+SEED = 77
 PIECE_S = 600.0
-SETTLE_S = 5.0
 CHUNK_S = 2.0
 SURFACE_M = 0.003
+
+BUMPS_HZ = (0.0, 1.0)
+
+CARRIED: Mapping[str, tuple[Sensor, float, str]] = {
+    "fingertip_ours": ("fingertip", 1.0, "slip"),
+    "flexible_ours": ("flexible_finger", 1.0, "slip"),
+    "barrett_paper": ("barrett_finger", 0.0, "slip.paper"),
+    "barrett_ours": ("barrett_finger", 1.0, "slip"),
+    "wrist_paper": ("wrist", 0.0, "slip.paper"),
+    "wrist_ours": ("wrist", 1.0, "slip"),
+    "dsa_paper": ("dsa", 0.0, "slip.paper"),
+    "dsa_ours": ("dsa", 0.0, "slip"),
+}
+"""Detectors of `mock/slip` whose thresholds come from here: sensor, bumps a second, kind. The paper prints the other
+two."""
 
 
 class Rolling:
@@ -59,7 +91,7 @@ class Rolling:
         return found
 
 
-def read(bench: SlipBench, sensor: str, times_s: Floats) -> Floats:
+def read(bench: SlipBench, sensor: Sensor, times_s: Floats) -> Floats:
     """What the sensor's device sends, in the unit of its stream, shape (n, channels)."""
     if sensor == "fingertip":
         return CONVERTER_V * np.rint(bench.sample("fingertip", times_s)[:, 2:] / CONVERTER_V)
@@ -74,12 +106,16 @@ def read(bench: SlipBench, sensor: str, times_s: Floats) -> Floats:
     return TEXEL_V * np.rint(bench.texels_v(times_s).clip(0.0) / TEXEL_V)
 
 
-def recording(sensor: str, number: int, bumps_hz: float) -> Floats:
-    """Ten minutes without slip."""
+def recording(sensor: Sensor, number: int, bumps_hz: float) -> Floats:
+    """Ten minutes without slip.
+
+    Raises:
+        RuntimeError: it slipped.
+    """
     settings = SlipBenchSettings(bumps_hz=bumps_hz)
     bench = SlipBench(settings)
     bench.mount(Rolling(settings.radius_m))
-    bench.begin(0.0, 77, number, {"sensor": sensor}, settings.model_dump())
+    bench.begin(0.0, SEED, number, {"sensor": sensor}, settings.model_dump())
     rate_hz = RATES_HZ[sensor]
     parts = []
     for chunk in range(round(PIECE_S / CHUNK_S)):
@@ -88,48 +124,127 @@ def recording(sensor: str, number: int, bumps_hz: float) -> Floats:
         bench.advance(end / rate_hz)
         parts.append(read(bench, sensor, np.arange(begin + 1, end + 1) / rate_hz))
     if bench.slips:
-        print(f"  {sensor}: it slipped {len(bench.slips) // 2} times in recording {number}")
+        raise RuntimeError(f"{sensor}: it slipped {len(bench.slips) // 2} times in recording {number}")
     return np.concatenate(parts)
 
 
-def main() -> None:
-    """Print a line for each sensor and detector."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("sensors", nargs="*", default=list(PLANTS))
-    parser.add_argument("--hours", type=float, default=2.0)
-    parser.add_argument("--bumps", type=float, default=0.0, help="bumps a second")
-    given = parser.parse_args()
-    for sensor in given.sensors:
-        rate_hz = RATES_HZ[sensor]
-        block_s = 0.16 if sensor == "dsa" else 0.064
-        judges = {
-            "slip.paper": SlipPaperDetector("paper", SlipPaperSettings(block_s=block_s)),
-            "slip": SlipDetector("ours", SlipSettings()),
+def detectors(sensor: Sensor) -> dict[str, Statistic]:
+    """The paper's and ours."""
+    block_s = 0.16 if sensor == "dsa" else 0.064
+    return {
+        "slip.paper": SlipPaperDetector("paper", SlipPaperSettings(block_s=block_s)),
+        "slip": SlipDetector("ours", SlipSettings()),
+    }
+
+
+def heard(sensor: Sensor, bumps_hz: float, number: int) -> dict[str, tuple[Floats, Floats]]:
+    """What each detector makes of a recording: its maxima second by second once it has settled, and those in its first
+    seconds after a reset."""
+    values, rate_hz = recording(sensor, number, bumps_hz), RATES_HZ[sensor]
+    settled = round(SETTLE_S * rate_hz)
+    return {
+        name: (
+            span_maxima(judge.statistic(values, rate_hz)[settled:], rate_hz),
+            first_maxima(judge, values, rate_hz),
+        )
+        for name, judge in detectors(sensor).items()
+    }
+
+
+def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Both detectors on the recordings of a sensor, for the JSON file."""
+    rows = []
+    for name in pieces[0]:
+        settled, first = (
+            np.concatenate(parts) for parts in zip(*(each[name] for each in pieces), strict=True)
+        )
+        found = threshold_for(settled, VERDICTS["false_alarm_interval_s"])
+        begun = fresh(first, found.threshold, VERDICTS["false_alarm_interval_s"])
+        rows.append(
+            {
+                "sensor": sensor,
+                "bumps_hz": bumps_hz,
+                "detector": name,
+                "carried_by": [key for key, what in CARRIED.items() if what == (sensor, bumps_hz, name)],
+                "threshold": found.threshold,
+                "threshold_low": found.low,
+                "threshold_high": found.high if np.isfinite(found.high) else None,
+                "extrapolated": found.extrapolated,
+                "recording_s": found.recording_s,
+                "resets": begun.resets,
+                "alarms": list(begun.alarms),
+                "fresh_threshold": begun.calibration.threshold,
+            }
+        )
+    return rows
+
+
+def document(study: Mapping[str, Any]) -> str:
+    """The page, from what is in the JSON file."""
+    head = ["sensor", "bumps a second", "detector", "threshold (95 %)", "in mock/slip as"]
+    head += ["alarms in 100 resets (95 %)", "threshold for these seconds"]
+    rows = []
+    for r in study["thresholds"]:
+        high = "∞" if r["threshold_high"] is None else f"{r['threshold_high']:.3g}"
+        label = ", extrapolated" if r["extrapolated"] else ""
+        mean, low, most = (100.0 * value for value in per_reset(r))
+        rows.append(
+            [
+                r["sensor"],
+                f"{r['bumps_hz']:g}",
+                r["detector"],
+                f"{r['threshold']:.3g} ({r['threshold_low']:.3g} to {high}{label})",
+                ", ".join(r["carried_by"]) or "–",
+                f"{mean:.2f} ({low:.2f} to {most:.2f})",
+                f"{r['fresh_threshold']:.3g}",
+            ]
+        )
+    interval_h = study["false_alarm_interval_s"] / 3600.0
+    settled = 100.0 * (SETTLE_S - ARMED_S) / study["false_alarm_interval_s"]
+    return f"""# Slip: thresholds on the slip bench
+
+Simulated: what the devices of `mock/bench_slip` send while the arm rolls the tip to and fro without slip. Thresholds
+for one false alarm in {interval_h:g} h, from {study["hours"]:.3g} h for each sensor, with and without bumps (seed
+{study["seed"]}); the first {SETTLE_S:g} s after a reset are left out. "Alarms in 100 resets" are those from {ARMED_S:g}
+to {SETTLE_S:g} s after one, at this threshold, the detector being begun anew every {SETTLE_S:g} s of the same
+recordings; as often as later would be {settled:.2f}. The last column keeps one in {interval_h:g} h in these seconds.
+
+{table(head, rows)}
+
+It took {study["wall_s"] / 60:.0f} minutes; {study["cpu_s"] / 60:.0f} of processor time on all cores together.
+"""
+
+
+def main(quick: bool = False) -> None:
+    """Find all thresholds on all cores; writes results/slip_thresholds.json and .md."""
+    started_s, hours = time.perf_counter(), QUICK_HOURS if quick else HOURS
+    numbers = range(round(hours * 3600.0 / PIECE_S))
+    rows: list[dict[str, Any]] = []
+    # a fresh interpreter each: a fork of one that has loaded numba's threads may hang
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+        work = {
+            (sensor, bumps_hz): [pool.submit(heard, sensor, bumps_hz, number) for number in numbers]
+            for sensor, bumps_hz in product(PLANTS, BUMPS_HZ)
         }
-        shown: dict[str, list[Floats]] = {name: [] for name in judges}
-        for number in range(max(1, round(given.hours * 3600.0 / PIECE_S))):
-            values = recording(sensor, number, given.bumps)
-            for name, judge in judges.items():
-                shown[name].append(judge.statistic(values, rate_hz)[round(SETTLE_S * rate_hz) :])
-        for name, pieces in shown.items():
-            found = calibrate(_Shown(np.concatenate(pieces)), np.empty(0), rate_hz, 3600.0)
-            label = ", extrapolated" if found.extrapolated else ""
-            print(
-                f"{sensor} {name}: {found.threshold:.4g} ({found.low:.4g} to {found.high:.4g}{label})",
-                flush=True,
-            )
-
-
-class _Shown:
-    """A statistic that has been worked out already, piece by piece."""
-
-    def __init__(self, statistic: Floats) -> None:
-        self._statistic = statistic
-
-    def statistic(self, values: Floats, rate_hz: float) -> Floats:
-        """As it was."""
-        return self._statistic
+        for (sensor, bumps_hz), pieces in work.items():
+            rows += figures(sensor, bumps_hz, [piece.result() for piece in pieces])
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    study = {
+        "simulated": True,
+        "hours": hours,
+        "seed": SEED,
+        "recordings": len(numbers),
+        "false_alarm_interval_s": VERDICTS["false_alarm_interval_s"],
+        "thresholds": rows,
+        "wall_s": time.perf_counter() - started_s,
+        "cpu_s": time.process_time() + children.ru_utime + children.ru_stime,
+    }
+    name = "slip_thresholds_quick" if quick else "slip_thresholds"
+    save(name, study)
+    page = document(study)
+    (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
+    print(page)
 
 
 if __name__ == "__main__":
-    main()
+    main(quick="--quick" in sys.argv[1:])

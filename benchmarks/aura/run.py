@@ -246,8 +246,8 @@ Noise between {BAND_HZ[0]:g} and {BAND_HZ[1]:g} Hz, before nothing: the carrier'
 {noise["motion_carrier_over_envelope_db"]:+.2f} dB in motion. From one millisecond to the next the chain leaves a
 correlation of {noise["chain_colour"]:.2f} in white noise; the envelope's is set to {noise["envelope_colour"]:.2f}.
 
-What nobody hears is not computed: the same second with one finger wired (`plant.wired`), and with none heard ("nobody": following where
-tool, jaws and object are is all that is left).
+What nobody hears is not computed: the same second with one finger wired (`plant.wired`), and with none heard
+("nobody": following where tool, jaws and object are is all that is left).
 
 {work}
 

@@ -43,7 +43,10 @@ RECORDING_S = 600.0
 """Length of one recording without slip; each has its own key."""
 
 SETTLE_S = 5.0
-"""Left out at its beginning: a detector may learn."""
+"""Left out at its beginning: a detector may learn. What it says in that time is counted apart."""
+
+ARMED_S = 1.0
+"""When both detectors decide: ours learns for so long."""
 
 BEFORE_S = 3.0
 AFTER_S = 1.0
@@ -99,12 +102,14 @@ class Slip:
     Attributes:
         values: What the sensor shows, shape (n, 1).
         start: Sample at which the arm starts.
-        onset: Sample at which the contact has first moved. None where it never does, or did before the arm started.
+        onset: Sample at which the contact has first moved after that. None where it never does.
+        moved_before: Whether it has moved before, too: a load step or rolling pushed the tip on, and it held again.
     """
 
     values: Floats
     start: int
     onset: int | None
+    moved_before: bool
 
 
 def slips(settings: SlipSettings, count: int, seed: int, *, ramp: bool = False) -> Iterator[Slip]:
@@ -132,5 +137,6 @@ def slips(settings: SlipSettings, count: int, seed: int, *, ramp: bool = False) 
         values = plant.advance(arm_m, np.full(n, LIGHT_M), 0.1 * t_s)
         moved = np.flatnonzero(np.diff(plant.slid_m) != 0.0) + 1
         start = int(start_s * rate_hz)
-        onset = int(moved[0]) if moved.size and moved[0] >= start else None
-        yield Slip(values, start, onset)
+        # whom a push had moved before the arm started slips as well: to leave those out would be a choice of the calm
+        slid = moved[moved >= start]
+        yield Slip(values, start, int(slid[0]) if slid.size else None, slid.size < moved.size)

@@ -1,0 +1,57 @@
+"""The thresholds that mock/slip carries, and where they are from."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.results import FOLDER
+from benchmarks.slip.study import PAPER_THRESHOLDS
+from benchmarks.slip_thresholds import CARRIED, figures
+
+PROFILE = Path(__file__).resolve().parents[3] / "config" / "profiles" / "mock" / "slip.toml"
+
+
+def carried():
+    detectors = tomllib.loads(PROFILE.read_text(encoding="utf-8"))["detectors"]
+    return {name: each for name, each in detectors.items() if each["kind"].startswith("slip")}
+
+
+def test_every_slip_threshold_of_the_profile_is_printed_by_the_paper_or_found_here():
+    printed = {
+        "fingertip_paper": PAPER_THRESHOLDS["fingertip"],
+        "flexible_paper": PAPER_THRESHOLDS["flexible_finger"],
+    }
+    assert set(carried()) == set(CARRIED) | set(printed)
+    assert {name: carried()[name]["threshold"] for name in printed} == printed
+    assert all(carried()[name]["kind"] == kind for name, (_, _, kind) in CARRIED.items())
+
+
+@pytest.mark.parametrize("name", CARRIED)
+def test_a_threshold_of_the_profile_is_within_the_interval_that_was_found(name):
+    study = json.loads((FOLDER / "slip_thresholds.json").read_text(encoding="utf-8"))
+    sensor, bumps_hz, kind = CARRIED[name]
+    rows = [
+        r
+        for r in study["thresholds"]
+        if (r["sensor"], r["bumps_hz"], r["detector"]) == (sensor, bumps_hz, kind)
+    ]
+    assert len(rows) == 1
+    assert not rows[0]["extrapolated"]
+    assert rows[0]["threshold_low"] <= carried()[name]["threshold"] <= rows[0]["threshold_high"]
+
+
+def test_a_threshold_leaves_one_alarm_an_hour_and_counts_the_first_seconds_apart():
+    # six hours in which every hour one second reaches 10, 11, ... 15; after every tenth reset a knock of 20
+    settled = np.ones(6 * 3600)
+    settled[::3600] = 10.0 + np.arange(6)
+    first = np.ones((5400, 4))
+    first[::10, 1] = 20.0
+    (row,) = figures("barrett_finger", 1.0, [{"slip": (settled, first)}])
+    # just above the sixth largest, which leaves five of the six
+    assert row["threshold"] == 10.0
+    assert row["alarms"] == [0, 540, 0, 0]
+    assert row["fresh_threshold"] == 20.0
+    assert row["carried_by"] == ["barrett_ours"]
