@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numba import njit
 
 from drivers.mock.plants.rigid import IDENTITY, Array, difference, inverse
 
@@ -28,7 +29,7 @@ _DH = (
 )
 """(a in m, d in m, alpha in rad) of each joint (source above)."""
 
-_LINKS = tuple((a, d, math.cos(alpha), math.sin(alpha)) for a, d, alpha in _DH)
+_LINKS = np.array([(a, d, math.cos(alpha), math.sin(alpha)) for a, d, alpha in _DH])
 
 JOINT_LIMIT_RAD = 2.0 * math.pi
 """Each joint turns by this much either way (UR5e data sheet: +-360 degrees)."""
@@ -70,12 +71,31 @@ def _link(joint: int, angle_rad: float) -> Array:
     )
 
 
-def _frames(joints_rad: Sequence[float] | Array) -> Iterator[Array]:
-    """The transform of each link's frame in the base, joint by joint."""
-    transform = IDENTITY
-    for joint in range(JOINTS):
-        transform = transform @ _link(joint, joints_rad[joint])
-        yield transform
+@njit("f8[:,:,:](f8[:], f8[:,:])", cache=True)
+def _frames(joints_rad: Array, tool: Array) -> Array:
+    """Base, each link's frame in it, joint by joint, and last the tool's, shape (8, 4, 4)."""
+    frames = np.zeros((JOINTS + 2, 4, 4))
+    for i in range(JOINTS + 2):
+        frames[i, 3, 3] = 1.0
+    frames[0, 0, 0] = frames[0, 1, 1] = frames[0, 2, 2] = 1.0
+    link = np.zeros((4, 4))
+    for joint in range(JOINTS + 1):
+        if joint < JOINTS:
+            a, d, cos_alpha, sin_alpha = _LINKS[joint]
+            c, s = math.cos(joints_rad[joint]), math.sin(joints_rad[joint])
+            link[0, 0], link[0, 1], link[0, 2], link[0, 3] = c, -s * cos_alpha, s * sin_alpha, a * c
+            link[1, 0], link[1, 1], link[1, 2], link[1, 3] = s, c * cos_alpha, -c * sin_alpha, a * s
+            link[2, 1], link[2, 2], link[2, 3] = sin_alpha, cos_alpha, d
+        else:
+            for i in range(3):
+                for j in range(4):
+                    link[i, j] = tool[i, j]
+        for i in range(3):
+            frames[joint + 1, i, 3] = frames[joint, i, 3]
+            for j in range(4):
+                for k in range(3):
+                    frames[joint + 1, i, j] += frames[joint, i, k] * link[k, j]
+    return frames
 
 
 def forward(joints_rad: Sequence[float] | Array, tool: Array = IDENTITY) -> Array:
@@ -85,8 +105,8 @@ def forward(joints_rad: Sequence[float] | Array, tool: Array = IDENTITY) -> Arra
         joints_rad: Shape (6,).
         tool: Transform of the tool's point (TCP) in the flange's frame.
     """
-    *_, flange = _frames(joints_rad)
-    return np.asarray(flange @ tool)
+    end: Array = _frames(np.asarray(joints_rad, dtype=np.float64), tool)[-1]
+    return end
 
 
 def jacobian(joints_rad: Sequence[float] | Array, tool: Array = IDENTITY) -> tuple[Array, Array]:
@@ -95,20 +115,75 @@ def jacobian(joints_rad: Sequence[float] | Array, tool: Array = IDENTITY) -> tup
     Returns:
         Shape (4, 4), and (6, 6): the twist (m/s, rad/s, base frame) is the Jacobian times the joint speeds.
     """
-    frames = list(_frames(joints_rad))
-    end = frames[-1] @ tool
-    columns = []
-    for before in (IDENTITY, *frames[:-1]):
-        axis, arm = before[:3, 2], end[:3, 3] - before[:3, 3]
-        columns.append(
-            (
-                axis[1] * arm[2] - axis[2] * arm[1],
-                axis[2] * arm[0] - axis[0] * arm[2],
-                axis[0] * arm[1] - axis[1] * arm[0],
-                *axis,
-            )
+    frames: Array = _frames(np.asarray(joints_rad, dtype=np.float64), tool)
+    slopes: Array = _slopes(frames)
+    return frames[-1], slopes
+
+
+@njit("f8[:,:](f8[:,:,:])", cache=True)
+def _slopes(frames: Array) -> Array:
+    slopes = np.empty((6, JOINTS))
+    for joint in range(JOINTS):
+        ax, ay, az = frames[joint, 0, 2], frames[joint, 1, 2], frames[joint, 2, 2]
+        x = frames[JOINTS + 1, 0, 3] - frames[joint, 0, 3]
+        y = frames[JOINTS + 1, 1, 3] - frames[joint, 1, 3]
+        z = frames[JOINTS + 1, 2, 3] - frames[joint, 2, 3]
+        slopes[0, joint], slopes[1, joint], slopes[2, joint] = (
+            ay * z - az * y,
+            az * x - ax * z,
+            ax * y - ay * x,
         )
-    return end, np.array(columns).T
+        slopes[3, joint], slopes[4, joint], slopes[5, joint] = ax, ay, az
+    return slopes
+
+
+@njit("b1(f8[:,:], f8[:])", cache=True)
+def _solved(slopes: Array, error: Array) -> bool:
+    """Gauss's elimination with pivots, in place: `error` becomes the solution; False where there is none."""
+    n = error.size
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(slopes[i, k]) > abs(slopes[best, k]):
+                best = i
+        if slopes[best, k] == 0.0:
+            return False
+        if best != k:
+            for j in range(n):
+                slopes[k, j], slopes[best, j] = slopes[best, j], slopes[k, j]
+            error[k], error[best] = error[best], error[k]
+        for i in range(k + 1, n):
+            factor = slopes[i, k] / slopes[k, k]
+            for j in range(k, n):
+                slopes[i, j] -= factor * slopes[k, j]
+            error[i] -= factor * error[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            error[k] -= slopes[k, j] * error[j]
+        error[k] /= slopes[k, k]
+    return True
+
+
+FOLLOWS, SINGULAR, LOST = range(3)
+"""How a search for joints can end."""
+
+
+@njit("i8(f8[:], f8[:,:], f8[:,:])", cache=True)
+def _follow(joints_rad: Array, target: Array, tool: Array) -> int:
+    """Newton's method in place: joints that put the tool at a target near where it is."""
+    for _ in range(_TRACKING_STEPS):
+        frames = _frames(joints_rad, tool)
+        error = difference(frames[JOINTS + 1], target)
+        there = True
+        for part in error:
+            there = there and abs(part) < _TRACKING_M  # NaN is not
+        if there:
+            return FOLLOWS
+        if not _solved(_slopes(frames), error):
+            return SINGULAR
+        for joint in range(JOINTS):
+            joints_rad[joint] += error[joint]
+    return LOST
 
 
 def track(joints_rad: Array, target: Array, tool: Array = IDENTITY) -> Array:
@@ -118,16 +193,12 @@ def track(joints_rad: Array, target: Array, tool: Array = IDENTITY) -> Array:
         UnreachableError: singular, or out of reach.
     """
     joints = np.array(joints_rad, dtype=np.float64)
-    for _ in range(_TRACKING_STEPS):
-        reached, slopes = jacobian(joints, tool)
-        error = difference(reached, target)
-        if float(np.abs(error).max()) < _TRACKING_M:
-            return joints
-        try:
-            joints = joints + np.linalg.solve(slopes, error)
-        except np.linalg.LinAlgError as singular:
-            raise UnreachableError("the arm is at a singularity") from singular
-    raise UnreachableError("the arm cannot follow: a singularity or the end of its reach")
+    end = _follow(joints, target, tool)
+    if end == SINGULAR:
+        raise UnreachableError("the arm is at a singularity")
+    if end == LOST:
+        raise UnreachableError("the arm cannot follow: a singularity or the end of its reach")
+    return joints
 
 
 def _arc_cosine(value: float) -> float | None:
