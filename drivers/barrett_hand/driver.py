@@ -31,8 +31,9 @@ from drivers.messages import (
 OPEN_TURN_S = 0.001
 """Pause between two looks at the bus while opening (assumption: several frames long)."""
 
-OPEN_ATTEMPTS = 4
-"""How often a finger is asked while opening (assumption: three frames may be lost)."""
+OPEN_ATTEMPTS = 10
+"""How often a finger is asked while opening (assumption: frames may be lost, and a busy machine may sleep through
+some)."""
 
 
 class _Answer(NamedTuple):

@@ -1,7 +1,8 @@
 """The arm's process: `python -m drivers.ur_arm.child FD`. It may hang, crash or be killed; the program may not.
 
 Two threads, each with the ur_rtde object that it alone uses: this one the control interface, and the listener the
-receive interface, so that no sample is missed while a command is under way. The process ends without destroying
+receive interface, so that no sample is missed while a command is under way. A third hands over what they have to say: a
+program that is slow to read must not keep the controller from its watchdog. The process ends without destroying
 those objects, for their destructors wait, and some abort.
 """
 
@@ -15,6 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
 from multiprocessing.connection import Connection
+from queue import SimpleQueue
 
 from drivers.clock import monotonic_s
 from drivers.messages import Home, Status, Stop
@@ -49,6 +51,9 @@ SETTLED_S = 1.0
 """How long the controller may take to become as expected while connecting: a program of a host that died ends by
 its watchdog, which is slower than anything else."""
 
+BACKLOG = 2500
+"""Messages that wait for a program which does not read: five seconds of rows, longer than any start of a trial."""
+
 LAST_WORD_S = 0.1
 """How long the last message may wait for its turn (assumption)."""
 
@@ -71,7 +76,9 @@ class ArmProcess:
         self._turns = turns
         self._name = name
         self._settings = settings
-        self._lock = threading.Lock()
+        self._outbox: SimpleQueue[Status | Row | Opened | Broken | None] = SimpleQueue()
+        self._sender = threading.Thread(target=self._hand_over, name="sender", daemon=True)
+        self._sender.start()
         self._beat_s = monotonic_s()
         self._patience_s = STUCK_S
         self._row = Row(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, 0, 0)
@@ -194,6 +201,8 @@ class ArmProcess:
             while True:
                 if self._read_row():
                     self._send(self._row)
+                    if self._outbox.qsize() > BACKLOG:
+                        raise BrokenError("silent", "nobody reads what it sends", "is this machine overloaded?")
                 else:
                     self._check_progress(client)
                     time.sleep(LOOK_S)
@@ -242,15 +251,19 @@ class ArmProcess:
             )
 
     def _send(self, message: Status | Row | Opened) -> None:
+        self._outbox.put(message)
+
+    def _hand_over(self) -> None:
         # A program that is gone shows in the control thread, which has an arm to stop yet.
-        with self._lock, suppress(OSError):
-            self._connection.send(message)
+        with suppress(OSError):
+            while (message := self._outbox.get()) is not None:
+                self._connection.send(message)
 
     def end(self, broken: Broken) -> None:
-        """Say why, and be gone. A listener that is held up by a full pipe holds up nothing here."""
-        if self._lock.acquire(timeout=LAST_WORD_S):
-            with suppress(OSError):
-                self._connection.send(broken)
+        """Say why, and be gone; where nobody reads, unheard."""
+        self._outbox.put(broken)
+        self._outbox.put(None)
+        self._sender.join(LAST_WORD_S)
         os._exit(1)
 
 

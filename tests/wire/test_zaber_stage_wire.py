@@ -237,14 +237,16 @@ def test_a_move_before_homing_is_refused_and_says_what_to_do(bench: Callable[...
 def test_an_approach_ends_at_its_limit_which_the_device_holds_itself(bench: Callable[..., Bench]) -> None:
     b = bench()
     b.begin(MoveAt("stage", 0.01, 0.002))
-    assert b.wire.lines()[-5:] == [
+    reached = b.expect(Reached)
+    said = b.wire.lines()
+    begun = said.index("warnings clear", said.index("set limit.max 4031") - 1)
+    assert said[begun : begun + 5] == [
         "warnings clear",
         "set limit.max 4031",
         "get limit.max",
         "get pos",
         "move abs 4031 33026",
     ]
-    reached = b.expect(Reached)
     assert 0.002 - STEP_M < reached.position_m <= 0.002
 
 
