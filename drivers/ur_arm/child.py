@@ -202,7 +202,9 @@ class ArmProcess:
                 if self._read_row():
                     self._send(self._row)
                     if self._outbox.qsize() > BACKLOG:
-                        raise BrokenError("silent", "nobody reads what it sends", "is this machine overloaded?")
+                        raise BrokenError(
+                            "silent", "nobody reads what it sends", "is this machine overloaded?"
+                        )
                 else:
                     self._check_progress(client)
                     time.sleep(LOOK_S)
