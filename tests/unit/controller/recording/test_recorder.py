@@ -1,4 +1,5 @@
 import json
+import threading
 from datetime import UTC, datetime
 
 import numpy as np
@@ -7,6 +8,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from behaviors.events import Contact, GuardStopped
+from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
@@ -288,6 +290,31 @@ def test_a_damaged_events_file_is_refused_in_one_line(folder):
     folder.events_path.write_text("{\n")
     with pytest.raises(RunFolderError, match=r"events\.jsonl: a damaged line"):
         open_run(folder.path)
+
+
+def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(folder, monkeypatch):
+    busy, free = threading.Event(), threading.Event()
+    end_chunk = McapWriter.end_chunk
+
+    def slow(file):
+        busy.set()
+        assert free.wait(10.0)
+        end_chunk(file)
+
+    monkeypatch.setattr(McapWriter, "end_chunk", slow)
+    recorder = recorder_in(folder)
+    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder.record([load_cell(0)])
+    assert busy.wait(10.0), "the disk has the first block"
+    recorder.record([load_cell(10)])
+    closing = threading.Thread(target=recorder.close)
+    closing.start()
+    closing.join(0.2)  # it has said so, and waits for the disk
+    assert closing.is_alive()
+    free.set()
+    closing.join(10.0)
+    found = open_run(folder.path).recording(1).stream("board.load_cell")
+    assert found.values.tolist() == kept.stream("board.load_cell").values.tolist()
 
 
 def test_a_recorder_may_be_closed_twice(folder):
