@@ -294,14 +294,14 @@ def test_a_damaged_events_file_is_refused_in_one_line(folder):
 
 def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(folder, monkeypatch):
     busy, free = threading.Event(), threading.Event()
-    end_chunk = McapWriter.end_chunk
+    add_messages = McapWriter.add_messages
 
-    def slow(file):
+    def slow(file, *samples):
+        add_messages(file, *samples)
         busy.set()
         assert free.wait(10.0)
-        end_chunk(file)
 
-    monkeypatch.setattr(McapWriter, "end_chunk", slow)
+    monkeypatch.setattr(McapWriter, "add_messages", slow)
     recorder = recorder_in(folder)
     kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
     recorder.record([load_cell(0)])
