@@ -260,7 +260,7 @@ class SlipDetector:
         traces = [
             channel.hear(np.ascontiguousarray(values[:, i]), ceiling) for i, channel in enumerate(channels)
         ]
-        most: Floats = np.max(traces, axis=0)
+        most: Floats = traces[0] if len(traces) == 1 else np.max(traces, axis=0)
         return most
 
 
@@ -322,9 +322,13 @@ def _settling(s: SlipSettings, rate_hz: float) -> Settling:
 def _crossings(trace: Floats, rise: float, fall: float, above: bool) -> list[int]:
     """Samples at which a trace rises above `rise` or falls to `fall` or below, in turn; `above` says which comes
     first."""
-    # samples between the two levels change nothing
-    deciding = np.flatnonzero((trace > rise) | (trace <= fall))
-    changes: list[int] = deciding[np.diff(trace[deciding] > rise, prepend=above)].tolist()
+    # most blocks change nothing
+    over = trace > rise
+    if not above and not over.any():
+        return []
+    # nor do samples between the two levels
+    deciding = np.flatnonzero(over | (trace <= fall))
+    changes: list[int] = deciding[np.diff(over[deciding], prepend=above)].tolist()
     return changes
 
 

@@ -133,9 +133,8 @@ class StreamWriter:
         while not closing:
             self._wake.wait(WRITE_S)
             self._wake.clear()
-            closing = (
-                self._closing
-            )  # asked before the turn: what was posted during the one before is still to be written
+            # asked before the turn: what was posted during the one before is still to be written
+            closing = self._closing
             waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
             try:
                 self._turn(sync=bool(waiting))
