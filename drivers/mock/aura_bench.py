@@ -13,7 +13,7 @@ from drivers.clock import last_tick
 from drivers.errors import RefusedError
 from drivers.mock.aura_jaws import AuraJaws, fits, jaws_settings
 from drivers.mock.aura_scene import FORCE, RATE, TOOL, WIDTH, AuraScene, Layout
-from drivers.mock.bench import ToolCarrier
+from drivers.mock.bench import ToolCarrier, mountable
 from drivers.mock.finger_bench import StreamSpec
 from drivers.mock.plants.aura import ENVELOPE_HZ, FINGERS, LEFT, RIGHT, AuraPlant
 from drivers.mock.plants.aura_drive import FRAME_HZ, Drive
@@ -131,12 +131,7 @@ class AuraBench:
         Raises:
             RefusedError: something carries it already, or cannot tell where it is beside its axis.
         """
-        if self._carrier is not None:
-            advice = 'leave one mover on this bench: devices.NAME = "none" takes another away'
-            raise RefusedError("gripper", "being mounted", "another mover carries it already", advice)
-        if not hasattr(carrier, "offsets"):
-            advice = 'take an arm: driver = "ur_arm"'
-            raise RefusedError("gripper", "being mounted", "this mover moves along one axis alone", advice)
+        mountable(self._carrier, carrier, "gripper", "this mover moves along one axis alone")
         self._carrier = carrier
 
     def restart(self) -> None:

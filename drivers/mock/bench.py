@@ -71,6 +71,26 @@ class ToolBench(Protocol):
         """
 
 
+def mountable(present: object, carrier: object, what: str, one_axis: str = "") -> None:
+    """See that a carrier may take a bench's tool.
+
+    Args:
+        present: What carries it already, or None.
+        carrier: Who is to carry it.
+        what: The tool, in words.
+        one_axis: Why a mover along one axis alone will not do, in words; "" where it does.
+
+    Raises:
+        RefusedError: it may not.
+    """
+    if present is not None:
+        advice = 'leave one mover on this bench: devices.NAME = "none" takes another away'
+        raise RefusedError(what, "being mounted", "another mover carries it already", advice)
+    if one_axis and not hasattr(carrier, "offsets"):
+        advice = 'take an arm: driver = "ur_arm"'
+        raise RefusedError(what, "being mounted", one_axis, advice)
+
+
 PARTS = {
     "jaws": ("the jaws of a gripper", "aura"),
     "fingers": ("the fingers of a hand", "slip"),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.errors import RefusedError
+from drivers.mock.bench import mountable
 from drivers.mock.plants.finger import FingerPlant, FingerSettings
 from drivers.mock.plants.stage_axis import AxisMotion, Piece
 
@@ -103,9 +103,7 @@ class FingerBench:
         Raises:
             RefusedError: something carries it already.
         """
-        if self._carrier is not None:
-            advice = 'leave one mover on this bench: devices.NAME = "none" takes another away'
-            raise RefusedError("probe", "being mounted", "another mover carries it already", advice)
+        mountable(self._carrier, carrier, "probe")
         self._carrier = carrier
 
     def restart(self) -> None:

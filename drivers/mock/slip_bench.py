@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import RefusedError
-from drivers.mock.bench import ToolCarrier
+from drivers.mock.bench import ToolCarrier, mountable
 from drivers.mock.devices.dsa_matrix import Matrix
 from drivers.mock.finger_bench import StreamSpec
 from drivers.mock.noise import gaussian_at
@@ -72,12 +72,7 @@ class SlipBench:
         Raises:
             RefusedError: something carries it already, or cannot tell where it is beside the axis.
         """
-        if self._carrier is not None:
-            advice = 'leave one mover on this bench: devices.NAME = "none" takes another away'
-            raise RefusedError("tip", "being mounted", "another mover carries it already", advice)
-        if not hasattr(carrier, "offsets"):
-            advice = 'take an arm: driver = "ur_arm"'
-            raise RefusedError("tip", "being mounted", "this mover cannot slide and roll", advice)
+        mountable(self._carrier, carrier, "tip", "this mover cannot slide and roll")
         self._carrier = carrier
 
     def restart(self) -> None:

@@ -19,12 +19,12 @@ from drivers.messages import (
     Listen,
     Lost,
     Reached,
-    SampleBlock,
     Saturated,
     Sent,
     Status,
     Tone,
 )
+from tests.contracts.crank import TURN_S, Crank
 
 FINGERS = "audio.fingers"
 
@@ -86,40 +86,20 @@ class SteadyFingers:
         return drives[:, 1], np.where(times_s < drives[:, 3], drives[:, 2], 0.0)
 
 
-class AudioTrial:
-    """An audio device called `audio`, open, with a hand to turn the loop's crank."""
-
-    def __init__(self, device: Any, clock: Any) -> None:
-        self.device = device
-        self.clock = clock
-        self.info = device.open()
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
-
-    def turn(self, seconds: float) -> None:
-        end_s = self.clock.now() + seconds
-        while self.clock.now() < end_s:
-            self.clock.wait_until(self.clock.now() + 0.005)
-            self.blocks += self.device.read()
-            self.statuses += self.device.poll()
+class AudioTrial(Crank):
+    """An audio device called `audio`."""
 
     def until(self, kind: type[Status], seconds: float = 5.0) -> Any:
         end_s = self.clock.now() + seconds
         while not self.of(kind) and self.clock.now() < end_s:
-            self.turn(0.005)
+            self.turn(TURN_S)
         return self.of(kind)[0]
 
     def hear(self, frames: int, seconds: float = 5.0) -> None:
         """Turn until so many frames have come."""
         end_s = self.clock.now() + seconds
         while sum(map(len, self.blocks)) < frames and self.clock.now() < end_s:
-            self.turn(0.005)
-
-    def listen(self, *streams: str) -> None:
-        self.device.apply(Listen("audio", frozenset(streams)))
-
-    def of(self, kind: type[Status]) -> list[Any]:
-        return [status for status in self.statuses if isinstance(status, kind)]
+            self.turn(TURN_S)
 
     def phasors(self, frequency_hz: float, frames: int) -> Any:
         """What both fingers send of a frequency, against the frames' own phase, over the last so many; full scale 1."""

@@ -21,7 +21,6 @@ from drivers.messages import (
     Reached,
     Refused,
     Release,
-    SampleBlock,
     Sent,
     Stalled,
     Standstill,
@@ -30,8 +29,7 @@ from drivers.messages import (
 )
 from drivers.mock.plants.jaws import GripObject, JawsSettings
 from drivers.mock.plants.jaws_drive import JawsDrive
-
-TURN_S = 0.005
+from tests.contracts.crank import TURN_S, Crank
 
 SCENE = JawsSettings(
     closed_width_m=0.020, objects={"mug": GripObject(width_m=0.040), "worn mug": GripObject(width_m=0.038)}
@@ -52,8 +50,8 @@ def calibrated_jaws() -> JawsDrive:
     return drive
 
 
-class GripperBench:
-    """A gripper called `gripper`, open, with a hand to turn the loop's crank.
+class GripperBench(Crank):
+    """A gripper called `gripper`.
 
     `change(scene)` calls `scene(drive)` where nothing else touches the jaws.
     """
@@ -61,19 +59,8 @@ class GripperBench:
     def __init__(
         self, device: Any, clock: Any, change: Callable[[Callable[[JawsDrive], object]], None]
     ) -> None:
-        self.device = device
-        self.clock = clock
+        super().__init__(device, clock)
         self.change = change
-        self.info = device.open()
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
-
-    def turn(self, seconds: float) -> None:
-        end_s = self.clock.now() + seconds
-        while self.clock.now() < end_s:
-            self.clock.wait_until(self.clock.now() + TURN_S)
-            self.blocks += self.device.read()
-            self.statuses += self.device.poll()
 
     def until(self, kind: type[Status], seconds: float = 10.0) -> Any:
         end_s = self.clock.now() + seconds

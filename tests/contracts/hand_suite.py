@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +14,11 @@ from drivers.messages import (
     Listen,
     Lost,
     Refused,
-    SampleBlock,
     Saturated,
     Sent,
-    Status,
     Tare,
 )
+from tests.contracts.crank import Crank
 
 FORCES_N = {11: 1.0, 12: -2.0, 13: 18.0}
 """On the fingers; the third is beyond the range in which the hand works."""
@@ -28,31 +26,8 @@ FORCES_N = {11: 1.0, 12: -2.0, 13: 18.0}
 F1, F2, F3 = (f"hand.strain_{finger}" for finger in FORCES_N)
 
 
-class HandBench:
-    """A hand called `hand`, open, with a hand to turn the loop's crank."""
-
-    def __init__(self, device: Any, clock: Any) -> None:
-        self.device = device
-        self.clock = clock
-        self.info = device.open()
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
-
-    def turn(self, seconds: float) -> None:
-        end_s = self.clock.now() + seconds
-        while self.clock.now() < end_s:
-            self.clock.wait_until(self.clock.now() + 0.005)
-            self.blocks += self.device.read()
-            self.statuses += self.device.poll()
-
-    def listen(self, *streams: str) -> None:
-        self.device.apply(Listen("hand", frozenset(streams)))
-
-    def heard(self, stream: str) -> list[SampleBlock]:
-        return [block for block in self.blocks if block.stream == stream]
-
-    def of(self, kind: type[Status]) -> list[Any]:
-        return [status for status in self.statuses if isinstance(status, kind)]
+class HandBench(Crank):
+    """A hand called `hand`."""
 
 
 class HandContract:

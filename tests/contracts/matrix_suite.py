@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
 
 from drivers.errors import CommandError
-from drivers.messages import Command, Excite, Listen, Lost, SampleBlock, Saturated, Status
+from drivers.messages import Command, Excite, Listen, Lost, Saturated
 from drivers.mock.devices.dsa_matrix import Matrix, SteadyTexels
+from tests.contracts.crank import Crank
 
 SHAPES = (Matrix(2, 3, 0.0034), Matrix(1, 2, 0.0034))
 
@@ -24,28 +24,8 @@ def steady() -> SteadyTexels:
     return SteadyTexels(SHAPES, TEXELS_V)
 
 
-class MatrixBench:
-    """Matrices called `dsa`, open, with a hand to turn the loop's crank."""
-
-    def __init__(self, device: Any, clock: Any) -> None:
-        self.device = device
-        self.clock = clock
-        self.info = device.open()
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
-
-    def turn(self, seconds: float) -> None:
-        end_s = self.clock.now() + seconds
-        while self.clock.now() < end_s:
-            self.clock.wait_until(self.clock.now() + 0.005)
-            self.blocks += self.device.read()
-            self.statuses += self.device.poll()
-
-    def listen(self, *streams: str) -> None:
-        self.device.apply(Listen("dsa", frozenset(streams)))
-
-    def of(self, kind: type[Status]) -> list[Any]:
-        return [status for status in self.statuses if isinstance(status, kind)]
+class MatrixBench(Crank):
+    """Matrices called `dsa`."""
 
 
 class MatrixContract:
