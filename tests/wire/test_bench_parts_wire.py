@@ -17,6 +17,8 @@ from drivers.errors import RefusedError
 from drivers.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
 from drivers.mock.emulator_process import EmulatorProcess
 
+pytestmark = pytest.mark.alone
+
 WIRING = "drivers.mock.devices.wiring"
 BENCHES = {
     "finger": "drivers.mock.finger_bench:FingerBench",
