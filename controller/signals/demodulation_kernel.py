@@ -22,12 +22,12 @@ def take_counts(counts, start, n, channel, work, fill):  # type: ignore[no-untyp
 @njit(cache=True, nogil=True)
 def take_packed(packed, start, n, channel, work, fill):  # type: ignore[no-untyped-def]
     """The same of packed little-endian 24-bit counts, uint8, shape (frames, 3 channels)."""
+    frames = packed[start : start + n, 3 * channel : 3 * channel + 3]
+    into = work[fill : fill + n]
     for i in range(n):
-        low = np.uint32(packed[start + i, 3 * channel])
-        middle = np.uint32(packed[start + i, 3 * channel + 1])
-        high = np.uint32(packed[start + i, 3 * channel + 2])
-        # at the top of a word; the arithmetic shift brings them down with their sign
-        work[fill + i] = np.int32((low << 8) | (middle << 16) | (high << 24)) >> 8
+        # sums, not shifts: compilers make vectors of them; the sign is the highest byte's
+        low, middle, high = np.int32(frames[i, 0]), np.int32(frames[i, 1]), np.int32(np.int8(frames[i, 2]))
+        into[i] = low + 256 * middle + 65_536 * high
 
 
 @njit(cache=True, nogil=True)
@@ -51,18 +51,25 @@ def sums(work, i_taps, q_taps, decimation, out):  # type: ignore[no-untyped-def]
         decimation: From window to window.
         out: Written, shape (windows, 2).
     """
-    size = i_taps.size
-    for m in range(out.shape[0]):
-        window = work[m * decimation : m * decimation + size]
-        i, q = 0.0, 0.0
+    size, windows = i_taps.size, out.shape[0]
+    # two windows at a time share the taps' way from memory
+    for m in range(0, windows, 2):
+        first = work[m * decimation : m * decimation + size]
+        last = min(m + 1, windows - 1)
+        second = work[last * decimation : last * decimation + size]
+        i0, q0, i1, q1 = 0.0, 0.0, 0.0, 0.0
         if q_taps.size == 0:
             for k in range(size):
-                i += i_taps[k] * window[k]
+                i0 += i_taps[k] * first[k]
+                i1 += i_taps[k] * second[k]
         else:
             for k in range(size):
-                i += i_taps[k] * window[k]
-                q += q_taps[k] * window[k]
-        out[m, 0], out[m, 1] = i, q
+                i0 += i_taps[k] * first[k]
+                q0 += q_taps[k] * first[k]
+                i1 += i_taps[k] * second[k]
+                q1 += q_taps[k] * second[k]
+        out[m, 0], out[m, 1] = i0, q0
+        out[last, 0], out[last, 1] = i1, q1
 
 
 @njit(cache=True, nogil=True)
