@@ -127,7 +127,7 @@ def decode_line(line: bytes) -> Mapping[str, Any]:
     """
     try:
         words = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CodecError(f"no JSON: {error}") from error
     if not isinstance(words, dict):
         raise CodecError("no JSON object")

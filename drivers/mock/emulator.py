@@ -4,7 +4,8 @@ Run as `python -m drivers.mock.emulator` it reads its scene as one line of JSON 
 with one line of JSON that says where the devices are, or why there are none ({"refused": …}), and ends when that
 input ends. A control port on
 loopback takes one JSON line a request: {"trial": …} puts the plant into a trial's scene, {"account": true} asks
-what the plant did, {"fault": …} injects one now; each answer has the plant's account and where things stand.
+what the plant did, {"fault": …} injects one now; each answer has the plant's account and where things stand, or says
+why the request was {"refused": …}.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import gc
 import json
 import os
 import select
-import socket
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -22,7 +22,8 @@ from typing import Any
 
 from drivers.clock import WallClock
 from drivers.errors import DeviceError
-from drivers.mock.far_ends import READ_BYTES, FarEnd, Network
+from drivers.mock.control_port import ControlPort, Request
+from drivers.mock.far_ends import FarEnd, Network
 from drivers.mock.faults import Fault, FaultSchedule
 
 STEP_S = 0.001
@@ -69,17 +70,14 @@ class Emulator:
             end.open(self._faults[name], self._clock)
         self._t_s = self._clock.now()
         self._trial_origin_s = 0.0
-        self._control = socket.create_server(("127.0.0.1", 0))
-        self._control.setblocking(False)
-        self._clients: dict[socket.socket, bytes] = {}
+        self._control = ControlPort(self._answer)
 
     @property
     def endpoints(self) -> dict[str, Any]:
         """Where everything is, as `run.py emulate` prints it."""
-        host, port = self._control.getsockname()
         return {
             "devices": {name: dict(end.endpoint) for name, end in self._ends.items()},
-            "control": {"host": host, "port": port},
+            "control": self._control.endpoint,
         }
 
     def serve(self, ended: Callable[[], bool]) -> None:
@@ -96,49 +94,29 @@ class Emulator:
                 waited = [one for end in ends for one in end.waited()]
                 due_s = min(self._t_s + STEP_S, *(end.due_s() for end in ends))
                 wait_s = max(0.0, due_s - self._clock.now())
-                ready, _, _ = select.select([*waited, self._control, *self._clients], [], [], wait_s)
+                ready, _, _ = select.select([*waited, *self._control.sockets], [], [], wait_s)
                 now_s = self._clock.now()
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
-                self._attend(ready)
+                self._control.attend(ready)
                 for end in ends:
                     end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s)
         finally:
             for end in ends:
                 end.unplug()
-            for client in [*self._clients, self._control]:
-                client.close()
+            self._control.close()
 
-    def _attend(self, readable: list[Any]) -> None:
-        """Answer what came on the control port."""
-        if self._control in readable:
-            client, _ = self._control.accept()
-            client.setblocking(False)
-            self._clients[client] = b""
-        for client in [client for client in self._clients if client in readable]:
-            try:
-                data = client.recv(READ_BYTES)
-            except OSError:
-                data = b""
-            if not data:
-                del self._clients[client]
-                client.close()
-                continue
-            *requests, self._clients[client] = (self._clients[client] + data).split(b"\n")
-            for request in requests:
-                client.sendall(json.dumps(self._answer(json.loads(request))).encode() + b"\n")
-
-    def _answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
+    def _answer(self, request: Request) -> Mapping[str, Any]:
+        """Do what came on the control port."""
         t_s = self._t_s
-        if "trial" in request:
-            trial = int(request["trial"])
+        if (fault := request.fault) is not None and fault.device not in self._faults:
+            raise ValueError(f"there is no {fault.device} here; there are {', '.join(self._faults)}")
+        if request.trial is not None:
+            self._bench.begin(t_s, request.seed, request.trial, request.factors, request.plant)
             self._trial_origin_s = t_s
-            self._bench.begin(t_s, int(request["seed"]), trial, request["factors"], request["plant"])
             for faults in self._faults.values():
-                faults.restart(trial)
-        if "fault" in request:
-            fault = Fault.model_validate(request["fault"])
-            if fault.device in self._faults:
-                self._faults[fault.device].add(fault)
+                faults.restart(request.trial)
+        if fault is not None:
+            self._faults[fault.device].add(fault)
         return {"account": dict(self._bench.account()), "scene": dict(self._bench.scene(t_s))}
 
 

@@ -137,6 +137,10 @@ class EmulatorControl:
         if not line:
             raise SilentError("emulator", "being told of a trial", "is gone", "start it again")
         answer: Mapping[str, Any] = json.loads(line)
+        if "refused" in answer:
+            raise RefusedError(
+                "emulator", "being told of a trial", answer["refused"], "see the profile's plant and factors"
+            )
         return answer
 
     def close(self) -> None:

@@ -92,7 +92,7 @@ def decode(line: bytes) -> Message:
                 return Request(number, says)
             case {"answer": int(number), "done": bool(done), **others}:
                 return Answer(number, done, str(others.get("reason", "")))
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, OverflowError, RecursionError):
         pass
     raise CodecError(f"no message: {line[:60]!r}")
 

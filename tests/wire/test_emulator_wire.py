@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import select
+import socket
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
@@ -88,3 +90,18 @@ def test_what_was_missed_is_lived_through_in_small_steps_by_all_devices_together
     steps_s = [after - before for before, after in pairwise(first)]
     assert max(steps_s) <= PASS_S + 1e-9
     assert sum(steps_s[4:]) > HELD_UP_S, "nothing is left out"
+
+
+def test_a_fault_of_a_device_that_is_not_there_is_refused_by_name() -> None:
+    made, lives = emulator()
+    where = made.endpoints["control"]
+    with socket.create_connection((where["host"], where["port"]), timeout=DEADLINE_S) as client:
+        client.sendall(b'{"fault": {"device": "stage", "kind": "stall", "at_s": 0}}\n')
+        deadline_s = time.monotonic() + DEADLINE_S
+
+        def answered() -> bool:
+            return bool(select.select([client], [], [], 0.0)[0]) or time.monotonic() > deadline_s
+
+        made.serve(answered)
+        assert b"there is no stage here; there are first, second" in client.recv(4096)
+    assert lives()[0], "and the bench went on"

@@ -124,7 +124,10 @@ class EmulatedAudio:
             except CodecError as error:
                 self._say({"reply": 0, "refused": str(error)}, t_s)
                 continue
-            self._say({"reply": words.get("tag", 0), **self._obey(words, self._frame(t_s))}, t_s)
+            tag = words.get("tag")
+            self._say(
+                {"reply": tag if isinstance(tag, int) else 0, **self._obey(words, self._frame(t_s))}, t_s
+            )
         return self._take()
 
     def step(self, t_s: float) -> bytes:
@@ -196,13 +199,15 @@ class EmulatedAudio:
     # words
 
     def _obey(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
-        order = self._orders.get(str(words.get("do")))
+        name = words.get("do")
+        order = self._orders.get(name) if isinstance(name, str) else None
         if order is None:
-            return {"refused": f"there is no {words.get('do')}; there are {', '.join(self._orders)}"}
+            what = name if isinstance(name, str) else type(name).__name__
+            return {"refused": f"there is no {what}; there are {', '.join(self._orders)}"}
         try:
             return order(words, frame)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            return {"refused": f"{words['do']}: {type(error).__name__} {error}"}
+            return {"refused": f"{name}: {type(error).__name__} {error}"}
 
     def _hello(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
         s = self._settings

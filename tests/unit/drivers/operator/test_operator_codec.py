@@ -35,7 +35,16 @@ def test_messages_are_the_lines_of_the_page_both_ways(message, line):
 
 @pytest.mark.parametrize(
     "line",
-    [b"done", b"{}", b"[1]", b'{"answer": "4", "done": true}', b'{"answer": 4}', b"\xff\xfe", b"[" * 9999],
+    [
+        b"done",
+        b"{}",
+        b"[1]",
+        b'{"answer": "4", "done": true}',
+        b'{"answer": 4}',
+        b"\xff\xfe",
+        b"[" * 9999,
+        b'{"ask": 1, "says": "", "load": {"bridge": "x", "force_n": 1%b}}' % (b"0" * 400),
+    ],
 )
 def test_what_is_no_message_is_an_error(line):
     with pytest.raises(CodecError):
