@@ -187,6 +187,7 @@ class Campaign:
         return Outcome(code, folder.path, line, fault)
 
     def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
+        recorder: Recorder | None = None
         try:
             trials = self._warmed()
             # while no device is open whose own watchdog would wait for it: a program with much in memory takes seconds
@@ -201,14 +202,16 @@ class Campaign:
                 | dict(self._plan.signals),
                 factors=self._plan.factors,
                 measures=self._plan.columns,
+                patient=self._rig.clock.virtual,
             )
-            try:
-                return self._trials(folder, recorder, infos, trials)
-            finally:
-                recorder.close()
+            return self._trials(folder, recorder, infos, trials)
         finally:
             gc.unfreeze()
-            self._close()
+            try:
+                self._close()
+            finally:  # last: a device may have to be let go of in time, a disk may take long
+                if recorder is not None:
+                    recorder.close()
 
     def _close(self) -> None:
         """Let go of every device, then of the bench; each whatever became of the others."""

@@ -54,7 +54,11 @@ class LoopSettings(Settings):
 
 
 class Witness(Protocol):
-    """Sees all, steers nothing: the recorder's side of the loop."""
+    """Sees all, steers nothing, never waits: the recorder's side of the loop."""
+
+    @property
+    def failure(self) -> Exception | None:
+        """Why what it sees is no longer kept, or None."""
 
     def record(self, blocks: Sequence[SampleBlock]) -> None:
         """Keep the blocks of one turn."""
@@ -154,6 +158,7 @@ class Loop:
             DeviceError: a device cannot do its part.
             UnfitStreamError: a signal or detector cannot hear what the profile gives it.
             Aborted: the operator said so.
+            Exception: the witness's failure; a trial that nobody records does not go on.
         """
         self._behavior = behavior
         self._detectors = detectors
@@ -267,6 +272,8 @@ class Loop:
         blocks += made
         statuses += saturated
         self._witness.record(self._recorded(blocks))
+        if self._witness.failure is not None:
+            raise self._witness.failure
         for status in statuses:
             self._note(status)
         self._attend(t_s)

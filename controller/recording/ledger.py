@@ -22,7 +22,7 @@ _NUMBER = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?")
 
 
 class Ledger:
-    """Appends rows with fixed columns: `trial`, `outcome`, the factors, the measures.
+    """Appends rows with fixed columns: `trial`, `outcome`, the factors, the measures; implements `disk.DiskFile`.
 
     A row depends on its own trial alone; rows stand in the order in which trials ran.
 
@@ -47,7 +47,7 @@ class Ledger:
                 )
             self._drop_cut_line()
         else:
-            self._append(header)
+            self.append_line(header)
 
     def append(self, row: Mapping[str, object]) -> None:
         """Write one row and see it on the disk; a missing value stays empty.
@@ -56,18 +56,40 @@ class Ledger:
             RecordingError: it cannot be written.
             ValueError: the row has a column that the ledger has not.
         """
+        self.append_line(self.line(row))
+
+    def line(self, row: Mapping[str, object]) -> str:
+        """A row as it is appended.
+
+        Raises:
+            ValueError: the row has a column that the ledger has not.
+        """
         unknown = sorted(set(row) - set(self.columns))
         if unknown:
             raise ValueError(f"{self.path}: no column {', '.join(unknown)}")
-        self._append(_line([format_cell(row.get(column)) for column in self.columns]))
+        return _line([format_cell(row.get(column)) for column in self.columns])
 
-    def _append(self, line: str) -> None:
+    def append_line(self, line: str) -> None:
+        """Write a whole line and see it on the disk.
+
+        Raises:
+            RecordingError: it cannot be written.
+        """
         try:
             with self.path.open("ab", buffering=0) as file:
                 file.write(line.encode())
                 os.fsync(file.fileno())
         except OSError as error:
             raise RecordingError(self.path, "appending to", error) from error
+
+    def commit(self, sync: bool) -> None:
+        """Nothing waits: each line is on the disk when it is written."""
+
+    def finish(self) -> None:
+        """Nothing is open between two lines."""
+
+    def abandon(self) -> None:
+        """Nothing is open between two lines."""
 
     def _drop_cut_line(self) -> None:
         data = self.path.read_bytes()
