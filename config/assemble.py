@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from controller.detectors.protocol import Detector
     from controller.rig import Rig
     from controller.signals.protocol import Signal
-    from drivers.clock import WallClock
+    from drivers.clock import Clock
     from drivers.mock.emulator_process import EmulatorProcess
     from drivers.protocols import Device
     from drivers.settings import Settings
@@ -311,7 +311,7 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None) -> R
 
 
 def _wire_devices(
-    profile: Profile, clock: WallClock, ports: Mapping[str, Mapping[str, Any]]
+    profile: Profile, clock: Clock, ports: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Device]:
     """Real drivers; `ports` says where the emulated ones are, beside which a device may have a port of its own."""
     devices = {}

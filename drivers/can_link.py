@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from pydantic import Field
 
 from drivers.can_frame import CanFrame
-from drivers.clock import monotonic_s, rest
+from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.links import JOIN_TIMEOUT_S, open_serial
 from drivers.settings import Settings
@@ -97,19 +97,20 @@ class Heard(NamedTuple):
     due_s: float | None = None
 
 
-def open_can(device: str, port: CanPort) -> CanLink:
+def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
     """Open a CAN bus.
 
     Args:
         device: Name in the profile, for errors.
         port: Where it is.
+        clock: Says when frames arrive, and when a beat is due.
 
     Raises:
         PortError: absent, busy, forbidden, or no such interface: one line with what to do.
     """
     if port.interface == "slcan":
         # python-can says neither which error it was nor that another program holds the port.
-        open_serial(device, port.port, port.tty_baud).close()
+        open_serial(device, port.port, port.tty_baud, clock).close()
     import can
 
     options = _OPTIONS[port.interface](port)
@@ -130,7 +131,7 @@ def open_can(device: str, port: CanPort) -> CanLink:
             bus.serialPortOrig.set_low_latency_mode(True)  # type: ignore[attr-defined]
         with suppress(OSError):  # who comes next is told that it is held
             bus.serialPortOrig.exclusive = True  # type: ignore[attr-defined]
-    return CanLink(device, bus)
+    return CanLink(device, bus, clock)
 
 
 class CanLink:
@@ -148,10 +149,11 @@ class CanLink:
         malformed: Lines and frames passed over.
     """
 
-    def __init__(self, device: str, bus: can.BusABC) -> None:
+    def __init__(self, device: str, bus: can.BusABC, clock: Clock) -> None:
         self.fault: str | None = None
         self.malformed = 0
         self._bus = bus
+        self._clock = clock
         self._sending = threading.Lock()
         self._arrived: deque[Heard] = deque()
         self._beat: Beat | None = None
@@ -178,7 +180,7 @@ class CanLink:
         except (can.CanError, OSError) as error:
             self.fault = self.fault or f"the bus takes no frame ({error})"
             return None
-        return monotonic_s()
+        return self._clock.monotonic_s()
 
     def receive(self) -> list[Heard]:
         """What has arrived since the last call, in order."""
@@ -211,31 +213,31 @@ class CanLink:
 
     def _keep(self, beat: Beat) -> None:
         """Ask until the loop wants something else."""
-        origin_s = monotonic_s()
+        origin_s = self._clock.monotonic_s()
         number = 0
         while beat is self._beat and not self._closing and self.fault is None:
             due_s = origin_s + number * beat.period_s
-            rest(max(0.0, due_s - monotonic_s()))
+            self._clock.rest(max(0.0, due_s - self._clock.monotonic_s()))
             # A late answer would pass for one to this question, and each that follows for one to the next.
             self._hear_out(beat.answer_s)
             self.send(beat.frame)
             waiting = set(beat.answers)
-            until_s = monotonic_s() + beat.answer_s
-            while waiting and self.fault is None and (left_s := until_s - monotonic_s()) > 0.0:
+            until_s = self._clock.monotonic_s() + beat.answer_s
+            while waiting and self.fault is None and (left_s := until_s - self._clock.monotonic_s()) > 0.0:
                 for heard in self._hear(left_s, waiting, number, due_s):
                     waiting.discard(heard.frame.id)
-            number = max(number + 1, math.ceil((monotonic_s() - origin_s) / beat.period_s - 0.5))
+            number = max(number + 1, math.ceil((self._clock.monotonic_s() - origin_s) / beat.period_s - 0.5))
 
     def _hear_out(self, limit_s: float) -> None:
         """Hear all that has come already, at most for a while."""
         import can
 
-        until_s = monotonic_s() + limit_s
+        until_s = self._clock.monotonic_s() + limit_s
         # A virtual bus has nothing to select on, and nothing that could be late.
         with suppress(NotImplementedError, can.CanError, OSError, ValueError):
             while self.fault is None and select.select([self._bus.fileno()], [], [], 0.0)[0]:
                 self._hear(0.0)
-                if monotonic_s() > until_s:
+                if self._clock.monotonic_s() > until_s:
                     break
 
     def _hear(
@@ -261,7 +263,7 @@ class CanLink:
             elif not self._closing:
                 self.fault = self.fault or f"the bus was taken away ({error})"
             return []
-        arrival_s = monotonic_s()
+        arrival_s = self._clock.monotonic_s()
         if message is None:
             return []
         truncated = not message.is_remote_frame and len(message.data) != message.dlc

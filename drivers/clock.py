@@ -9,16 +9,29 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Bench time: seconds since the present trial began."""
+    """Time on a bench. Everything that waits, times out or notes an arrival is handed the bench's clock.
+
+    It counts twice: bench time begins anew with every trial, monotonic time never does. Drivers and their threads keep
+    monotonic times, which outlive a trial, and turn them into bench time where they hand samples and statuses out.
+    """
 
     virtual: bool
     """True where nothing happens unless the loop says so, and waiting costs nothing."""
 
     def now(self) -> float:
-        """Bench time in seconds."""
+        """Bench time: seconds since the present trial began."""
+
+    def monotonic_s(self) -> float:
+        """Seconds since some instant before everything, whatever trials begin meanwhile."""
+
+    def from_monotonic(self, monotonic_s: float) -> float:
+        """Bench time of a monotonic time."""
 
     def wait_until(self, t_s: float) -> None:
         """Come back at bench time `t_s`, at once where that has passed."""
+
+    def rest(self, seconds: float) -> None:
+        """Come back after so many seconds of the bench."""
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
@@ -33,21 +46,28 @@ class WallClock:
         self._origin_s = time.monotonic()
 
     def now(self) -> float:
-        """Bench time in seconds."""
+        """See `Clock.now`."""
         return time.monotonic() - self._origin_s
 
+    def monotonic_s(self) -> float:
+        """See `Clock.monotonic_s`: that of `time.monotonic` (`CLOCK_MONOTONIC`)."""
+        return time.monotonic()
+
     def from_monotonic(self, monotonic_s: float) -> float:
-        """Bench time of a reading of `time.monotonic` (`CLOCK_MONOTONIC`)."""
+        """See `Clock.from_monotonic`."""
         return monotonic_s - self._origin_s
 
     def wait_until(self, t_s: float) -> None:
-        """Sleep until bench time `t_s`."""
-        remaining_s = t_s - self.now()
-        if remaining_s > 0:
-            time.sleep(remaining_s)
+        """See `Clock.wait_until`."""
+        self.rest(t_s - self.now())
+
+    def rest(self, seconds: float) -> None:
+        """See `Clock.rest`."""
+        if seconds > 0.0:
+            time.sleep(seconds)
 
     def restart(self) -> None:
-        """Bench time is zero again."""
+        """See `Clock.restart`."""
         self._origin_s = time.monotonic()
 
 
@@ -58,17 +78,31 @@ class VirtualClock:
 
     def __init__(self) -> None:
         self._now_s = 0.0
+        self._origin_s = 0.0
 
     def now(self) -> float:
-        """Bench time in seconds."""
+        """See `Clock.now`."""
         return self._now_s
 
+    def monotonic_s(self) -> float:
+        """See `Clock.monotonic_s`."""
+        return self._origin_s + self._now_s
+
+    def from_monotonic(self, monotonic_s: float) -> float:
+        """See `Clock.from_monotonic`."""
+        return monotonic_s - self._origin_s
+
     def wait_until(self, t_s: float) -> None:
-        """Jump to bench time `t_s`."""
+        """See `Clock.wait_until`: time jumps there."""
         self._now_s = max(self._now_s, t_s)
 
+    def rest(self, seconds: float) -> None:
+        """See `Clock.rest`: time jumps there."""
+        self.wait_until(self._now_s + seconds)
+
     def restart(self) -> None:
-        """Bench time is zero again."""
+        """See `Clock.restart`."""
+        self._origin_s += self._now_s
         self._now_s = 0.0
 
 
@@ -78,7 +112,7 @@ def utc_now() -> datetime:
 
 
 def monotonic_s() -> float:
-    """The host's monotonic clock: for arrivals in reader threads and for progress bars."""
+    """The host's monotonic clock: for progress bars and writing to a disk, never for what happens on a bench."""
     return time.monotonic()
 
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import serial
 
-from drivers.clock import monotonic_s
+from drivers.clock import Clock
 from drivers.errors import PortError
 
 JOIN_TIMEOUT_S = 1.0
@@ -32,13 +32,14 @@ _ADVICE = {
 }
 
 
-def open_serial(device: str, port: str, baud: int) -> SerialLink:
+def open_serial(device: str, port: str, baud: int, clock: Clock) -> SerialLink:
     """Open a serial port, or a pty, for this program alone.
 
     Args:
         device: Name in the profile, for errors.
         port: Path of the port.
         baud: Line speed in bits per second; 8 data bits, no parity, 1 stop bit, no flow control.
+        clock: Says when bytes arrive.
 
     Raises:
         PortError: absent, busy, forbidden or no serial port: one line with what to do.
@@ -56,7 +57,7 @@ def open_serial(device: str, port: str, baud: int) -> SerialLink:
     # An FTDI adapter holds bytes back for 16 ms unless told otherwise (its data sheet); ptys refuse.
     with suppress(OSError, ValueError, NotImplementedError):
         opened.set_low_latency_mode(True)
-    return SerialLink(device, opened)
+    return SerialLink(device, opened, clock)
 
 
 class SerialLink:
@@ -69,9 +70,10 @@ class SerialLink:
         fault: Why the link is gone, in a few words, or None while it stands.
     """
 
-    def __init__(self, device: str, port: serial.Serial) -> None:
+    def __init__(self, device: str, port: serial.Serial, clock: Clock) -> None:
         self.fault: str | None = None
         self._port = port
+        self._clock = clock
         self._arrived: deque[tuple[float, bytes]] = deque()
         self._closing = False
         self._reader = threading.Thread(target=self._fill, name=f"{device}-reader", daemon=True)
@@ -95,7 +97,7 @@ class SerialLink:
             self.fault = self.fault or "the port takes no more bytes"
         except OSError as error:
             self.fault = self.fault or f"the port was taken away ({error})"
-        return None if data else monotonic_s()
+        return None if data else self._clock.monotonic_s()
 
     def receive(self) -> list[tuple[float, bytes]]:
         """What has arrived since the last call: (monotonic arrival in seconds, bytes), in order."""
@@ -118,7 +120,7 @@ class SerialLink:
         try:
             while not self._closing:
                 data = self._port.read(1)
-                arrival_s = monotonic_s()
+                arrival_s = self._clock.monotonic_s()
                 if data:
                     self._arrived.append((arrival_s, data + self._port.read(self._port.in_waiting)))
         except (OSError, TypeError) as error:  # TypeError: the port was closed under a read that hung

@@ -13,7 +13,7 @@ from drivers.audio.frames import CounterError, Frames
 from drivers.audio.quality import Excursions, Stillness, clipped, flaw
 from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, AudioSettings
 from drivers.audio.source import Declined, Found, Happening, Packet, Source, Swept, make_source
-from drivers.clock import WallClock, monotonic_s
+from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import (
     Applied,
@@ -62,7 +62,7 @@ class Audio:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: AudioSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: AudioSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -81,7 +81,7 @@ class Audio:
         self._blocks: list[SampleBlock] = []
         self._statuses: list[Status] = []
         self._saturations = 0
-        self._turned_s = monotonic_s()
+        self._turned_s = self._clock.monotonic_s()
         self._unheard_s = 0.0
 
     def open(self) -> DeviceInfo:
@@ -94,7 +94,7 @@ class Audio:
         """
         self.close()
         self._forget()
-        source = make_source(self.name, self._settings)
+        source = make_source(self.name, self._settings, self._clock)
         try:
             found = source.open()
             self._check(found)
@@ -104,7 +104,7 @@ class Audio:
             source.close()
             raise
         self._source = source
-        self._turned_s = monotonic_s()
+        self._turned_s = self._clock.monotonic_s()
         return DeviceInfo(
             self.name,
             model=found.model,
@@ -206,11 +206,11 @@ class Audio:
 
     def _gather(self, source: Source, found: Found) -> NDArray[np.int32]:
         wanted = round(self._settings.look_s * RATE_HZ)
-        until_s = monotonic_s() + self._settings.look_s + self._settings.silence_timeout_s
+        until_s = self._clock.monotonic_s() + self._settings.look_s + self._settings.silence_timeout_s
         heard: list[NDArray[np.int32]] = []
         source.listen(True)
-        while sum(map(len, heard)) < wanted and source.fault is None and monotonic_s() < until_s:
-            self._clock.wait_until(self._clock.now() + TURN_S)
+        while sum(map(len, heard)) < wanted and source.fault is None and self._clock.monotonic_s() < until_s:
+            self._clock.rest(TURN_S)
             for one in source.receive():
                 if isinstance(one, Packet):
                     self._frames.learn(one)
@@ -239,7 +239,7 @@ class Audio:
 
     def _turn(self) -> None:
         """Hear what has come; notice what has not."""
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         passed_s, self._turned_s = min(now_s - self._turned_s, TURN_MAX_S), now_s
         source = self._source
         if source is None or self._failure is not None:

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drivers.audio.codec import CodecError, FrameDecoder, Words, encode_line
 from drivers.audio.settings import AudioSettings
 from drivers.audio.source import Declined, Drive, Found, Happening, Packet, Swept
-from drivers.clock import monotonic_s, rest
+from drivers.clock import Clock
 from drivers.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.messages import Chirp, Tone
 
@@ -74,9 +74,10 @@ class NetworkRecorder:
         address: `HOST:PORT`.
     """
 
-    def __init__(self, device: str, settings: AudioSettings, address: str) -> None:
+    def __init__(self, device: str, settings: AudioSettings, clock: Clock, address: str) -> None:
         self._device = device
         self._settings = settings
+        self._clock = clock
         self._address = address
         self._link: _Link | None = None
         self._decoder = FrameDecoder()
@@ -100,7 +101,7 @@ class NetworkRecorder:
         except (OSError, OverflowError) as error:
             reason = f"nobody answers ({getattr(error, 'strerror', None) or error})"
             raise PortError(self._device, doing, reason, ADVICE) from error
-        self._link = _Link(self._device, connection)
+        self._link = _Link(self._device, connection, self._clock)
         greeting = self._greet(doing)
         # An earlier host may have left it driving.
         self._ask({"do": "silence"})
@@ -124,9 +125,9 @@ class NetworkRecorder:
             ProtocolError: it is no recorder.
         """
         self._ask({"do": "hello"})
-        until_s = monotonic_s() + self._settings.reply_timeout_s
-        while monotonic_s() < until_s and self.fault is None and self._greeting is None:
-            rest(PAUSE_S)
+        until_s = self._clock.monotonic_s() + self._settings.reply_timeout_s
+        while self._clock.monotonic_s() < until_s and self.fault is None and self._greeting is None:
+            self._clock.rest(PAUSE_S)
             self.receive()
         if self._greeting is not None:
             return self._greeting
@@ -198,7 +199,7 @@ class NetworkRecorder:
         self._tag += 1
         # Who says hello waits for the reply itself.
         timeout_s = math.inf if words["do"] == "hello" else self._settings.reply_timeout_s
-        self._asked[self._tag] = _Asked(words, command, monotonic_s() + timeout_s)
+        self._asked[self._tag] = _Asked(words, command, self._clock.monotonic_s() + timeout_s)
         self._link.send(encode_line({**words, "tag": self._tag}))
 
     def _hear(self, words: Words, arrival_s: float) -> None:
@@ -227,7 +228,7 @@ class NetworkRecorder:
             self._hears = asked.words["do"] == "start" and not later
 
     def _overdue(self) -> str | None:
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         for asked in self._asked.values():
             if now_s > asked.due_s:
                 return f"no reply to {asked.words['do']} in {self._settings.reply_timeout_s:g} s"
@@ -241,9 +242,10 @@ class _Link:
         fault: Why the link is gone, or None while it stands.
     """
 
-    def __init__(self, device: str, connection: socket.socket) -> None:
+    def __init__(self, device: str, connection: socket.socket, clock: Clock) -> None:
         self.fault: str | None = None
         self._connection = connection
+        self._clock = clock
         self._arrived: deque[tuple[float, bytes]] = deque()
         self._taken_bytes = 0
         self._closing = False
@@ -288,12 +290,12 @@ class _Link:
         try:
             while True:
                 while came_bytes - self._taken_bytes > WAITING_BYTES and not self._closing:
-                    rest(PAUSE_S)
+                    self._clock.rest(PAUSE_S)
                 data = self._connection.recv(CHUNK_BYTES)
                 if not data:
                     break
                 if not self._closing:
-                    self._arrived.append((monotonic_s(), data))
+                    self._arrived.append((self._clock.monotonic_s(), data))
                     came_bytes += len(data)
             reason = "the recorder has hung up"
         except OSError as error:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.audio.settings import FULL_SCALE, AudioSettings
 from drivers.audio.source import Drive, Found, Happening, Packet, Swept
-from drivers.clock import monotonic_s
+from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError
 from drivers.messages import Chirp
 
@@ -44,9 +44,10 @@ class Recording:
         address: Path of the file.
     """
 
-    def __init__(self, device: str, settings: AudioSettings, address: str) -> None:
+    def __init__(self, device: str, settings: AudioSettings, clock: Clock, address: str) -> None:
         self._device = device
         self._settings = settings
+        self._clock = clock
         self._path = Path(address).expanduser()
         self._file: soundfile.SoundFile | None = None
         self._frames = 0
@@ -112,7 +113,7 @@ class Recording:
         """See `Source.listen`."""
         self._listening = on
         if on and self._begun_s is None:
-            self._begun_s = monotonic_s()
+            self._begun_s = self._clock.monotonic_s()
 
     def drive(self, command: Drive) -> None:
         """See `Source.drive`: what drove the fingers stands in the recording."""
@@ -154,7 +155,7 @@ class Recording:
             return self._next + PACKETS_MAX * PACKET_FRAMES if self._listening else self._next
         if self._begun_s is None:
             return 0
-        return math.floor((monotonic_s() - self._begun_s) * self._rate_hz)
+        return math.floor((self._clock.monotonic_s() - self._begun_s) * self._rate_hz)
 
     def _skip(self, due: int) -> None:
         assert self._file is not None, "it is not open"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.audio.oscillator import ChirpWave, Silence, ToneWave, Wave
 from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
 from drivers.audio.source import Declined, Drive, Found, Happening, Packet, Swept
-from drivers.clock import monotonic_s
+from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.messages import Chirp, Tone
 
@@ -43,9 +43,10 @@ class SoundCard:
         address: Part of the card's name; empty for the system's own choice.
     """
 
-    def __init__(self, device: str, settings: AudioSettings, address: str) -> None:
+    def __init__(self, device: str, settings: AudioSettings, clock: Clock, address: str) -> None:
         self._device = device
         self._settings = settings
+        self._clock = clock
         self._address = address
         self._stream: Any = None
         self._has_output = False
@@ -59,7 +60,7 @@ class SoundCard:
         chosen = self._choose(sounddevice)
         channels = int(chosen["max_input_channels"])
         self._has_output = int(chosen["max_output_channels"]) > 0
-        self._callback = callback = _Callback(2.0 * self._settings.latency_s)
+        self._callback = callback = _Callback(self._clock, 2.0 * self._settings.latency_s)
         made, wanted = sounddevice.InputStream, {"device": chosen["index"], "channels": channels}
         if self._has_output:
             made = sounddevice.Stream
@@ -146,7 +147,7 @@ class SoundCard:
             return
         if not self._has_output and isinstance(command, Tone | Chirp):
             reason = "the sound card has no output"
-            self._callback.declined.append(Declined(command, reason, monotonic_s()))
+            self._callback.declined.append(Declined(command, reason, self._clock.monotonic_s()))
         else:
             self._callback.play(command)
 
@@ -186,6 +187,7 @@ class _Callback:
     equal until something is lost.
 
     Args:
+        clock: Says when buffers arrive.
         round_trip_s: How long output is taken to need to the input, at the least, whatever the card says.
 
     Attributes:
@@ -197,7 +199,8 @@ class _Callback:
         closing: It is meant to end.
     """
 
-    def __init__(self, round_trip_s: float) -> None:
+    def __init__(self, clock: Clock, round_trip_s: float) -> None:
+        self._clock = clock
         self.overruns = 0
         self.underruns = 0
         self.declined: deque[Declined] = deque()
@@ -229,7 +232,7 @@ class _Callback:
 
     def heard(self, indata: NDArray[np.int32], frames: int, time: Any, status: Any) -> None:
         """Of a card without output."""
-        arrival_s = monotonic_s()
+        arrival_s = self._clock.monotonic_s()
         if status.input_overflow:
             self._frame += self._missing(time)
         if status.input_underflow:  # PortAudio has filled the buffer with what was never heard
@@ -264,7 +267,7 @@ class _Callback:
             self._sweep_returns = self._wave.end + later
             self._wave = Silence()
         if self._sweep_returns is not None and self._sweep_returns <= self._frame:
-            self.sweeps.append(Swept(self._sweep_returns, monotonic_s()))
+            self.sweeps.append(Swept(self._sweep_returns, self._clock.monotonic_s()))
             self._sweep_returns = None
 
     def finished(self) -> None:

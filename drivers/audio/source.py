@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.audio.settings import AudioSettings
+from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.messages import Chirp, Excite, Tone
 
@@ -131,7 +132,7 @@ class Source(Protocol):
         """Silence the drive, let go. Never raises; may be called twice."""
 
 
-def make_source(device: str, settings: AudioSettings) -> Source:
+def make_source(device: str, settings: AudioSettings, clock: Clock) -> Source:
     """The source that a port names, closed.
 
     Raises:
@@ -146,5 +147,5 @@ def make_source(device: str, settings: AudioSettings) -> Source:
             'write port = "mock", "emulated", "sounddevice:NAME", "file:PATH" or "tcp:HOST:PORT"',
         )
     module, _, made = SOURCES[kind].partition(":")
-    source: Source = getattr(import_module(module), made)(device, settings, address)
+    source: Source = getattr(import_module(module), made)(device, settings, clock, address)
     return source

@@ -12,7 +12,7 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.numbering import Numbering
 from drivers.barrett_hand.strain import Strain, StrainSettings
 from drivers.can_link import Beat, CanLink, CanPort, Heard, open_can
-from drivers.clock import WallClock, monotonic_s, rest
+from drivers.clock import Clock
 from drivers.errors import CommandError, PortError, ProtocolError, SilentError
 from drivers.messages import (
     Applied,
@@ -84,7 +84,7 @@ class BarrettHand:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: BarrettHandSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: BarrettHandSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -100,7 +100,7 @@ class BarrettHand:
 
     def _forget(self) -> None:
         self._heard: frozenset[int] = frozenset()
-        self._heard_s = monotonic_s()
+        self._heard_s = self._clock.monotonic_s()
         self._numbers = {finger: Numbering(self._settings.poll_hz) for finger in self._settings.fingers}
 
     def open(self) -> DeviceInfo:
@@ -114,7 +114,7 @@ class BarrettHand:
         self.close()
         self._forget()
         self._failed = False
-        self._link = open_can(self.name, self._settings)
+        self._link = open_can(self.name, self._settings, self._clock)
         try:
             readings = {finger: self._reading(self._link, finger) for finger in self._settings.fingers}
         except BaseException:
@@ -189,7 +189,7 @@ class BarrettHand:
             return
         self._turn()
         self._heard = fingers
-        self._heard_s = monotonic_s()
+        self._heard_s = self._clock.monotonic_s()
         if not fingers:
             link.ask(None)
             return
@@ -216,7 +216,7 @@ class BarrettHand:
             if reply is None or reply.sender not in answers or heard.beat is None or heard.due_s is None:
                 continue  # another's, or an answer that came too late to say to which question
             answers[reply.sender].append(_Answer(heard.beat, heard.due_s, heard.arrival_s, reply.value))
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         if any(answers.values()) or not self._heard:
             self._heard_s = now_s
         for finger, taken in answers.items():
@@ -263,14 +263,14 @@ class BarrettHand:
         strangers = 0
         for _ in range(OPEN_ATTEMPTS):
             link.send(codec.encode_request(codec.Get(finger, codec.Property.STRAIN)))
-            until_s = monotonic_s() + self._settings.answer_timeout_s
-            while monotonic_s() < until_s and link.fault is None:
+            until_s = self._clock.monotonic_s() + self._settings.answer_timeout_s
+            while self._clock.monotonic_s() < until_s and link.fault is None:
                 for heard in link.receive():
                     reply = _strain(heard)
                     strangers += reply is None
                     if reply is not None and reply.sender == finger:
                         return reply.value
-                rest(OPEN_TURN_S)
+                self._clock.rest(OPEN_TURN_S)
         doing = f"asking finger {finger} at {self._settings.port}"
         if link.fault is not None:
             raise PortError(self.name, doing, link.fault, "is the adapter plugged in?")

@@ -26,7 +26,7 @@ from drivers.can_gripper.words import (
     Watchdog,
 )
 from drivers.can_link import CanLink, Heard, open_can
-from drivers.clock import WallClock, monotonic_s
+from drivers.clock import Clock
 from drivers.messages import (
     Applied,
     Command,
@@ -79,7 +79,7 @@ class CanGripper:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: CanGripperSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: CanGripperSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -113,9 +113,9 @@ class CanGripper:
         """
         self.close()
         self._forget()
-        self._link = open_can(self.name, self._settings)
+        self._link = open_can(self.name, self._settings, self._clock)
         try:
-            found = identify(self.name, self._settings, self._link)
+            found = identify(self.name, self._settings, self._link, self._clock)
             self._say(self._link, Watchdog(round(self._settings.watchdog_s * 1e3)))
             if found.state.calibrated and found.state.going and found.state.finding is Finding.MOVING:
                 steady_ma = self._brackets.current_ma(self._settings.release_force_n)
@@ -265,7 +265,7 @@ class CanGripper:
             return
         for heard in link.receive():
             self._hear(link, heard)
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         self._give_up(now_s)
         if link.fault is not None:
             self._fail(link.fault)

@@ -8,7 +8,7 @@ from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.codec import CodecError, decode_answer, encode_order
 from drivers.can_gripper.words import Answer, Ask, Code, Errors, Info, Number, Order, Poll, State
 from drivers.can_link import CanLink, Heard
-from drivers.clock import monotonic_s, rest
+from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, SilentError
 
 TURN_S = 0.001
@@ -30,7 +30,7 @@ class Identity(NamedTuple):
     state: State
 
 
-def identify(name: str, settings: CanGripperSettings, link: CanLink) -> Identity:
+def identify(name: str, settings: CanGripperSettings, link: CanLink, clock: Clock) -> Identity:
     """Ask who it is, and how; nothing moves.
 
     Raises:
@@ -40,7 +40,7 @@ def identify(name: str, settings: CanGripperSettings, link: CanLink) -> Identity
     """
 
     def answer(order: Order, kind: type[T]) -> T:
-        return _answer(name, settings, link, order, kind)
+        return _answer(name, settings, link, clock, order, kind)
 
     return Identity(
         answer(Ask(Code.INFO), Info),
@@ -60,18 +60,20 @@ def heard_from(node: int, heard: Heard) -> tuple[Answer, bool] | None:
     return (answer, fault) if sender == node else None
 
 
-def _answer(name: str, settings: CanGripperSettings, link: CanLink, order: Order, kind: type[T]) -> T:
+def _answer(
+    name: str, settings: CanGripperSettings, link: CanLink, clock: Clock, order: Order, kind: type[T]
+) -> T:
     strangers = 0
     for _ in range(ATTEMPTS):
         link.send(encode_order(settings.node, order))
-        until_s = monotonic_s() + settings.reply_timeout_s
-        while monotonic_s() < until_s and link.fault is None:
+        until_s = clock.monotonic_s() + settings.reply_timeout_s
+        while clock.monotonic_s() < until_s and link.fault is None:
             for heard in link.receive():
                 said = heard_from(settings.node, heard)
                 strangers += said is None
                 if said is not None and isinstance(said[0], kind) and _fits(order, said[0]):
                     return said[0]
-            rest(TURN_S)
+            clock.rest(TURN_S)
     doing = f"asking who is at {settings.port}"
     if link.fault is not None:
         raise PortError(name, doing, link.fault, "is the adapter plugged in?")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from drivers.clock import WallClock, monotonic_s
+from drivers.clock import Clock
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.frames import Frames
 from drivers.dsa_matrix.identify import Identity, identify
@@ -80,7 +80,7 @@ class DsaMatrix:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: DsaMatrixSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: DsaMatrixSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -110,9 +110,11 @@ class DsaMatrix:
         self.close()
         self._forget()
         self._decoder = PacketDecoder()
-        self._link = open_serial(self.name, s.port, s.baud)
+        self._link = open_serial(self.name, s.port, s.baud, self._clock)
         try:
-            found = identify(self.name, s.port, self._link, self._decoder, s.power_up_s, s.reply_timeout_s)
+            found = identify(
+                self.name, s.port, self._link, self._decoder, self._clock, s.power_up_s, s.reply_timeout_s
+            )
             if s.threshold_counts is not None:
                 found.set_threshold(s.threshold_counts)
             info = self._stream_info(found)
@@ -222,7 +224,7 @@ class DsaMatrix:
 
     def _say(self, link: SerialLink, request: codec.Request) -> None:
         link.send(encode_packet(codec.encode_request(request)))
-        now_s = self._heard_s = monotonic_s()
+        now_s = self._heard_s = self._clock.monotonic_s()
         self._order = _Order(request, now_s + self._settings.reply_timeout_s)
 
     def _turn(self) -> None:
@@ -255,7 +257,7 @@ class DsaMatrix:
 
     def _overdue(self, link: SerialLink) -> str | None:
         """Say an order again that has no answer, once."""
-        order, now_s = self._order, monotonic_s()
+        order, now_s = self._order, self._clock.monotonic_s()
         if order is None or now_s < order.due_s:
             return None
         if order.repeated:
@@ -266,7 +268,7 @@ class DsaMatrix:
 
     def _silent(self) -> str | None:
         silence_s = self._settings.silence_timeout_s
-        if not self._listening or monotonic_s() - self._heard_s <= silence_s:
+        if not self._listening or self._clock.monotonic_s() - self._heard_s <= silence_s:
             return None
         return f"no frame in {silence_s:g} s; is the controller powered?"
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from drivers.clock import monotonic_s, rest
+from drivers.clock import Clock
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
 from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
@@ -39,7 +39,13 @@ class Identity:
 
 
 def identify(
-    name: str, port: str, link: SerialLink, decoder: PacketDecoder, power_up_s: float, timeout_s: float
+    name: str,
+    port: str,
+    link: SerialLink,
+    decoder: PacketDecoder,
+    clock: Clock,
+    power_up_s: float,
+    timeout_s: float,
 ) -> Identity:
     """Stop the frames of an earlier host, then ask who is there and what there is.
 
@@ -48,6 +54,7 @@ def identify(
         port: Its port, for errors.
         link: To the port.
         decoder: Left in step with the line.
+        clock: For how long an answer takes.
         power_up_s: How long to wait for the first answer.
         timeout_s: How long any other may take.
 
@@ -57,7 +64,7 @@ def identify(
         ProtocolError: what came is no answer of a DSACON32-M.
         RefusedError: it answers with an error.
     """
-    dialogue = _Dialogue(name, port, link, decoder, timeout_s)
+    dialogue = _Dialogue(name, port, link, decoder, clock, timeout_s)
     attempts = max(ATTEMPTS, round(power_up_s / timeout_s))
     dialogue.ask(codec.Acquire(run=False, rle=True, frames_per_s=0), codec.Done, attempts)
     controller = dialogue.ask(codec.Ask(codec.Id.CONTROLLER), codec.ControllerInfo)
@@ -82,12 +89,13 @@ class _Dialogue:
     """Questions, one at a time."""
 
     def __init__(
-        self, name: str, port: str, link: SerialLink, decoder: PacketDecoder, timeout_s: float
+        self, name: str, port: str, link: SerialLink, decoder: PacketDecoder, clock: Clock, timeout_s: float
     ) -> None:
         self._name = name
         self._doing = f"asking who is at {port}"
         self._link = link
         self._decoder = decoder
+        self._clock = clock
         self._timeout_s = timeout_s
 
     def ask(self, request: codec.Request, kind: type[T], attempts: int = ATTEMPTS) -> T:
@@ -95,12 +103,12 @@ class _Dialogue:
         packet = codec.encode_request(request)
         for _ in range(attempts):
             self._link.send(encode_packet(packet))
-            until_s = monotonic_s() + self._timeout_s
-            while monotonic_s() < until_s and self._link.fault is None:
+            until_s = self._clock.monotonic_s() + self._timeout_s
+            while self._clock.monotonic_s() < until_s and self._link.fault is None:
                 answer = self._heard(packet.id, kind)
                 if answer is not None:
                     return answer
-                rest(TURN_S)
+                self._clock.rest(TURN_S)
             self._decoder.flush()
         raise self._error(attempts)
 

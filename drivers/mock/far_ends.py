@@ -11,7 +11,7 @@ import tty
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
-from drivers.clock import WallClock
+from drivers.clock import Clock, WallClock
 from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.faults import FaultSchedule
 
@@ -45,7 +45,7 @@ class FarEnd(Protocol):
     def endpoint(self) -> Mapping[str, str]:
         """Where the host finds it: settings of its driver."""
 
-    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """Be there for the host; times come from `clock`, what goes wrong from `faults`."""
 
     def waited(self) -> Sequence[Any]:
@@ -84,7 +84,7 @@ class Line:
         # One end stays open here, so that the line survives a host that closes and opens it again.
         self._near: int | None = near
 
-    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """See `FarEnd.open`; the line itself is there from the start."""
         self._faults = faults
 
@@ -158,14 +158,14 @@ class Network:
         self.realtime = realtime
         self._server = server
         self._faults = FaultSchedule()
-        self._clock = WallClock()
+        self._clock: Clock = WallClock()
 
     @property
     def endpoint(self) -> Mapping[str, str]:
         """See `FarEnd.endpoint`."""
         return {"host": self._server.host}
 
-    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """See `FarEnd.open`.
 
         Raises:
@@ -173,6 +173,7 @@ class Network:
         """
         self._faults = faults
         self._clock = clock
+        self._server.clock = clock
         self._server.bench_s = clock.from_monotonic
         self._server.open(HOSTS)
 

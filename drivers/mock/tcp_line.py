@@ -8,7 +8,7 @@ import socket
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
-from drivers.clock import WallClock
+from drivers.clock import Clock
 from drivers.mock.far_ends import READ_BYTES
 from drivers.mock.faults import FaultSchedule
 
@@ -63,7 +63,7 @@ class TcpLine:
         self._host: socket.socket | None = None
         self._unsent = bytearray()
 
-    def open(self, faults: FaultSchedule, clock: WallClock) -> None:
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """See `FarEnd.open`; it listens from the start."""
         self._faults = faults
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from pydantic import Field
 
-from drivers.clock import WallClock, monotonic_s, rest
+from drivers.clock import Clock
 from drivers.errors import PortError, SilentError
 from drivers.links import SerialLink, open_serial
 from drivers.messages import (
@@ -64,7 +64,7 @@ class Person:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: PersonSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: PersonSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -93,7 +93,7 @@ class Person:
                 raise PortError(self.name, "opening the console", reason, advice)
             who = "the person at the console"
         else:
-            self._link = open_serial(self.name, self._settings.port, self._settings.baud)
+            self._link = open_serial(self.name, self._settings.port, self._settings.baud, self._clock)
             try:
                 who = self._greet(self._link)
             except BaseException:
@@ -168,13 +168,13 @@ class Person:
         """Say hello; returns who says it back. What else was on the line is forgotten."""
         self._decoder = LineDecoder()
         link.send(encode(Hello("touchbench")))
-        until_s = monotonic_s() + self._settings.hello_timeout_s
-        while link.fault is None and monotonic_s() < until_s:
+        until_s = self._clock.monotonic_s() + self._settings.hello_timeout_s
+        while link.fault is None and self._clock.monotonic_s() < until_s:
             for _, data in link.receive():
                 for message in self._decoder.feed(data):
                     if isinstance(message, Hello):
                         return message.who
-            rest(HELLO_TURN_S)
+            self._clock.rest(HELLO_TURN_S)
         if link.fault is not None:
             raise PortError(self.name, "saying hello", link.fault, "is it plugged in?")
         reason = f"nobody says hello in {self._settings.hello_timeout_s:g} s"

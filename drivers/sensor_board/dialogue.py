@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.clock import monotonic_s
+from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.links import SerialLink
 from drivers.messages import Command
@@ -14,6 +13,9 @@ from drivers.sensor_board.framing import FrameDecoder
 
 HELLO_ATTEMPTS = 4
 """How often a board is asked who it is. Assumption: the first answer may be lost in a half-heard frame."""
+
+TURN_S = 0.001
+"""Pause between two looks at the port while opening and closing (assumption: a fraction of any reply)."""
 
 TAGS = 256
 """The tag is a u8. It comes round only after as many orders: the replies to those are long in."""
@@ -115,7 +117,7 @@ class Dialogue:
 
 
 def identify(
-    name: str, port: str, link: SerialLink, decoder: FrameDecoder, timeout_s: float, pause: Callable[[], None]
+    name: str, port: str, link: SerialLink, decoder: FrameDecoder, clock: Clock, timeout_s: float
 ) -> Hello:
     """Ask who is there, up to `HELLO_ATTEMPTS` times, until somebody says so.
 
@@ -124,8 +126,8 @@ def identify(
         port: Its port, for errors.
         link: To the port.
         decoder: Left in step with the line.
+        clock: For how long an answer takes.
         timeout_s: How long an answer may take.
-        pause: Lets a little time pass.
 
     Raises:
         PortError: the port was taken away.
@@ -137,14 +139,14 @@ def identify(
     for attempt in range(HELLO_ATTEMPTS):
         # The delimiter ahead closes whatever the board has half heard.
         link.send(b"\0" + encode(CommandFrame(Code.HELLO, attempt)))
-        until_s = monotonic_s() + timeout_s
-        while monotonic_s() < until_s and link.fault is None:
+        until_s = clock.monotonic_s() + timeout_s
+        while clock.monotonic_s() < until_s and link.fault is None:
             for _, data in link.receive():
                 heard += len(data)
                 hello = _hello(name, doing, decoder.feed(data))
                 if hello is not None:
                     return hello
-            pause()
+            clock.rest(TURN_S)
     if link.fault is not None:
         raise PortError(name, doing, link.fault, "is it plugged in and powered?")
     if not heard:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from drivers.clock import WallClock
+from drivers.clock import Clock
 from drivers.errors import CommandError, PortError, ProtocolError
 from drivers.links import SerialLink, open_serial
 from drivers.messages import (
@@ -22,12 +22,9 @@ from drivers.messages import (
     Tare,
 )
 from drivers.sensor_board.codec import Code
-from drivers.sensor_board.dialogue import identify
+from drivers.sensor_board.dialogue import TURN_S, identify
 from drivers.sensor_board.framing import FrameDecoder
 from drivers.sensor_board.session import SensorBoardSettings, Session
-
-OPEN_TURN_S = 0.001
-"""Pause between two looks at the port while opening and closing (assumption: a fraction of any reply)."""
 
 CLOSE_S = 0.25
 """Longest wait at close for the board to say that all is off (assumption: as long as a reply may take)."""
@@ -52,7 +49,7 @@ class SensorBoard:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: SensorBoardSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: SensorBoardSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -70,10 +67,10 @@ class SensorBoard:
         """
         s = self._settings
         self.close()
-        self._link = open_serial(self.name, s.port, s.baud)
+        self._link = open_serial(self.name, s.port, s.baud, self._clock)
         try:
             decoder = FrameDecoder()
-            hello = identify(self.name, s.port, self._link, decoder, s.reply_timeout_s, self._pause)
+            hello = identify(self.name, s.port, self._link, decoder, self._clock, s.reply_timeout_s)
             infos = {
                 stream.id: StreamInfo(
                     name=f"{self.name}.{stream.name}",
@@ -197,11 +194,8 @@ class SensorBoard:
         """Let every order have its reply, at most for `limit_s`."""
         until_s = self._clock.now() + limit_s
         while not session.idle and session.failure is None and self._clock.now() < until_s:
-            self._pause()
+            self._clock.rest(TURN_S)
             session.turn()
-
-    def _pause(self) -> None:
-        self._clock.wait_until(self._clock.now() + OPEN_TURN_S)
 
 
 __all__ = ["SensorBoard", "SensorBoardSettings"]

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 from pydantic import Field, model_validator
 
-from drivers.clock import WallClock, monotonic_s
+from drivers.clock import Clock
 from drivers.links import SerialLink
 from drivers.messages import (
     Command,
@@ -86,7 +86,7 @@ class Session:
         self,
         name: str,
         settings: SensorBoardSettings,
-        clock: WallClock,
+        clock: Clock,
         link: SerialLink,
         decoder: FrameDecoder,
         infos: Mapping[int, StreamInfo],
@@ -107,7 +107,7 @@ class Session:
         self._heard_s: dict[int, float] = {}
         """For each stream that is on: when it was last heard, by the watch."""
         self._watch_s = 0.0
-        self._turned_s = self._fed_s = monotonic_s()
+        self._turned_s = self._fed_s = self._clock.monotonic_s()
 
     @property
     def idle(self) -> bool:
@@ -142,7 +142,7 @@ class Session:
 
     def turn(self) -> None:
         """Hear what has come, repeat what is overdue, feed the watchdog, notice what is silent."""
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         self._watch_s += min(now_s - self._turned_s, TURN_MAX_S)
         self._turned_s = now_s
         arrived = self._link.receive()

@@ -11,14 +11,13 @@ from __future__ import annotations
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 
-from drivers.clock import monotonic_s
+from drivers.clock import Clock, WallClock
 from drivers.messages import Home, Status, Stop
 from drivers.ur_arm.client import CONTROL_GONE, RtdeClient
 from drivers.ur_arm.controller import PLAYING, Seen, still, trouble
@@ -69,20 +68,24 @@ class ArmProcess:
         turns: Counts the turns of the program's loop: an `eventfd` that does not block.
         name: Of the device.
         settings: Of the arm.
+        clock: Whose monotonic times go through the pipe.
     """
 
-    def __init__(self, connection: Connection, turns: int, name: str, settings: UrArmSettings) -> None:
+    def __init__(
+        self, connection: Connection, turns: int, name: str, settings: UrArmSettings, clock: Clock
+    ) -> None:
         self._connection = connection
+        self._clock = clock
         self._turns = turns
         self._name = name
         self._settings = settings
         self._outbox: SimpleQueue[Status | Row | Opened | Broken | None] = SimpleQueue()
         self._sender = threading.Thread(target=self._hand_over, name="sender", daemon=True)
         self._sender.start()
-        self._beat_s = monotonic_s()
+        self._beat_s = self._clock.monotonic_s()
         self._patience_s = STUCK_S
         self._row = Row(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, 0, 0)
-        self._still_since_s = monotonic_s()
+        self._still_since_s = self._clock.monotonic_s()
 
     def run(self, again: bool) -> None:
         """Connect, then obey until the program is gone.
@@ -106,9 +109,9 @@ class ArmProcess:
             pose=self._row.pose,
             details={"client": f"ur_rtde {version('ur_rtde')}", "realtime": realtime},
         )
-        client = RtdeClient(settings, dashboard, lambda: self._row)
+        client = RtdeClient(settings, dashboard, self._clock, lambda: self._row)
         self._await_row(lambda row: row.runtime == PLAYING)
-        self._beat_s = monotonic_s()
+        self._beat_s = self._clock.monotonic_s()
         threading.Thread(target=self._listen, args=(client,), name="listener", daemon=True).start()
         self._send(opened)
         self._obey(client)
@@ -116,22 +119,24 @@ class ArmProcess:
     # --- control ---------------------------------------------------------------------------------------
 
     def _obey(self, client: RtdeClient) -> None:
-        conductor = Conductor(self._name, self._settings, client, monotonic_s, self._send, self._seen())
-        due_s = monotonic_s()
+        conductor = Conductor(
+            self._name, self._settings, client, self._clock.monotonic_s, self._send, self._seen()
+        )
+        due_s = self._clock.monotonic_s()
         while True:
-            due_s = max(due_s + CYCLE_S, monotonic_s())
-            self._beat_s = monotonic_s()
+            due_s = max(due_s + CYCLE_S, self._clock.monotonic_s())
+            self._beat_s = self._clock.monotonic_s()
             try:
-                while (wait_s := due_s - monotonic_s()) > 0.0 and self._connection.poll(wait_s):
+                while (wait_s := due_s - self._clock.monotonic_s()) > 0.0 and self._connection.poll(wait_s):
                     command = self._connection.recv()
                     # A recovery takes its time, within its own deadline.
                     self._patience_s = STUCK_S + self._settings.recover_s * isinstance(command, Home)
                     conductor.order(command)
-                    self._patience_s, self._beat_s = STUCK_S, monotonic_s()
+                    self._patience_s, self._beat_s = STUCK_S, self._clock.monotonic_s()
             except (EOFError, OSError):
                 self._leave(client, conductor)
                 return
-            if monotonic_s() - self._row.arrival_s > 2.0 * self._settings.link_timeout_s:
+            if self._clock.monotonic_s() - self._row.arrival_s > 2.0 * self._settings.link_timeout_s:
                 raise BrokenError("silent", "no rows come through", "is the program still listening?")
             with suppress(BlockingIOError):  # not a turn since the last look
                 os.eventfd_read(self._turns)
@@ -141,11 +146,13 @@ class ArmProcess:
     def _leave(self, client: RtdeClient, conductor: Conductor) -> None:
         """The program is gone: stop, see that the arm stands, end the controller's program."""
         conductor.order(Stop(self._name))
-        deadline_s = monotonic_s() + LEAVE_S
-        while conductor.state not in (State.STANDING, State.HALTED) and monotonic_s() < deadline_s:
-            self._beat_s = monotonic_s()
+        deadline_s = self._clock.monotonic_s() + LEAVE_S
+        while (
+            conductor.state not in (State.STANDING, State.HALTED) and self._clock.monotonic_s() < deadline_s
+        ):
+            self._beat_s = self._clock.monotonic_s()
             conductor.step(self._seen())
-            time.sleep(CYCLE_S)
+            self._clock.rest(CYCLE_S)
         client.leave()
 
     def _seen(self) -> Seen:
@@ -186,11 +193,11 @@ class ArmProcess:
 
     def _await_row(self, wanted: Callable[[Row], bool]) -> bool:
         """Read rows until one is as wanted; False where none came in time."""
-        deadline_s = monotonic_s() + SETTLED_S
+        deadline_s = self._clock.monotonic_s() + SETTLED_S
         while not (self._read_row() and wanted(self._row)):
-            if monotonic_s() > deadline_s:
+            if self._clock.monotonic_s() > deadline_s:
                 return False
-            time.sleep(LOOK_S)
+            self._clock.rest(LOOK_S)
         return True
 
     # --- listening -------------------------------------------------------------------------------------
@@ -207,7 +214,7 @@ class ArmProcess:
                         )
                 else:
                     self._check_progress(client)
-                    time.sleep(LOOK_S)
+                    self._clock.rest(LOOK_S)
         except BrokenError as error:
             self.end(error.broken)
 
@@ -218,7 +225,7 @@ class ArmProcess:
         if device_s == self._row.device_s:
             return False
         row = Row(
-            monotonic_s(),
+            self._clock.monotonic_s(),
             device_s,
             tuple(receive.getActualTCPPose()),
             tuple(receive.getActualTCPSpeed()),
@@ -240,14 +247,14 @@ class ArmProcess:
         if not (receiving and client.connected()):
             reason = CONTROL_GONE if receiving else "the receive link is gone"
             raise BrokenError("silent", reason, "is the cable in, and the controller up?")
-        silent_s = monotonic_s() - self._row.arrival_s
+        silent_s = self._clock.monotonic_s() - self._row.arrival_s
         if silent_s > self._settings.link_timeout_s:
             raise BrokenError(
                 "silent",
                 f"the controller's time has stood still for {silent_s:.2f} s",
                 "is the cable in, and the controller up?",
             )
-        if monotonic_s() - self._beat_s > self._patience_s:
+        if self._clock.monotonic_s() - self._beat_s > self._patience_s:
             raise BrokenError(
                 "silent", "the client is blocked in a command", "restart the controller's program"
             )
@@ -298,7 +305,7 @@ def main() -> None:
     """Serve the program at the other end of the file descriptor that the command line names."""
     connection = Connection(int(sys.argv[1]))
     name, settings, again, turns = connection.recv()
-    process = ArmProcess(connection, turns, name, UrArmSettings.model_validate_json(settings))
+    process = ArmProcess(connection, turns, name, UrArmSettings.model_validate_json(settings), WallClock())
     try:
         process.run(again)
     except BrokenError as error:

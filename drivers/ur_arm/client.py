@@ -6,10 +6,9 @@ Only calls that come back within a few cycles are made: tool speeds, asynchronou
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
-from drivers.clock import monotonic_s
+from drivers.clock import Clock
 from drivers.ur_arm.controller import PLAYING, PROTECTIVE_STOP, trouble
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.pipe import BrokenError, Row
@@ -34,17 +33,21 @@ class RtdeClient:
     Args:
         settings: Of the arm.
         dashboard: A connection of our own.
+        clock: For what takes too long.
         latest: The latest row of the receive interface.
 
     Raises:
         BrokenError: the client does not connect, or the controller does not run its script.
     """
 
-    def __init__(self, settings: UrArmSettings, dashboard: Dashboard, latest: Callable[[], Row]) -> None:
+    def __init__(
+        self, settings: UrArmSettings, dashboard: Dashboard, clock: Clock, latest: Callable[[], Row]
+    ) -> None:
         from rtde_control import RTDEControlInterface
 
         self._settings = settings
         self._dashboard = dashboard
+        self._clock = clock
         self._latest = latest
         self._speeds = False
         try:
@@ -100,7 +103,7 @@ class RtdeClient:
         """See `Client.recover`."""
         self._check_link()
         self._speeds = False
-        deadline_s = monotonic_s() + self._settings.recover_s
+        deadline_s = self._clock.monotonic_s() + self._settings.recover_s
         if reason := self._unlock(deadline_s):
             return reason
         if self._dashboard.ask("is in remote control") == "false":
@@ -110,9 +113,9 @@ class RtdeClient:
         self._control.kickWatchdog()
         self._control.reuploadScript()
         while self._latest().runtime != PLAYING:
-            if monotonic_s() > deadline_s:
+            if self._clock.monotonic_s() > deadline_s:
                 return trouble(self._latest()) or "the controller does not run the script"
-            time.sleep(LOOK_S)
+            self._clock.rest(LOOK_S)
         self._watch()
         return ""
 
@@ -130,11 +133,11 @@ class RtdeClient:
 
     def _unlock(self, deadline_s: float) -> str:
         while reason := _safety(self._latest()):
-            if not self._latest().safety_bits & PROTECTIVE_STOP or monotonic_s() > deadline_s:
+            if not self._latest().safety_bits & PROTECTIVE_STOP or self._clock.monotonic_s() > deadline_s:
                 return reason
             self._dashboard.ask("close safety popup")
             self._dashboard.ask("unlock protective stop")
-            time.sleep(LOOK_S)
+            self._clock.rest(LOOK_S)
         return ""
 
     def _watch(self) -> None:

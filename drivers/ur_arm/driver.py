@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from drivers.clock import WallClock, monotonic_s
+from drivers.clock import Clock
 from drivers.errors import DeviceError, PortError, ProtocolError, RefusedError, SilentError
 from drivers.messages import (
     Applied,
@@ -67,7 +67,7 @@ class UrArm:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: UrArmSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: UrArmSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -94,7 +94,7 @@ class UrArm:
                 stop, or the client is not installed.
         """
         self.close()
-        host = ArmHost(self.name, self._settings, again=False)
+        host = ArmHost(self.name, self._settings, self._clock, again=False)
         try:
             opened = self._opened(host)
         except BaseException:
@@ -151,8 +151,8 @@ class UrArm:
     # --- opening ---------------------------------------------------------------------------------------
 
     def _opened(self, host: ArmHost) -> Opened:
-        deadline_s = monotonic_s() + self._settings.open_timeout_s
-        while monotonic_s() < deadline_s:
+        deadline_s = self._clock.monotonic_s() + self._settings.open_timeout_s
+        while self._clock.monotonic_s() < deadline_s:
             for message in host.receive():
                 if isinstance(message, Opened):
                     return message
@@ -162,7 +162,7 @@ class UrArm:
                 raise SilentError(
                     self.name, "opening", fate, "is anything else wrong with this installation?"
                 )
-            self._clock.wait_until(self._clock.now() + OPEN_TURN_S)
+            self._clock.rest(OPEN_TURN_S)
         raise SilentError(
             self.name,
             "opening",
@@ -195,7 +195,7 @@ class UrArm:
 
     def _turn(self) -> None:
         """Hear what has come; mind the process."""
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         host = self._host
         if host is not None:
             host.turned()
@@ -226,11 +226,11 @@ class UrArm:
     def _mind(self, now_s: float) -> None:
         """Replace a process that is gone or hangs, as long as there is time for it."""
         host = self._host
-        if not self._ready and monotonic_s() - self._lost_s >= self._settings.reconnect_s:
+        if not self._ready and self._clock.monotonic_s() - self._lost_s >= self._settings.reconnect_s:
             self._fail()
         elif host is None:
             if now_s >= self._retry_s:
-                self._host = ArmHost(self.name, self._settings, again=True)
+                self._host = ArmHost(self.name, self._settings, self._clock, again=True)
         elif fate := host.fate():
             self._lose(fate)
         elif self._ready:
@@ -241,7 +241,7 @@ class UrArm:
 
     def _lose(self, reason: str) -> None:
         """The link is gone: end what is left of the process, and begin anew."""
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         if self._host is not None:
             self._host.kill()
             self._host = None

@@ -14,7 +14,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from drivers.clock import monotonic_s
+from drivers.clock import Clock
 from drivers.messages import Command
 from drivers.ur_arm.settings import UrArmSettings
 
@@ -40,14 +40,16 @@ class ArmHost:
     Args:
         name: Of the device.
         settings: Of the arm.
+        clock: Says when something was heard.
         again: Whether it replaces one that died.
 
     Attributes:
-        heard_s: Host monotonic time at which something was last heard; of the start before that.
+        heard_s: The clock's monotonic time at which something was last heard; of the start before that.
     """
 
-    def __init__(self, name: str, settings: UrArmSettings, again: bool) -> None:
-        self.heard_s = monotonic_s()
+    def __init__(self, name: str, settings: UrArmSettings, clock: Clock, again: bool) -> None:
+        self._clock = clock
+        self.heard_s = self._clock.monotonic_s()
         self._queue: deque[object] = deque()
         # The socket is kept beside the connection: shutting it down is what the child takes for our end.
         self._socket, theirs = socket.socketpair()
@@ -93,7 +95,11 @@ class ArmHost:
         code = self._process.poll()
         if code is None:
             # It has closed its end; the exit itself follows, as a rule in microseconds.
-            return "" if monotonic_s() - self._ended_s < EXIT_S else "the arm's process let go of its pipe"
+            return (
+                ""
+                if self._clock.monotonic_s() - self._ended_s < EXIT_S
+                else "the arm's process let go of its pipe"
+            )
         if code < 0:
             return f"the arm's process died ({signal.Signals(-code).name})"
         if code == GAVE_UP:
@@ -123,7 +129,7 @@ class ArmHost:
         try:
             while True:
                 message = self._connection.recv()
-                self.heard_s = monotonic_s()
+                self.heard_s = self._clock.monotonic_s()
                 self._queue.append(message)
         except (EOFError, OSError):
-            self._ended_s = monotonic_s()
+            self._ended_s = self._clock.monotonic_s()

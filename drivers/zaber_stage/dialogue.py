@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from drivers.clock import monotonic_s
+from drivers.clock import Clock
 from drivers.links import SerialLink
 from drivers.zaber_stage import codec
 
@@ -41,6 +41,7 @@ class Dialogue:
     Args:
         link: The open port.
         address: Device number on the line.
+        clock: For what is overdue.
         retry_s: When to ask again, in seconds.
         timeout_s: When to give up, in seconds.
 
@@ -50,12 +51,15 @@ class Dialogue:
         garbage: What has come since the last line that was a message, as far as it is known.
     """
 
-    def __init__(self, link: SerialLink, address: int, *, retry_s: float, timeout_s: float) -> None:
+    def __init__(
+        self, link: SerialLink, address: int, clock: Clock, *, retry_s: float, timeout_s: float
+    ) -> None:
         self.checksums_due = False
         self.fault: str | None = None
         self.garbage = b""
         self._link = link
         self._address = address
+        self._clock = clock
         self._retry_s = retry_s
         self._timeout_s = timeout_s
         self._lines = codec.LineBuffer()
@@ -64,7 +68,7 @@ class Dialogue:
 
     def ask(self, text: str) -> Question:
         """Write a question, whatever else is open."""
-        now_s = monotonic_s()
+        now_s = self._clock.monotonic_s()
         question = Question(text, self._next_id, now_s, now_s)
         self._write(question)
         return question
@@ -83,7 +87,7 @@ class Dialogue:
                 question = self._open.pop(reply.id, None) if reply and reply.id is not None else None
                 if reply and question:
                     answered.append((question, Answer(reply, question.sent_s, arrival_s)))
-        self._repeat(monotonic_s())
+        self._repeat(self._clock.monotonic_s())
         return answered
 
     def _decode(self, line: bytes) -> codec.Reply | None:
@@ -111,5 +115,5 @@ class Dialogue:
         self._next_id = (self._next_id + 1) % codec.IDS
         self._open[question.id] = question
         request = codec.Request(self._address, AXIS, question.id, question.text)
-        question.sent_s = self._link.send(codec.encode_request(request)) or monotonic_s()
+        question.sent_s = self._link.send(codec.encode_request(request)) or self._clock.monotonic_s()
         self.fault = self._link.fault or self.fault

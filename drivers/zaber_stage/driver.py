@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.clock import WallClock, monotonic_s
+from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
 from drivers.links import SerialLink, open_serial
 from drivers.messages import (
@@ -75,7 +75,7 @@ class ZaberStage:
         clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: ZaberStageSettings, clock: WallClock) -> None:
+    def __init__(self, name: str, settings: ZaberStageSettings, clock: Clock) -> None:
         self.name = name
         self._settings = settings
         self._clock = clock
@@ -118,9 +118,11 @@ class ZaberStage:
         """
         s = self._settings
         self._forget()
-        self._link = open_serial(self.name, s.port, s.baud)
+        self._link = open_serial(self.name, s.port, s.baud, self._clock)
         try:
-            self._dialogue = Dialogue(self._link, s.address, retry_s=s.retry_s, timeout_s=s.reply_timeout_s)
+            self._dialogue = Dialogue(
+                self._link, s.address, self._clock, retry_s=s.retry_s, timeout_s=s.reply_timeout_s
+            )
             found = self._converse(self._link, self._dialogue, self._procedures.identify())
             self._dialogue.checksums_due = found.checksums
         except BaseException:
@@ -229,7 +231,7 @@ class ZaberStage:
             self._command, self._waiting = self._waiting, None
             self._procedure = self._procedures.carry_out(self._command)
             self._say(dialogue, next(self._procedure))
-        elif monotonic_s() - self._asked_s >= interval_s:
+        elif self._clock.monotonic_s() - self._asked_s >= interval_s:
             self._poll = dialogue.ask("get pos")
             self._asked_s = self._poll.sent_s
 
@@ -328,7 +330,7 @@ class ZaberStage:
                 for answered, answer in dialogue.turn():
                     if answered is question:
                         question = dialogue.ask(procedure.send(answer.reply).text)
-                self._clock.wait_until(self._clock.now() + OPEN_TURN_S)
+                self._clock.rest(OPEN_TURN_S)
         except StopIteration as end:
             found: Found = end.value
             return found

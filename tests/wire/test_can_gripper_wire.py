@@ -158,7 +158,7 @@ def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:
     drive = calibrated_jaws()
     node = EmulatedCanGripper(EmulatedCanGripperSettings(), drive)
     port = CanPort(port="bench of one gripper", interface="virtual")
-    far = open_can("far end", port)
+    far = open_can("far end", port, WallClock())
     running = threading.Event()
     running.set()
 

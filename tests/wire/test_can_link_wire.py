@@ -12,6 +12,7 @@ import pytest
 
 from drivers.can_frame import CanFrame
 from drivers.can_link import Beat, CanLink, CanPort, Heard, open_can
+from drivers.clock import WallClock
 from drivers.errors import PortError
 from drivers.mock.devices.slcan import EmulatedSlcan
 
@@ -92,13 +93,13 @@ def line() -> Iterator[Line]:
 
 @pytest.fixture
 def link(line: Line) -> Iterator[CanLink]:
-    opened = open_can("gripper", CanPort(port=line.path))
+    opened = open_can("gripper", CanPort(port=line.path), WallClock())
     yield opened
     opened.close()
 
 
 def test_a_question_is_answered_through_an_adapter(serve: Any) -> None:
-    link = open_can("gripper", CanPort(port=serve(EmulatedSlcan(Echo()))))
+    link = open_can("gripper", CanPort(port=serve(EmulatedSlcan(Echo()))), WallClock())
     try:
         before_s = time.monotonic()
         sent_s = link.send(ASK)
@@ -164,7 +165,7 @@ def test_an_adapter_that_takes_no_more_bytes_is_a_fault(line: Line, link: CanLin
 
 
 def test_closing_twice_is_allowed_and_ends_the_thread(line: Line) -> None:
-    link = open_can("gripper", CanPort(port=line.path))
+    link = open_can("gripper", CanPort(port=line.path), WallClock())
     link.close()
     link.close()
     assert not link._thread.is_alive()
@@ -173,23 +174,23 @@ def test_closing_twice_is_allowed_and_ends_the_thread(line: Line) -> None:
 
 def test_a_port_that_another_program_holds_says_how_to_find_it(line: Line, link: CanLink) -> None:
     with pytest.raises(PortError, match=f"held by another program .*fuser -v {line.path}$"):
-        open_can("hand", CanPort(port=line.path))
+        open_can("hand", CanPort(port=line.path), WallClock())
 
 
 def test_a_port_that_is_absent_says_where_to_look() -> None:
     with pytest.raises(PortError, match=r"^gripper: /dev/ttyNONE does not exist"):
-        open_can("gripper", CanPort(port="/dev/ttyNONE"))
+        open_can("gripper", CanPort(port="/dev/ttyNONE"), WallClock())
 
 
 def test_an_interface_that_is_absent_is_a_port_error_in_one_line() -> None:
     with pytest.raises(PortError, match="see: ip link show can99") as error:
-        open_can("gripper", CanPort(port="can99", interface="socketcan"))
+        open_can("gripper", CanPort(port="can99", interface="socketcan"), WallClock())
     assert "\n" not in str(error.value)
 
 
 def test_two_links_speak_on_a_virtual_bus() -> None:
     port = CanPort(port="bench of two", interface="virtual")
-    one, other = open_can("one", port), open_can("other", port)
+    one, other = open_can("one", port, WallClock()), open_can("other", port, WallClock())
     try:
         one.send(ASK)
         other.send(CanFrame(0x32, remote=True))
@@ -201,7 +202,7 @@ def test_two_links_speak_on_a_virtual_bus() -> None:
 
 
 def beaten(serve: Any, echo: Echo, beats: int) -> list[Heard]:
-    link = open_can("hand", CanPort(port=serve(EmulatedSlcan(echo))))
+    link = open_can("hand", CanPort(port=serve(EmulatedSlcan(echo))), WallClock())
     try:
         link.ask(Beat(ASK, frozenset({0x101}), period_s=0.01, answer_s=0.1))
         heard = gathered(link, beats)
@@ -254,7 +255,7 @@ def test_a_late_answer_passes_for_one_to_the_next_question_and_to_no_other(serve
 
 
 def test_beats_begin_anew_when_the_question_changes(serve: Any) -> None:
-    link = open_can("hand", CanPort(port=serve(EmulatedSlcan(Echo()))))
+    link = open_can("hand", CanPort(port=serve(EmulatedSlcan(Echo()))), WallClock())
     try:
         for _ in range(2):
             link.ask(Beat(ASK, frozenset({0x101}), period_s=0.005, answer_s=0.1))

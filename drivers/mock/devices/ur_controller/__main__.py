@@ -18,7 +18,6 @@ from contextlib import suppress
 
 import click
 
-from drivers.clock import monotonic_s
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.plants.arm_motion import StiffPlane
@@ -42,7 +41,7 @@ def obey(server: UrServer, order: dict[str, object]) -> dict[str, object]:
         if name in order:
             setattr(controller, name, bool(order[name]))
     if "silence_s" in order:
-        server.silent_until_s = monotonic_s() + float(str(order["silence_s"]))
+        server.silent_until_s = server.clock.monotonic_s() + float(str(order["silence_s"]))
     if "drop" in order:
         server.drop(str(order["drop"]))
     if order.get("protective_stop"):
@@ -79,7 +78,7 @@ def main(settings: str, plane_m: float | None) -> None:
     pending = b""
     try:
         while True:
-            server.service(monotonic_s() + LOOK_S)
+            server.service(server.clock.monotonic_s() + LOOK_S)
             if not select.select([sys.stdin], [], [], 0.0)[0]:
                 continue
             data = os.read(sys.stdin.fileno(), 65536)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
-from drivers.clock import monotonic_s
+from drivers.clock import Clock, WallClock
 from drivers.mock.devices.ur_controller.controller import UrController
 from drivers.mock.devices.ur_controller.dashboard import GREETING, DashboardSession
 from drivers.mock.devices.ur_controller.rtde import PackageError
@@ -54,6 +54,7 @@ class UrServer:
         silent_until_s: Host time until which nothing goes out on RTDE.
         host: The address that it listens on.
         next_s: Host time of the controller's next cycle.
+        clock: For the controller's cycles; to be set before it opens.
         bench_s: The surroundings' time of a host time.
     """
 
@@ -64,6 +65,7 @@ class UrServer:
         self.silent_until_s = 0.0
         self.host = controller.settings.host
         self.next_s = 0.0
+        self.clock: Clock = WallClock()
         self.bench_s: Callable[[float], float] = lambda host_s: host_s
         self._taken: set[str] = set()
         self._listeners: dict[socket.socket, Callable[[], Session]] = {}
@@ -106,7 +108,7 @@ class UrServer:
             self.close()
             raise
         self.host = host
-        self.next_s = monotonic_s() + STEP_S
+        self.next_s = self.clock.monotonic_s() + STEP_S
 
     def close(self) -> None:
         """Drop every connection and stop listening; may be called twice."""
@@ -126,8 +128,8 @@ class UrServer:
     def service(self, until_s: float) -> None:
         """Serve until the host's monotonic time `until_s`, at least one turn."""
         while True:
-            self.turn(max(0.0, min(self.next_s, until_s) - monotonic_s()))
-            if monotonic_s() >= until_s:
+            self.turn(max(0.0, min(self.next_s, until_s) - self.clock.monotonic_s()))
+            if self.clock.monotonic_s() >= until_s:
                 return
 
     def turn(self, wait_s: float = 0.0, now_s: float | None = None) -> None:
@@ -150,7 +152,7 @@ class UrServer:
             self._accept(one) if one in self._listeners else self._receive(one)
         for one in writable:
             self._send(one, b"")
-        self._catch_up(monotonic_s() if now_s is None else now_s)
+        self._catch_up(self.clock.monotonic_s() if now_s is None else now_s)
 
     def drop(self, which: str) -> int:
         """Close the RTDE connections of the client's "control" or "receive" interface; how many."""
@@ -175,7 +177,7 @@ class UrServer:
             self._stream()
 
     def _stream(self) -> None:
-        hushed = not self.streams or monotonic_s() < self.silent_until_s
+        hushed = not self.streams or self.clock.monotonic_s() < self.silent_until_s
         for connection, session in list(self._sessions.items()):
             if isinstance(session, RtdeSession):
                 package = session.step()

@@ -338,7 +338,7 @@ def test_a_chirp_is_told_when_it_is_over() -> None:
 @pytest.mark.usefixtures("portaudio")
 @pytest.mark.parametrize("missing", [0, 77])
 def test_a_chirp_ends_with_the_frame_at_which_its_end_is_heard(missing: int) -> None:
-    card = SoundCard("audio", AudioSettings(port="sounddevice:USB Audio 24"), "USB Audio 24")
+    card = SoundCard("audio", AudioSettings(port="sounddevice:USB Audio 24"), WallClock(), "USB Audio 24")
     card.open()
     stream = Stream.opened[-1]
     stream.buffer(sound(480))

@@ -33,7 +33,7 @@ class Link:
         self.waiting: list[Heard] = []
         self.closed = False
 
-    def open(self, name: str, port: CanPort) -> Link:
+    def open(self, name: str, port: CanPort, clock: WallClock) -> Link:
         return self
 
     def send(self, frame: CanFrame) -> float:

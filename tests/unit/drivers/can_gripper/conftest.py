@@ -32,9 +32,6 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
             drive.restart()
         host = Host(EmulatedCanGripper(EmulatedCanGripperSettings(), drive), BEGIN_S)
         monkeypatch.setattr("drivers.can_gripper.driver.open_can", host.open)
-        for module in ("driver", "identify"):
-            monkeypatch.setattr(f"drivers.can_gripper.{module}.monotonic_s", host.monotonic_s)
-        monkeypatch.setattr("drivers.can_gripper.identify.rest", host.rest)
         settings = {"port": "can0", "closed_width_m": SCENE.closed_width_m, **driver}
         return Bench(host, drive, CanGripperSettings(**settings))
 

@@ -8,6 +8,7 @@ from drivers.can_frame import CanFrame
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
 from drivers.can_link import Beat, CanPort, Heard
+from drivers.clock import Clock, WallClock
 from drivers.messages import Command, DeviceInfo, SampleBlock, Status
 from drivers.mock.devices.can_gripper import EmulatedCanGripper
 from drivers.mock.plants.jaws_drive import JawsDrive
@@ -33,15 +34,9 @@ class Host:
         self.closed = False
         self._due: list[Heard] = []
 
-    def open(self, name: str, port: CanPort) -> Host:
+    def open(self, name: str, port: CanPort, clock: Clock) -> Host:
         self.closed = False
         return self
-
-    def monotonic_s(self) -> float:
-        return self.now_s
-
-    def rest(self, seconds: float) -> None:
-        self.advance(seconds)
 
     def advance(self, seconds: float) -> None:
         self.now_s += seconds
@@ -73,10 +68,8 @@ class Host:
                 self._due.append(Heard(spoilt, self.now_s + DELAY_S))
 
 
-class HostClock:
+class HostClock(WallClock):
     """Bench time that begins with the host's."""
-
-    virtual = False
 
     def __init__(self, host: Host) -> None:
         self._host = host
@@ -85,8 +78,11 @@ class HostClock:
     def now(self) -> float:
         return self._host.now_s - self._origin_s
 
-    def from_monotonic(self, monotonic_s: float) -> float:
-        return monotonic_s - self._origin_s
+    def monotonic_s(self) -> float:
+        return self._host.now_s
+
+    def rest(self, seconds: float) -> None:
+        self._host.advance(seconds)
 
 
 class Bench:
@@ -96,7 +92,7 @@ class Bench:
         self.host = host
         self.drive = drive
         self.clock = HostClock(host)
-        self.driver = CanGripper("gripper", settings, self.clock)  # type: ignore[arg-type]
+        self.driver = CanGripper("gripper", settings, self.clock)
         self.blocks: list[SampleBlock] = []
         self.statuses: list[Status] = []
 

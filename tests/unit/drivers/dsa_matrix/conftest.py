@@ -27,9 +27,6 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
         source = Ramp(matrices)
         host = Host(EmulatedDsaMatrix(EmulatedDsaMatrixSettings(**(emulated or {})), source), BEGIN_S)
         monkeypatch.setattr("drivers.dsa_matrix.driver.open_serial", host.open)
-        for module in ("driver", "identify"):
-            monkeypatch.setattr(f"drivers.dsa_matrix.{module}.monotonic_s", host.monotonic_s)
-        monkeypatch.setattr("drivers.dsa_matrix.identify.rest", host.advance)
         return Bench(host, source, DsaMatrixSettings(port="/dev/dsa", **driver))
 
     return made

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.clock import Clock, WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.messages import SampleBlock, Status
 from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, Matrix
@@ -48,12 +49,9 @@ class Host:
         self._arrived: list[tuple[float, bytes]] = []
         matrices.step(begin_s)
 
-    def open(self, name: str, port: str, baud: int) -> Host:
+    def open(self, name: str, port: str, baud: int, clock: Clock) -> Host:
         self.closed = False
         return self
-
-    def monotonic_s(self) -> float:
-        return self.now_s
 
     def advance(self, seconds: float) -> None:
         until_s = self.now_s + seconds
@@ -80,20 +78,21 @@ class Host:
             self._arrived.append((self.now_s, data))
 
 
-class HostClock:
+class HostClock(WallClock):
     """Bench time that begins with the host's."""
-
-    virtual = False
 
     def __init__(self, host: Host) -> None:
         self._host = host
-        self.origin_s = host.now_s
+        self._origin_s = host.now_s
 
     def now(self) -> float:
-        return self._host.now_s - self.origin_s
+        return self._host.now_s - self._origin_s
 
-    def from_monotonic(self, monotonic_s: float) -> float:
-        return monotonic_s - self.origin_s
+    def monotonic_s(self) -> float:
+        return self._host.now_s
+
+    def rest(self, seconds: float) -> None:
+        self._host.advance(seconds)
 
 
 class Bench:
@@ -103,7 +102,7 @@ class Bench:
         self.host = host
         self.source = source
         self.clock = HostClock(host)
-        self.driver = DsaMatrix("dsa", settings, self.clock)  # type: ignore[arg-type]
+        self.driver = DsaMatrix("dsa", settings, self.clock)
         self.blocks: list[SampleBlock] = []
         self.statuses: list[Status] = []
 

@@ -72,7 +72,7 @@ def test_times_are_the_controllers_and_not_those_of_arrival(bench: Bench) -> Non
     """The first cell says when it was read, to 10 ms. Late by the 13.3 ms that a frame is on the line."""
     bench.driver.apply(ALL)
     bench.turn(8.0)
-    host_s = np.concatenate([block.times for block in bench.blocks[100:]]) + bench.clock.origin_s
+    host_s = np.concatenate([block.times for block in bench.blocks[100:]]) - bench.clock.from_monotonic(0.0)
     told_s = np.concatenate([block.physical[:, 0] for block in bench.blocks[100:]]) * 10.0
     late_s = (host_s - told_s + 20.0) % 40.0 - 20.0
     assert np.mean(late_s) == pytest.approx(0.0138, abs=0.002)

@@ -121,9 +121,6 @@ class Host:
 
     # as time
 
-    def monotonic_s(self) -> float:
-        return self.t_s
-
     def until(self, t_s: float) -> None:
         while self.t_s < t_s - 1e-9:
             self.t_s = min(self.t_s + self.chance.uniform(0.2e-3, 1.2e-3), t_s)
@@ -145,8 +142,11 @@ class HostClock(WallClock):
     def now(self) -> float:
         return self._host.t_s - self._origin_s
 
-    def wait_until(self, t_s: float) -> None:
-        self._host.until(t_s + self._origin_s)
+    def monotonic_s(self) -> float:
+        return self._host.t_s
+
+    def rest(self, seconds: float) -> None:
+        self._host.until(self._host.t_s + seconds)
 
     def restart(self) -> None:
         self._origin_s = self._host.t_s

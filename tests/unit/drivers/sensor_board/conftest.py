@@ -23,9 +23,9 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
         source = Source(BEGIN_S)
         emulated = EmulatedSensorBoard(EmulatedSensorBoardSettings(**(board or {})), source)
         host = Host(emulated, BEGIN_S)
-        monkeypatch.setattr("drivers.sensor_board.driver.open_serial", lambda name, port, baud: host.open())
-        for module in ("dialogue", "session"):
-            monkeypatch.setattr(f"drivers.sensor_board.{module}.monotonic_s", host.monotonic_s)
+        monkeypatch.setattr(
+            "drivers.sensor_board.driver.open_serial", lambda name, port, baud, clock: host.open()
+        )
         clock = HostClock(host)
         settings = SensorBoardSettings(port="/dev/board", **(driver or {}))
         return Bench(source, emulated, host, clock, SensorBoard("board", settings, clock))
