@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from pydantic import Field
@@ -19,14 +20,14 @@ from controller.rig import Rig
 from controller.signals.protocol import Signal, Signals
 from drivers.clock import rest
 from drivers.messages import (
+    ANSWERED,
+    ANSWERS,
     MOTION,
     Command,
     DeviceInfo,
     Failed,
-    Gripped,
     Listen,
     Lost,
-    Reached,
     SampleBlock,
     Saturated,
     Stalled,
@@ -168,6 +169,8 @@ class Loop:
         self._asked: frozenset[str] = frozenset()
         self._behind: frozenset[str] = frozenset()
         self._silent_since = dict.fromkeys(self._streams.keys() | self._signals.streams, 0.0)
+        self._numbers = itertools.count(1)
+        self._newest: dict[str, int] = {}  # of the commands that are answered, by device
         self._moving: set[str] = set()
         self._paused_s: float | None = None
         self._resuming = False
@@ -204,7 +207,7 @@ class Loop:
                     for status in statuses:
                         self._note(status)
                         self._keep(status, self._behavior.state.name, self._behavior.state.name, ())
-                        if isinstance(status, Standstill):
+                        if isinstance(status, Standstill) and not self._outdated(status):
                             pending.discard(status.device)
                         elif isinstance(status, Failed) and status.device in pending:
                             pending.discard(status.device)
@@ -293,8 +296,9 @@ class Loop:
         self._go_on(t_s)
 
     def _heeds(self, event: Event) -> bool:
-        """Whether the behavior is told: never after its end, and while paused only of what ends the trial."""
-        if self._behavior.done:
+        """Whether the behavior is told: never after its end, never of the answer to an older command, and while paused
+        only of what ends the trial."""
+        if self._behavior.done or (isinstance(event, ANSWERS) and self._outdated(event)):
             return False
         return self._paused_s is None or isinstance(event, GuardStopped | Failed | Stalled)
 
@@ -312,10 +316,16 @@ class Loop:
         return [block for block in blocks if block.stream not in self._behind] if self._behind else blocks
 
     def _note(self, status: Status) -> None:
-        if isinstance(status, Reached | Standstill | Gripped | Stalled | Failed):
+        if isinstance(status, (*ANSWERS, Stalled, Failed)) and not self._outdated(status):
             self._moving.discard(status.device)
         elif isinstance(status, Lost):
             self.account.lost[status.stream] = self.account.lost.get(status.stream, 0) + status.samples
+
+    def _outdated(self, status: Status) -> bool:
+        """Whether it is about a command that a newer one to the same device has replaced."""
+        if isinstance(status, Stalled | Failed) and not status.command_id:
+            return False
+        return status.command_id != self._newest.get(status.device, 0)
 
     def _detect(self, blocks: Iterable[SampleBlock]) -> list[Detected]:
         found: list[Detected] = []
@@ -380,11 +390,11 @@ class Loop:
             return
         now_s = self._clock.now()
         asked = self._signals.hear(heard)
-        for name, device in self._rig.devices.items():
+        for name in self._rig.devices:
             wanted = frozenset(stream for stream in asked if stream.partition(".")[0] == name)
             present = frozenset(stream for stream in self._asked if stream.partition(".")[0] == name)
             if wanted != present:
-                device.apply(Listen(name, wanted))
+                self._send(Listen(name, wanted))
         self._asked, self._behind = asked, asked - heard
         for stream in sorted(heard - self._heard):
             self._witness.skip(stream, self._silent_since.pop(stream, now_s), now_s)
@@ -395,19 +405,26 @@ class Loop:
     def _apply(self, commands: Sequence[Command]) -> None:
         for command in commands:
             admitted = self._guard.admit(command)
-            self._rig.devices[command.device].apply(admitted)
+            self._send(admitted)
             # A mover that is told to stop is waited for like one that moves: its standstill is told either way.
             if isinstance(admitted, MOTION) or (
                 isinstance(admitted, Stop) and command.device in self._movers
             ):
                 self._moving.add(command.device)
 
+    def _send(self, command: Command) -> None:
+        """Number a command, and hand it to its device."""
+        numbered = replace(command, id=next(self._numbers))
+        if isinstance(command, ANSWERED):
+            self._newest[command.device] = numbered.id
+        self._rig.devices[command.device].apply(numbered)
+
     def _stop_all(self) -> None:
         for name in self._movers:
             # Whatever is wrong with one mover, the next one is stopped too.
             with suppress(Exception):
-                self._rig.devices[name].apply(Stop(name))
-                # Its answer is waited for even where it stood: told later, it would pass for that of a newer motion.
+                self._send(Stop(name))
+                # Its answer is waited for even where it stood.
                 self._moving.add(name)
 
     def _waits_for_a_word(self) -> bool:

@@ -87,9 +87,16 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Asks one device for one thing."""
+    """Asks one device for one thing.
+
+    Attributes:
+        device: Its name in the profile.
+        id: Number that the loop gives it on its way to the device, from 1 within a trial; 0 where nobody numbered it.
+            What a command asks for is the same under any number.
+    """
 
     device: str
+    id: int = field(default=0, kw_only=True, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +265,9 @@ class Listen(Command):
 MOTION = (Home, MoveAt, MoveTo, MovePose, Twist, Grip, Release)
 """Commands after which a device may be moving."""
 
+ANSWERED = (*MOTION, Stop, Chirp, Ask, LoadWeight)
+"""Commands that a later status answers; a newer one to the same device replaces an older one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Applied:
@@ -272,10 +282,17 @@ class Applied:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Something that a device reported, at bench time `t_s`."""
+    """Something that a device reported, at bench time `t_s`.
+
+    Attributes:
+        t_s: When.
+        device: Its name in the profile.
+        command_id: The command that it is about (`Command.id`); 0 where it is about the device and no command.
+    """
 
     t_s: float
     device: str
+    command_id: int = field(default=0, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,6 +300,9 @@ class Sent(Status):
     """A command left the host (its last byte is written)."""
 
     command: Command
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "command_id", self.command.id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,6 +353,9 @@ class Refused(Status):
     command: Command
     reason: str
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "command_id", self.command.id)
+
 
 @dataclass(frozen=True, slots=True)
 class Stalled(Status):
@@ -362,6 +385,10 @@ class Failed(Status):
     """The device can no longer be trusted: link gone, silent, another protocol. The run ends."""
 
     reason: str
+
+
+ANSWERS = (Reached, Standstill, Gripped, Answered, Loaded)
+"""Statuses that answer a command; one that answers an older command than the device's newest ends nothing."""
 
 
 @dataclass(frozen=True, slots=True)

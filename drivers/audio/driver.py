@@ -81,6 +81,7 @@ class Audio:
         self._blocks: list[SampleBlock] = []
         self._statuses: list[Status] = []
         self._saturations = 0
+        self._driven = 0  # id of what the drive was last told
         self._turned_s = self._clock.monotonic_s()
         self._unheard_s = 0.0
 
@@ -147,6 +148,7 @@ class Audio:
             self._listen(bool(command.streams), self._source)
         elif isinstance(command, Tone | Chirp | Excite):
             self._source.drive(command)
+            self._driven = command.id
         self._statuses.append(Sent(now_s, self.name, command))
         return Applied(command, now_s)
 
@@ -256,7 +258,7 @@ class Audio:
     def _take(self, happening: Happening) -> None:
         if isinstance(happening, Swept):
             t_s = self._frames.time_s(happening.frame, happening.arrival_s)
-            self._statuses.append(Reached(t_s, self.name, 0.0))
+            self._statuses.append(Reached(t_s, self.name, 0.0, command_id=self._driven))
         elif isinstance(happening, Declined):
             t_s = self._clock.from_monotonic(happening.arrival_s)
             self._statuses.append(Refused(t_s, self.name, happening.command, happening.reason))

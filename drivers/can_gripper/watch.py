@@ -82,6 +82,10 @@ class Watch:
         lost = isinstance(self._driving, Grip) and self._state is not None and not _held(self._state)
         return not self._under_way and not lost
 
+    @property
+    def _id(self) -> int:
+        return 0 if self._command is None else self._command.id
+
     def push(self, asked_s: float, state: State, fault: bool) -> list[Status]:
         """What a state means that was asked for at bench time `asked_s`."""
         newly_faulty, self.faulty = fault and not self.faulty, fault
@@ -116,16 +120,19 @@ class Watch:
     def _broken(self, t_s: float, state: State) -> Status:
         reasons = [words for name, words in FAULTS.items() if getattr(state, name)]
         reason = " and ".join(reasons) or "it reports a fault of its motor or supply"
-        return Stalled(t_s, self._device, f"{reason}, and whatever it held is loose; send Home")
+        return Stalled(
+            t_s, self._device, f"{reason}, and whatever it held is loose; send Home", command_id=self._id
+        )
 
     def _homing(self, t_s: float, state: State) -> list[Status]:
         if self.busy and state.calibrated:
             self.busy = False
-            return [Reached(t_s, self._device, self._brackets.width_m(state.position))]
+            width_m = self._brackets.width_m(state.position)
+            return [Reached(t_s, self._device, width_m, command_id=self._id)]
         if self.busy and t_s - self._sent_s > CALIBRATION_S:
             self.busy = self._under_way = False
             reason = "it gave up its calibration; are its jaws free, and is it supplied with 24 V?"
-            return [Stalled(t_s, self._device, reason)]
+            return [Stalled(t_s, self._device, reason, command_id=self._id)]
         return []
 
     def _gripping(self, t_s: float, state: State, found: bool | None) -> list[Status]:
@@ -133,7 +140,7 @@ class Watch:
             return []
         self._gripped, self.busy = found, False
         width_m, force_n = self._brackets.width_m(state.position), self._brackets.force_n(state.current_ma)
-        return [Gripped(t_s, self._device, found, width_m, force_n)]
+        return [Gripped(t_s, self._device, found, width_m, force_n, command_id=self._id)]
 
     def _releasing(self, t_s: float, state: State, found: bool | None) -> list[Status]:
         if found is None or not self.busy:
@@ -141,8 +148,9 @@ class Watch:
         self.busy = False
         width_m = self._brackets.width_m(state.position)
         if found:
-            return [Stalled(t_s, self._device, f"something holds its jaws at {width_m * 1e3:.1f} mm")]
-        return [Reached(t_s, self._device, width_m)]
+            reason = f"something holds its jaws at {width_m * 1e3:.1f} mm"
+            return [Stalled(t_s, self._device, reason, command_id=self._id)]
+        return [Reached(t_s, self._device, width_m, command_id=self._id)]
 
     def _stopping(self, t_s: float, before: State | None, state: State, there: bool) -> list[Status]:
         if math.isinf(self._still_s) or before is None or state.position != before.position:
@@ -150,7 +158,8 @@ class Watch:
         if not self.busy or not (there or t_s - self._still_s >= STILL_S):
             return []
         self.busy = self._under_way = False
-        return [Standstill(t_s, self._device, self._brackets.width_m(state.position))]
+        width_m = self._brackets.width_m(state.position)
+        return [Standstill(t_s, self._device, width_m, command_id=self._id)]
 
     def _found(self, t_s: float, state: State) -> bool | None:
         """Whether an object stopped the jaws; None while nothing has."""

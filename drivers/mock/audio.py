@@ -95,6 +95,7 @@ class MockAudio:
         """Begin a trial: bench time is zero again."""
         self._next: int | None = None
         self._sweep_s: float | None = None
+        self._sweep = 0  # id of its command
         self._excursions = Excursions(self._rate_hz)
         self._statuses: list[Status] = []
         self._faults.restart()
@@ -137,7 +138,7 @@ class MockAudio:
             self._bench.drive(command.frequency_hz, command.level)
         elif isinstance(command, Chirp):
             self._bench.chirp(command.from_hz, command.to_hz, command.duration_s, command.level)
-            self._sweep_s = now_s + command.duration_s
+            self._sweep_s, self._sweep = now_s + command.duration_s, command.id
         elif isinstance(command, Excite):
             self._bench.silence()
 
@@ -218,7 +219,7 @@ class MockAudio:
 
     def _tell_sweep(self, now_s: float) -> None:
         if self._sweep_s is not None and self._sweep_s <= now_s:
-            self._statuses.append(Reached(self._sweep_s, self.name, 0.0))
+            self._statuses.append(Reached(self._sweep_s, self.name, 0.0, command_id=self._sweep))
             self._sweep_s = None
 
     def account(self) -> Mapping[str, object]:

@@ -117,7 +117,7 @@ class MockPerson:
         if self._faults.active(now_s, "refuse"):
             self._statuses.append(Refused(now_s, self.name, asked, "the person says no (injected fault)"))
         elif isinstance(asked, Ask):
-            self._statuses.append(Answered(now_s, self.name, asked.request))
+            self._statuses.append(Answered(now_s, self.name, asked.request, command_id=asked.id))
         else:
             self._hang(asked, now_s)
 
@@ -128,4 +128,4 @@ class MockPerson:
             self._statuses.append(Refused(now_s, self.name, asked, f"{error.reason}; {error.advice}"))
             return
         self._loads.hang(now_s, asked.bridge, asked.force_n)
-        self._statuses.append(Loaded(now_s, self.name, asked.bridge, asked.force_n))
+        self._statuses.append(Loaded(now_s, self.name, asked.bridge, asked.force_n, command_id=asked.id))

@@ -104,7 +104,8 @@ class MockUrArm:
         self._seq = 0
         self._zero = np.zeros(6)
         self._halted = ""
-        self._target: type[Status] | None = None
+        self._answer: type[Reached | Standstill] | None = None
+        self._commanded = 0
         self._fence = ""
         self._statuses: list[Status] = []
         self._faults.restart()
@@ -186,7 +187,8 @@ class MockUrArm:
                 self._bench.advance(now_s)
                 self._zero = self._bench.wrench(np.array([now_s]), self._towards.direction)[0]
                 return
-        self._target = Standstill if isinstance(command, Stop) else Reached
+        self._answer = Standstill if isinstance(command, Stop) else Reached
+        self._commanded = command.id
         self._bench.on_plan(now_s)
 
     def _fenced(self, now_s: float) -> str:
@@ -213,7 +215,7 @@ class MockUrArm:
     def _brake(self, now_s: float, deceleration_m_s2: float) -> None:
         self.axis.stop(now_s, deceleration_m_s2)
         self._bench.on_plan(now_s)
-        self._target = None
+        self._answer = None
 
     def _listen(self, heard: frozenset[str], now_s: float) -> None:
         self._bench.advance(now_s)
@@ -294,19 +296,21 @@ class MockUrArm:
             self._halted = f"the arm is in a protective stop (stall injected at {stall.at_s:g} s)"
             self._brake(now_s, HALT_M_S2)
             words = f"{self._halted}; look at the arm, then send it Home"
-            self._statuses.append(Stalled(now_s, self.name, words))
+            self._statuses.append(Stalled(now_s, self.name, words, command_id=self._commanded))
         failed = self._faults.failure(now_s, self.name)
         if failed is not None:
             # The controller's watchdog: nobody is there any more who leads the arm.
             self._brake(now_s, HALT_M_S2)
             self._statuses.append(failed)
         still_s = self.axis.arrival_s + STILL_S
-        if self._target is not None and now_s >= still_s and not self._gone(now_s):
+        if self._answer is not None and now_s >= still_s and not self._gone(now_s):
             if self._fence:
-                self._statuses.append(Stalled(still_s, self.name, self._fence))
+                self._statuses.append(Stalled(still_s, self.name, self._fence, command_id=self._commanded))
             else:
-                self._statuses.append(self._target(still_s, self.name, self.axis.target_m))  # type: ignore[call-arg]
-            self._target, self._fence = None, ""
+                self._statuses.append(
+                    self._answer(still_s, self.name, self.axis.target_m, command_id=self._commanded)
+                )
+            self._answer, self._fence = None, ""
         taken, self._statuses = self._statuses, []
         return taken
 

@@ -91,7 +91,8 @@ class MockZaberStage:
         self._listening = False
         self._next_sample = 0
         self._seq = 0
-        self._target: type[Status] | None = None
+        self._answer: type[Reached | Standstill] | None = None
+        self._commanded = 0
         self._commanded_s = 0.0
         self._statuses: list[Status] = []
         self._faults.restart()
@@ -135,7 +136,7 @@ class MockZaberStage:
         return Applied(command, now_s)
 
     def _move(self, command: Command, now_s: float) -> None:
-        self._commanded_s = now_s
+        self._commanded_s, self._commanded = now_s, command.id
         axis = self.axis
         if isinstance(command, MoveAt | MoveTo):
             target_m = command.limit_m if isinstance(command, MoveAt) else command.position_m
@@ -161,15 +162,15 @@ class MockZaberStage:
                 return
         if isinstance(command, MoveAt):
             axis.move_at(now_s, command.velocity_m_s, command.limit_m)
-            self._target = Reached
+            self._answer = Reached
         elif isinstance(command, MoveTo):
             axis.move_to(now_s, command.position_m, command.speed_m_s)
-            self._target = Reached
+            self._answer = Reached
         elif isinstance(command, Stop):
             axis.stop(now_s)
-            self._target = Standstill
+            self._answer = Standstill
         elif isinstance(command, Home):
-            self._target = Reached  # the simulated stage has never lost its reference
+            self._answer = Reached  # the simulated stage has never lost its reference
         else:
             raise CommandError(
                 self.name, f"applying {command}", "a stage only moves", "send it to another device"
@@ -215,17 +216,22 @@ class MockZaberStage:
             self._statuses.append(failed)
         axis = self.axis
         deaf = self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
-        if self._target is not None and not axis.moving(now_s) and not deaf:
+        if self._answer is not None and not axis.moving(now_s) and not deaf:
             at_s = max(axis.arrival_s, self._commanded_s)
-            self._statuses.append(self._target(at_s, self.name, axis.target_m))  # type: ignore[call-arg]
-            self._target = None
+            self._statuses.append(self._answer(at_s, self.name, axis.target_m, command_id=self._commanded))
+            self._answer = None
         taken, self._statuses = self._statuses, []
         return taken
 
     def _stall(self, fault: Fault, now_s: float) -> None:
         self.axis.stall(now_s)
         self._bench.on_plan(now_s)
-        self._target = None
+        self._answer = None
         self._statuses.append(
-            Stalled(now_s, self.name, f"stalled ({fault.kind} injected at {fault.at_s:g} s)")
+            Stalled(
+                now_s,
+                self.name,
+                f"stalled ({fault.kind} injected at {fault.at_s:g} s)",
+                command_id=self._commanded,
+            )
         )

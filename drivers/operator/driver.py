@@ -199,9 +199,9 @@ class Person:
             self._statuses.append(Refused(t_s, self.name, asked, answer.reason or "no reason given"))
         elif isinstance(asked, LoadWeight):
             self._loads.hang(t_s, asked.bridge, asked.force_n)
-            self._statuses.append(Loaded(t_s, self.name, asked.bridge, asked.force_n))
+            self._statuses.append(Loaded(t_s, self.name, asked.bridge, asked.force_n, command_id=asked.id))
         else:
-            self._statuses.append(Answered(t_s, self.name, asked.request))
+            self._statuses.append(Answered(t_s, self.name, asked.request, command_id=asked.id))
 
     def _fail(self, reason: str) -> None:
         if not self._failed:

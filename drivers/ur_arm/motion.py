@@ -97,6 +97,7 @@ class Conductor:
         self._say = say
         self._seen = seen
         self._goal: Command | None = None
+        self._commanded = 0  # id of the command that is carried out, a stop too
         self._next: Command | None = None
         self._ending: Callable[[], Status] | None = None
         self._free: FreeMotion | None = None
@@ -155,6 +156,7 @@ class Conductor:
 
     def _begin(self, command: Command) -> None:
         self._goal, self._since_s, self._ending = command, self._now(), None
+        self._commanded = command.id
         match command:
             case MoveAt():
                 self._start_speed(command)
@@ -221,7 +223,7 @@ class Conductor:
     # --- ending ----------------------------------------------------------------------------------------
 
     def _stop(self, command: Stop) -> None:
-        self._next = None
+        self._next, self._commanded = None, command.id
         match self.state:
             case State.SPEEDING | State.BRAKING:
                 self._brake(self._standstill)
@@ -271,7 +273,14 @@ class Conductor:
         self._told = REST
         self._since_s = self._now()
         self._deadline_s = self._since_s + HALT_S
-        self._say(Stalled(self._now(), self._name, f"{reason}; look at the arm, then send it Home"))
+        self._say(
+            Stalled(
+                self._now(),
+                self._name,
+                f"{reason}; look at the arm, then send it Home",
+                command_id=self._commanded,
+            )
+        )
 
     # --- in every cycle --------------------------------------------------------------------------------
 
@@ -377,10 +386,10 @@ class Conductor:
         self._say(Refused(self._now(), self._name, command, reason))
 
     def _reached(self) -> Status:
-        return Reached(self._now(), self._name, self._position_m)
+        return Reached(self._now(), self._name, self._position_m, command_id=self._commanded)
 
     def _standstill(self) -> Status:
-        return Standstill(self._now(), self._name, self._position_m)
+        return Standstill(self._now(), self._name, self._position_m, command_id=self._commanded)
 
     def _stalled(self, reason: str) -> Status:
-        return Stalled(self._now(), self._name, reason)
+        return Stalled(self._now(), self._name, reason, command_id=self._commanded)

@@ -100,7 +100,7 @@ class ZaberStage:
         self._halt: Question | None = None
         self._motion: Command | None = None  # the stage is on its way
         self._target: int | None = None
-        self._stopping = False
+        self._stopping: Stop | None = None  # not yet answered
         self._since_s = -math.inf  # answers to older questions say nothing of this motion
         self._asked_s = -math.inf
         self._flag = codec.NO_FLAG
@@ -191,7 +191,7 @@ class ZaberStage:
 
     # what is said
 
-    def _write_stop(self, command: Command) -> None:
+    def _write_stop(self, command: Stop) -> None:
         """Past everything: no answer is waited for, and no line of an unfinished procedure follows."""
         self._abandon()
         if self._dialogue is not None:
@@ -199,7 +199,7 @@ class ZaberStage:
                 self._dialogue.withdraw(self._halt)
             self._halt = self._dialogue.ask("stop")
             self._since_s = self._halt.sent_s
-            self._stopping = True
+            self._stopping = command
             self._failure = self._failure or self._dialogue.fault
         if self._failure is None:
             self._say_status(Sent(self._bench_s(self._since_s), self.name, command))
@@ -225,7 +225,7 @@ class ZaberStage:
             self._proceed(dialogue)
 
     def _proceed(self, dialogue: Dialogue) -> None:
-        watched = self._listening or self._stopping or self._motion is not None
+        watched = self._listening or self._stopping is not None or self._motion is not None
         interval_s = self._settings.position_interval_s if watched else self._settings.idle_interval_s
         if self._waiting is not None:
             self._command, self._waiting = self._waiting, None
@@ -239,7 +239,7 @@ class ZaberStage:
         self._question = dialogue.ask(line.text)
         if line.decisive and self._command is not None and dialogue.fault is None:
             self._since_s = self._question.sent_s
-            self._stopping = False
+            self._stopping = None
             self._say_status(Sent(self._bench_s(self._since_s), self.name, self._command))
 
     # what is heard
@@ -280,8 +280,8 @@ class ZaberStage:
         newly = reply.flag != self._flag
         self._flag = reply.flag
         if newly and codec.astray(reply.flag):
+            self._stall(t_s, f"{codec.meaning(reply.flag)} ({reply.flag})")
             self._motion = None
-            self._say_status(Stalled(t_s, self.name, f"{codec.meaning(reply.flag)} ({reply.flag})"))
         if not reply.busy and answer.sent_s >= self._since_s:
             self._stand_still(t_s, counts)
 
@@ -294,20 +294,23 @@ class ZaberStage:
 
     def _stand_still(self, t_s: float, counts: int) -> None:
         position_m = self._mounting.position_m(counts)
-        if self._stopping:
-            self._say_status(Standstill(t_s, self.name, position_m))
+        if self._stopping is not None:
+            self._say_status(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
         elif self._motion is not None and self._target is None and self._flag in codec.UNHOMED:
-            self._say_status(
-                Stalled(t_s, self.name, f"{codec.meaning(self._flag)} after homing ({self._flag})")
-            )
+            self._stall(t_s, f"{codec.meaning(self._flag)} after homing ({self._flag})")
         elif self._motion is not None and self._target not in (None, counts):
             aim_m = self._mounting.position_m(self._target or 0)
             reason = f"it stopped at {position_m:.6f} m on the way to {aim_m:.6f} m ({self._flag})"
-            self._say_status(Stalled(t_s, self.name, reason))
+            self._stall(t_s, reason)
         elif self._motion is not None:
-            self._say_status(Reached(t_s, self.name, position_m))
-        self._stopping = False
+            self._say_status(Reached(t_s, self.name, position_m, command_id=self._motion.id))
+        self._stopping = None
         self._motion = None
+
+    def _stall(self, t_s: float, reason: str) -> None:
+        under_way = self._motion or self._stopping
+        command_id = 0 if under_way is None else under_way.id
+        self._say_status(Stalled(t_s, self.name, reason, command_id=command_id))
 
     def _say_status(self, status: Status) -> None:
         self._statuses.append(status)

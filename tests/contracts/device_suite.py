@@ -167,6 +167,19 @@ class DeviceContract:
         bench.apply(Stop(self.mover))
         assert bench.until(Standstill, self.mover).position_m == pytest.approx(0.0, abs=self.reach_m)
 
+    def test_a_status_names_the_command_that_it_is_about(self, bench: Bench) -> None:
+        self.home(bench)
+        bench.apply(MoveAt(self.mover, 0.005, 0.01, id=5))
+        assert bench.until(Sent, self.mover).command_id == 5
+        bench.apply(MoveTo(self.mover, 0.001, 0.01, id=6))
+        assert bench.until(Reached, self.mover).command_id == 6
+        bench.apply(MoveAt(self.mover, 0.005, 0.01, id=7))
+        bench.turn(0.1)
+        bench.apply(Stop(self.mover, id=8))
+        assert bench.until(Standstill, self.mover).command_id == 8
+        bench.apply(Home(self.mover, id=9))
+        assert bench.until(Reached, self.mover).command_id == 9
+
     @pytest.mark.parametrize(
         "made",
         [

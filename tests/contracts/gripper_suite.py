@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,21 @@ class GripperContract:
         bench.device.apply(Stop("gripper"))
         bench.until(Standstill)
         assert bench.force_n() == pytest.approx(20.0, abs=0.6)
+
+    def test_a_status_names_the_command_that_it_is_about(self, bench: GripperBench) -> None:
+        bench.place("mug")
+        bench.device.apply(replace(GRIP, id=5))
+        assert bench.until(Sent).command_id == 5
+        assert bench.until(Gripped).command_id == 5
+        bench.place(None)
+        assert bench.until(Gripped).command_id == 5
+        bench.device.apply(Release("gripper", 0.1, id=6))
+        bench.device.apply(Stop("gripper", id=7))
+        assert bench.until(Standstill).command_id == 7
+        bench.device.apply(Release("gripper", 0.1, id=8))
+        assert bench.until(Reached).command_id == 8
+        bench.device.apply(Home("gripper", id=9))
+        assert bench.until(Reached).command_id == 9
 
     @pytest.mark.parametrize("first", [Stop("gripper"), Home("gripper")])
     def test_a_stop_upon_a_stop_or_home_still_keeps_what_is_held(

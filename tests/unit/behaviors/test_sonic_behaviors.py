@@ -5,6 +5,8 @@ the loop does: armed in the states that name them, begun anew when they were not
 pause.
 """
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -150,9 +152,7 @@ class Bench:
                 self.jaws = "open"
             elif self.target_m is not None and isinstance(waiting, Reached):
                 self.place_m, self.target_m = self.target_m, None
-            tell = type(waiting)
-            values = [getattr(waiting, name) for name in tell.__dataclass_fields__][1:]
-            self.tell(tell(self.t_s, *values))
+            self.tell(replace(waiting, t_s=self.t_s))
 
     def pause(self, touched):
         """Everything stops half-way; who begins or ceases to touch meanwhile tells nobody."""
