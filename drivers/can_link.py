@@ -6,10 +6,9 @@ import math
 import select
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -28,11 +27,6 @@ HEAR_S = 0.05
 SERIAL_WAIT_S = 0.005
 """Longest wait of slcan for one byte: python-can's 1 ms would wake an idle thread a thousand times a second."""
 
-SEND_TIMEOUT_S = 0.1
-"""A port that takes no byte for this long is blocked. Assumption: a hundred frames at 115,200 baud. pyserial reads its
-clock after writing as well, so that a host that is held up for as long blames the port (0.02 s did, with two busy
-cores)."""
-
 
 class CanPort(Settings):
     """Where a CAN bus is; settings of drivers on one are derived from these."""
@@ -47,21 +41,22 @@ class CanPort(Settings):
     """Line speed to a slcan adapter in bits per second; USB adapters pay no heed to it."""
 
 
-def _slcan(port: CanPort) -> dict[str, Any]:
-    return {
-        "bitrate": port.bitrate,
-        "tty_baudrate": port.tty_baud,
-        "sleep_after_open": 0.0,
-        "timeout": SERIAL_WAIT_S,
-    }
+def _bus(port: CanPort) -> can.BusABC:
+    """The interface of python-can's that the port names."""
+    if port.interface == "slcan":
+        from drivers.can_slcan import PromptSlcan
 
+        return PromptSlcan(
+            port.port,
+            tty_baudrate=port.tty_baud,
+            bitrate=port.bitrate,
+            sleep_after_open=0.0,
+            timeout=SERIAL_WAIT_S,
+        )
+    import can
 
-_OPTIONS: Mapping[str, Callable[[CanPort], dict[str, Any]]] = {
-    "slcan": _slcan,
-    "socketcan": lambda port: {},
-    "virtual": lambda port: {},
-}
-"""What each of python-can's interfaces is told beside its channel."""
+    # A configuration file of python-can's own must not have a say in what a profile does.
+    return can.Bus(interface=port.interface, channel=port.port, ignore_config=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +108,8 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
         open_serial(device, port.port, port.tty_baud, clock).close()
     import can
 
-    options = _OPTIONS[port.interface](port)
     try:
-        # A configuration file of python-can's own must not have a say in what a profile does.
-        bus = can.Bus(interface=port.interface, channel=port.port, ignore_config=True, **options)
+        bus = _bus(port)
     except (can.CanError, OSError, ValueError) as error:
         raise PortError(
             device,
@@ -162,7 +155,7 @@ class CanLink:
         self._thread.start()
 
     def send(self, frame: CanFrame) -> float | None:
-        """Hand a frame to the adapter.
+        """Hand a frame to the kernel, without waiting; a bus that has no room for it is gone.
 
         Returns:
             The monotonic time in seconds at which it was taken, or None where the bus is gone (`fault` says why).
@@ -176,7 +169,7 @@ class CanLink:
         )
         try:
             with self._sending:
-                self._bus.send(message, timeout=SEND_TIMEOUT_S)
+                self._bus.send(message)  # without a time-out it takes the frame at once or not at all
         except (can.CanError, OSError) as error:
             self.fault = self.fault or f"the bus takes no frame ({error})"
             return None
@@ -198,6 +191,9 @@ class CanLink:
         """Let go of the bus and wait for the thread. Never raises; may be called twice."""
         self._closing = True
         self._thread.join(JOIN_TIMEOUT_S)
+        if self.fault is not None:
+            with suppress(Exception):  # the kernel would wait half a minute for what the adapter never took
+                self._bus.serialPortOrig.reset_output_buffer()  # type: ignore[attr-defined]
         with suppress(Exception):  # whatever an adapter that is gone makes of it
             self._bus.shutdown()
         with suppress(AttributeError, OSError):  # slcan leaves its port open where it cannot say goodbye
