@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import signal
 import sys
@@ -19,6 +20,12 @@ PAUSED = "PAUSED"
 
 RESULTS = 4
 """How many results of a trial are shown; the others are in its row of trials.csv."""
+
+DIGITS = 4
+"""Significant digits of a number for the eye: a sensor here has three that mean something."""
+
+_EXPONENT = re.compile(r"e(?:\+|(-))0*")
+"""What an exponent has of signs and zeros that say nothing: `6.323e-05` is `6.323e-5`."""
 
 _TOLD_FIRST = ("frequency_hz", "delay_s", "extent_m", "force_n")
 """The results that say most, where a row has them; the rest follows in the order of the row."""
@@ -213,8 +220,16 @@ def telling(row: Mapping[str, Any]) -> dict[str, Any]:
     return {name: row[name] for name in names[:RESULTS]}
 
 
-def figure(value: object) -> str:
-    """A value for the eye: four digits; a dash for what was not seen."""
+def figure(value: object, width: int = 0) -> str:
+    """A value for the eye: four significant digits, or as many as fit; a dash for what was not seen.
+
+    Args:
+        value: What to show; anything but a float is shown whole, however long.
+        width: Characters that a float may take, seven at least (`-1e-308`), 0 for any number of them.
+    """
     if value is None:
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    texts = (_EXPONENT.sub(r"e\1", f"{value:.{digits}g}") for digits in range(DIGITS, 0, -1))
+    return next(text for text in texts if not width or len(text) <= width)

@@ -31,6 +31,9 @@ ROWS = 8
 BAR = 24
 """Width of the progress bar, in characters."""
 
+NUMBER, OUTCOME = 8, 13
+"""Least width of a column of numbers, which every number fits into, and of the outcomes, in characters."""
+
 GAP = 2
 """Characters between two columns."""
 
@@ -160,17 +163,22 @@ class LiveConsole:
         if not self._results:
             return []
         _, factors, _, results = self._results[-1]
-        short = [name.rpartition(".")[2] for name in factors]
-        widths = [5, *(max(len(name), 8) for name in short), -13, *(max(len(name), 8) for name in results)]
-        # Results that a narrow terminal has no room for are left out whole.
-        while sum(abs(width) + GAP for width in widths) > self._terminal.width + GAP and widths[-1] > 0:
-            widths.pop()
-        lines = [Text(_row(["trial", *short, "outcome", *results], widths), "dim")]
+        names = [name.rpartition(".")[2] for name in factors]
+        rows = [["trial", *names, "outcome", *results]]
         for trial, values, outcome, row in self._results:
-            cells = [str(trial), *(figure(values.get(name)) for name in factors), outcome.replace("_", " ")]
-            cells += [figure(row.get(name)) for name in results]
-            lines.append(Text(_row(cells, widths), _STYLES.get(outcome, _BAD)))
-        return lines
+            shown = [*(values.get(name) for name in factors), outcome.replace("_", " ")]
+            shown += [row.get(name) for name in results]
+            rows.append([str(trial), *(figure(value, NUMBER) for value in shown)])
+        least = [0, *[NUMBER] * len(names), OUTCOME, *[NUMBER] * len(results)]
+        widths = [max(size, *map(len, cells)) for size, *cells in zip(least, *rows, strict=True)]
+        # Results that a narrow terminal has no room for are left out whole.
+        while (
+            sum(width + GAP for width in widths) > self._terminal.width + GAP and len(widths) > len(names) + 2
+        ):
+            widths.pop()
+        styles = ["dim", *(_STYLES.get(outcome, _BAD) for _, _, outcome, _ in self._results)]
+        left = len(names) + 1
+        return [Text(_row(row, widths, left), style) for row, style in zip(rows, styles, strict=True)]
 
     def _present(self) -> list[Text]:
         if self._trial is None:
@@ -194,11 +202,11 @@ class LiveConsole:
         return [now, counts, *(Text(line, "bold yellow") for line in wrap(hint, self._terminal.width))]
 
 
-def _row(cells: Sequence[str], widths: Sequence[int]) -> str:
-    """Cells side by side: to the right, or to the left where the width is negative."""
+def _row(cells: Sequence[str], widths: Sequence[int], left: int) -> str:
+    """As many cells as there are widths side by side, to the right; the one numbered `left` to the left."""
     return (" " * GAP).join(
-        f"{cell:<{-width}.{-width}}" if width < 0 else f"{cell:>{width}.{width}}"
-        for cell, width in zip(cells, widths, strict=False)
+        cell.ljust(width) if place == left else cell.rjust(width)
+        for place, (cell, width) in enumerate(zip(cells, widths, strict=False))
     )
 
 

@@ -32,6 +32,11 @@ JITTER = 0.25
 Assumption: rounding of times, not a sampler that wanders."""
 
 
+LEAST_STEP_S, LATEST_S = 1e-9, 2.0**32
+"""Between two rows of a file at least, and the latest time of one: a nanosecond, and the year 2106 where seconds count
+from 1970. Assumption: no sensor of touch is faster; within these a grid can be counted in whole numbers."""
+
+
 class ReplayError(ValueError):
     """The file cannot be replayed: one line with file, what is wrong and what to do."""
 
@@ -261,8 +266,10 @@ def read_blocks(
         )
     if times_s is None and rate_hz is None:
         raise ReplayError(f"{path}: no column t_s, so the sample rate is needed: --rate HZ")
-    if times_s is not None and not (np.isfinite(times_s).all() and (np.diff(times_s) > 0.0).all()):
-        raise ReplayError(f"{path}: column t_s must be finite and rise from row to row")
+    if times_s is not None and not _are_times(times_s):
+        raise ReplayError(
+            f"{path}: column t_s must be seconds that rise from row to row, by {LEAST_STEP_S:g} s at least"
+        )
     if not len(values):
         raise ReplayError(f"{path}: column {name} has no rows")
     unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
@@ -287,6 +294,10 @@ def read_blocks(
         )
         for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
     ]
+
+
+def _are_times(times_s: NDArray[np.float64]) -> bool:
+    return bool((np.abs(times_s) < LATEST_S).all() and (np.diff(times_s) >= LEAST_STEP_S).all())
 
 
 def _grid(times_s: NDArray[np.float64]) -> tuple[float, NDArray[np.int64]] | None:

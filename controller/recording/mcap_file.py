@@ -40,6 +40,9 @@ MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 1 << 20
 """Uncompressed size at which a chunk is ended (the library's own default)."""
 
+LARGEST_CHUNK_BYTES = 64 * CHUNK_BYTES
+"""Largest chunk that is unpacked (assumption): a chunk ends with the block that fills it, and no block is so large."""
+
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE_HEAD = [
     ("opcode", "u1"),
@@ -271,14 +274,17 @@ def messages(path: Path, body: int, length: int, channels: frozenset[int]) -> It
     """Messages of one chunk on some channels, as (channel, data), in the order in which they were written.
 
     Raises:
-        ValueError: the chunk's content is damaged.
+        ValueError: the chunk's content is damaged; where it cannot even be parsed, the parsing library's own error.
     """
     with path.open("rb") as file:
         file.seek(body)
         chunk = Chunk.read(ReadDataStream(BytesIO(file.read(length))))
-    plain = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+    size = zstandard.get_frame_parameters(chunk.data).content_size
+    if not size == chunk.uncompressed_size <= LARGEST_CHUNK_BYTES:
+        raise ValueError(f"it unpacks to {size} bytes where {chunk.uncompressed_size} are told")
+    plain = zstandard.ZstdDecompressor().decompress(chunk.data)
     if zlib.crc32(plain) != chunk.uncompressed_crc:
-        raise ValueError(f"{path}: the chunk at byte {body} is damaged")
+        raise ValueError("its checksum is another")
     offset, head = 0, struct.Struct("<BQH")
     while offset < len(plain):
         _, record_length, channel = head.unpack_from(plain, offset)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,9 @@ from controller.recording.run_folder import RunFolder, RunFolderError
 from controller.recording.schemas import block_schema, decode_block, skipped_schema
 from controller.recording.series import TrialRecording
 
+_TABLES = {"profile", "devices", "roles", "plant", "loop", "loss", "signals", "outcomes", "exit"}
+"""What of a manifest is a table of its own."""
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -27,7 +31,7 @@ class Run:
         manifest: How it was run.
         trials: One mapping a trial, by column, in the order in which they ran.
         events: One mapping an event.
-        notes: What was found cut off, one sentence each.
+        notes: What was found cut off or damaged, one sentence each.
     """
 
     folder: RunFolder
@@ -57,9 +61,21 @@ class Run:
 
         Raises:
             KeyError: nothing was.
-            ValueError: the recording is damaged.
+            RunFolderError: the recording is damaged.
         """
         return self._index.read(trial)
+
+    def readable(self, trial: int) -> TrialRecording | None:
+        """What was recorded of a trial; None where nothing was, or where it is damaged, which is then in `notes`."""
+        if trial not in self._index.chunks:
+            return None
+        try:
+            return self._index.read(trial)
+        except RunFolderError as error:
+            note = f"The recording of trial {trial} is damaged, and nothing here is drawn or computed from it: {error}."
+            if note not in self.notes:
+                self.notes.append(note)
+            return None
 
     @cached_property
     def _index(self) -> _Index:
@@ -74,25 +90,50 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
     """
     folder = RunFolder.find(path, root)
     manifest = folder.read_manifest()
-    try:
+    with _reading(folder.manifest_path):
+        _check([manifest], dict.fromkeys(_TABLES & set(manifest), dict))
+        ended = sum((manifest.get("outcomes") or {}).values())
+    with _reading(folder.trials_path):
         trials, row_cut = read_ledger(folder.trials_path)
+        _check(trials, {"trial": int, "outcome": str})
+    with _reading(folder.events_path):
         events, event_cut = _read_events(folder.events_path)
-        run = Run(folder, manifest, trials, events)
-        index = run._index
-    except ValueError as error:
-        raise RunFolderError(str(error)) from error
+        _check(events, {"trial": int, "event": str, "t_s": int | float})
+    run = Run(folder, manifest, trials, events)
+    index = run._index
     if (manifest.get("exit") or {}).get("status") == "running":
         run.notes.append("The run was cut off: its manifest still says that it is running.")
     if row_cut:
         run.notes.append("The last line of trials.csv is incomplete and was left out.")
-    ended = sum((manifest.get("outcomes") or {}).values())
     if ended > len(trials):
         run.notes.append(f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.")
     if event_cut:
         run.notes.append("The last line of events.jsonl is incomplete and was left out.")
     if index.cut:
         run.notes.append("The recording has no footer; it was read up to its last whole chunk.")
+    run.notes.extend(index.damage)
     return run
+
+
+@contextmanager
+def _reading(what: object) -> Iterator[None]:
+    """What comes from the disk may be anything, and passes through CSV, JSON, MCAP, zstd, protobuf and NumPy.
+
+    Each has errors of its own: here all of them become the one that callers know.
+    """
+    try:
+        yield
+    except Exception as error:
+        raise RunFolderError(
+            f"{what}: damaged ({' '.join(str(error).split()) or type(error).__name__})"
+        ) from error
+
+
+def _check(rows: Sequence[Mapping[str, Any]], kinds: Mapping[str, Any]) -> None:
+    for number, row in enumerate(rows, start=1):
+        for name, kind in kinds.items():
+            if not isinstance(row.get(name), kind):
+                raise ValueError(f"row {number} has no {name}")
 
 
 def _read_events(path: Path) -> tuple[list[dict[str, Any]], bool]:
@@ -100,10 +141,7 @@ def _read_events(path: Path) -> tuple[list[dict[str, Any]], bool]:
     if not path.exists():
         return [], False
     whole, _, cut = path.read_text("utf-8", errors="replace").rpartition("\n")
-    try:
-        return [json.loads(line) for line in whole.splitlines()], bool(cut)
-    except ValueError as error:
-        raise ValueError(f"{path}: a damaged line ({error})") from error
+    return [json.loads(line) for line in whole.splitlines()], bool(cut)
 
 
 class _Index:
@@ -111,12 +149,17 @@ class _Index:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.cut = False
+        self.damage: list[str] = []
         self.chunks: dict[int, list[tuple[Path, int, int]]] = {}
         self.factors: dict[int, dict[str, object]] = {}
         self._channels: dict[Path, dict[int, Channel]] = {}
         self._block, self._skipped = block_schema(), skipped_schema()
         for path in paths:
-            self._scan(path)
+            try:
+                with _reading(path):
+                    self._scan(path)
+            except RunFolderError as error:
+                self.damage.append(f"{error}; what stands behind that place was not read.")
 
     def _scan(self, path: Path) -> None:
         channels = self._channels[path] = {}
@@ -126,7 +169,7 @@ class _Index:
                 channels[record.id] = record
             elif isinstance(record, Metadata) and record.name == "trial":
                 present = int(record.metadata["trial"])
-                self.factors[present] = json.loads(record.metadata["factors"])
+                self.factors[present] = dict(json.loads(record.metadata["factors"]))
                 self.chunks[present] = []  # a trial that was run again replaces its first attempt
             elif isinstance(record, tuple):
                 self.chunks.setdefault(present, []).append((path, *record))
@@ -137,13 +180,21 @@ class _Index:
         if trial not in self.chunks:
             raise KeyError(f"trial {trial}: nothing was recorded of it")
         recording = TrialRecording(trial, self.factors.get(trial))
+        channels: dict[str, tuple[int, ...]] = {}
         for path, body, length in self.chunks[trial]:
-            for topic, data in self._messages(path, body, length):
-                if topic.topic == "/skipped":
-                    skipped = self._skipped.message.FromString(data)
-                    recording.skip(skipped.stream, skipped.t0_s, skipped.t1_s)
-                else:
-                    recording.add(decode_block(self._block, topic.metadata["stream"], data))
+            with _reading(f"{path}, the chunk at byte {body}"):
+                for topic, data in self._messages(path, body, length):
+                    if topic.topic == "/skipped":
+                        skipped = self._skipped.message.FromString(data)
+                        recording.skip(skipped.stream, skipped.t0_s, skipped.t1_s)
+                    else:
+                        block = decode_block(self._block, topic.metadata["stream"], data)
+                        if (
+                            channels.setdefault(block.stream, block.values.shape[1:])
+                            != block.values.shape[1:]
+                        ):
+                            raise ValueError(f"{block.stream}: a block with another number of channels")
+                        recording.add(block)
         return recording
 
     def _messages(self, path: Path, body: int, length: int) -> Iterator[tuple[Channel, bytes]]:

@@ -176,18 +176,30 @@ def encode_block(schema: Schema, block: SampleBlock) -> bytes:
 
 
 def decode_block(schema: Schema, stream: str, data: bytes) -> SampleBlock:
-    """The block that `encode_block` was given."""
+    """The block that `encode_block` was given.
+
+    Raises:
+        ValueError: no block that a driver could have given.
+    """
     message = schema.message.FromString(data)
-    rate_hz = message.rate_hz if message.HasField("rate_hz") else None
-    return SampleBlock(
+    regular = message.HasField("rate_hz")
+    block = SampleBlock(
         stream=stream,
         seq=message.seq,
         t0_s=message.t0_s,
         values=np.frombuffer(message.values, np.dtype(message.dtype)).reshape(-1, message.channels),
-        rate_hz=rate_hz,
-        times_s=np.array(message.times_s) if rate_hz is None else None,
+        rate_hz=message.rate_hz if regular else None,
+        times_s=None if regular else np.array(message.times_s),
         unit=message.unit,
         scale=message.scale,
         device_t0_s=message.device_t0_s if message.HasField("device_t0_s") else None,
         arrival_s=message.arrival_s if message.HasField("arrival_s") else None,
     )
+    if block.values.dtype.kind not in "iuf":
+        raise ValueError(f"{stream}: its values are no numbers ({message.dtype})")
+    if regular and not 0.0 < message.rate_hz < np.inf:
+        raise ValueError(f"{stream}: a rate of {message.rate_hz} Hz")
+    times_s = block.times
+    if len(times_s) != len(block) or not np.isfinite(times_s).all():
+        raise ValueError(f"{stream}: {len(block)} samples with times that are none of theirs")
+    return block

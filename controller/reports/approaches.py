@@ -7,6 +7,7 @@ import statistics
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 from scipy.stats import spearmanr
 
@@ -63,14 +64,20 @@ def read_approaches(runs: Iterable[Run]) -> list[Approach]:
     approaches = []
     for run in runs:
         for row in sorted(run.trials, key=lambda row: int(row["trial"] or 0)):
-            names = [name for name in Approach.__dataclass_fields__ if name in row]
-            values: dict[str, object] = {name: row[name] for name in names}
-            values["false_contacts"] = int(row.get("false_contacts") or 0)
-            values |= {"noise_scale": row.get(NOISE), "sample_hz": row.get(SAMPLE_HZ), "run": run}
-            values["baseline_s"] = row.get(BASELINE_S)
-            values.setdefault("location", "f")
-            missing = dict.fromkeys(set(Approach.__dataclass_fields__) - set(values))
-            approaches.append(Approach(**values, **missing))  # type: ignore[arg-type]  # cells are typed by column
+            cells = {**row, "noise_scale": row.get(NOISE), "sample_hz": row.get(SAMPLE_HZ)}
+            cells["baseline_s"] = row.get(BASELINE_S)
+            values: dict[str, Any] = {
+                name: cells.get(name) if isinstance(cells.get(name), int | float) else None
+                for name in Approach.__dataclass_fields__
+            }
+            values |= {
+                "run": run,
+                "outcome": str(row["outcome"]),
+                "location": str(row.get("location") or "f"),
+            }
+            values["speed_m_s"] = float(values["speed_m_s"] or math.nan)
+            values["false_contacts"] = int(values["false_contacts"] or 0)
+            approaches.append(Approach(**values))
     return approaches
 
 

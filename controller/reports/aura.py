@@ -413,8 +413,8 @@ def _draw(runs: Sequence[Run], figures: Figures) -> list[Mapping[str, Any]]:
 
 def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:
     stream = str(setting_of(run, "behavior", "finger_stream") or "signals.right")
-    series = run.recording(trial).stream(stream)
-    if not len(series):
+    recording = run.readable(trial)
+    if recording is None or not len(series := recording.stream(stream)):
         return
     start_s = float(series.times_s[0])
     thin = max(1, len(series) // 4000)

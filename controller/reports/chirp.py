@@ -97,8 +97,11 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
             if event.get("next") == "RINGING"
         }
         for trial in run.recorded_trials:
-            series = run.recording(trial).stream(settings.fingers_stream)
-            if trial not in begun_s or not len(series):
+            recording = run.readable(trial)
+            if recording is None or trial not in begun_s:
+                continue
+            series = recording.stream(settings.fingers_stream)
+            if not len(series):
                 continue
             frequencies_hz, power = transfer(series.times_s - begun_s[trial], series.values, settings)
             with figures.figure(2.6) as drawing:

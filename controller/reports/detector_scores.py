@@ -57,11 +57,13 @@ def first_contacts(run: Run) -> Mapping[tuple[int, str], float]:
     first: dict[tuple[int, str], float] = {}
     for event in run.events:
         if event.get("event") == "Contact" and event.get("state") == "APPROACH":
-            first.setdefault((int(event["trial"]), str(event["detector"])), float(event["t_s"]))
+            first.setdefault((int(event["trial"]), str(event.get("detector"))), float(event["t_s"]))
     return first
 
 
 def _listeners(run: Run) -> frozenset[str]:
     return frozenset(
-        str(event["detector"]) for event in run.events if event.get("event") in ("BaselineReady", "Contact")
+        str(event.get("detector"))
+        for event in run.events
+        if event.get("event") in ("BaselineReady", "Contact")
     )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from controller.recording.reader import Run
+    from controller.recording.series import TrialRecording
 
 DEGREES = 180.0 / math.pi
 
@@ -74,7 +75,8 @@ def read_sweeps(runs: Sequence[Run]) -> list[Sweep]:
     for run in runs:
         for row in run.trials:
             trial = int(row["trial"] or 0)
-            touches = _touches(run, trial) if trial in run.recorded_trials else []
+            recording = run.readable(trial)
+            touches = _touches(run, trial, recording) if recording else []
             if touches:
                 force_n = _force_n(run, row)
                 same = next(
@@ -99,11 +101,11 @@ def _force_n(run: Run, row: Mapping[str, Any]) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-def _touches(run: Run, trial: int) -> list[Touch]:
+def _touches(run: Run, trial: int, recording: TrialRecording) -> list[Touch]:
     own = [event for event in run.events if event["trial"] == trial]
     visits = [(str(event["next"]), float(event["t_s"])) for event in own if event["next"] != event["state"]]
     return touches_of(
-        run.recording(trial),
+        recording,
         visits,
         forces_stream=str(setting_of(run, "behavior", "forces_stream")),
         pose_stream=str(setting_of(run, "behavior", "pose_stream")),

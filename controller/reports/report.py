@@ -99,7 +99,6 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
         sections=sections,
         accounts=[account_of(run) for run in runs],
         started=str(first.manifest.get("started_utc", "?"))[:19].replace("T", " "),
-        cut_off=[run.folder.path.name for run in runs if run.cut_off],
     )
 
 

@@ -24,7 +24,9 @@ Floats = NDArray[np.float64]
 def draw_run(figures: Figures, run: Run, row: Mapping[str, Any], sensor: str) -> Markup | None:
     """One trial: the signal (forces and angle of a fingertip), peak and frequency of each block, their product."""
     settings = setting_of(run, "behavior", "sensors", sensor) or {}
-    recording = run.recording(int(row["trial"]))
+    recording = run.readable(int(row["trial"]))
+    if recording is None:
+        return None
     stream = str(settings.get("stream"))
     series = recording.stream(stream)
     zero_s = float(row.get("clock_s") or 0.0)
@@ -79,7 +81,10 @@ def draw_run(figures: Figures, run: Run, row: Mapping[str, Any], sensor: str) ->
 def draw_fingertip_spectra(figures: Figures, run: Run, row: Mapping[str, Any]) -> Markup | None:
     """Fig. 9: the spectrum of one block of Ft before contact, while it rolls, while it slips and at rest after it."""
     settings = setting_of(run, "behavior", "sensors", "fingertip") or {}
-    series = run.recording(int(row["trial"])).stream(str(settings.get("stream")))
+    recording = run.readable(int(row["trial"]))
+    if recording is None:
+        return None
+    series = recording.stream(str(settings.get("stream")))
     slip_s, end_s, touch_s = row.get("slip_s"), row.get("slip_end_s"), row.get("touch_s")
     if slip_s is None or end_s is None or touch_s is None or len(series) < 2:
         return None

@@ -167,11 +167,9 @@ def _row(condition: Condition) -> dict[str, Any]:
 
 
 def _waveform(condition: Condition) -> Series | None:
-    run, trial = condition.trials[0]
-    if trial not in run.recorded_trials:
-        return None
-    series = series_of(run.recording(trial), "accelerometer")
-    return series if len(series) > 1 else None
+    recordings = (run.readable(trial) for run, trial in condition.trials)
+    drawn = (series_of(recording, "accelerometer") for recording in recordings if recording is not None)
+    return next((series for series in drawn if len(series) > 1), None)
 
 
 def _draw(figures: Figures, drawn: Sequence[tuple[Condition, Series]]) -> str:

@@ -47,9 +47,11 @@ def representative(approaches: Sequence[Approach]) -> Approach | None:
 
 
 def trace_of(approach: Approach) -> Trace | None:
-    """Read an approach's recording; None where load cell or period counts are not in it."""
+    """Read an approach's recording; None where it cannot be read, or has no load cell or no period counts."""
     run = approach.run
-    recording = run.recording(approach.trial)
+    recording = run.readable(approach.trial)
+    if recording is None:
+        return None
     force, period = series_of(recording, "load_cell"), series_of(recording, "period")
     if not len(force) or not len(period):
         return None

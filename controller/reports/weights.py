@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from controller.recording.reader import Run
+    from controller.recording.series import TrialRecording
 
 _SIMULATED = (
     "Gain, hysteresis and noise of the simulated bridges were set from the figures that the paper prints. "
@@ -45,8 +46,10 @@ def read_bridges(runs: Sequence[Run]) -> list[Bridge]:
         uncertainty = max(uncertainty, float(setting_of(run, "behavior", "weight_uncertainty") or 0.0))
         for row in run.trials:
             trial, name = int(row["trial"] or 0), str(row.get("bridge"))
-            if name in BRIDGES and row.get("outcome") == "contact" and trial in run.recorded_trials:
-                found.setdefault(name, []).append(_steps(run, trial, name))
+            if name in BRIDGES and row.get("outcome") == "contact":
+                recording = run.readable(trial)
+                if recording is not None:
+                    found.setdefault(name, []).append(_steps(run, recording, name))
     bridges = []
     for name in BRIDGES:
         calibration = calibrate(found.get(name, ()), uncertainty)
@@ -55,9 +58,9 @@ def read_bridges(runs: Sequence[Run]) -> list[Bridge]:
     return bridges
 
 
-def _steps(run: Run, trial: int, bridge: str) -> list[Step]:
+def _steps(run: Run, recording: TrialRecording, bridge: str) -> list[Step]:
     return steps_of(
-        run.recording(trial),
+        recording,
         load_stream=str(setting_of(run, "behavior", "load_stream")),
         bridges_stream=str(setting_of(run, "behavior", "bridges_stream")),
         bridge=bridge,

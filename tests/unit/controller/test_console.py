@@ -1,18 +1,23 @@
 """How the person at the bench interrupts, and what they see."""
 
 import io
+import math
 import os
 import pty
+import re
 import select
 import signal
 import time
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from rich.console import Console as Terminal
 
 from controller import live
-from controller.console import Operator, PlainConsole, figure, telling
+from controller.console import DIGITS, Operator, PlainConsole, figure, telling
 from controller.live import LiveConsole
 from drivers.protocols import Question
 
@@ -239,6 +244,24 @@ def test_what_was_not_seen_is_a_dash():
     assert (figure(None), figure(0.123456), figure(3), figure("f")) == ("-", "0.1235", "3", "f")
 
 
+@given(value=st.floats(), width=st.integers(7, 14))
+@example(value=6.32310e-05, width=8)
+@example(value=-2.2250738585072014e-308, width=7)
+@example(value=99999.5, width=7)
+def test_any_number_fits_its_width_and_reads_back_within_the_digits_that_are_shown(value, width):
+    text = figure(value, width)
+    assert len(text) <= width
+    if not math.isfinite(value):
+        assert text == str(value)
+        return
+    digits = len(re.sub(r"e.*|[-.]", "", text).lstrip("0"))
+    places = -Decimal(text).as_tuple().exponent
+    assert abs(Decimal(text) - Decimal(value)) <= Decimal(5).scaleb(-places - 1)
+    assert digits <= DIGITS
+    wider = figure(value)
+    assert text == wider or len(wider) > width, "no digit is given away that there was room for"
+
+
 # --- on a terminal -----------------------------------------------------------------------------------
 
 
@@ -286,6 +309,17 @@ def test_the_view_shows_trial_state_results_and_counts(screen):
     assert lines[15] == "Ctrl+C pauses"
     screen.campaign_ended("11 trials")
     assert screen.text()[-1].startswith("   11"), "what is left is the table; the line of the outcome follows"
+
+
+def test_the_table_shows_every_number_and_word_whole(screen):
+    screen.campaign_started("mock/slip", 2, Path("runs/x"))
+    screen.trial_started(1, {"sensor": "barrett_finger", "speed_m_s": -6.3231e-05})
+    screen.trial_ended(1, "false_contact", {"force_n": 6.3231e-05, "delay_s": None, "extent_m": -1.2345e-100})
+    head, row = screen.text()[3:5]
+    assert row.split() == ["1", "barrett_finger", "-6.32e-5", "false", "contact", "-", "-1e-100"]
+    assert "force_n" not in head, "what there is no room for is left out whole"
+    assert len(head) == len(row), "names stand above their columns"
+    screen.campaign_ended("")
 
 
 def test_a_pause_shows_the_way_out(screen):

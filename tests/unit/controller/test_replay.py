@@ -203,6 +203,10 @@ def test_a_file_that_is_damaged_or_ambiguous_is_refused_in_one_line(tmp_path):
     refused(tmp_path / "none.wav", "has no rows")
     refused(made("twice.csv", b"a,a\n1,2\n"), "two columns are called 'a'")
     refused(made("empty.csv", b""), "has no rows")
+    for times in (b"0\n1e-320\n2e-320\n", b"0\n1e-10\n1\n", b"0\n1\n1e300\n"):
+        refused(
+            made("times.csv", b"t_s,a\n" + times.replace(b"\n", b",1\n")), "seconds that rise from row to row"
+        )
     refused(made("no.npz", b"PK\x03\x04 and no more"), "no NPZ file of numbers")
     np.savez(tmp_path / "complex.npz", a=np.array([1j, 2.0]))
     refused(tmp_path / "complex.npz", "no NPZ file of numbers")

@@ -1,13 +1,16 @@
 import io
+import zlib
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.records import Channel, Footer, Metadata
+from mcap.records import Channel, Chunk, Footer, Metadata
 
-from controller.recording.mcap_file import CHUNK_BYTES, McapWriter, messages, records
+from controller.recording.mcap_file import CHUNK_BYTES, LARGEST_CHUNK_BYTES, McapWriter, messages, records
 
 
 def write(path, *, chunks=3, per_chunk=4):
@@ -138,7 +141,7 @@ def test_a_flipped_byte_in_a_chunk_is_an_error_and_never_a_number(tmp_path):
     content[1000] ^= 1
     path.write_bytes(content)
     chunk = next(record for record in records(path) if isinstance(record, tuple))
-    with pytest.raises(ValueError, match="damaged"):
+    with pytest.raises(ValueError, match="its checksum is another"):
         list(messages(path, *chunk, frozenset({1})))
 
 
@@ -147,3 +150,15 @@ def test_another_file_is_refused_by_name(tmp_path):
     path.write_text("trial,outcome\n")
     with pytest.raises(ValueError, match=r"a\.mcap: not an MCAP recording"):
         list(records(path))
+
+
+@pytest.mark.parametrize(("size", "told"), [(1000, 999), (LARGEST_CHUNK_BYTES + 1, LARGEST_CHUNK_BYTES + 1)])
+def test_a_chunk_that_unpacks_to_more_than_it_tells_or_than_any_of_ours_is_not_unpacked(tmp_path, size, told):
+    packed = zstandard.compress(bytes(size))
+    builder = RecordBuilder()
+    Chunk("zstd", packed, 0, 0, zlib.crc32(bytes(size)), told).write(builder)
+    path = tmp_path / "a.mcap"
+    record = builder.end()
+    path.write_bytes(record)
+    with pytest.raises(ValueError, match=f"it unpacks to {size} bytes where {told} are told"):
+        list(messages(path, 9, len(record) - 9, frozenset({1})))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -78,3 +80,20 @@ def test_a_block_comes_back_to_the_bit(*, values, seq, rate_hz, regular, t0_s, d
         assert np.array_equal(back.times_s, block.times_s)
     for name in ("stream", "seq", "t0_s", "rate_hz", "unit", "scale", "device_t0_s", "arrival_s"):
         assert getattr(back, name) == getattr(block, name)
+
+
+@pytest.mark.parametrize(
+    "crafted",
+    [
+        {"rate_hz": 0.0},
+        {"rate_hz": float("inf")},
+        {"t0_s": float("nan")},
+        {"rate_hz": None, "times_s": np.array([1.0])},
+        {"rate_hz": None, "times_s": np.array([1.0, np.inf])},
+        {"values": np.zeros((2, 1), "S4")},
+    ],
+)
+def test_a_block_that_no_driver_could_have_given_is_an_error(crafted):
+    block = SampleBlock("a.b", 0, 0.0, np.zeros((2, 1)), 1000.0)
+    with pytest.raises(ValueError, match=r"a\.b: "):
+        decode_block(BLOCK, "a.b", encode_block(BLOCK, replace(block, **crafted)))

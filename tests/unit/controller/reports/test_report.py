@@ -3,12 +3,14 @@ import shutil
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from synthetic_runs import ONSET_S, Given, write_static, write_transient
 
 from behaviors.events import Contact
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
 from controller.recording.reader import open_run
-from controller.recording.run_folder import RecordingError
+from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import Figures
 from controller.reports.report import build_report
@@ -129,10 +131,62 @@ def test_a_run_that_was_killed_is_reported_and_said_to_be_cut_off(campaign, tmp_
     for path, kept in ((folder.trials_path, 0.6), (folder.events_path, 0.7), (folder.recordings[0], 0.5)):
         path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
     text = text_of(build_report([open_run(killed)]))
-    assert "This run was cut off" in text
+    assert "killed was cut off or damaged" in text
     assert "read up to its last whole chunk" in text
     assert "back a 19.05 3.785 1 0 0.33" in text
     assert "cut off: it never said that it ended" in text
+
+
+def flip(path, bit):
+    content = bytearray(path.read_bytes())
+    content[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(content)
+
+
+def test_a_damaged_chunk_costs_its_figure_alone_and_the_page_says_so_in_one_line(campaign, tmp_path):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(campaign[0].folder.path, damaged)
+    run = open_run(damaged)
+    path, body, length = run._index.chunks[2][-1]  # the approach that Fig. 5 draws
+    flip(path, 8 * (body + length // 2))
+    shutil.rmtree(damaged / "figures")
+    text = text_of(build_report([run]))
+    assert text.count("The recording of trial 2 is damaged") == 1
+    assert "back a 19.05 3.785 1 0 0.33" in text
+    assert "Fig. 5." not in text
+    assert {each.stem for each in (damaged / "figures").iterdir()} == {
+        "fig_7_pad",
+        "fig_8_back",
+        "fig_9_speed",
+    }
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_one_flipped_bit_leaves_a_page_or_the_readers_own_error(small_runs, undrawn, data):
+    run = data.draw(st.sampled_from(small_runs))
+    path = run.folder.path / data.draw(
+        st.sampled_from(["recording.mcap", "trials.csv", "events.jsonl", "manifest.json"])
+    )
+    whole = path.read_bytes()
+    if not whole:
+        return
+    flip(path, data.draw(st.integers(0, 8 * len(whole) - 1)))
+    try:
+        assert build_report([open_run(run.folder.path)]).stat().st_size > 1000
+    except RunFolderError as error:
+        assert path.name in str(error)
+    finally:
+        path.write_bytes(whole)
+
+
+@pytest.fixture(scope="module")
+def small_runs(tmp_path_factory):
+    root = tmp_path_factory.mktemp("small")
+    return [
+        write_static(root, {"none": 28.2, "light": 33.0, "full": 49.0}),
+        write_transient(root, [CAMPAIGN[0], CAMPAIGN[5], CAMPAIGN[6]]),
+    ]
 
 
 def test_a_run_without_one_finished_trial_has_a_report(tmp_path, undrawn):
