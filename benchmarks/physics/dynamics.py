@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from benchmarks.physics.model import Motion, Parameters
+from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def motion_table(motion: Motion) -> Floats:
     return np.array([*motion, (np.inf, 0.0, 0.0, 0.0)])
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def probe(motion: Floats, row: int, t: float) -> tuple[float, float, float]:
     """Position, velocity and acceleration of the probe in the piece `row` of its plan."""
     ago = t - motion[row, 0]
@@ -76,7 +76,7 @@ def probe(motion: Floats, row: int, t: float) -> tuple[float, float, float]:
     )
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def contact_force(c: Constants, mode: int, delta: float, rate: float) -> float:
     """(4)."""
     push = c.contact * delta + c.contact_damping * rate
@@ -85,7 +85,7 @@ def contact_force(c: Constants, mode: int, delta: float, rate: float) -> float:
     return push if mode == TOUCHING else 0.0
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def derivative(
     c: Constants, mode: int, comparator: int, oscillator: int, s: float, s_rate: float, x: State
 ) -> State:
@@ -109,7 +109,7 @@ def derivative(
     )
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def moved(x: State, h: float, d: State) -> State:
     """x + h d."""
     return (
@@ -125,7 +125,7 @@ def moved(x: State, h: float, d: State) -> State:
     )
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def rk4(
     c: Constants,
     mode: int,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from benchmarks.physics.dynamics import BY_LAW, REORDERED, Constants, Floats, State, derivative, probe, rk4
@@ -16,11 +15,12 @@ from benchmarks.physics.model import (
     MADE,
     OUTPUT_HZ,
 )
+from drivers.compiled import compiled
 
 Ints = NDArray[np.int64]
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def euler(
     c: Constants, comparator: int, oscillator: int, s: float, s_rate: float, h: float, x: State
 ) -> State:
@@ -45,13 +45,13 @@ def euler(
     )
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _share(before: float, after: float) -> float:
     """Where in a step a straight line crosses zero, 0 to 1."""
     return before / (before - after) if before != after else 1.0
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def watched(c: Constants, s: float, s_rate: float, x: State) -> tuple[float, float, float]:
     """delta, P and y: what switches contact and comparator."""
     delta = s - c.gap - c.arm * x[0]
@@ -59,7 +59,7 @@ def watched(c: Constants, s: float, s_rate: float, x: State) -> tuple[float, flo
     return delta, push, x[4] - x[5] * c.per_quality - x[6]
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def stepped_over(
     c: Constants,
     before: tuple[float, float, float],
@@ -73,7 +73,7 @@ def stepped_over(
     return phase >= 0.5 or y > c.hysteresis or touched != touches
 
 
-@njit(cache=True)
+@compiled()
 def switched(
     c: Constants,
     t: float,
@@ -123,7 +123,7 @@ def switched(
     return (comparator, oscillator, count), phase
 
 
-@njit(cache=True, fastmath=REORDERED)
+@compiled(fastmath=REORDERED)
 def fixed(
     c: Constants,
     motion: Floats,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from benchmarks.physics.dynamics import CLIPPED, FREE, TOUCHING, Constants, State
+from drivers.compiled import compiled
 
 Probe = tuple[float, float, float]
 """Position, velocity and acceleration of the probe."""
@@ -17,7 +17,7 @@ SETTLED_S = 1e-16
 """A located event has converged when Newton moves it by no more: half the spacing of doubles at 1 s."""
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def guard_of(
     c: Constants, which: int, mode: int, comparator: int, s: Probe, x: State, d: State
 ) -> tuple[float, float]:
@@ -42,13 +42,13 @@ def guard_of(
     return sign * push, sign * (c.contact * rate + c.contact_damping * (s[2] - c.arm * d[1]))
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _flat(g0: float, slope0: float, g1: float, slope1: float) -> bool:
     """Whether a guard stays below zero in a step: it is at both ends, and has no maximum inside."""
     return g0 <= 0.0 and g1 <= 0.0 and not (slope0 > 0.0 and slope1 < 0.0)
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def quiet(
     c: Constants,
     mode: int,
@@ -72,7 +72,7 @@ def quiet(
     return _flat(g0, slope0, g1, slope1)
 
 
-@njit(cache=True)
+@compiled()
 def _hermite(
     g0: float, slope0: float, g1: float, slope1: float, h: float, tau: float
 ) -> tuple[float, float, float]:
@@ -87,7 +87,7 @@ def _hermite(
     )
 
 
-@njit(cache=True)
+@compiled()
 def _cubic_root(
     g0: float,
     slope0: float,
@@ -117,7 +117,7 @@ def _cubic_root(
     return tau
 
 
-@njit(cache=True)
+@compiled()
 def _crossing(g0: float, slope0: float, g1: float, slope1: float, h: float) -> float:
     """Where a guard rises through zero within a step, by its cubic; infinity where it does not."""
     if g0 > 0.0 and slope0 >= 0.0:
@@ -135,7 +135,7 @@ def _crossing(g0: float, slope0: float, g1: float, slope1: float, h: float) -> f
     return _cubic_root(g0, slope0, g1, slope1, h, low, high, 1.0, False)
 
 
-@njit(cache=True)
+@compiled()
 def mode_by_law(c: Constants, mode: int, s: Probe, x: State) -> int:
     """(4) at a corner of the probe's plan, where P jumps with the probe's velocity."""
     delta = s[0] - c.gap - c.arm * x[0]
@@ -145,7 +145,7 @@ def mode_by_law(c: Constants, mode: int, s: Probe, x: State) -> int:
     return TOUCHING if mode == CLIPPED and push > 0.0 else mode
 
 
-@njit(cache=True)
+@compiled()
 def overtaken(c: Constants, which: int, mode: int, comparator: int, s: Probe, x: State, d: State) -> int:
     """Another guard that is already above zero and rising where `which` has just reached it, or `which`."""
     for guard in range(GUARDS):
@@ -155,7 +155,7 @@ def overtaken(c: Constants, which: int, mode: int, comparator: int, s: Probe, x:
     return which
 
 
-@njit(cache=True)
+@compiled()
 def first(
     c: Constants,
     mode: int,

@@ -6,10 +6,10 @@ for a loop over the tableau takes twice as long.
 
 from __future__ import annotations
 
-from numba import njit
 from scipy.integrate._ivp import dop853_coefficients as tableau
 
 from benchmarks.physics.dynamics import REORDERED, Constants, Floats, State, derivative, moved, probe
+from drivers.compiled import compiled
 
 A = tuple(tuple(row) for row in tableau.A[: tableau.N_STAGES, : tableau.N_STAGES].tolist())
 B = tuple(tableau.B.tolist())
@@ -17,7 +17,7 @@ C = tuple(tableau.C[: tableau.N_STAGES].tolist())
 """The tableau; what is zero in it is left out below."""
 
 
-@njit(cache=True, fastmath=REORDERED)
+@compiled(fastmath=REORDERED)
 def _rates(
     c: Constants, mode: int, comparator: int, oscillator: int, motion: Floats, row: int, t: float, x: State
 ) -> State:
@@ -26,13 +26,13 @@ def _rates(
     return derivative(c, mode, comparator, oscillator, s, s_rate, x)
 
 
-@njit(cache=True, fastmath=REORDERED)
+@compiled(fastmath=REORDERED)
 def _plus(x: State, h: float, d: State) -> State:
     """x + h d, as a call too."""
     return moved(x, h, d)
 
 
-@njit(cache=True, fastmath=REORDERED)
+@compiled(fastmath=REORDERED)
 def rk8(  # noqa: PLR0915 - a line for every number of the tableau
     c: Constants,
     mode: int,

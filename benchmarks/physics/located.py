@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from benchmarks.physics.dynamics import (
@@ -40,6 +39,7 @@ from benchmarks.physics.model import (
     MADE,
     OUTPUT_HZ,
 )
+from drivers.compiled import compiled
 
 Ints = NDArray[np.int64]
 
@@ -47,7 +47,7 @@ NEWTON = 60
 """Most steps of Newton for an event; three or four are the rule."""
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _step(
     order: int,
     c: Constants,
@@ -70,7 +70,7 @@ def _step(
     return end, s, derivative(c, mode, comparator, oscillator, s[0], s[1], end)
 
 
-@njit(cache=True)
+@compiled()
 def _switched(
     c: Constants, which: int, mode: int, comparator: int, oscillator: int
 ) -> tuple[int, int, int, int]:
@@ -86,7 +86,7 @@ def _switched(
     return FREE, comparator, oscillator, -1
 
 
-@njit(cache=True, fastmath=REORDERED)
+@compiled(fastmath=REORDERED)
 def _trial(
     order: int,
     c: Constants,
@@ -104,7 +104,7 @@ def _trial(
     return _step(order, c, mode, comparator, oscillator, motion, row, t, h, x, d)
 
 
-@njit(cache=True, fastmath=REORDERED)
+@compiled(fastmath=REORDERED)
 def _until(
     order: int,
     c: Constants,
@@ -140,7 +140,7 @@ def _until(
     return end, s, tau, which
 
 
-@njit(cache=True, fastmath=REORDERED)
+@compiled(fastmath=REORDERED)
 def located(
     c: Constants,
     motion: Floats,

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
@@ -34,6 +33,7 @@ from benchmarks.physics.model import (
     Solver,
     Trajectory,
 )
+from drivers.compiled import compiled
 
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 
@@ -51,7 +51,7 @@ _tuple: Any = to_fixed_tuple
 CONTACT, PRESSURE, COMPARATOR, PHASE = range(4)
 
 
-@njit(cache=True)
+@compiled()
 def _rates(values: Floats, switches: NDArray[np.int64], motion: Floats, t: float, x: Floats) -> Floats:
     """The right-hand side; `switches`: mode, comparator, oscillator, row of the probe's plan."""
     c = Constants(*_tuple(values, _CONSTANTS))
@@ -60,7 +60,7 @@ def _rates(values: Floats, switches: NDArray[np.int64], motion: Floats, t: float
     return np.array(d)
 
 
-@njit(cache=True)
+@compiled()
 def _guard(
     values: Floats, switches: NDArray[np.int64], motion: Floats, which: int, t: float, x: Floats
 ) -> float:

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
+
+from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ class Clairvoyant:
         return cusum(self.log_odds(values[:, 0]))
 
 
-@njit(cache=True)
+@compiled()
 def cusum(odds: Floats) -> Floats:
     """Sums that are kept from falling below zero."""
     out = np.empty(odds.size)

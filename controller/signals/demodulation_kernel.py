@@ -6,20 +6,21 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
+
+from drivers.compiled import compiled
 
 ANY_ORDER: Final = {"reassoc", "contract"}
 """For sums that are exact: their order is the compiler's."""
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def take_counts(counts, start, n, channel, work, fill):  # type: ignore[no-untyped-def]
     """Copy one channel of int32 frames, shape (frames, channels), to `work` from `fill` on."""
     for i in range(n):
         work[fill + i] = counts[start + i, channel]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def take_packed(packed, start, n, channel, work, fill):  # type: ignore[no-untyped-def]
     """The same of packed little-endian 24-bit counts, uint8, shape (frames, 3 channels)."""
     frames = packed[start : start + n, 3 * channel : 3 * channel + 3]
@@ -30,7 +31,7 @@ def take_packed(packed, start, n, channel, work, fill):  # type: ignore[no-untyp
         into[i] = low + 256 * middle + 65_536 * high
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def peak(counts, channel):  # type: ignore[no-untyped-def]
     """Farthest count of one channel from zero, negative ones less by one: 2^23 - 1 is full scale either way."""
     farthest = 0
@@ -40,7 +41,7 @@ def peak(counts, channel):  # type: ignore[no-untyped-def]
     return farthest
 
 
-@njit(cache=True, nogil=True, fastmath=ANY_ORDER)
+@compiled(nogil=True, fastmath=ANY_ORDER)
 def sums(work, i_taps, q_taps, decimation, out):  # type: ignore[no-untyped-def]
     """Sums of products of whole numbers below 2^53, for windows `decimation` apart.
 
@@ -72,7 +73,7 @@ def sums(work, i_taps, q_taps, decimation, out):  # type: ignore[no-untyped-def]
         out[last, 0], out[last, 1] = i1, q1
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def turn(out, steps, jump, whole, unit):  # type: ignore[no-untyped-def]
     """Turn I + jQ back by the drive's phase at the beginning of each window, and scale.
 
@@ -98,7 +99,7 @@ def turn(out, steps, jump, whole, unit):  # type: ignore[no-untyped-def]
             steps -= whole
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def mix_table(work, n, table, place, mixed):  # type: ignore[no-untyped-def]
     """Multiply frames by the wave, from a table of one period, shape (2, period), entered at `place`."""
     period = table.shape[1]
@@ -112,7 +113,7 @@ def mix_table(work, n, table, place, mixed):  # type: ignore[no-untyped-def]
         place = 0
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def mix_tables(work, n, coarse, fine, steps, step, mixed):  # type: ignore[no-untyped-def]
     """The same by the product of two tables, rounded: any phase in steps, in whole numbers alone."""
     length, cycle = fine.shape[1], coarse.shape[1]
@@ -132,7 +133,7 @@ def mix_tables(work, n, coarse, fine, steps, step, mixed):  # type: ignore[no-un
             a -= cycle
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def cascade(mixed, n, state, place, decimation, out):  # type: ignore[no-untyped-def]
     """Three integrators, and three combs at the lower rate; int64 that wraps.
 
@@ -172,7 +173,7 @@ def cascade(mixed, n, state, place, decimation, out):  # type: ignore[no-untyped
     return made
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def fused_counts(  # type: ignore[no-untyped-def]
     counts, start, channel, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
 ):
@@ -187,7 +188,7 @@ def fused_counts(  # type: ignore[no-untyped-def]
         )
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def fused_packed(  # type: ignore[no-untyped-def]
     counts, start, channel, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
 ):
@@ -202,7 +203,7 @@ def fused_packed(  # type: ignore[no-untyped-def]
         )
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _fused(work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done):  # type: ignore[no-untyped-def]
     """Fill the outputs that are ready after the first `done`, and move what they leave to the beginning of `work`.
 
@@ -221,7 +222,7 @@ def _fused(work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
     return done + ready, fill
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def cic_counts(counts, channel, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
     """Hear int32 frames: see `_cic`, `take_counts` and `cascade` for what the names mean."""
     start, done = 0, 0
@@ -234,7 +235,7 @@ def cic_counts(counts, channel, work, mixed, table, coarse, fine, frame, step, w
         start += taken
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def cic_packed(counts, channel, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
     """The same of packed frames."""
     start, done = 0, 0
@@ -247,7 +248,7 @@ def cic_packed(counts, channel, work, mixed, table, coarse, fine, frame, step, w
         start += taken
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _cic(n, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
     """Mix and thin `n` frames of `work`, the first of them `frame`; a table without columns means the other two."""
     if table.shape[1] > 0:

@@ -7,10 +7,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controller.signals.whitening import Predictor, Settling, innovate
+from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Odds(NamedTuple):
     patience: int
 
 
-@njit(cache=True)
+@compiled()
 def log_odds(o: Odds, squared: float) -> float:
     """Log-likelihood ratio of an innovation, given its square in variances of noise; bounded by `cap`."""
     # beyond 100 the exponential outweighs all else, and the ratio is at its cap
@@ -46,7 +46,7 @@ def log_odds(o: Odds, squared: float) -> float:
     return math.log((1.0 - o.knock + o.knock * lift) / (1.0 - o.jump + o.jump * lift))
 
 
-@njit(cache=True)
+@compiled()
 def accumulate(
     o: Odds, s: Settling, p: Predictor, evidence: Floats, x: Floats, ceiling: float, out: Floats
 ) -> None:

@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controller.signals.undulation import BEYOND_FS
+from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -43,7 +43,7 @@ def window(size: int) -> Window:
     return Window(np.zeros(size), np.zeros(3), np.zeros(2, np.int64))
 
 
-@njit(cache=True)
+@compiled()
 def z_scores(w: Window, y: Floats, missing: Ints, out: Floats) -> None:
     """(y - mean) / std of the last n samples, the newest among them; std with n - 1.
 
@@ -215,7 +215,7 @@ def search(s: Steps) -> Search:
     )
 
 
-@njit(cache=True)
+@compiled()
 def _mean(ring: Complexes, end: int, n: int) -> complex:
     """Mean of the n samples before place `end`."""
     total = 0j
@@ -224,12 +224,12 @@ def _mean(ring: Complexes, end: int, n: int) -> complex:
     return total / n
 
 
-@njit(cache=True)
+@compiled()
 def _squared(z: complex) -> float:
     return z.real * z.real + z.imag * z.imag
 
 
-@njit(cache=True)
+@compiled()
 def _look(s: Steps, f: Search, end: int) -> None:
     """Looks at all spans that are due, and remembers the largest jump."""
     counts, scales = f.counts, f.scales
@@ -274,7 +274,7 @@ def _look(s: Steps, f: Search, end: int) -> None:
         f.looks[k] += 1
 
 
-@njit(cache=True)
+@compiled()
 def _stays(s: Steps, f: Search, end: int) -> tuple[float, complex]:
     """The jump that is remembered, in scales, if the level has stayed away since, else 0; and how far away it is."""
     third = s.third
@@ -303,7 +303,7 @@ def _stays(s: Steps, f: Search, end: int) -> tuple[float, complex]:
     return min(f.jump[0], math.sqrt(f.jump[1] / (NOISY * noise * f.jump[2]))), change
 
 
-@njit(cache=True)
+@compiled()
 def _rest(s: Steps, f: Search, z: complex) -> None:
     """One sample without contact: the mean of the first ones is the level at rest, which then follows drift alone."""
     counts, levels = f.counts, f.levels
@@ -316,7 +316,7 @@ def _rest(s: Steps, f: Search, z: complex) -> None:
     levels[REST] += off if away <= s.drift_fs else off * (s.drift_fs / away)
 
 
-@njit(cache=True)
+@compiled()
 def _restart(f: Search) -> None:
     """Nothing from before is compared with anything from now on; scales are kept."""
     f.counts[HEARD] = 0
@@ -324,7 +324,7 @@ def _restart(f: Search) -> None:
     f.jump[0] = 0.0
 
 
-@njit(cache=True)
+@compiled()
 def _turn(f: Search, z: complex) -> None:
     """First sample after a gap, over which the drive's phase may have stepped: the levels turn with it, sizes stay."""
     turn = z * f.levels[LAST].conjugate()
@@ -333,7 +333,7 @@ def _turn(f: Search, z: complex) -> None:
         f.levels[:] *= turn / size
 
 
-@njit(cache=True)
+@compiled()
 def _touch(s: Steps, f: Search, z: complex) -> tuple[float, int]:
     """One sample of a contact; returns how much of the step is left, and what is to be said."""
     counts, levels = f.counts, f.levels
@@ -358,12 +358,12 @@ def _touch(s: Steps, f: Search, z: complex) -> tuple[float, int]:
     return left, HELD if counts[LASTED] == s.hold else NOTHING
 
 
-@njit(cache=True)
+@compiled()
 def _middle(a: float, b: float, c: float) -> float:
     return max(min(a, b), min(max(a, b), c))
 
 
-@njit(cache=True)
+@compiled()
 def find_steps(
     s: Steps, f: Search, threshold: float, z: Complexes, missing: Ints, scores: Floats, said: Ints
 ) -> None:

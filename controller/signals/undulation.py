@@ -15,8 +15,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -104,12 +105,12 @@ def fit(way: Way) -> Fit:
     )
 
 
-@njit(cache=True)
+@compiled()
 def _middle(a: float, b: float, c: float) -> float:
     return max(min(a, b), min(max(a, b), c))
 
 
-@njit(cache=True)
+@compiled()
 def _forget(f: Fit) -> None:
     """The fit begins anew; the sample that comes next is the first of a cell."""
     f.scalars[:] = 0.0
@@ -119,7 +120,7 @@ def _forget(f: Fit) -> None:
     f.levels[:BEFORE] = 0.0  # the filter keeps what it has
 
 
-@njit(cache=True)
+@compiled()
 def _travel(w: Way, f: Fit, step_m: float) -> None:
     """Let all sums forget a step, and count the way from here."""
     v, levels, waves = f.scalars, f.levels, f.waves
@@ -138,7 +139,7 @@ def _travel(w: Way, f: Fit, step_m: float) -> None:
         waves[k, 2] *= keep
 
 
-@njit(cache=True)
+@compiled()
 def _judge(f: Fit) -> tuple[float, complex, complex, complex, float]:
     """The best spatial frequency's F ratio, its amplitude at the reference, offset and slope of the fit that goes
     with it, and the residual's variance of a cell."""
@@ -174,7 +175,7 @@ def _judge(f: Fit) -> tuple[float, complex, complex, complex, float]:
     return best / s0 * (freedom + NUISANCES) / variance, amplitude, at_level, at_ramp, variance
 
 
-@njit(cache=True)
+@compiled()
 def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
     """Take a cell into the fit; returns F and the amplitude in full scales, NaN while it is not believed."""
     v, counts, levels, waves = f.scalars, f.counts, f.levels, f.waves
@@ -213,7 +214,7 @@ def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
     return ratio, abs(amplitude)
 
 
-@njit(cache=True)
+@compiled()
 def undulate(
     w: Way, f: Fit, z: Complexes, x_m: Floats, missing: Ints, ratios: Floats, amplitudes_fs: Floats
 ) -> None:

@@ -12,8 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -117,7 +118,7 @@ def predictor(order: int, learn: int) -> Predictor:
     )
 
 
-@njit(cache=True)
+@compiled()
 def first_level(magnitudes: Floats) -> float:
     """Variance of the white noise behind second differences of these magnitudes; bumps among them do little.
 
@@ -136,7 +137,7 @@ def first_level(magnitudes: Floats) -> float:
     return 0.0
 
 
-@njit(cache=True)
+@compiled()
 def _solve(p: Predictor) -> None:
     """Weights from the normal equations (Cholesky), and the gain of noise that goes with them."""
     gram, factor, weights = p.gram, p.factor, p.weights
@@ -176,7 +177,7 @@ def _solve(p: Predictor) -> None:
     p.scalars[GAIN] = gain
 
 
-@njit(cache=True)
+@compiled()
 def innovate(s: Settling, p: Predictor, x: float, quiet: bool) -> float:
     """Hears one sample.
 
@@ -239,7 +240,7 @@ def innovate(s: Settling, p: Predictor, x: float, quiet: bool) -> float:
     return ratio if counts[COUNT] >= 2 * learn else math.nan
 
 
-@njit(cache=True)
+@compiled()
 def _learn(s: Settling, p: Predictor, d: float, weight: float) -> None:
     """Adds one row to the normal equations; one that surprises counts less, for a blow says nothing about
     ringing."""

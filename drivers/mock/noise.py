@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from drivers.compiled import compiled
 
 _MASK = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
@@ -25,7 +26,7 @@ _ROUNDS = 10
 _TO_UNIT = 2.0**-53
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def philox(
     c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, k0: np.uint64, k1: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
@@ -44,7 +45,7 @@ def philox(
     return c0, c1, c2, c3
 
 
-@njit(cache=True)
+@compiled()
 def normal(seed: int, trial: int, stream: int, index: int) -> float:
     """One standard normal deviate (Box-Muller on 53-bit uniforms): the sample `index` of a stream.
 
@@ -73,7 +74,7 @@ def normal(seed: int, trial: int, stream: int, index: int) -> float:
     return radius * (math.sin(angle) if index & 1 else math.cos(angle))
 
 
-@njit(cache=True)
+@compiled()
 def _fill(seed: int, trial: int, stream: int, indices: NDArray[np.int64], out: NDArray[np.float64]) -> None:
     for i in range(indices.size):
         out[i] = normal(seed, trial, stream, indices[i])

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from mpmath import mp, mpf
-from numba import njit
 from numpy.typing import NDArray
 
+from drivers.compiled import compiled
 from drivers.mock.plants.finger_settings import LOCATIONS, FingerSettings
 
 Switch = tuple[float, str]
@@ -251,7 +251,7 @@ def _bisect(at, guard, low, high):  # type: ignore[no-untyped-def]
     return high
 
 
-@njit
+@compiled()
 def _naive_steps(
     q: NDArray[np.float64],
     plan: NDArray[np.float64],

@@ -10,8 +10,8 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numba import njit
 
+from drivers.compiled import compiled
 from drivers.mock.plants.rigid import IDENTITY, Array, difference, inverse
 
 JOINTS = 6
@@ -71,7 +71,7 @@ def _link(joint: int, angle_rad: float) -> Array:
     )
 
 
-@njit("f8[:,:,:](f8[:], f8[:,:])", cache=True)
+@compiled("f8[:,:,:](f8[:], f8[:,:])")
 def _frames(joints_rad: Array, tool: Array) -> Array:
     """Base, each link's frame in it, joint by joint, and last the tool's, shape (8, 4, 4)."""
     frames = np.zeros((JOINTS + 2, 4, 4))
@@ -120,7 +120,7 @@ def jacobian(joints_rad: Sequence[float] | Array, tool: Array = IDENTITY) -> tup
     return frames[-1], slopes
 
 
-@njit("f8[:,:](f8[:,:,:])", cache=True)
+@compiled("f8[:,:](f8[:,:,:])")
 def _slopes(frames: Array) -> Array:
     slopes = np.empty((6, JOINTS))
     for joint in range(JOINTS):
@@ -137,7 +137,7 @@ def _slopes(frames: Array) -> Array:
     return slopes
 
 
-@njit("b1(f8[:,:], f8[:])", cache=True)
+@compiled("b1(f8[:,:], f8[:])")
 def _solved(slopes: Array, error: Array) -> bool:
     """Gauss's elimination with pivots, in place: `error` becomes the solution; False where there is none."""
     n = error.size
@@ -168,7 +168,7 @@ FOLLOWS, SINGULAR, LOST = range(3)
 """How a search for joints can end."""
 
 
-@njit("i8(f8[:], f8[:,:], f8[:,:])", cache=True)
+@compiled("i8(f8[:], f8[:,:], f8[:,:])")
 def _follow(joints_rad: Array, target: Array, tool: Array) -> int:
     """Newton's method in place: joints that put the tool at a target near where it is."""
     for _ in range(_TRACKING_STEPS):

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from drivers.compiled import compiled
 from drivers.mock.noise import normal
 from drivers.mock.plants.aura_settings import PAD_LENGTH_M, PAD_WIDTH_M
 
@@ -41,21 +41,21 @@ class Thing(NamedTuple):
     radius_m: float
 
 
-@njit(cache=True)
+@compiled()
 def spread(distance_m: float, radius_m: float, air: Air) -> float:
     """Amplitude of what comes back from a distance, as a share of that from none."""
     lost = air.decay_power * math.log(1.0 + distance_m / air.decay_m) + 2.0 * air.loss_np_m * distance_m
     return math.exp(-lost) * math.sqrt(radius_m / (radius_m + distance_m))
 
 
-@njit(cache=True)
+@compiled()
 def behind(way_m: float, wave_rad_m: float) -> complex:
     """By how much of a turn sound is late after a way."""
     angle_rad = wave_rad_m * way_m
     return complex(math.cos(angle_rad), -math.sin(angle_rad))
 
 
-@njit(cache=True)
+@compiled()
 def faced(y_m: float, z_m: float, thing: Thing) -> tuple[float, float, float]:
     """What of a finger's pad has the object before it across and lengthwise, 0 to 1, and how far beside it that is."""
     across_m = min(thing.half_depth_m, y_m + HALF_WIDTH_M) - max(-thing.half_depth_m, y_m - HALF_WIDTH_M)
@@ -64,7 +64,7 @@ def faced(y_m: float, z_m: float, thing: Thing) -> tuple[float, float, float]:
     return max(across_m, 0.0) / (2.0 * HALF_WIDTH_M), max(along_m, 0.0) / (2.0 * HALF_LENGTH_M), beside_m
 
 
-@njit(cache=True)
+@compiled()
 def reflected(
     gap_m: float, y_m: float, z_m: float, wave_rad_m: float, strength: float, thing: Thing, air: Air
 ) -> complex:
@@ -94,7 +94,7 @@ def reflected(
     return heard / (1.0 - air.bounce * heard)
 
 
-@njit(cache=True)
+@compiled()
 def reflections(
     gap_m: Floats,
     y_m: Floats,
@@ -110,7 +110,7 @@ def reflections(
         out[i] = reflected(max(gap_m[i], 0.0), y_m[i], z_m[i], wave_rad_m[i], strength, thing, air)
 
 
-@njit(cache=True)
+@compiled()
 def crossings(
     width_m: Floats,
     gaps_m: Floats,
@@ -146,7 +146,7 @@ def crossings(
             out[i] += size * behind(gaps_m[i], wave_rad_m[i])
 
 
-@njit(cache=True)
+@compiled()
 def slow_waves(times_s: Floats, rates_rad_s: Floats, phases_rad: Floats, out: Complexes) -> None:
     """Sums of cosines, for what wanders slowly: phases of shape (m, 2), out of shape (n,), I and Q."""
     for i in range(times_s.size):
@@ -157,7 +157,7 @@ def slow_waves(times_s: Floats, rates_rad_s: Floats, phases_rad: Floats, out: Co
         out[i] = complex(real, imaginary)
 
 
-@njit(cache=True)
+@compiled()
 def modulated(envelope: Complexes, phase_rad: Floats, noise: Floats, counts: int, out: Counts) -> None:
     """A carrier with this envelope, with noise, as a converter counts it; each array of shape (n,)."""
     for i in range(envelope.size):
@@ -165,7 +165,7 @@ def modulated(envelope: Complexes, phase_rad: Floats, noise: Floats, counts: int
         out[i] = min(max(np.rint((wave + noise[i]) * counts), -counts), counts - 1)
 
 
-@njit(cache=True)
+@compiled()
 def echoed(seed: int, trial: int, stream: int, numbers: Ints, weights: Floats, out: Floats) -> None:
     """Noise that remembers: of each sample its own deviate and those before it, weighted; shape (n,).
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from drivers.compiled import compiled
 from drivers.mock.noise import normal
 from drivers.mock.plants.finger_scene import (
     BASE,
@@ -66,7 +66,7 @@ _FAR = 10.0
 """An oscillator's edge more than this many pieces away is not looked at."""
 
 
-@njit(cache=True)
+@compiled()
 def _wander(finger: Finger, moment: Moment, step: int) -> float:
     """The joint's relative wander at a step: a stationary Ornstein-Uhlenbeck process, from its innovations alone.
 
@@ -83,7 +83,7 @@ def _wander(finger: Finger, moment: Moment, step: int) -> float:
     return finger.wander * math.sqrt(1.0 - keep * keep) * float(moment.wander[0])
 
 
-@njit(cache=True)
+@compiled()
 def probe_at(
     motion: Motion, piece: int, whole: int, fraction: float, rest: float
 ) -> tuple[float, float, float]:
@@ -95,7 +95,7 @@ def probe_at(
     return position, velocity + acceleration * elapsed, acceleration
 
 
-@njit(cache=True)
+@compiled()
 def _expand(
     finger: Finger,
     joint: float,
@@ -126,7 +126,8 @@ def _expand(
     """
     theta, omega, b, beta = x[THETA], x[OMEGA], x[BASE], x[BASE_RATE]
     a, g1, g2, v, phi = x[FILTERED], x[HIGH_1], x[HIGH_2], x[CONTROL], x[PHASE]
-    series[0] = x
+    for state in range(STATES):  # an assignment in one would check shapes, which takes 2 s to compile
+        series[0, state] = x[state]
     # (1) and (2), gathered by state: fewer operations wait for one another. Spring and damper act through the overlap
     # and its rate: theta is a million times an overlap in stiff contact, and its rounding would be force.
     push_arm = finger.arm if flags[MODE] == TOUCHING else 0.0
@@ -184,7 +185,7 @@ def _expand(
         guards[PUSH, k] = finger.contact * guards[DEPTH, k] + finger.contact_damping * guards[SPEED, k]
 
 
-@njit(cache=True)
+@compiled()
 def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
     """The state at `u`, written to `x`. One name for each state: a loop over them would pass through memory."""
     theta = omega = b = beta = a = g1 = g2 = v = phi = 0.0
@@ -213,7 +214,7 @@ def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
 # and that costs more than the work.
 
 
-@njit(cache=True)
+@compiled()
 def _to_corner(
     starts: Ints, fractions: Floats, flags: Ints, whole: int, fraction: float, rest: float
 ) -> float:
@@ -227,7 +228,7 @@ def _to_corner(
     return math.inf
 
 
-@njit(cache=True)
+@compiled()
 def _next_mode(mode: int, damped: bool, guards: Floats, degree: int, parts: int) -> tuple[float, int]:
     """When the present mode ends, as a fraction of the piece, and the mode that follows."""
     if mode == FREE:
@@ -240,7 +241,7 @@ def _next_mode(mode: int, damped: bool, guards: Floats, degree: int, parts: int)
     return (apart, FREE) if apart <= pressed else (pressed, TOUCHING)
 
 
-@njit(cache=True)
+@compiled()
 def _after_corner(mode: int, depth: float, push: float) -> int:
     """The mode that (4) asks for where the probe's velocity may have jumped; the overlap cannot jump."""
     if mode == TOUCHING and push < 0.0:
@@ -250,7 +251,7 @@ def _after_corner(mode: int, depth: float, push: float) -> int:
     return mode
 
 
-@njit(cache=True)
+@compiled()
 def _first_end(
     flags: Ints, damped: bool, hysteresis: float, guards: Floats, degree: int, parts: int
 ) -> tuple[float, int, int]:
@@ -260,13 +261,14 @@ def _first_end(
     compared = rising(guards[COMPARED], degree, parts, -1.0 if flags[COMPARATOR] else 1.0, hysteresis)
     if compared < end:
         end, cause = compared, COMPARATOR
-    turned = rising(guards[TURNED], degree, 1, 1.0, 0.5)
+    # one part, and not the constant 1, for which numba would compile the search once more
+    turned = rising(guards[TURNED], degree, min(parts, 1), 1.0, 0.5)
     if turned < end:
         end, cause = turned, OSCILLATOR
     return (end, cause, next_mode) if end <= 1.0 else (1.0, PIECE, next_mode)
 
 
-@njit(cache=True)
+@compiled()
 def _go_on(whole: Ints, fraction: Floats, seconds: float, grid: float) -> None:
     """Put the clock forward, in double-double, or to an instant of the noise's grid: rounding does not pile up."""
     if grid >= 0.0:
@@ -282,7 +284,7 @@ def _go_on(whole: Ints, fraction: Floats, seconds: float, grid: float) -> None:
         fraction[0] -= 1.0
 
 
-@njit(cache=True)
+@compiled()
 def _change(x: Floats, flags: Ints, cause: int, next_mode: int) -> int:
     """Do what the end of a piece asks for; the switch that this was, or -1."""
     if cause == MODE:
@@ -300,7 +302,7 @@ def _change(x: Floats, flags: Ints, cause: int, next_mode: int) -> int:
     return -1
 
 
-@njit(cache=True)
+@compiled()
 def run(
     finger: Finger,
     motion: Motion,
@@ -412,7 +414,7 @@ def run(
     return ENDLESS
 
 
-@njit(cache=True)
+@compiled()
 def read(books: Books, which: int, times: Floats, out: Floats) -> None:
     """Sample recorded pieces at ascending times; an instant between two pieces belongs to the later one.
 
@@ -434,7 +436,7 @@ def read(books: Books, which: int, times: Floats, out: Floats) -> None:
         out[i] = value_slope(terms, degree, elapsed / books.record_length[record])[0]
 
 
-@njit(cache=True)
+@compiled()
 def _since(t: float, whole: int, fraction: float) -> float:
     """Seconds from an instant in whole seconds and a fraction to a time."""
     floor = math.floor(t)

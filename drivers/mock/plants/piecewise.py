@@ -6,9 +6,6 @@ A plant writes the recursion for its series; every quantity that can end a piece
 
 Time inside a piece is a fraction u in [0, 1] of the piece's length, so that coefficient k is the k-th term itself: sums
 of coefficients are values at the end, sums of their magnitudes are bounds.
-
-Kernels that call into this file are compiled with it and cached by their own file's date: after a change here, remove
-`__pycache__/*.nb?`.
 """
 
 from __future__ import annotations
@@ -16,8 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from drivers.compiled import compiled
 
 SPAN = 3.2
 """Longest piece times the spectral radius of A: longer ones would lose digits to terms that cancel."""
@@ -62,19 +60,19 @@ def pace(matrix: Floats) -> tuple[float, float]:
     return float(np.max(np.abs(eigenvalues))), float(np.max(np.abs(eigenvalues.imag)))
 
 
-@njit(cache=True)
+@compiled()
 def degree_for(reach: float) -> int:
     """Degree of the series for a piece whose length times the spectral radius is `reach`, at most `SPAN`."""
     return int(_DEGREES[int(reach * _RESOLUTION)])
 
 
-@njit(cache=True)
+@compiled()
 def parts_for(reach: float) -> int:
     """Into how many steps a search divides a piece whose length times the largest angular frequency is `reach`."""
     return int(reach / BRACKET) + 1
 
 
-@njit(cache=True)
+@compiled()
 def value_slope(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     """A polynomial and its derivative at `u`."""
     total, rate = terms[degree], 0.0
@@ -84,7 +82,7 @@ def value_slope(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     return total, rate
 
 
-@njit(cache=True)
+@compiled()
 def _look(terms: Floats, degree: int, v: float) -> tuple[float, float, float, float, float, float]:
     """A polynomial and two derivatives at `v`; bounds of its second, third and fourth in all of [0, v]."""
     last = terms[degree]
@@ -103,7 +101,7 @@ def _look(terms: Floats, degree: int, v: float) -> tuple[float, float, float, fl
     return total, rate, 2.0 * bend, 2.0 * second, 6.0 * third, 24.0 * fourth
 
 
-@njit(cache=True)
+@compiled()
 def _slope_bend(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     """The first two derivatives of a polynomial at `u`."""
     rate, bend = degree * terms[degree], 0.0
@@ -113,7 +111,7 @@ def _slope_bend(terms: Floats, degree: int, u: float) -> tuple[float, float]:
     return rate, bend
 
 
-@njit(cache=True)
+@compiled()
 def _root(
     terms: Floats, degree: int, sign: float, level: float, low: float, high: float, start: float
 ) -> float:
@@ -137,7 +135,7 @@ def _root(
     return u
 
 
-@njit(cache=True)
+@compiled()
 def _extremum(terms: Floats, degree: int, sign: float, low: float, high: float) -> float:
     """Where `sign` times the derivative of a polynomial rises through zero: bracketed Newton."""
     u = 0.5 * (low + high)
@@ -159,7 +157,7 @@ def _extremum(terms: Floats, degree: int, sign: float, low: float, high: float) 
     return u
 
 
-@njit(cache=True)
+@compiled()
 def _search(
     terms: Floats, degree: int, parts: int, sign: float, level: float, armed: bool, nothing: float
 ) -> float:
@@ -209,7 +207,7 @@ def _search(
     return math.inf
 
 
-@njit(cache=True)
+@compiled()
 def rising(terms: Floats, degree: int, parts: int, sign: float, level: float) -> float:
     """First u in [0, 1] at which `sign` times a polynomial rises through `level`, or infinity.
 

@@ -11,8 +11,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from drivers.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ def rotation(rotation_vector: Sequence[float] | Array) -> Array:
     return matrix
 
 
-@njit("f8[:,:](f8, f8, f8)", cache=True)
+@compiled("f8[:,:](f8, f8, f8)")
 def turned(x: float, y: float, z: float) -> Array:
     """The same of its three parts (Rodrigues' formula)."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -46,7 +47,7 @@ def turned(x: float, y: float, z: float) -> Array:
     return out
 
 
-@njit("f8[:](f8[:,:])", cache=True)
+@compiled("f8[:](f8[:,:])")
 def rotation_vector(matrix: Array) -> Array:
     """The rotation vector, shape (3,), radians, at most pi long, of the rotation in a matrix (3, 3) or (4, 4).
 
@@ -82,7 +83,7 @@ def matrix(pose: Sequence[float] | Array) -> Array:
     return result
 
 
-@njit("f8[:](f8[:,:])", cache=True)
+@compiled("f8[:](f8[:,:])")
 def pose(transform: Array) -> Array:
     """The pose, shape (6,), of a homogeneous matrix."""
     result = np.empty(6)
@@ -100,7 +101,7 @@ def inverse(transform: Array) -> Array:
     return result
 
 
-@njit("f8[:](f8[:,:], f8[:,:])", cache=True)
+@compiled("f8[:](f8[:,:], f8[:,:])")
 def difference(start: Array, end: Array) -> Array:
     """From one transform to another, shape (6,): translation in metres, rotation vector; base frame."""
     turn = np.zeros((3, 3))
@@ -115,7 +116,7 @@ def difference(start: Array, end: Array) -> Array:
     return result
 
 
-@njit("f8[:,:](f8[:,:], f8[:])", cache=True)
+@compiled("f8[:,:](f8[:,:], f8[:])")
 def displaced(start: Array, step: Array) -> Array:
     """A transform moved by a step (6,) of translation and rotation vector, both in the base frame."""
     turn = turned(step[3], step[4], step[5])

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from drivers.compiled import compiled
 from drivers.mock.noise import normal, philox
 from drivers.mock.plants.piecewise import DEGREE, SPAN, degree_for, parts_for, rising
 
@@ -81,14 +81,14 @@ class Tip(NamedTuple):
     trial: int
 
 
-@njit(cache=True)
+@compiled()
 def _patch_friction(tip: Tip, patch: int) -> float:
     """Coefficient of kinetic friction of a patch of the table (5)."""
     deviate = normal(tip.seed, tip.trial, STREAM_TABLE, patch)
     return tip.friction * max(LEAST_FRICTION, 1.0 + tip.roughness * deviate)
 
 
-@njit(cache=True)
+@compiled()
 def _uniforms(tip: Tip, stream: int, index: int) -> tuple[float, float]:
     """Two numbers in (0, 1] for a sample of a stream."""
     low = np.uint64(0xFFFFFFFF)
@@ -104,7 +104,7 @@ def _uniforms(tip: Tip, stream: int, index: int) -> tuple[float, float]:
     return (np.float64(w0) + 1.0) * _WORD, (np.float64(w1) + 1.0) * _WORD
 
 
-@njit(cache=True)
+@compiled()
 def _outer_force(tip: Tip, x: Floats, flags: Ints, index: int, moving: bool) -> float:
     """Force on the tip during sample `index`, N: rolling (6), bumps (7), load steps (8)."""
     force = 0.0
@@ -133,7 +133,7 @@ def _outer_force(tip: Tip, x: Floats, flags: Ints, index: int, moving: bool) -> 
     return force
 
 
-@njit(cache=True)
+@compiled()
 def _linear_sample(step: Floats, drive: Floats, x: Floats, arm_m_s: float, push: float) -> None:
     """One whole sample without an event: the exact recursion for held inputs."""
     q, p, z = x[Q], x[P], x[Z]
@@ -147,7 +147,7 @@ def _linear_sample(step: Floats, drive: Floats, x: Floats, arm_m_s: float, push:
         )
 
 
-@njit(cache=True)
+@compiled()
 def _surely_holds(tip: Tip, x: Floats, arm_m_s: float, push: float, limit_m: float) -> bool:
     """Whether the contact cannot break away within a sample: a bound, not an estimate.
 
@@ -160,7 +160,7 @@ def _surely_holds(tip: Tip, x: Floats, arm_m_s: float, push: float, limit_m: flo
     return reached_m < limit_m
 
 
-@njit(cache=True)
+@compiled()
 def _jump(tip: Tip, x: Floats, flags: Ints, z: float) -> None:
     """Lets the contact's deflection jump to `z`: its place advances by as much, maybe into another patch.
 
@@ -176,7 +176,7 @@ def _jump(tip: Tip, x: Floats, flags: Ints, z: float) -> None:
         flags[PATCH] -= sign
 
 
-@njit(cache=True)
+@compiled()
 def _land(tip: Tip, x: Floats, flags: Ints, z: float, load_n: float) -> None:
     """A jump, after which the patch may hold: then the contact is stuck."""
     _jump(tip, x, flags, z)
@@ -184,7 +184,7 @@ def _land(tip: Tip, x: Floats, flags: Ints, z: float, load_n: float) -> None:
         flags[MODE] = STUCK
 
 
-@njit(cache=True)
+@compiled()
 def _frictional_sample(tip: Tip, x: Floats, flags: Ints, arm_m_s: float, push: float, load_n: float) -> int:
     """One sample in contact, piece by piece."""
     terms = np.empty((3, DEGREE + 1))
@@ -237,7 +237,7 @@ def _frictional_sample(tip: Tip, x: Floats, flags: Ints, arm_m_s: float, push: f
     return ENDLESS
 
 
-@njit(cache=True)
+@compiled()
 def _expand(
     tip: Tip,
     x: Floats,
@@ -261,7 +261,7 @@ def _expand(
         terms[2, k + 1] = scale * terms[1, k]
 
 
-@njit(cache=True)
+@compiled()
 def _value(terms: Floats, degree: int, u: float) -> float:
     """A polynomial at `u` (Horner)."""
     total = float(terms[degree])
@@ -270,7 +270,7 @@ def _value(terms: Floats, degree: int, u: float) -> float:
     return total
 
 
-@njit(cache=True)
+@compiled()
 def advance(
     tip: Tip,
     x: Floats,
@@ -337,7 +337,7 @@ def advance(
     return DONE
 
 
-@njit(cache=True)
+@compiled()
 def read_bridge(
     force_n: Floats,
     first: int,
