@@ -15,9 +15,11 @@ import click
 from config.verbs import (
     DEVICE,
     DONE,
+    PLOT_HELP,
     USAGE,
     Program,
     Verb,
+    all_spans,
     complain,
     explained,
     out_option,
@@ -213,11 +215,14 @@ def emulate(profile: str, overrides: Mapping[str, str]) -> None:
 
 @cli.command(cls=Verb, short_help="Let a detector hear a recording.")
 @recording_options
-def replay(detector: str, **given: Any) -> None:
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help=PLOT_HELP)
+def replay(detector: str, plot: Path | None, **given: Any) -> None:
     """Let a detector hear a RECORDING and print one JSON line an event.
 
-    RECORDING is a run folder, a part of its name or `latest`, or a CSV, NPZ or WAV file. Of a run, a detector of the
-    run's own profile has its settings there; where it has several of a kind, NAME is one of their names.
+    RECORDING is a run folder, a part of its name or `latest`, or a file: CSV (any separator, with or without a line of
+    names), NPZ, MAT, WAV, MCAP. Of a run, a detector of the run's own profile has its settings there; where it has
+    several of a kind, NAME is one of their names. What was read is said on standard error.
 
     \b
     Example:
@@ -225,24 +230,40 @@ def replay(detector: str, **given: Any) -> None:
       run.py replay latest:mock/centering --detector right_ours
       run.py replay approach.csv --detector pretouch --column i,q --column x_m
       run.py replay finger.csv --detector resonance.paper --column period_s --baseline 2:3 --set threshold_sigma=4
-      run.py replay drag.wav --detector slip --column 0 --set threshold=21
+      run.py replay drag.wav --detector slip --column 0 --set threshold=21 --plot drag.png
+      run.py replay bag.mcap --detector slip --column /wrench:wrench.force.z
     """
     from config.hearing import hear
     from controller.replay import as_line
     from controller.replay import replay as replayed
 
-    heard, blocks = hear(detector, **given)
-    silent = True
-    for event in replayed(blocks, heard):
+    heard, blocks, notes = hear(detector, **given)
+    events = list(replayed(blocks, heard))
+    complain("\n".join(notes))
+    for event in events:
         click.echo(json.dumps(as_line(event, detector)))
-        silent = False
-    if silent:
+    if not events:
         samples = sum(len(block) for block in blocks if block.stream == heard.inputs[0])
         complain(f"{detector} found nothing in {samples} samples")
+    if plot is not None:
+        from controller.replay_plot import draw
+
+        draw(plot, blocks, heard, events)
 
 
 @cli.command(cls=Verb, short_help="Find the threshold that a recording without events asks for.")
 @recording_options
+@click.argument(
+    "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
+)
+@click.option(
+    "--span",
+    "spans",
+    multiple=True,
+    callback=all_spans,
+    metavar="T0:T1",
+    help="Seconds of each recording that are quiet; all of it otherwise. May be given several times.",
+)
 @click.option(
     "--false-alarm-interval",
     "interval_s",
@@ -254,26 +275,31 @@ def replay(detector: str, **given: Any) -> None:
 def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     """Find the threshold with which a detector alarms falsely once in a stated time, on average.
 
-    RECORDING is one in which nothing happens that the detector shall report, but everything that it shall not: a run
-    folder, a part of its name or `latest`, or a CSV, NPZ or WAV file. Prints one JSON line: the threshold, its 95 %
-    interval, and whether the recording was so short that the threshold was extrapolated.
+    A RECORDING is one in which nothing happens that the detector shall report, but everything that it shall not: a run
+    folder (all its trials), a part of its name or `latest`, or a file as `replay` takes it. Prints one JSON line: the
+    threshold, its 95 % interval, whether the recordings were so short that it was extrapolated, and the false alarms
+    that thresholds gave on pieces which were left out when they were set.
 
     \b
     Example:
       run.py calibrate rolling.csv --detector slip --column ft_v --rate 1000 --false-alarm-interval 3600
+      run.py calibrate drag_*.csv --detector slip --span 0.5:2.2 --false-alarm-interval 60
       run.py calibrate latest --detector slip.paper --set input=board.flexible --false-alarm-interval 600
     """
     from config.assemble import calibratable
-    from config.hearing import hear
+    from config.hearing import hear_quiet
     from controller.detectors.calibration import Statistic
     from controller.replay import ReplayError, calibration_line
 
-    heard, blocks = hear(detector, **given)
-    if not isinstance(heard, Statistic):
+    heard = hear_quiet(detector, **given)
+    pieces = [(one.detector, one.blocks) for one in heard if isinstance(one.detector, Statistic)]
+    if not pieces:
         raise ReplayError(
             f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
         )
-    click.echo(json.dumps(calibration_line(blocks, heard, detector, interval_s)))
+    line = calibration_line(pieces, detector, interval_s)
+    complain("\n".join(dict.fromkeys(note for one in heard for note in one.notes)))
+    click.echo(json.dumps(line))
 
 
 @cli.command(cls=Verb, short_help="Write the report of one or more runs.")

@@ -5,18 +5,34 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from config.assemble import DETECTORS, make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, toml_value
 from config.validation import validated
 from controller.detectors.protocol import Detector, HearsEnvelope
+from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
 from controller.replay import ReplayError, between, enveloped, own_detectors, read_inputs, read_trial
 from controller.signals.iq import IqSettings
 from drivers.messages import SampleBlock
+
+
+class Heard(NamedTuple):
+    """A detector and what it hears.
+
+    Attributes:
+        detector: Fresh.
+        blocks: Of all its inputs, in order of time.
+        notes: A line for each input: what was read.
+    """
+
+    detector: Detector
+    blocks: Sequence[SampleBlock]
+    notes: Sequence[str]
+
 
 CHAIN = "iq."
 """What begins a setting of the chain from sound to envelope, after `--set`."""
@@ -31,12 +47,12 @@ def hear(
     rate_hz: float | None = None,
     baseline: tuple[float, float] | None = None,
     trial: int | None = None,
-) -> tuple[Detector, Sequence[SampleBlock]]:
+) -> Heard:
     """A detector, and all blocks of a recording that it hears, in order of time.
 
     Args:
         asked: Kind of detector; of a run folder also a detector's name in the run's profile.
-        recording: A run folder, a part of its name, or a CSV, NPZ or WAV file.
+        recording: A run folder, a part of its name, or a file that `controller.recording.tables` reads.
         overrides: Settings as TOML values; those of the chain from sound to envelope begin with `iq.`. Of a run whose
             profile has such a detector, its settings in that trial are the defaults.
         columns: For each input, as `controller.replay.read_inputs` takes them.
@@ -55,7 +71,8 @@ def hear(
         recording = RunFolder.find(recording).path
     kind, own = _in_run(recording, asked, overrides, trial) if recording.is_dir() else (asked, {})
     made = make_detector(kind, {**own, **overrides}, baseline)
-    blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial)
+    notes: list[str] = []
+    blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial, notes=notes)
     if isinstance(made, HearsEnvelope):
         blocks = enveloped(blocks, made.envelope, _chain_settings(made, chain))
     elif chain:
@@ -64,7 +81,43 @@ def hear(
         blocks = between(blocks, baseline[0])
     if not any(block.stream == made.inputs[0] for block in blocks):
         raise ReplayError(f"{recording}: no sample of {made.inputs[0]} from --baseline on; begin earlier")
-    return made, blocks
+    return Heard(made, blocks, notes)
+
+
+def hear_quiet(
+    asked: str,
+    recordings: Sequence[Path],
+    overrides: Mapping[str, str],
+    *,
+    spans: Sequence[tuple[float, float]] = (),
+    trial: int | None = None,
+    **given: Any,
+) -> Sequence[Heard]:
+    """What a threshold is set on: each recording, of a run each trial, and of each the spans that are asked for.
+
+    Args:
+        asked: As `hear`.
+        recordings: As `hear` takes one.
+        overrides: As `hear`.
+        spans: Times in seconds of what is quiet; all of it where there are none.
+        trial: Of run folders; None is all that were recorded.
+        given: As `hear`.
+
+    Raises:
+        ProfileError, ReplayError, RunFolderError: as `hear`; or a span without a sample.
+    """
+    heard: list[Heard] = []
+    for recording in recordings:
+        path = recording if recording.exists() or recording.suffix else RunFolder.find(recording).path
+        trials = open_run(path).recorded_trials if path.is_dir() and trial is None else [trial]
+        for one in trials or [None]:
+            whole = hear(asked, path, overrides, trial=one, **given)
+            cut = [between(whole.blocks, *span) for span in spans] or [whole.blocks]
+            for span, blocks in zip(spans, cut, strict=False):
+                if not blocks:
+                    raise ReplayError(f"{path}: no sample from {span[0]:g} to {span[1]:g} s")
+            heard += [whole._replace(blocks=blocks) for blocks in cut]
+    return heard
 
 
 def _in_run(

@@ -16,6 +16,8 @@ DONE, FAILED, USAGE, DEVICE, GUARD, INTERRUPTED = 0, 1, 2, 3, 4, 130
 RATE_HZ = (0.01, 1e7)
 """Sample rates that a recording may have, Hz. Assumption: slower is a log book, faster no sensor of touch."""
 
+PLOT_HELP = "Draw signal, statistic, threshold and events: a PNG, SVG or PDF file."
+
 MISTAKES = 8
 """How many mistakes of a profile are listed at once."""
 
@@ -116,6 +118,13 @@ def span(ctx: click.Context, parameter: click.Parameter, value: str | None) -> t
     return begin_s, end_s
 
 
+def all_spans(
+    ctx: click.Context, parameter: click.Parameter, values: Sequence[str]
+) -> Sequence[tuple[float, float]]:
+    """Several of them."""
+    return [found for value in values if (found := span(ctx, parameter, value)) is not None]
+
+
 set_option = click.option(
     "--set",
     "overrides",
@@ -137,7 +146,6 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
     """What `replay` and `calibrate` ask of a recording and of the detector that hears it."""
     for decorate in reversed(
         (
-            click.argument("recording", type=click.Path(path_type=Path)),
             click.option(
                 "--detector",
                 required=True,
@@ -150,15 +158,15 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
                 "columns",
                 multiple=True,
                 metavar="C[,C]",
-                help="Columns of a CSV or NPZ file; channels of a WAV file or a run's stream, from 0. Once for each "
-                "stream that the detector hears, in its order.",
+                help="Columns of a file by name; channels of a WAV file or a run's stream, from 0; TOPIC:FIELD of an "
+                "MCAP file. Once for each stream that the detector hears, in its order.",
             ),
             click.option(
                 "--rate",
                 "rate_hz",
                 type=click.FloatRange(min=RATE_HZ[0], max=RATE_HZ[1]),
                 metavar="HZ",
-                help="Sample rate of a CSV or NPZ file without a column t_s, or in place of it.",
+                help="Sample rate of a file without times, or in place of them.",
             ),
             click.option(
                 "--baseline",
@@ -166,7 +174,9 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
                 metavar="T0:T1",
                 help="Hear from T0 on; a detector with a baseline learns for T1 - T0 seconds.",
             ),
-            click.option("--trial", type=int, help="Trial of a run folder; its first one otherwise."),
+            click.option(
+                "--trial", type=int, help="Trial of a run folder; `replay` takes its first one otherwise."
+            ),
         )
     ):
         verb = decorate(verb)

@@ -1,23 +1,24 @@
-"""A recording through a detector: run folders, CSV, NPZ and WAV files; one event a line."""
+"""A recording through a detector: run folders, and files of other programs; one event a line."""
 
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from controller.detectors.calibration import Statistic, calibrate_blocks
+from controller.detectors.calibration import Statistic, calibrate_pieces
 from controller.detectors.protocol import Detector
+from controller.recording.grid import regular
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
+from controller.recording.tables import Chosen, TableError, channel_numbers, read_columns
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
 from drivers.messages import SampleBlock
 
@@ -27,9 +28,8 @@ UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_hz": "Hz", "_s": "s", "_n": "N", "_v"
 ENVELOPES = ("FS", "V", "")
 """Units that an envelope may be in; a file's columns need not say."""
 
-JITTER = 0.25
-"""Rows of a file are taken for regular samples where their times are within this share of a period of a common grid.
-Assumption: rounding of times, not a sampler that wanders."""
+SLOW_HZ = 5.0
+"""Below this rate a recording's times may be in another unit than its column says (assumption)."""
 
 
 LEAST_STEP_S, LATEST_S = 1e-9, 2.0**32
@@ -56,32 +56,25 @@ def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detect
 
 
 def calibration_line(
-    blocks: Sequence[SampleBlock], detector: Statistic, kind: str, false_alarm_interval_s: float
+    pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]], kind: str, false_alarm_interval_s: float
 ) -> dict[str, Any]:
-    """The threshold that a recording without events asks for, as one JSON object.
+    """The threshold that recordings without events ask for, as one JSON object.
 
     Args:
-        blocks: The recording.
-        detector: Whose threshold.
+        pieces: Recordings, each with the detector whose threshold is wanted, as it was set up for it.
         kind: Of detector, as it was asked for.
         false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
-        ReplayError: a recording that says nothing about it: too short, at irregular times, not finite, dead.
+        ReplayError: recordings that say nothing about it: too short, at irregular times, not finite, dead.
     """
     try:
-        found = calibrate_blocks(detector, blocks, false_alarm_interval_s)
+        found = calibrate_pieces(pieces, false_alarm_interval_s)
     except ValueError as error:
         raise ReplayError(f"{kind}: {error}") from None
-    return {
-        "detector": kind,
-        "threshold": found.threshold,
-        "threshold_low": found.low,
-        "threshold_high": found.high if math.isfinite(found.high) else None,
-        "false_alarm_interval_s": found.false_alarm_interval_s,
-        "recording_s": found.recording_s,
-        "extrapolated": found.extrapolated,
-    }
+    named = {"low": "threshold_low", "high": "threshold_high"}
+    plain = {name: value if math.isfinite(value) else None for name, value in found._asdict().items()}
+    return {"detector": kind, **{named.get(name, name): value for name, value in plain.items()}}
 
 
 def as_line(event: Detected, kind: str) -> dict[str, Any]:
@@ -113,6 +106,7 @@ def read_inputs(
     columns: Sequence[str] = (),
     rate_hz: float | None = None,
     trial: int | None = None,
+    notes: list[str] | None = None,
 ) -> Sequence[SampleBlock]:
     """Blocks of all streams that a detector hears, each given when its last sample has come, as the loop gives them.
 
@@ -123,6 +117,7 @@ def read_inputs(
             one input it may be left out.
         rate_hz: As `read_blocks`.
         trial: As `read_blocks`.
+        notes: As `read_blocks`.
 
     Raises:
         ReplayError: as `read_blocks`; or too few or too many columns, or streams that were not recorded together.
@@ -138,7 +133,7 @@ def read_inputs(
         )
     asked = [*columns, *[None] * (len(inputs) - len(columns))]
     read = [
-        read_blocks(path, stream, column=column, rate_hz=rate_hz, trial=trial)
+        read_blocks(path, stream, column=column, rate_hz=rate_hz, trial=trial, notes=notes)
         for stream, column in zip(inputs, asked, strict=True)
     ]
     _check_overlap(path, read)
@@ -233,84 +228,97 @@ def read_blocks(
     column: str | None = None,
     rate_hz: float | None = None,
     trial: int | None = None,
+    notes: list[str] | None = None,
 ) -> Sequence[SampleBlock]:
     """Blocks of one stream from a recording.
 
     Args:
-        path: A run folder, or a CSV, NPZ or WAV file.
+        path: A run folder, or a file that `controller.recording.tables` reads.
         stream: Name that the detector hears it under; in a run folder, the recorded stream.
-        column: Of a CSV or NPZ file: its name; of a WAV file or of a run's stream: the channel's number, from 0.
-            Several with commas between them. None is the only one there is besides the time; of a run's stream, all.
-        rate_hz: Sample rate of a CSV or NPZ file without a column `t_s`, or in place of it. Otherwise times on a
-            regular grid give it, with a jump in `seq` where rows are missing; irregular ones give none.
+        column: Of a file as `read_columns` takes it; of a run's stream: the channel's number, from 0. Several with
+            commas between them. None is the only one there is besides the times; of a run's stream, all.
+        rate_hz: Sample rate of a file without times, or in place of them. Otherwise regular times give it, with a
+            jump in `seq` where rows are missing; times that wander are resampled; those of events give none.
         trial: Of a run folder; None is its first.
+        notes: A line is added that says what was read: samples, rate, duration, gaps, unit, where the times are from.
 
     Raises:
         ReplayError: the file is not there, is none of these, or does not hold what is asked for.
     """
     if path.is_dir():
-        return _from_run(path, stream, trial, column)
-    if not path.is_file():
+        blocks = _from_run(path, stream, trial, column)
+        name, remark = stream, ""
+    elif not path.is_file():
         raise ReplayError(f"{path}: no such file or run folder; list runs with: ls runs")
-    suffix = path.suffix.lower()
-    if suffix == ".csv":
-        name, values, times_s = _columns(path, _read_csv(path), column)
-    elif suffix == ".npz":
-        name, values, times_s = _columns(path, _read_npz(path), column)
-    elif suffix == ".wav":
-        name, values, rate_hz = _read_wav(path, column)
-        times_s = None
     else:
-        raise ReplayError(
-            f"{path}: '{suffix}' is no recording; give a run folder or a .csv, .npz or .wav file"
-        )
+        try:
+            chosen = read_columns(path, column)
+        except TableError as error:
+            raise ReplayError(str(error)) from None
+        name = chosen.name
+        blocks, remark = _from_columns(path, stream, chosen, rate_hz)
+    if notes is not None:
+        notes.append(f"{path.name}: {name}: {_summary(blocks)}{remark}")
+    return blocks
+
+
+def _from_columns(
+    path: Path, stream: str, chosen: Chosen, asked_hz: float | None
+) -> tuple[Sequence[SampleBlock], str]:
+    """Blocks of a file's columns, and what is to be said of their times."""
+    values, times_s, rate_hz = chosen.values, chosen.times_s, asked_hz or chosen.rate_hz
     if times_s is None and rate_hz is None:
-        raise ReplayError(f"{path}: no column t_s, so the sample rate is needed: --rate HZ")
-    if times_s is not None and not _are_times(times_s):
         raise ReplayError(
-            f"{path}: column t_s must be seconds that rise from row to row, by {LEAST_STEP_S:g} s at least"
+            f"{path}: no column of times (t_s, t_ms, time, timestamp …), so the sample rate is needed: --rate HZ"
         )
     if not len(values):
-        raise ReplayError(f"{path}: column {name} has no rows")
-    unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+        raise ReplayError(f"{path}: column {chosen.name} has no rows")
+    if times_s is not None and not _are_times(times_s):
+        raise ReplayError(
+            f"{path}: {chosen.clock}: times must be finite and rise from row to row, by {LEAST_STEP_S:g} s at least"
+        )
+    unit = next((unit for end, unit in UNITS.items() if chosen.name.endswith(end)), "")
     t0_s = 0.0 if times_s is None else float(times_s[0])
     if times_s is None or rate_hz is not None:
-        return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)]
+        return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)], ""
     # periods and frequencies come one a cycle: even where they look regular they are no samples
-    grid = None if unit in ("s", "Hz") else _grid(times_s)
-    if grid is None:
-        return [SampleBlock(stream, 0, t0_s, values, times_s=times_s, unit=unit)]
-    regular_hz, places = grid
-    starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
-    return [
+    found = None if unit in ("s", "Hz") else regular(times_s, values)
+    if found is None:
+        return [
+            SampleBlock(stream, 0, t0_s, values, times_s=times_s, unit=unit)
+        ], f"; times from {chosen.clock}"
+    blocks = [
         SampleBlock(
             stream,
-            int(places[first]),
-            float(times_s[first]),
-            values[first:last],
-            rate_hz=regular_hz,
-            times_s=times_s[first:last],
+            piece.seq,
+            float(piece.times_s[0]),
+            piece.values,
+            rate_hz=found.rate_hz,
+            times_s=piece.times_s,
             unit=unit,
         )
-        for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
+        for piece in found.pieces
     ]
+    wander = (
+        f"; resampled, for its times wander by up to {1e3 * found.jitter_s:.3g} ms" if found.resampled else ""
+    )
+    slow = "; are these milliseconds? then call the column t_ms" if found.rate_hz < SLOW_HZ else ""
+    return blocks, f"; times from {chosen.clock}{wander}{slow}"
 
 
 def _are_times(times_s: NDArray[np.float64]) -> bool:
     return bool((np.abs(times_s) < LATEST_S).all() and (np.diff(times_s) >= LEAST_STEP_S).all())
 
 
-def _grid(times_s: NDArray[np.float64]) -> tuple[float, NDArray[np.int64]] | None:
-    """Rate of a regular grid and each time's place on it, from 0; None where the times are on none."""
-    if len(times_s) < 2:
-        return None
-    steps_s = np.diff(times_s)
-    places = np.concatenate(([0], np.cumsum(np.rint(steps_s / np.median(steps_s)).astype(np.int64))))
-    period_s = float(times_s[-1] - times_s[0]) / max(1, int(places[-1]))
-    off = np.abs((times_s - times_s[0]) / period_s - places)
-    if (np.diff(places) < 1).any() or off.max() > JITTER:
-        return None
-    return 1.0 / period_s, places
+def _summary(blocks: Sequence[SampleBlock]) -> str:
+    """Samples, rate, duration, gaps and unit of a stream."""
+    count = sum(len(block) for block in blocks)
+    span_s = blocks[-1].last_s - float(blocks[0].times[0])
+    rate_hz, unit = blocks[0].rate_hz, blocks[0].unit or "no unit"
+    missing = [b.seq - a.seq - len(a) for a, b in pairwise(blocks) if b.seq > a.seq + len(a)]
+    rate = "irregular" if rate_hz is None else f"{rate_hz:.6g} Hz"
+    gaps = f"{len(missing)} gaps ({sum(missing)} samples)" if missing else "no gaps"
+    return f"{count} samples, {rate}, {span_s:.6g} s, {gaps}, {unit}"
 
 
 def _from_run(path: Path, stream: str, trial: int | None, column: str | None) -> Sequence[SampleBlock]:
@@ -323,106 +331,27 @@ def _from_run(path: Path, stream: str, trial: int | None, column: str | None) ->
         )
     if column is None:
         return blocks
-    channels = _channels(f"{path}: {stream} has", column, blocks[0].values.shape[1])
+    try:
+        channels = channel_numbers(f"{path}: {stream} has", column, blocks[0].values.shape[1])
+    except TableError as error:
+        raise ReplayError(str(error)) from None
     return [replace(block, values=block.values[:, channels]) for block in blocks]
 
 
-def _channels(where: str, column: str, count: int) -> list[int]:
-    """Numbers of channels as they are written on the command line."""
-    words = column.split(",")
-    unknown = next((word for word in words if not (word.isdecimal() and int(word) < count)), None)
-    if unknown is not None:
-        raise ReplayError(f"{where} no channel {unknown}; there are 0 to {count - 1}")
-    return [int(word) for word in words]
-
-
-def _read_csv(path: Path) -> Mapping[str, NDArray[np.float64]]:
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            header = [name.strip() for name in file.readline().split(",")]
-            rows = file.readlines()
-            table = (
-                np.loadtxt(rows, delimiter=",", ndmin=2) if any(map(str.strip, rows)) else np.empty((0, 0))
-            )
-    except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise ReplayError(f"{path}: no table of numbers under one line of names: {error}") from None
-    twice = next((name for place, name in enumerate(header) if name in header[:place]), None)
-    if twice is not None:
-        raise ReplayError(f"{path}: two columns are called '{twice}' in the first line; rename one")
-    if table.size and table.shape[1] != len(header):
-        raise ReplayError(f"{path}: {table.shape[1]} columns, but the first line names {len(header)}")
-    return {name: table[:, place] if table.size else np.empty(0) for place, name in enumerate(header)}
-
-
-def _read_npz(path: Path) -> Mapping[str, NDArray[np.float64]]:
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            found = {name: file[name] for name in file.files}
-            # numbers that have two parts are none that a detector hears
-            arrays = {name: array.astype(np.float64, casting="same_kind") for name, array in found.items()}
-    except (OSError, ValueError, TypeError, BadZipFile) as error:
-        raise ReplayError(f"{path}: no NPZ file of numbers: {error}") from None
-    flat = {name: array for name, array in arrays.items() if array.ndim == 1}
-    if not flat:
-        raise ReplayError(f"{path}: no array of one dimension in it; it has {', '.join(arrays) or 'nothing'}")
-    return flat
-
-
-def _columns(
-    path: Path, table: Mapping[str, NDArray[np.float64]], column: str | None
-) -> tuple[str, NDArray[np.float64], NDArray[np.float64] | None]:
-    """The first column's name, the values of all that are asked for, and their times where there are any."""
-    names = [name for name in table if name != "t_s"]
-    chosen = column.split(",") if column else names
-    if not column and len(names) != 1:
-        raise ReplayError(f"{path}: which column? choose with --column; there are {', '.join(names)}")
-    unknown = next((name for name in chosen if name not in table), None)
-    if unknown is not None:
-        raise ReplayError(f"{path}: no column {unknown}; there are {', '.join(names)}")
-    times_s = table.get("t_s")
-    rows = {
-        **{name: len(table[name]) for name in chosen},
-        **({} if times_s is None else {"t_s": len(times_s)}),
-    }
-    other = next((name for name, count in rows.items() if count != rows[chosen[0]]), None)
-    if other is not None:
-        raise ReplayError(f"{path}: {chosen[0]} has {rows[chosen[0]]} rows, {other} has {rows[other]}")
-    return chosen[0], np.column_stack([table[name] for name in chosen]), times_s
-
-
-def _read_wav(path: Path, column: str | None) -> tuple[str, NDArray[np.float64], float]:
-    """Channels in full-scale units (-1 to 1), and the sample rate."""
-    from scipy.io import wavfile
-
-    try:
-        rate_hz, samples = wavfile.read(path)
-    except (OSError, ValueError, struct.error) as error:
-        raise ReplayError(f"{path}: no WAV file that can be read: {error}") from None
-    channels = samples if samples.ndim == 2 else samples[:, None]
-    if column is None and channels.shape[1] > 1:
-        raise ReplayError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
-    chosen = channels[:, _channels(f"{path}:", column or "0", channels.shape[1])].astype(np.float64)
-    if samples.dtype == np.uint8:  # 8-bit WAV is unsigned, silence is 128
-        chosen = (chosen - 128.0) / 128.0
-    elif np.issubdtype(samples.dtype, np.integer):
-        chosen = chosen / float(np.iinfo(samples.dtype).max + 1)
-    return f"channel {column or 0}", chosen, float(rate_hz)
-
-
-def between(blocks: Sequence[SampleBlock], t0_s: float) -> Sequence[SampleBlock]:
-    """The samples from `t0_s` on: a baseline that begins there is the first thing that a detector hears."""
+def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) -> Sequence[SampleBlock]:
+    """The samples with t0_s <= t < t1_s: a baseline that begins there is the first thing that a detector hears."""
     kept: list[SampleBlock] = []
     for block in blocks:
-        first = int(np.searchsorted(block.times, t0_s - 1e-9))
-        if first < len(block):
+        first, last = (int(at) for at in np.searchsorted(block.times, [t0_s - 1e-9, t1_s - 1e-9]))
+        if first < last:
             timed = block.times_s is not None
             kept.append(
                 replace(
                     block,
                     seq=block.seq + first,
                     t0_s=float(block.times[first]),
-                    values=block.values[first:],
-                    times_s=block.times[first:] if timed else None,
+                    values=block.values[first:last],
+                    times_s=block.times[first:last] if timed else None,
                 )
             )
     return kept

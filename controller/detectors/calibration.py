@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +18,30 @@ SPAN_S = 1.0
 """Alarms closer together than this are one alarm. Assumption: longer than a bump rings, shorter than a user
 forgives."""
 
+SHORT_SPAN_S = 0.05
+SHORT_S = 40.0
+"""Of recordings shorter than the second, that time is shorter in proportion, down to the first: a few seconds of quiet
+then say something, though neighbouring maxima may belong to one disturbance."""
+
 ENOUGH = 5
 """So many alarms must be expected within the recording for its own quantile to be used; fewer are extrapolated to.
 With 5 the interval is known to within a factor of about 2.5 either way (Poisson, 95 %)."""
 
 TAIL = 0.02
 TAIL_LEAST = 20
-"""Share of the spans, and at least how many, whose maxima the tail is fitted to where it is extrapolated."""
+"""Share of the spans, and at least how many, whose maxima the tail is fitted to where it is extrapolated; half of the
+spans where there are fewer than twice as many."""
+
+LEAST = 10
+"""Fewer spans say nothing. Assumption: a tail through five maxima is known to a factor of two."""
+
+FOLDS = 5
+"""Parts of a single recording of which each is left out in turn."""
+
+CHECKED = 10
+"""So many false alarms are expected in the parts left out, where what was asked for is too rare to be seen there: then
+a threshold for a shorter interval is checked in its place. With 10, half or twice as many are seen by chance alone
+once in a hundred checks each (Poisson)."""
 
 
 WHOLE = 0.5
@@ -57,8 +73,7 @@ class Joined(Statistic, Protocol):
         """
 
 
-@dataclass(frozen=True)
-class Calibration:
+class Calibration(NamedTuple):
     """A threshold and how well it is known.
 
     Attributes:
@@ -66,9 +81,15 @@ class Calibration:
         low: Lower end of its 95 % confidence interval.
         high: Upper end; infinite where the recording is too short to have one.
         false_alarm_interval_s: What was asked for.
-        recording_s: Length of the recording used.
+        recording_s: Length of the recording used: the seconds in which the detector decides.
+        sees_s: Longest interval for which such a recording contains alarms enough; beyond it is extrapolated.
         extrapolated: True where the recording is too short to contain the alarms that it is asked about, so that the
             tail beyond its largest values was assumed to be exponential.
+        pieces: How many the recording is in; a detector begins anew in each.
+        checked_interval_s: Interval of the thresholds that were set without each piece (without each fifth of a
+            single one) in turn, and tried on it; NaN where that leaves too little to set one.
+        checked_expected: False alarms that they ought to give in all.
+        checked_found: False alarms that they gave.
     """
 
     threshold: float
@@ -76,7 +97,12 @@ class Calibration:
     high: float
     false_alarm_interval_s: float
     recording_s: float
+    sees_s: float
     extrapolated: bool
+    pieces: int = 1
+    checked_interval_s: float = math.nan
+    checked_expected: float = math.nan
+    checked_found: float = math.nan
 
 
 def calibrate(
@@ -95,10 +121,81 @@ def calibrate(
     """
     columns = values[:, None] if values.ndim == 1 else values
     maxima = span_maxima(detector.statistic(columns, rate_hz), rate_hz)
-    found = threshold_for(maxima, false_alarm_interval_s)
-    known = columns[~np.isnan(columns).any(axis=1)]
-    dead = not found.threshold > 0.0 and (known == known[:1]).all()
-    if dead or not found.threshold < math.inf:
+    return _sound(threshold_for(maxima, false_alarm_interval_s), maxima, _dead(columns))
+
+
+def calibrate_pieces(
+    pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]], false_alarm_interval_s: float
+) -> Calibration:
+    """The threshold that recorded streams ask for, tried on pieces that were left out when it was set.
+
+    A detector begins anew with each piece, and after each gap longer than a second; samples lost in a shorter one
+    are a gap to it.
+
+    Args:
+        pieces: Detector and recording: each stream in order, the detector's first input at one rate.
+        false_alarm_interval_s: Mean time between false alarms.
+
+    Raises:
+        ValueError: as `calibrate`; or values that are not finite, irregular times, more than half lost.
+    """
+    courses = [course for detector, blocks in pieces for course in courses_of(detector, blocks)]
+    if not courses:
+        raise ValueError("the recording holds no sample")
+    decided_s = sum(course.decided_s for course in courses)
+    span_s = SPAN_S * min(1.0, max(SHORT_SPAN_S / SPAN_S, decided_s / SHORT_S))
+    spans = [span_maxima(course.statistic, course.rate_hz, span_s) for course in courses]
+    maxima = np.concatenate(spans)
+    dead = all(_dead(course.values) for course in courses)
+    found = _sound(threshold_for(maxima, false_alarm_interval_s, span_s), maxima, dead)
+    return _checked(found._replace(pieces=len(spans)), spans, span_s)
+
+
+class Course(NamedTuple):
+    """A stretch of a recording, and a detector's number along it; NaN where samples were lost.
+
+    Attributes:
+        times_s: Shape (n,).
+        values: Of the detector's first input, shape (n, channels).
+        statistic: Shape (n,).
+        rate_hz: Of the samples.
+    """
+
+    times_s: Floats
+    values: Floats
+    statistic: Floats
+    rate_hz: float
+
+    @property
+    def decided_s(self) -> float:
+        """From the first decision to the end, s."""
+        decided = np.flatnonzero(~np.isnan(self.statistic))
+        return (len(self.statistic) - int(decided[0])) / self.rate_hz if decided.size else 0.0
+
+
+def courses_of(detector: Statistic, blocks: Sequence[SampleBlock]) -> Sequence[Course]:
+    """The number that a detector holds against its threshold, along a recording; begun anew after each long gap.
+
+    Raises:
+        ValueError: values that are not finite, irregular times, more than half lost.
+    """
+    courses = []
+    for heard in _stretches([b for b in blocks if len(b) and b.stream == detector.inputs[0]]):
+        values, times_s, rate_hz = _joined(heard)
+        columns = detector.columns(values, times_s, blocks) if isinstance(detector, Joined) else values
+        courses.append(Course(times_s, values, detector.statistic(columns, rate_hz), rate_hz))
+    return courses
+
+
+def _dead(values: Floats) -> bool:
+    """Whether all values that are known are the same."""
+    known = values[~np.isnan(values).any(axis=1)]
+    return bool((known == known[:1]).all())
+
+
+def _sound(found: Calibration, maxima: Floats, dead: bool) -> Calibration:
+    """The same, where it can be believed."""
+    if (dead and not found.threshold > 0.0) or not found.threshold < math.inf:
         raise ValueError(
             f"the recording asks for a threshold of {found.threshold:g}, which is none; is the sensor alive, is its "
             "range exceeded?"
@@ -113,30 +210,38 @@ def calibrate(
     return found
 
 
-def calibrate_blocks(
-    detector: Statistic, blocks: Sequence[SampleBlock], false_alarm_interval_s: float
-) -> Calibration:
-    """The threshold that a recorded stream asks for; samples that were lost are gaps to the detector.
+def _checked(found: Calibration, pieces: Sequence[Floats], span_s: float) -> Calibration:
+    """The same, with what thresholds do on the piece that they were set without, all pieces in turn."""
+    parts = pieces if len(pieces) > 1 else np.array_split(pieces[0], FOLDS)
+    total_s = sum(map(len, parts)) * span_s
+    interval_s = min(found.false_alarm_interval_s, total_s / CHECKED)
+    alarms = 0
+    for left_out, part in enumerate(parts):
+        others = np.concatenate([other for place, other in enumerate(parts) if place != left_out])
+        if len(others) < LEAST or interval_s <= span_s:
+            return found
+        alarms += int(np.count_nonzero(part >= threshold_for(others, interval_s, span_s).threshold))
+    return found._replace(
+        checked_interval_s=interval_s, checked_expected=total_s / interval_s, checked_found=alarms
+    )
 
-    Args:
-        detector: Whose threshold.
-        blocks: The recording, each stream in order; the detector's first input at one rate.
-        false_alarm_interval_s: Mean time between false alarms.
 
-    Raises:
-        ValueError: as `calibrate`; or values that are not finite, irregular times, more than half lost.
-    """
-    heard = [block for block in blocks if len(block) and block.stream == detector.inputs[0]]
-    values, times_s, rate_hz = _joined(heard)
-    if isinstance(detector, Joined):
-        values = detector.columns(values, times_s, blocks)
-    return calibrate(detector, values, rate_hz, false_alarm_interval_s)
+def _stretches(blocks: Sequence[SampleBlock]) -> Sequence[Sequence[SampleBlock]]:
+    """The blocks of a stream, cut where more than a second is missing, or where it begins anew."""
+    cuts = [
+        place
+        for place, (a, b) in enumerate(pairwise(blocks), start=1)
+        if b.seq < a.seq + len(a) or (b.rate_hz and b.seq - a.seq - len(a) > SPAN_S * b.rate_hz)
+    ]
+    return [
+        blocks[first:last]
+        for first, last in zip([0, *cuts], [*cuts, len(blocks)], strict=True)
+        if first < last
+    ]
 
 
 def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, Floats, float]:
     """All samples of a stream, shape (n, channels), and their times, shape (n,), NaN where lost; and their rate."""
-    if not blocks:
-        raise ValueError("the recording holds no sample")
     rates = {block.rate_hz for block in blocks}
     rate_hz = blocks[0].rate_hz
     if rate_hz is None or len(rates) > 1:
@@ -146,8 +251,6 @@ def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, Floats, float]:
     heard = sum(len(block) for block in blocks)
     begin = blocks[0].seq
     length = blocks[-1].seq + len(blocks[-1]) - begin
-    if any(b.seq < a.seq + len(a) for a, b in pairwise(blocks)):
-        raise ValueError("the stream begins anew within the recording; choose one trial or cut it")
     if heard < (1.0 - WHOLE) * length:
         raise ValueError(f"{length - heard} of {length} samples are missing; record more of it in one piece")
     values = np.full((length, blocks[0].values.shape[1]), np.nan)
@@ -162,43 +265,47 @@ def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, Floats, float]:
     return values, times_s, rate_hz
 
 
-def span_maxima(statistic: Floats, rate_hz: float) -> Floats:
-    """Largest value in each whole second, spans without a decision left out, shape (spans,)."""
-    size = max(1, round(SPAN_S * rate_hz))
+def span_maxima(statistic: Floats, rate_hz: float, span_s: float = SPAN_S) -> Floats:
+    """Largest value in each whole span, spans without a decision left out, shape (spans,)."""
+    size = max(1, round(span_s * rate_hz))
     count = len(statistic) // size
     spans = np.where(np.isnan(statistic), -math.inf, statistic)[: count * size].reshape(count, size)
     maxima = spans.max(axis=1) if count else np.empty(0)
     return maxima[maxima > -math.inf]
 
 
-def threshold_for(maxima: Floats, false_alarm_interval_s: float) -> Calibration:
+def threshold_for(maxima: Floats, false_alarm_interval_s: float, span_s: float = SPAN_S) -> Calibration:
     """The threshold from the maxima of spans without an event.
 
     Args:
-        maxima: Largest value in each second, shape (spans,).
+        maxima: Largest value in each span, shape (spans,).
         false_alarm_interval_s: Mean time between false alarms.
+        span_s: Length of a span.
 
     Raises:
         ValueError: too few spans, or an interval of no more than one.
     """
-    recording_s = len(maxima) * SPAN_S
-    if not false_alarm_interval_s > SPAN_S:
+    recording_s = len(maxima) * span_s
+    if not false_alarm_interval_s > span_s:
         raise ValueError(
-            f"a false-alarm interval of {false_alarm_interval_s:g} s is too short; ask for more than {SPAN_S:g} s"
+            f"a false-alarm interval of {false_alarm_interval_s:g} s is too short; ask for more than {span_s:g} s"
         )
-    if len(maxima) < 2 * TAIL_LEAST:
+    if len(maxima) < LEAST:
         raise ValueError(
-            f"{recording_s:g} s in which the detector decides are too few; record {2 * TAIL_LEAST} s or more"
+            f"{recording_s:g} s in which the detector decides are too few; record {LEAST * span_s:g} s more, and what"
+            " the detector learns from before"
         )
     ordered = np.sort(maxima)[::-1]
-    expected = recording_s / false_alarm_interval_s
+    expected, sees_s = recording_s / false_alarm_interval_s, recording_s / ENOUGH
     if expected >= ENOUGH:
         low, high = poisson_interval(expected)
         ranks = [min(len(ordered), round(rank)) for rank in (high, expected, low)]
         # just above the value of rank k: k - 1 spans alarm; a rank below 1 lies beyond the recording
         levels = [float(ordered[rank - 1]) if rank >= 1 else math.inf for rank in ranks]
-        return Calibration(levels[1], levels[0], levels[2], false_alarm_interval_s, recording_s, False)
-    return _extrapolated(ordered, expected, false_alarm_interval_s)
+        return Calibration(
+            levels[1], levels[0], levels[2], false_alarm_interval_s, recording_s, sees_s, False
+        )
+    return _extrapolated(ordered, expected, false_alarm_interval_s, recording_s)
 
 
 def poisson_interval(count: float) -> tuple[float, float]:
@@ -209,7 +316,9 @@ def poisson_interval(count: float) -> tuple[float, float]:
     return low, float(chi2.ppf(0.975, 2.0 * count + 2.0) / 2.0)
 
 
-def _extrapolated(ordered: Floats, expected: float, false_alarm_interval_s: float) -> Calibration:
+def _extrapolated(
+    ordered: Floats, expected: float, false_alarm_interval_s: float, recording_s: float
+) -> Calibration:
     """An exponential tail through the largest maxima.
 
     Where it starts is known to a standard error of scale / sqrt(used), its scale as a mean of exponentials is (chi
@@ -230,11 +339,12 @@ def _extrapolated(ordered: Floats, expected: float, false_alarm_interval_s: floa
         threshold - math.hypot(of_start, reach * scale * (1.0 - low)),
         threshold + math.hypot(of_start, reach * scale * (high - 1.0)),
         false_alarm_interval_s,
-        len(ordered) * SPAN_S,
+        recording_s,
+        recording_s / ENOUGH,
         True,
     )
 
 
 def _tail(count: int) -> int:
     """How many of so many maxima the tail is fitted to."""
-    return max(TAIL_LEAST, int(TAIL * count))
+    return max(min(TAIL_LEAST, count // 2), int(TAIL * count))

@@ -62,7 +62,7 @@ def test_a_calibrated_detector_alarms_as_often_as_was_asked_for():
 @pytest.mark.parametrize(
     ("maxima", "interval_s", "said"),
     [
-        (exponential(39), 3600.0, "too few"),
+        (exponential(9), 3600.0, "too few"),
         (exponential(100), 1.0, "too short"),
         (exponential(100), math.nan, "too short"),
     ],

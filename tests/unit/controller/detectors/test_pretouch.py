@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import PreTouch, PreTouchLost
-from controller.detectors.calibration import calibrate, calibrate_blocks
+from controller.detectors.calibration import calibrate, calibrate_pieces
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from drivers.messages import SampleBlock
@@ -185,7 +185,9 @@ def test_blocks_of_envelope_and_encoder_give_the_threshold_of_the_three_columns(
         for at in range(0, len(block), 500)
     ]
     # the encoder has half the rate, and its straight lines are cut where the mover turns
-    assert calibrate_blocks(ours(), cut, 30.0).threshold == pytest.approx(from_columns.threshold, rel=0.05)
+    assert calibrate_pieces([(ours(), cut)], 30.0).threshold == pytest.approx(
+        from_columns.threshold, rel=0.05
+    )
 
 
 def test_the_position_beside_a_recorded_sample_is_the_one_that_was_heard_live():

@@ -1,0 +1,376 @@
+"""What other programs recorded: numbers by column, and their times, out of CSV, NPZ, MAT, MCAP and WAV files."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+import numpy as np
+from mcap.decoder import DecoderFactory
+from mcap.records import Schema
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+LARGEST_BYTES = 2**31
+"""A file that holds more is refused before it is read: 45 minutes of a channel at 96 kHz as text. Assumption."""
+
+COMMENT = ("#", "%", "//")
+"""What a line of a text file begins with that holds no numbers."""
+
+SEPARATORS = ("\t", ";", ",")
+"""Between two fields of a text file, the first that is found in a row of numbers; spaces where there is none."""
+
+SCALES_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+"""Seconds in a unit of time, as columns are named after them."""
+
+TIME = re.compile(rf"(?:t|time|timestamp|elapsed)(?:[ _]*[(\[]?({'|'.join(SCALES_S)})[)\]]?)?", re.IGNORECASE)
+"""Names of a column of times; without a unit they are seconds, or those of a calendar clock."""
+
+CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
+"""Times above the first number are counted since 1970 in units of so many seconds: each holds from 1973 to 5138."""
+
+
+class TableError(ValueError):
+    """The file cannot be read: one line with file, what is wrong and what to do."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Some columns of a file.
+
+    Attributes:
+        name: Of the first column.
+        values: Shape (n, columns).
+        times_s: Of each row, shape (n,); None where the file has none.
+        rate_hz: Where the file itself says it.
+        clock: Where the times come from, in words.
+    """
+
+    name: str
+    values: Floats
+    times_s: Floats | None = None
+    rate_hz: float | None = None
+    clock: str = ""
+
+
+def read_columns(path: Path, column: str | None) -> Chosen:
+    """Some columns of a file, side by side.
+
+    Args:
+        path: A file of one of the kinds in `READERS`.
+        column: Names with commas between them; None is the only column there is besides the times. Columns of a WAV
+            file are channels, from 0; of an array of two dimensions NAME.0, NAME.1 …; of an MCAP file TOPIC:FIELD.
+
+    Raises:
+        TableError: it is none of these, or does not hold what is asked for.
+    """
+    read = READERS.get(path.suffix.lower())
+    if read is None:
+        raise TableError(
+            f"{path}: '{path.suffix}' is no recording; give a run folder or a file of {', '.join(READERS)}"
+        )
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise TableError(f"{path}: larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
+        return read(path, column)
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None) -> Chosen:
+    """The columns that are asked for and their times, out of a table."""
+    clock = "t_s" if "t_s" in table else next((name for name in table if TIME.fullmatch(name)), None)
+    names = [name for name in table if name != clock]
+    wanted = column.split(",") if column else names
+    listed = ", ".join(names) or "none besides the times"
+    if not column and len(names) != 1:
+        raise TableError(f"{path}: which column? choose with --column; there are {listed}")
+    for name in wanted:
+        if name not in table:
+            raise TableError(f"{path}: no column {name}; there are {listed}")
+        if not np.issubdtype(table[name].dtype, np.number) or np.iscomplexobj(table[name]):
+            raise TableError(f"{path}: column {name} holds {table[name][0]!r}, which is no number")
+    lengths = {name: len(table[name]) for name in [*wanted, *([clock] if clock else [])]}
+    other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
+    if other is not None:
+        raise TableError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
+    values = np.column_stack([table[name].astype(np.float64) for name in wanted])
+    return Chosen(wanted[0], values, *_times(path, clock, table))
+
+
+def _times(
+    path: Path, clock: str | None, table: Mapping[str, NDArray[Any]]
+) -> tuple[Floats | None, None, str]:
+    """Times in seconds, no rate, and where they come from."""
+    if clock is None:
+        return None, None, ""
+    times, unit = table[clock], TIME.fullmatch(clock)
+    if not np.issubdtype(times.dtype, np.number):
+        return _calendar_dates(path, clock, times), None, f"{clock}, a date, from its first row on"
+    first = float(times[0]) if len(times) else 0.0
+    scale_s = SCALES_S[unit[1].lower()] if unit and unit[1] else None
+    if scale_s is None:
+        scale_s = next((scale_s for least, scale_s in CALENDAR if first >= least), 1.0)
+    if (
+        first * scale_s >= CALENDAR[-1][0]
+    ):  # as whole numbers first: a float of nanoseconds since 1970 knows 256 ns
+        return (times - times[0]).astype(np.float64) * scale_s, None, f"{clock}, from its first row on"
+    return times.astype(np.float64) * scale_s, None, clock
+
+
+def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
+    import pandas as pd
+
+    try:
+        dates = pd.to_datetime(pd.Series(times), utc=True, format="ISO8601")
+    except (ValueError, TypeError):
+        raise TableError(f"{path}: column {clock} holds {times[0]!r}, which is no time") from None
+    since_s: Floats = (dates - dates.iloc[0]).dt.total_seconds().to_numpy(np.float64)
+    return since_s
+
+
+# --- text ----------------------------------------------------------------------------------------
+
+
+def _read_text(path: Path, column: str | None) -> Chosen:
+    """One line of names, or a comment with them, or none; then rows of numbers, with whatever stands between them."""
+    import pandas as pd
+
+    try:
+        lines = [line for line in path.read_text("utf-8-sig").splitlines() if line.strip()]
+    except UnicodeDecodeError:
+        raise TableError(f"{path}: no text; is it another kind of file?") from None
+    rows = [line for line in lines if not line.lstrip().startswith(COMMENT)]
+    if not rows:
+        raise TableError(f"{path}: has no rows")
+    begin = lines.index(rows[0])
+    names, body, separator = _header(rows, lines[begin - 1].lstrip("#%/ \t") if begin else "")
+    _check_names(path, names)
+    decimal = "," if separator != "," and body and "," in body[0] else "."
+    try:
+        table = pd.read_csv(
+            io.StringIO("\n".join(body)),
+            sep=separator or r"\s+",
+            names=names,
+            header=None,
+            index_col=False,
+            decimal=decimal,
+            skipinitialspace=True,
+            low_memory=False,
+        )
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
+        reason = str(error).splitlines()[0]
+        raise TableError(f"{path}: no table of numbers under one line of names: {reason}") from None
+    return _chosen(path, {name: table[name].to_numpy() for name in names}, column)
+
+
+def _header(rows: Sequence[str], comment: str) -> tuple[list[str], Sequence[str], str]:
+    """Names of the columns, the rows of numbers, and what stands between two fields ("" for spaces)."""
+    sample = rows[1] if len(rows) > 1 else rows[0]
+    separator = next((one for one in SEPARATORS if one in sample), "")
+    first = _fields(rows[0], separator)
+    if not all(map(_numeric, first)):
+        names, rows = first, rows[1:]
+    else:
+        said = _fields(comment, separator)
+        names = said if len(said) == len(first) else [str(place) for place in range(len(first))]
+    while names and not names[-1]:
+        names.pop()
+    if rows and separator and len(_fields(rows[0], separator)) == len(names) + 1:
+        rows = [row.rstrip().removesuffix(separator) for row in rows]  # a separator after each last field
+    return names, rows, separator
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    if not separator:
+        return line.split()
+    return [field.strip() for field in next(csv.reader([line], delimiter=separator))]
+
+
+def _numeric(field: str) -> bool:
+    try:
+        float(field.replace(",", ".") or "nan")
+    except ValueError:
+        return False
+    return True
+
+
+def _check_names(path: Path, names: Sequence[str]) -> None:
+    twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
+    if twice is not None:
+        raise TableError(f"{path}: two columns are called '{twice}' in the first line; rename one")
+    if not names:
+        raise TableError(f"{path}: has no columns")
+
+
+# --- arrays --------------------------------------------------------------------------------------
+
+
+def _read_npz(path: Path, column: str | None) -> Chosen:
+    try:
+        with ZipFile(path) as packed:
+            if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
+                raise TableError(
+                    f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces"
+                )
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+    except (ValueError, TypeError, KeyError, EOFError, SyntaxError, BadZipFile, NotImplementedError) as error:
+        if isinstance(error, TableError):
+            raise
+        raise TableError(f"{path}: no NPZ file of numbers: {error}") from None
+    return _of_arrays(path, arrays, column)
+
+
+def _read_mat(path: Path, column: str | None) -> Chosen:
+    from scipy.io import loadmat
+
+    try:
+        loaded = loadmat(path)
+    except NotImplementedError:
+        raise TableError(f"{path}: a MAT file of version 7.3; save it with -v7") from None
+    except Exception as error:  # of damaged files scipy says many things
+        raise TableError(f"{path}: no MAT file that can be read: {error}") from None
+    arrays = {name: np.squeeze(found) for name, found in loaded.items() if isinstance(found, np.ndarray)}
+    return _of_arrays(path, arrays, column)
+
+
+def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | None) -> Chosen:
+    """Arrays of one dimension are columns; one of two has them side by side along its shorter one."""
+    table: dict[str, NDArray[Any]] = {}
+    for name, array in arrays.items():
+        if array.ndim == 1:
+            table[name] = array
+        elif array.ndim == 2:
+            tall = array if array.shape[0] >= array.shape[1] else array.T
+            table |= {f"{name}.{place}": tall[:, place] for place in range(tall.shape[1])}
+    if not table:
+        raise TableError(
+            f"{path}: no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}"
+        )
+    return _chosen(path, table, column)
+
+
+def _read_wav(path: Path, column: str | None) -> Chosen:
+    """Channels in full-scale units (-1 to 1), and the sample rate."""
+    from scipy.io import wavfile
+
+    try:
+        rate_hz, samples = wavfile.read(path)
+    except (ValueError, struct.error) as error:
+        raise TableError(f"{path}: no WAV file that can be read: {error}") from None
+    channels = samples if samples.ndim == 2 else samples[:, None]
+    if column is None and channels.shape[1] > 1:
+        raise TableError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
+    numbers = channel_numbers(f"{path}:", column or "0", channels.shape[1])
+    values = channels[:, numbers].astype(np.float64)
+    if samples.dtype == np.uint8:  # 8-bit WAV is unsigned, silence is 128
+        values = (values - 128.0) / 128.0
+    elif np.issubdtype(samples.dtype, np.integer):
+        values = values / float(np.iinfo(samples.dtype).max + 1)
+    return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file's rate")
+
+
+def channel_numbers(where: str, column: str, count: int) -> list[int]:
+    """Numbers of channels as they are written on the command line.
+
+    Raises:
+        TableError: there is no such channel.
+    """
+    words = column.split(",")
+    unknown = next((word for word in words if not (word.isdecimal() and int(word) < count)), None)
+    if unknown is not None:
+        raise TableError(f"{where} no channel {unknown}; there are 0 to {count - 1}")
+    return [int(word) for word in words]
+
+
+# --- MCAP of other programs ----------------------------------------------------------------------
+
+
+class _Json(DecoderFactory):
+    """Messages in JSON, beside the MCAP library's own decoders of protobuf and ROS 2."""
+
+    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
+        return json.loads if message_encoding == "json" else None
+
+
+def _read_mcap(path: Path, column: str | None) -> Chosen:
+    """Fields of one topic, TOPIC:FIELD[,FIELD]; a field within a field has a dot, an item of a list its number."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory as Protobuf
+    from mcap_ros2.decoder import DecoderFactory as Ros2
+
+    topic, _, named = (column or "").partition(":")
+    fields = named.split(",")
+    rows: list[tuple[float, ...]] = []
+    clocks: list[tuple[int, int | None]] = []
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, decoder_factories=[_Json(), Protobuf(), Ros2()])
+            summary = reader.get_summary()
+            topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
+            if not named or (topics and topic not in topics):
+                raise TableError(
+                    f"{path}: which field of which topic? choose with --column TOPIC:FIELD; topics are"
+                    f" {', '.join(topics) or 'not listed in it'}"
+                )
+            begin_ns = summary.statistics.message_start_time if summary and summary.statistics else None
+            for _, _, message, decoded in reader.iter_decoded_messages(topics=[topic]):
+                rows.append(tuple(_field(decoded, field) for field in fields))
+                clocks.append((message.log_time, _stamp_ns(decoded)))
+    except LookupError as error:
+        raise TableError(f"{path}: {topic} has no number {error.args[0]}") from None
+    except (McapError, ValueError, struct.error, EOFError) as error:
+        if isinstance(error, TableError):
+            raise
+        raise TableError(f"{path}: no MCAP file that can be read: {error}") from None
+    if not rows:
+        raise TableError(f"{path}: {topic} has no message")
+    stamped = all(stamp for _, stamp in clocks)
+    anchor_ns = clocks[0][0] - (clocks[0][0] if begin_ns is None else begin_ns)
+    first_log_ns, first_stamp_ns = clocks[0]
+    since_ns = [stamp - first_stamp_ns if stamped else log - first_log_ns for log, stamp in clocks]  # type: ignore[operator]
+    times_s: Floats = (np.array(since_ns, np.int64) + anchor_ns).astype(np.float64) * 1e-9
+    return Chosen(fields[0], np.array(rows), times_s, clock="header.stamp" if stamped else "log_time")
+
+
+def _field(message: Any, field: str) -> float:
+    for part in field.split("."):
+        if isinstance(message, Mapping):
+            message = message.get(part)
+        elif part.isdecimal() and isinstance(message, Sequence):
+            message = message[int(part)] if int(part) < len(message) else None
+        else:
+            message = getattr(message, part, None)
+    if isinstance(message, bool) or not isinstance(message, int | float):
+        raise LookupError(field)
+    return float(message)
+
+
+def _stamp_ns(message: Any) -> int | None:
+    """Time stamp in a ROS header, or None."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    seconds = getattr(stamp, "sec", None)
+    return None if seconds is None else int(seconds) * 1_000_000_000 + int(getattr(stamp, "nanosec", 0))
+
+
+READERS: Mapping[str, Callable[[Path, str | None], Chosen]] = {
+    ".csv": _read_text,
+    ".tsv": _read_text,
+    ".txt": _read_text,
+    ".npz": _read_npz,
+    ".mat": _read_mat,
+    ".wav": _read_wav,
+    ".mcap": _read_mcap,
+}
+"""By the end of a file's name."""
