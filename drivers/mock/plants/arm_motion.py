@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,6 +18,18 @@ from drivers.mock.plants.rigid import IDENTITY, Array, difference, displaced, po
 
 TOOL_SPEED_M_S = 1.5
 """Fastest tool speed before the arm stops itself (default of the e-Series safety configuration)."""
+
+YIELD_M_S_N, YIELD_RAD_S_N_M = 0.005, 0.05
+"""How fast a tool that yields goes under what is left of a force or torque (assumption: soft enough to stand still on
+a plane of 100 kN/m)."""
+
+YIELD_M_S2 = 10.0
+"""Greatest acceleration of a tool that yields; rad/s^2 for a turn (assumption)."""
+
+SERVO_RAD_S2 = 40.0
+"""Greatest acceleration of a joint that follows a servo target (assumption)."""
+
+_AT_REST: Array = np.zeros(6)
 
 _SPEED_SLACK = 1.0 + 1e-9
 """Rounding must not trip a speed limit."""
@@ -108,19 +120,24 @@ class Arm:
     Attributes:
         joints_rad: Shape (6,).
         joint_speeds_rad_s: Shape (6,).
+        joint_accelerations_rad_s2: Shape (6,), over the last step.
         tool: Transform of the tool's point in the flange's frame, (4, 4).
         transform: Of the tool in the base, (4, 4).
         twist: Of the tool, base frame, shape (6,): m/s and rad/s.
         motion: What it is doing.
+        scaling: How fast the motion's time passes, 0 to 1.
+        planned_speeds_rad_s: Of the joints, in the motion's time.
+        planned_twist: Of the tool, in the motion's time.
     """
 
     def __init__(self, joints_rad: Sequence[float]) -> None:
         self.joints_rad = np.array(joints_rad, dtype=np.float64)
-        self.joint_speeds_rad_s = np.zeros(arm.JOINTS)
         self.tool = IDENTITY
         self.transform = arm.forward(self.joints_rad)
-        self.twist = np.zeros(6)
+        self.scaling = 1.0
         self.motion: Motion = Still()
+        self.joint_speeds_rad_s = self.planned_speeds_rad_s = self.joint_accelerations_rad_s2 = _AT_REST
+        self.twist = self.planned_twist = _AT_REST
 
     @property
     def pose(self) -> Array:
@@ -130,7 +147,7 @@ class Arm:
     @property
     def resting(self) -> bool:
         """Whether nothing moves."""
-        return not (self.joint_speeds_rad_s.any() or self.twist.any())
+        return not (self.planned_speeds_rad_s.any() or self.planned_twist.any())
 
     def mount(self, tool: Array) -> None:
         """Take another point as the tool's."""
@@ -144,17 +161,35 @@ class Arm:
             LimitError: the step would break a limit of the arm. It has not been made, and the arm stands.
         """
         if self.resting and self.motion.done:
+            self.joint_accelerations_rad_s2 = _AT_REST
+            return
+        paced_s = dt_s * self.scaling
+        if paced_s == 0.0:
+            self._take(_AT_REST, _AT_REST, dt_s)
             return
         try:
-            joints, transform = self.motion.advance(self, dt_s)
-            speeds = (joints - self.joints_rad) / dt_s
-            twist = difference(self.transform, transform) / dt_s
-            _check(joints, speeds, twist)
+            joints, transform = self.motion.advance(self, paced_s)
+            speeds = (joints - self.joints_rad) / paced_s
+            twist = difference(self.transform, transform) / paced_s
+            _check(joints, speeds * self.scaling, twist * self.scaling)
         except (arm.UnreachableError, LimitError) as error:
-            self.joint_speeds_rad_s, self.twist, self.motion = np.zeros(arm.JOINTS), np.zeros(6), Still()
+            self.planned_speeds_rad_s = self.planned_twist = _AT_REST
+            self._take(_AT_REST, _AT_REST, dt_s)
+            self.motion = Still()
             raise LimitError(str(error)) from error
         self.joints_rad, self.transform = joints, transform
-        self.joint_speeds_rad_s, self.twist = speeds, twist
+        self.planned_speeds_rad_s, self.planned_twist = speeds, twist
+        self._take(speeds * self.scaling, twist * self.scaling, dt_s)
+
+    def brake(self, deceleration_m_s2: float) -> None:
+        """Come to rest from the present speed, whatever the pace was."""
+        self.planned_speeds_rad_s, self.planned_twist = self.joint_speeds_rad_s, self.twist
+        self.scaling = 1.0
+        self.motion = ToolSpeed(np.zeros(6), deceleration_m_s2)
+
+    def _take(self, speeds_rad_s: Array, twist: Array, dt_s: float) -> None:
+        self.joint_accelerations_rad_s2 = (speeds_rad_s - self.joint_speeds_rad_s) / dt_s
+        self.joint_speeds_rad_s, self.twist = speeds_rad_s, twist
 
 
 def _check(joints: Array, speeds: Array, twist: Array) -> None:
@@ -186,16 +221,13 @@ class ToolSpeed(Motion):
 
     def __init__(self, twist: Sequence[float] | Array, acceleration_m_s2: float) -> None:
         self._target = np.array(twist, dtype=np.float64)
-        self._acceleration = acceleration_m_s2
+        self._acceleration = _positive("acceleration", acceleration_m_s2)
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
         """See `Motion.advance`."""
-        change = self._target - state.twist
-        for part in (slice(0, 3), slice(3, 6)):
-            change[part] *= _share(float(np.linalg.norm(change[part])), self._acceleration * dt_s)
-        transform = displaced(state.transform, (state.twist + change) * dt_s)
-        self.done = not (state.twist + change).any() and not self._target.any()
-        return arm.track(state.joints_rad, transform, state.tool), transform
+        twist = _toward(self._target, state.planned_twist, self._acceleration * dt_s)
+        self.done = not twist.any() and not self._target.any()
+        return _driven(state, twist, dt_s)
 
 
 class JointSpeed(Motion):
@@ -208,12 +240,12 @@ class JointSpeed(Motion):
 
     def __init__(self, speeds_rad_s: Sequence[float] | Array, acceleration_rad_s2: float) -> None:
         self._target = np.array(speeds_rad_s, dtype=np.float64)
-        self._acceleration = acceleration_rad_s2
+        self._acceleration = _positive("acceleration", acceleration_rad_s2)
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
         """See `Motion.advance`."""
-        change = self._target - state.joint_speeds_rad_s
-        speeds = state.joint_speeds_rad_s + change * _share(
+        change = self._target - state.planned_speeds_rad_s
+        speeds = state.planned_speeds_rad_s + change * _share(
             float(np.abs(change).max()), self._acceleration * dt_s
         )
         joints = state.joints_rad + speeds * dt_s
@@ -221,12 +253,69 @@ class JointSpeed(Motion):
         return joints, arm.forward(joints, state.tool)
 
 
+class JointServo(Motion):
+    """Follows angles that are told anew all the time (`servoj`).
+
+    Args:
+        target_rad: Shape (6,).
+        lookahead_s: Time constant with which the joints approach them.
+    """
+
+    def __init__(self, target_rad: Sequence[float] | Array, lookahead_s: float) -> None:
+        self._target = np.array(target_rad, dtype=np.float64)
+        self._lookahead_s = _positive("lookahead time", lookahead_s)
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `Motion.advance`."""
+        left = self._target - state.joints_rad
+        # no faster than it can brake on the way that is left
+        fastest = np.minimum(np.sqrt(2.0 * SERVO_RAD_S2 * np.abs(left)), arm.JOINT_SPEED_RAD_S)
+        wanted = np.clip(left / max(self._lookahead_s, dt_s), -fastest, fastest)
+        change = np.clip(wanted - state.planned_speeds_rad_s, -SERVO_RAD_S2 * dt_s, SERVO_RAD_S2 * dt_s)
+        joints = state.joints_rad + (state.planned_speeds_rad_s + change) * dt_s
+        return joints, arm.forward(joints, state.tool)
+
+
+class Yielding(Motion):
+    """Gives way to what acts on the tool, up to a wrench that is asked for (`force_mode`, `freedrive_mode`).
+
+    Args:
+        frame: Orientation of the axes in the base, (3, 3).
+        free: Along and about which axes it gives way, shape (6,).
+        wrench: What the tool shall push with along those, shape (6,): N and N m; zeros let it be led by hand.
+        fastest: Shape (6,): m/s and rad/s.
+        felt: What acts on the tool, base frame, shape (6,).
+        gain: Of the usual speed under a force.
+    """
+
+    def __init__(
+        self,
+        frame: Array,
+        free: Sequence[bool],
+        wrench: Sequence[float] | Array,
+        fastest: Sequence[float] | Array,
+        felt: Callable[[], Array],
+        gain: float = 1.0,
+    ) -> None:
+        self._turn = frame
+        self._wrench = np.array(wrench, dtype=np.float64)
+        self._fastest = np.where(free, np.abs(fastest), 0.0)
+        self._felt = felt
+        self._speeds = gain * np.array([YIELD_M_S_N] * 3 + [YIELD_RAD_S_N_M] * 3, dtype=np.float64)
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `Motion.advance`."""
+        left = self._wrench + (self._felt().reshape(2, 3) @ self._turn).ravel()
+        wanted = np.clip(self._speeds * left, -self._fastest, self._fastest).reshape(2, 3) @ self._turn.T
+        return _driven(state, _toward(wanted.ravel(), state.planned_twist, YIELD_M_S2 * dt_s), dt_s)
+
+
 class _Travel(Motion):
     """A move between two places of rest; what still moves when it begins is stopped first."""
 
     def __init__(self, speed: float, acceleration: float) -> None:
-        self._speed = speed
-        self._acceleration = acceleration
+        self._speed = _positive("speed", speed)
+        self._acceleration = _positive("acceleration", acceleration)
         self._elapsed_s = 0.0
         self._profile: Trapezoid | None = None
 
@@ -310,3 +399,22 @@ class JointMove(_Travel):
 
 def _share(wanted: float, allowed: float) -> float:
     return 1.0 if wanted <= allowed else allowed / wanted
+
+
+def _positive(what: str, value: float) -> float:
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{what} {value} is not positive and finite")
+    return value
+
+
+def _toward(target: Array, twist: Array, most: float) -> Array:
+    """A twist that comes closer to another: translation and turn change by at most so much each."""
+    change = target - twist
+    for part in (slice(0, 3), slice(3, 6)):
+        change[part] *= _share(float(np.linalg.norm(change[part])), most)
+    return twist + change
+
+
+def _driven(state: Arm, twist: Array, dt_s: float) -> tuple[Array, Array]:
+    transform = displaced(state.transform, twist * dt_s)
+    return arm.track(state.joints_rad, transform, state.tool), transform

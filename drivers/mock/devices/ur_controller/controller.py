@@ -14,14 +14,16 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field, Strict
 
+from drivers.mock.devices.ur_controller.panel import Panel
+from drivers.mock.devices.ur_controller.registers import registers
 from drivers.mock.devices.ur_controller.rtde import Value
 from drivers.mock.devices.ur_controller.script import STEP_S, ControlScript, ScriptError
-from drivers.mock.plants.arm_motion import Arm, LimitError, StiffPlane, Surroundings, ToolSpeed
+from drivers.mock.plants.arm_motion import Arm, LimitError, StiffPlane, Surroundings
 from drivers.mock.plants.rigid import Array
 from drivers.settings import Settings
 
-REGISTERS = 48
-"""Integer and double registers each way (RTDE guide)."""
+SLIDER_S = 0.4
+"""How long the pace takes from standing to full when the slider is moved (assumption)."""
 
 HISTORY_STEPS = 500
 """How far back the controller knows its joints: one second (assumption)."""
@@ -52,6 +54,8 @@ class UrControllerSettings(Settings):
     """Deceleration when a program stops or the arm stops itself, m/s^2 (assumption)."""
     unlock_s: float = Field(5.0, ge=0.0, le=60.0)
     """How long after a protective stop it may be unlocked, seconds (dashboard manual: 5 s)."""
+    force_limit_n: float = Field(150.0, gt=0.0, le=1000.0)
+    """Force on the tool above which the arm stops itself, N (default of the e-Series safety configuration)."""
     contact_n: float = Field(5.0, gt=0.0, le=100.0)
     """Force at which `tool_contact` speaks of contact, N [E] (assumption)."""
     force_noise_n: float = Field(0.5, ge=0.0, le=20.0)
@@ -101,8 +105,9 @@ class UrController:
         t_s: The controller's time: steps of 2 ms since it was made.
         surroundings: What the tool may touch.
         epoch_s: The surroundings' time at which `t_s` was zero.
-        inputs: Integer and double input registers by RTDE name.
-        outputs: Integer and double output registers by RTDE name.
+        inputs: Input registers, and what else a client has written, by RTDE name.
+        outputs: Output registers by RTDE name.
+        panel: The slider, digital and analog outputs.
         safety: Why it would not move, or NORMAL.
         remote: Whether remote control is on at the pendant.
         accepts_scripts: False makes it ignore uploads, as in local control.
@@ -114,8 +119,9 @@ class UrController:
     def __init__(self, settings: UrControllerSettings, surroundings: Surroundings | None = None) -> None:
         self.settings = settings
         self.arm = Arm(settings.joints_rad)
-        self.inputs: dict[str, Value] = _registers("input")
-        self.outputs: dict[str, Value] = _registers("output")
+        self.inputs: dict[str, Value] = _zeros("input")
+        self.outputs: dict[str, Value] = _zeros("output")
+        self.panel = Panel()
         self.safety = Safety.NORMAL
         self.remote = True
         self.accepts_scripts = True
@@ -153,6 +159,11 @@ class UrController:
         return self._measured - self._zero
 
     @property
+    def felt(self) -> Array:
+        """The same without the sensor's noise: what a program's control of force works on."""
+        return self._touch - self._zero
+
+    @property
     def raw_force(self) -> Array:
         """`ft_raw_wrench`: the same before the tare."""
         return self._measured
@@ -161,6 +172,7 @@ class UrController:
         """Two milliseconds: program, arm, force."""
         self._steps += 1
         self._mind_the_watchdog()
+        self._pace()
         if self._script is not None:
             try:
                 if not self._script.step():
@@ -172,12 +184,16 @@ class UrController:
         except LimitError as error:
             self.protective_stop(str(error))
         self._feel()
+        force_n = float(np.linalg.norm(self._touch[:3]))
+        if force_n > self.settings.force_limit_n and self.safety is Safety.NORMAL:
+            self.protective_stop(f"{force_n:.0f} N on the tool, above {self.settings.force_limit_n:g} N")
 
     def write_inputs(self, values: Mapping[str, Value]) -> None:
         """Take a client's data package."""
         for name, value in values.items():
             self.inputs[name] = value
             self._written_s[name] = self.t_s
+        self.panel.write(values)
 
     def start_program(self, offset: int) -> None:
         """Run the client's control script, whose registers begin at `offset`.
@@ -247,7 +263,13 @@ class UrController:
         return steps
 
     def joints_before(self, steps: int) -> Array:
-        """The joints (6,) as they were so many steps ago."""
+        """The joints (6,) as they were so many steps ago, or as far back as they are known.
+
+        Raises:
+            ValueError: so many are none.
+        """
+        if steps < 0:
+            raise ValueError(f"joints {steps} steps ago")
         return self._history[-1 - min(steps, len(self._history) - 1)].joints_rad
 
     def _mind_the_watchdog(self) -> None:
@@ -264,7 +286,18 @@ class UrController:
         self._halt()
 
     def _halt(self) -> None:
-        self.arm.motion = ToolSpeed(np.zeros(6), self.settings.halt_m_s2)
+        self.arm.brake(self.settings.halt_m_s2)
+
+    def _pace(self) -> None:
+        """Bring the pace of what the program moves towards the slider; a stop of the controller's own has its own."""
+        wanted = 1.0 if self._script is None else self.panel.slider
+        if self.arm.scaling == wanted:
+            return
+        if self.arm.resting:
+            self.arm.scaling = wanted
+            return
+        most = STEP_S / SLIDER_S
+        self.arm.scaling += min(max(wanted - self.arm.scaling, -most), most)
 
     def _feel(self) -> None:
         now_s = self.epoch_s + self.t_s
@@ -274,7 +307,5 @@ class UrController:
         self._history.append(_Instant(self.arm.joints_rad, (self._touch - self._zero)[:3]))
 
 
-def _registers(way: str) -> dict[str, Value]:
-    registers: dict[str, Value] = {f"{way}_int_register_{number}": 0 for number in range(REGISTERS)}
-    registers.update({f"{way}_double_register_{number}": 0.0 for number in range(REGISTERS)})
-    return registers
+def _zeros(way: str) -> dict[str, Value]:
+    return {name: 0.0 if kind == "DOUBLE" else 0 for name, kind in registers(way).items()}

@@ -8,8 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.mock.devices.ur_controller.controller import Runtime, Safety, UrController
+from drivers.mock.devices.ur_controller.rtde import PackageError
 
 GREETING = b"Connected: Universal Robots Dashboard Server\n"
+
+LINE_BYTES = 1024
+"""Longest line that it reads (assumption: a path and a word)."""
 
 TOO_EARLY = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop"
 
@@ -56,13 +60,18 @@ class DashboardSession:
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller
-        self._buffer = bytearray()
+        self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes, answer each whole line with a line."""
-        self._buffer += data
-        *lines, rest = bytes(self._buffer).split(b"\n")
-        self._buffer = bytearray(rest)
+        """Take bytes, answer each whole line with a line.
+
+        Raises:
+            PackageError: longer than a line may be.
+        """
+        *lines, rest = (self._buffer + data).split(b"\n")
+        if max(map(len, [*lines, rest])) > LINE_BYTES:
+            raise PackageError(f"a line of more than {LINE_BYTES} bytes")
+        self._buffer = rest
         return b"".join(
             self._answer(line.decode("utf-8", "replace").strip()).encode() + b"\n" for line in lines
         )

@@ -6,9 +6,13 @@ big-endian u16 of its whole size, a u8 of its kind, and a body.
 
 from __future__ import annotations
 
+import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
+from typing import Any
+
+import numpy as np
 
 from drivers.mock.plants.rigid import Array
 
@@ -19,7 +23,14 @@ NOT_FOUND = "NOT_FOUND"
 IN_USE = "IN_USE"
 """What the setup replies say in a type's place (guide)."""
 
+RECIPES = 255
+"""Recipes of inputs that one client may have: their id is a u8, and 0 is none (guide)."""
+
 _HEADER = struct.Struct(">HB")
+
+LARGEST_BODY = 0xFFFF - _HEADER.size
+"""Bytes: a package's size is a u16 (guide)."""
+
 _FREQUENCY = struct.Struct(">d")
 
 _FORMATS = {
@@ -35,6 +46,19 @@ _FORMATS = {
 }
 
 Value = int | float | Sequence[int] | Sequence[float] | Array
+
+
+def size(types: Sequence[str]) -> int:
+    """Bytes of these types together."""
+    return sum(struct.calcsize(">" + _FORMATS[kind]) for kind in types)
+
+
+def packer(kind: str) -> Callable[[Any], bytes]:
+    """What makes the bytes of a value of this type."""
+    pack = struct.Struct(">" + _FORMATS[kind]).pack
+    if len(_FORMATS[kind]) == 1:
+        return pack
+    return lambda value: pack(*(value.tolist() if isinstance(value, np.ndarray) else value))
 
 
 class Kind(IntEnum):
@@ -55,10 +79,10 @@ class PackageError(ValueError):
 
 
 class Recipe:
-    """An agreed list of variables, sent and received as one data package.
+    """An agreed list of inputs, received as one data package.
 
     Args:
-        number: The recipe's id; outputs have one recipe in this emulation, inputs count from 1.
+        number: The recipe's id, from 1 on.
         names: Variables, in order.
         types: Their types (`DOUBLE`, `VECTOR6D`…), in order.
     """
@@ -66,19 +90,8 @@ class Recipe:
     def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
         self.number = number
         self.names = tuple(names)
-        self._layout = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in types))
-        self._sizes = [struct.calcsize(">" + _FORMATS[kind]) for kind in types]
-        self._formats = [_FORMATS[kind] for kind in types]
-
-    def encode(self, values: Sequence[Value]) -> bytes:
-        """A data package with one value for each variable."""
-        flat: list[int | float] = []
-        for value in values:
-            if isinstance(value, int | float):
-                flat.append(value)
-            else:
-                flat.extend(value)
-        return encode(Kind.DATA, self._layout.pack(self.number, *flat))
+        self._layouts = [struct.Struct(">" + _FORMATS[kind]) for kind in types]
+        self._size = 1 + sum(layout.size for layout in self._layouts)
 
     def decode(self, body: bytes) -> dict[str, Value]:
         """The values of a data package's body, recipe id included.
@@ -86,19 +99,25 @@ class Recipe:
         Raises:
             PackageError: of another length than the recipe's.
         """
-        if len(body) != self._layout.size:
-            raise PackageError(f"recipe {self.number} has {self._layout.size} bytes, not {len(body)}")
+        if len(body) != self._size:
+            raise PackageError(f"recipe {self.number} has {self._size} bytes, not {len(body)}")
         values: dict[str, Value] = {}
         offset = 1
-        for name, size, layout in zip(self.names, self._sizes, self._formats, strict=True):
-            fields = struct.unpack_from(">" + layout, body, offset)
+        for name, layout in zip(self.names, self._layouts, strict=True):
+            fields = layout.unpack_from(body, offset)
             values[name] = fields[0] if len(fields) == 1 else fields
-            offset += size
+            offset += layout.size
         return values
 
 
 def encode(kind: Kind, body: bytes = b"") -> bytes:
-    """A package."""
+    """A package.
+
+    Raises:
+        PackageError: larger than a package can be.
+    """
+    if len(body) > LARGEST_BODY:
+        raise PackageError(f"{len(body)} bytes do not fit a package")
     return _HEADER.pack(_HEADER.size + len(body), kind) + body
 
 
@@ -128,11 +147,13 @@ def outputs_request(body: bytes) -> tuple[float, list[str]]:
     """The rate in hertz and the variables that a setup of outputs asks for.
 
     Raises:
-        PackageError: too short.
+        PackageError: too short, or no rate.
     """
     if len(body) < _FREQUENCY.size:
         raise PackageError("a setup of outputs without a rate")
     (rate_hz,) = _FREQUENCY.unpack_from(body)
+    if not math.isfinite(rate_hz):
+        raise PackageError(f"a setup of outputs at {rate_hz} Hz")
     return rate_hz, names(body[_FREQUENCY.size :])
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 import select
 import socket
+import sys
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol
@@ -29,6 +31,12 @@ BURST_STEPS = 10
 """Cycles made up in one go before sockets are looked at again (assumption)."""
 
 CHUNK_BYTES = 65536
+
+UNREAD_BYTES = 1 << 20
+"""What a client may leave unread beyond what the network takes: two seconds of a full stream (assumption)."""
+
+CLIENTS = 64
+"""Connections at a time (assumption; `select` bears a thousand)."""
 
 
 class Session(Protocol):
@@ -185,7 +193,14 @@ class UrServer:
                     self._send(connection, package)
 
     def _accept(self, listener: socket.socket) -> None:
-        connection, _ = listener.accept()
+        try:
+            connection, _ = listener.accept()
+        except OSError:  # it has left already
+            return
+        if len(self._sessions) == CLIENTS:
+            self.controller.log.append(f"a connection beyond {CLIENTS} was refused")
+            connection.close()
+            return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         session = self._listeners[listener]()
@@ -199,15 +214,26 @@ class UrServer:
             return
         try:
             data = connection.recv(CHUNK_BYTES)
-            session = self._sessions[connection]
-            if data and not (self.deaf and isinstance(session, RtdeSession)):
-                self._send(connection, session.feed(data))
         except BlockingIOError:
             return
-        except (OSError, PackageError):
+        except OSError:
             data = b""
         if not data:
             self._drop(connection)
+            return
+        session = self._sessions[connection]
+        if self.deaf and isinstance(session, RtdeSession):
+            return
+        try:
+            answer = session.feed(data)
+        except PackageError as error:
+            self._drop(connection, str(error))
+            return
+        except Exception as error:  # a defect, and this client's alone: the others are served
+            traceback.print_exc(file=sys.stderr)
+            self._drop(connection, f"{type(error).__name__}: {error}")
+            return
+        self._send(connection, answer)
 
     def _send(self, connection: socket.socket, data: bytes) -> None:
         rest = self._unsent.get(connection)
@@ -218,11 +244,14 @@ class UrServer:
             while rest:
                 del rest[: connection.send(rest)]
         except BlockingIOError:
-            return
+            if len(rest) > UNREAD_BYTES:
+                self._drop(connection, "it does not read what it has asked for")
         except OSError:
             self._drop(connection)
 
-    def _drop(self, connection: socket.socket) -> None:
+    def _drop(self, connection: socket.socket, reason: str = "") -> None:
+        if reason:
+            self.controller.log.append(f"a client was let go: {reason}")
         session = self._sessions.pop(connection, None)
         self._unsent.pop(connection, None)
         if session is not None:

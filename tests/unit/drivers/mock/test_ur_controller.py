@@ -1,82 +1,23 @@
 """What the emulated controller does with commands in its registers, in virtual time."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from ur_desk import Desk, desk, down
 
-from drivers.mock.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
+from drivers.mock.devices.ur_controller.controller import Runtime, Safety, UrController
 from drivers.mock.devices.ur_controller.dashboard import DashboardSession
-from drivers.mock.plants.arm_motion import StiffPlane
 
-READY, DONE = 1, 2
 MOVE_L, ZERO_FORCE, SPEED_L, SPEED_STOP, STOP_L, WATCHDOG = 3, 8, 10, 15, 33, 35
 FIND_JOINTS, IS_STEADY, UNTIL_CONTACT, CONTACT_START, CONTACT_READ = 46, 47, 51, 62, 64
 MOVE_J, SET_TOOL, FORWARD, JOG, JOG_STOP, PROTECTIVE_STOP = 1, 29, 43, 41, 42, 31
 
 
-class Desk:
-    """Writes registers and watches the answer, as the client does.
-
-    Args:
-        controller: A fresh one; its program is started.
-    """
-
-    def __init__(self, controller: UrController) -> None:
-        self.controller = controller
-        controller.start_program(0)
-        self.run(2)
-
-    def run(self, steps: int) -> None:
-        for _ in range(steps):
-            self.controller.step()
-
-    def write(self, command: int, numbers: Sequence[float] = (), flag: int = 0) -> None:
-        values: dict[str, float] = {f"input_double_register_{i}": float(v) for i, v in enumerate(numbers)}
-        self.controller.write_inputs(
-            {"input_int_register_0": command, "input_int_register_1": flag, **values}
-        )
-
-    def call(self, command: int, numbers: Sequence[float] = (), flag: int = 0, steps: int = 5000) -> int:
-        """A blocking command; how many cycles it took."""
-        self.write(command, numbers, flag)
-        for step in range(steps):
-            self.controller.step()
-            if self.controller.runtime is Runtime.STOPPED:
-                pytest.fail(f"the program stopped: {self.controller.log}")
-            if self.controller.outputs["output_int_register_0"] == DONE:
-                self.write(0)
-                self.run(2)
-                assert self.controller.outputs["output_int_register_0"] == READY
-                return step + 1
-        pytest.fail("the command is never done")
-
-    def vector(self) -> list[float]:
-        return [float(self.controller.outputs[f"output_double_register_{i}"]) for i in range(6)]  # type: ignore[arg-type]
-
-    @property
-    def pose(self) -> np.ndarray:
-        return self.controller.arm.pose
-
-    @property
-    def progress(self) -> int:
-        value = self.controller.outputs["output_int_register_2"]
-        assert isinstance(value, int)
-        return value
-
-
 @pytest.fixture
 def make() -> Callable[..., Desk]:
-    def desk(plane_m: float = -math.inf, **settings: object) -> Desk:
-        quiet = {"force_noise_n": 0.0, "torque_noise_n_m": 0.0, "unlock_s": 0.1, **settings}
-        return Desk(UrController(UrControllerSettings.model_validate(quiet), StiffPlane(height_m=plane_m)))
-
     return desk
-
-
-def down(desk: Desk, by_m: float) -> list[float]:
-    return [*desk.pose[:2], desk.pose[2] - by_m, *desk.pose[3:]]
 
 
 def test_a_blocking_move_is_done_when_the_tool_is_there(make: Callable[..., Desk]) -> None:
@@ -259,9 +200,9 @@ def test_a_pose_out_of_reach_ends_the_program(make: Callable[..., Desk]) -> None
 
 def test_a_command_that_is_not_emulated_ends_the_program_with_its_number(make: Callable[..., Desk]) -> None:
     desk = make()
-    desk.write(52)
+    desk.write(12)
     desk.run(5)
-    assert "command 52 is not emulated" in desk.controller.log[-1]
+    assert "command 12 is not emulated" in desk.controller.log[-1]
 
 
 def test_a_speed_that_is_no_number_is_a_protective_stop(make: Callable[..., Desk]) -> None:

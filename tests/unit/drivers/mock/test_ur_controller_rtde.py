@@ -8,6 +8,8 @@ from drivers.mock.devices.ur_controller import rtde
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.rtde import Kind, PackageError
 from drivers.mock.devices.ur_controller.session import RtdeSession, ScriptSession
+from drivers.mock.devices.ur_controller.variables import INPUTS, OUTPUTS
+from drivers.mock.plants.arm import elbow
 
 PROTOCOL = bytes.fromhex("0005 56 0002")
 PROTOCOL_ACCEPTED = bytes.fromhex("0004 56 01")
@@ -56,12 +58,6 @@ def test_a_size_without_room_for_its_own_header_is_no_package(session: RtdeSessi
         session.feed(bytes.fromhex("0002 56"))
 
 
-def test_an_unknown_output_is_not_found_and_nothing_starts(session: RtdeSession) -> None:
-    request = struct.pack(">d", 500.0) + b"timestamp,no_such_thing"
-    assert session.feed(rtde.encode(Kind.OUTPUTS, request)).endswith(b"DOUBLE,NOT_FOUND")
-    assert session.feed(START) == bytes.fromhex("0004 53 00")
-
-
 def test_a_slower_stream_leaves_cycles_out(controller: UrController, session: RtdeSession) -> None:
     session.feed(rtde.encode(Kind.OUTPUTS, struct.pack(">d", 125.0) + b"timestamp"))
     session.feed(START)
@@ -103,15 +99,16 @@ def test_data_that_fit_no_recipe_are_dropped_with_a_word_in_the_log(
 
 
 def test_vectors_of_every_type_take_their_size_on_the_wire() -> None:
-    recipe = rtde.Recipe(3, ["a", "b", "c", "d"], ["VECTOR3D", "VECTOR6INT32", "UINT64", "BOOL"])
-    package = recipe.encode([(1.0, 2.0, 3.0), (1, 2, 3, 4, 5, 6), 1 << 40, True])
-    assert len(package) == 3 + 1 + 24 + 24 + 8 + 1
-    assert recipe.decode(package[3:]) == {
-        "a": (1.0, 2.0, 3.0),
-        "b": (1, 2, 3, 4, 5, 6),
-        "c": 1 << 40,
-        "d": True,
+    fields = {
+        "VECTOR3D": (1.0, 2.0, 3.0),
+        "VECTOR6INT32": (1, 2, 3, 4, 5, 6),
+        "UINT64": 1 << 40,
+        "BOOL": True,
+        "UINT8": 255,
     }
+    body = b"".join(rtde.packer(kind)(value) for kind, value in fields.items())
+    assert len(body) == rtde.size(list(fields)) == 24 + 24 + 8 + 1 + 1
+    assert rtde.Recipe(3, list(fields), list(fields)).decode(b"\x03" + body) == fields
 
 
 def program(offset: str = "0", name: str = "rtde_control") -> bytes:
@@ -142,3 +139,135 @@ def test_a_program_of_another_kind_is_left_alone(controller: UrController) -> No
     ScriptSession(controller).feed(program(name="mine"))
     assert controller.runtime is controller.runtime.STOPPED
     assert "mine" in controller.log[-1]
+
+
+def outputs(names: str, rate_hz: float = 500.0) -> bytes:
+    return rtde.encode(Kind.OUTPUTS, struct.pack(">d", rate_hz) + names.encode())
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "every"), [(1e-310, 500), (-1.0, 500), (0.0, 500), (10.0, 50), (499.0, 1), (1e308, 1)]
+)
+def test_a_rate_is_brought_to_what_there_is(
+    controller: UrController, session: RtdeSession, rate_hz: float, every: int
+) -> None:
+    session.feed(outputs("timestamp", rate_hz))
+    session.feed(START)
+    sent = [bool(session.step()) for _ in range(1000)]
+    assert sent == ([False] * (every - 1) + [True]) * (1000 // every)
+
+
+@pytest.mark.parametrize("rate_hz", [float("nan"), float("inf")])
+def test_a_rate_that_is_no_number_is_no_package(session: RtdeSession, rate_hz: float) -> None:
+    with pytest.raises(PackageError, match="Hz"):
+        session.feed(outputs("timestamp", rate_hz))
+
+
+@pytest.mark.parametrize(
+    "name", ["output_int_register_48", "output_double_register_99", "output_bit_register_63", "no_such_thing"]
+)
+def test_a_recipe_with_an_unknown_name_has_no_id(session: RtdeSession, name: str) -> None:
+    answer = session.feed(outputs(f"timestamp,{name}"))
+    assert answer[3:] == b"\x00DOUBLE,NOT_FOUND"
+    assert session.feed(START) == bytes.fromhex("0004 53 00")
+
+
+def test_a_recipe_that_fits_no_package_has_no_id_and_the_one_before_stays(session: RtdeSession) -> None:
+    assert session.feed(outputs("timestamp"))[3] == 1
+    assert session.feed(outputs(",".join(["target_q"] * 1400)))[3] == 0
+    session.feed(START)
+    assert len(session.step()) == 3 + 1 + 8
+
+
+def test_names_whose_answer_fits_no_package_are_no_request(session: RtdeSession) -> None:
+    with pytest.raises(PackageError, match="fit"):
+        session.feed(outputs("a," * 30_000))
+
+
+def test_a_client_has_as_many_recipes_as_have_an_id(controller: UrController, session: RtdeSession) -> None:
+    request = rtde.encode(Kind.INPUTS, b"input_int_register_0,")
+    assert [session.feed(request)[3] for _ in range(257)] == [*range(1, 256), 0, 0]
+    session.feed(rtde.encode(Kind.DATA, struct.pack(">Bi", 255, 7)))
+    assert controller.inputs["input_int_register_0"] == 7
+
+
+OFFICIAL = (
+    "timestamp,target_q,target_qd,target_qdd,target_current,target_moment,actual_q,actual_qd,actual_current,"
+    "joint_control_output,actual_TCP_pose,actual_TCP_speed,actual_TCP_force,target_TCP_pose,target_TCP_speed,"
+    "actual_digital_input_bits,joint_temperatures,actual_execution_time,robot_mode,joint_mode,safety_status,"
+    "actual_tool_accelerometer,speed_scaling,target_speed_fraction,actual_momentum,actual_main_voltage,"
+    "actual_robot_voltage,actual_robot_current,actual_joint_voltage,actual_digital_output_bits,runtime_state,"
+    "joint_position_deviation_ratio"
+)
+"""What the manufacturer's own client records by default (its example `record`, recipe "out")."""
+
+
+def test_the_manufacturer_s_own_recipe_is_found_and_sent_whole(
+    controller: UrController, session: RtdeSession
+) -> None:
+    answer = session.feed(outputs(OFFICIAL, 125.0))
+    kinds = answer[4:].decode().split(",")
+    assert (answer[3], len(kinds)) == (1, 32)
+    assert kinds[20:24] == ["INT32", "VECTOR3D", "DOUBLE", "DOUBLE"]
+    session.feed(START)
+    rows = [row for _ in range(8) if (row := session.step())]
+    assert [len(row) for row in rows] == [3 + 1 + rtde.size(kinds)] * 2
+
+
+def test_every_variable_of_the_guide_has_a_value_of_its_type(
+    controller: UrController, session: RtdeSession
+) -> None:
+    for name, (kind, _) in OUTPUTS.items():
+        assert session.feed(outputs(name))[3] == 1
+        session.feed(START)
+        assert len(session.step()) == 3 + 1 + rtde.size([kind]), name
+
+
+def test_the_elbow_is_where_and_moves_as_the_joints_say(controller: UrController) -> None:
+    arm = controller.arm
+    controller.start_program(0)
+    speeds = {f"input_double_register_{k}": v for k, v in enumerate([0.3, 0.2, 0.1, 0.0, 0.0, 0.0, 5.0, 0.0])}
+    controller.write_inputs({"input_int_register_0": 9, **speeds})
+    for _ in range(100):
+        controller.step()
+    place, velocity = elbow(arm.joints_rad, arm.joint_speeds_rad_s)
+    controller.step()
+    moved = (elbow(arm.joints_rad, arm.joint_speeds_rad_s)[0] - place) / 0.002
+    assert moved == pytest.approx(velocity, abs=1e-3)
+    assert abs(velocity).max() > 0.05
+
+
+def written(session: RtdeSession, values: dict[str, int | float]) -> None:
+    number = session.feed(rtde.encode(Kind.INPUTS, ",".join(values).encode()))[3]
+    fields = [rtde.packer(INPUTS[name])(value) for name, value in values.items()]
+    session.feed(rtde.encode(Kind.DATA, bytes([number]) + b"".join(fields)))
+
+
+def test_outputs_that_a_client_sets_are_seen_in_the_stream(session: RtdeSession) -> None:
+    session.feed(outputs("actual_digital_output_bits,standard_analog_output0,standard_analog_output1"))
+    session.feed(START)
+    written(session, {"standard_digital_output_mask": 0b101, "standard_digital_output": 0b111})
+    written(session, {"configurable_digital_output_mask": 0x80, "configurable_digital_output": 0xFF})
+    written(session, {"tool_digital_output_mask": 0xFF, "tool_digital_output": 0xFF})
+    written(
+        session,
+        {
+            "standard_analog_output_mask": 0b10,
+            "standard_analog_output_type": 0b11,
+            "standard_analog_output_0": 0.9,
+            "standard_analog_output_1": 0.25,
+        },
+    )
+    assert struct.unpack(">Qdd", session.step()[4:]) == (0x3_80_05, 0.004, 2.5)
+    written(session, {"standard_digital_output_mask": 0b001, "standard_digital_output": 0})
+    assert struct.unpack(">Qdd", session.step()[4:])[0] == 0x3_80_04
+
+
+def test_a_script_as_long_as_none_is_refused_without_being_searched_again_and_again(
+    controller: UrController,
+) -> None:
+    script = ScriptSession(controller)
+    with pytest.raises(PackageError, match="program"):
+        for _ in range(1024):
+            script.feed(b"x" * 65536)
+    assert controller.runtime is controller.runtime.STOPPED
