@@ -264,7 +264,9 @@ class Guard:
     ) -> str | None:
         """See one turn of the loop.
 
-        Force and travel count whether anything moves or not; a silent stream and a late loop count while it does.
+        Force and travel count whether anything moves or not, wherever the loop listens to them: while anything
+        moves, in a pause, and in every state that listens to anything. A silent stream and a late loop count while
+        something moves.
 
         Args:
             t_s: Bench time of the turn.

@@ -200,18 +200,18 @@ class Loop:
         give_up_s = self._clock.now() + STANDSTILL_TIMEOUT_S
         while pending and self._clock.now() < give_up_s:
             self._clock.wait_until(self._clock.now() + 1.0 / self._settings.rate_hz)
-            for name in self._rig.devices:
+            for name, device in self._rig.devices.items():
                 with suppress(Exception):
-                    blocks, statuses = self._gather((name,))
-                    self._witness.record(self._recorded(blocks))
-                    for status in statuses:
+                    self._perceive(device.read())
+                with suppress(Exception):
+                    for status in device.poll():
                         self._note(status)
                         self._keep(status, self._behavior.state.name, self._behavior.state.name, ())
                         if isinstance(status, Standstill) and not self._outdated(status):
-                            pending.discard(status.device)
-                        elif isinstance(status, Failed) and status.device in pending:
-                            pending.discard(status.device)
-                            self.account.unstill.append(status.device)
+                            pending.discard(name)
+                        elif isinstance(status, Failed) and name in pending:
+                            pending.discard(name)
+                            self.account.unstill.append(name)
         self.account.unstill += sorted(pending)
         with suppress(Exception):
             self._listen(frozenset())
@@ -267,14 +267,13 @@ class Loop:
         self._obey(commands)
 
     def _turn(self, t_s: float, late_s: float) -> None:
-        blocks, statuses = self._gather(self._rig.devices)
-        try:
-            made, saturated = self._signals.push(blocks)
-        except ValueError as error:
-            raise UnfitStreamError(str(error)) from error
-        blocks += made
+        gathered: list[SampleBlock] = []
+        statuses: list[Status] = []
+        for device in self._rig.devices.values():
+            gathered += device.read()
+            statuses += device.poll()
+        blocks, saturated = self._perceive(gathered)
         statuses += saturated
-        self._witness.record(self._recorded(blocks))
         if self._witness.failure is not None:
             raise self._witness.failure
         for status in statuses:
@@ -293,6 +292,10 @@ class Loop:
                 self._handle(event)
             elif not isinstance(event, Tick):
                 self._keep(event, self._behavior.state.name, self._behavior.state.name, ())
+        while self._waits_for_a_word():
+            # Virtual time stands still while a person thinks; the processor may as well rest.
+            rest(KEY_INTERVAL_S)
+            self._attend(t_s)
         self._go_on(t_s)
 
     def _heeds(self, event: Event) -> bool:
@@ -302,18 +305,18 @@ class Loop:
             return False
         return self._paused_s is None or isinstance(event, GuardStopped | Failed | Stalled)
 
-    def _gather(self, names: Iterable[str]) -> tuple[list[SampleBlock], list[Status]]:
-        blocks: list[SampleBlock] = []
-        statuses: list[Status] = []
-        for name in names:
-            device = self._rig.devices[name]
-            blocks += device.read()
-            statuses += device.poll()
-        return blocks, statuses
+    def _perceive(self, gathered: Sequence[SampleBlock]) -> tuple[list[SampleBlock], list[Saturated]]:
+        """What came, and what the signals make of it, recorded.
 
-    def _recorded(self, blocks: Sequence[SampleBlock]) -> Sequence[SampleBlock]:
-        """Without those that were heard for a signal's sake alone: the signal is kept in their place."""
-        return [block for block in blocks if block.stream not in self._behind] if self._behind else blocks
+        What was heard for a signal's sake alone is not: the signal is kept in its place.
+        """
+        self._witness.record([block for block in gathered if block.stream not in self._behind])
+        try:
+            made, saturated = self._signals.push(gathered)
+        except ValueError as error:
+            raise UnfitStreamError(str(error)) from error
+        self._witness.record([block for block in made if block.stream not in self._behind])
+        return [*gathered, *made], saturated
 
     def _note(self, status: Status) -> None:
         if isinstance(status, (*ANSWERS, Stalled, Failed)) and not self._outdated(status):
@@ -381,7 +384,8 @@ class Loop:
         decisive = frozenset(stream for name in plan.detectors for stream in self._detectors[name].inputs)
         self._guard.arm(decisive)
         heard = plan.measures | decisive
-        if self._moving or any(isinstance(command, MOTION) for command in commands):
+        moves = self._moving or any(isinstance(command, MOTION) for command in commands)
+        if heard or moves or self._paused_s is not None:
             heard |= self._guard.inputs
         self._listen(heard)
 
@@ -428,17 +432,12 @@ class Loop:
                 self._moving.add(name)
 
     def _waits_for_a_word(self) -> bool:
-        paused = self._paused_s is not None and not self._resuming
+        paused = self._paused_s is not None and not self._resuming and not self._behavior.done
         return paused and self._clock.virtual and not self._moving
 
     def _attend(self, t_s: float) -> None:
         """Hear the operator: pause stops every mover, the guard goes on watching."""
         word = self._operator.poll()
-        # Virtual time stands still while a person thinks; the processor may as well rest. A word to go on that came
-        # while a mover was braking is not waited for again.
-        while word is None and self._waits_for_a_word():
-            rest(KEY_INTERVAL_S)
-            word = self._operator.poll()
         if word == "abort":
             raise Aborted
         if word == "pause" and self._paused_s is None:

@@ -1,0 +1,846 @@
+"""The loop on small devices in virtual time: what it does in a turn, in which order, and how it ends."""
+
+from enum import Enum, auto
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from behaviors.events import Contact, GuardStopped, Paused, Resumed
+from behaviors.machine import Behavior, StatePlan, failures
+from controller import loop as loop_module
+from controller.guard import Guard, GuardRefusal, GuardSettings
+from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
+from controller.rig import Rig
+from drivers.clock import VirtualClock
+from drivers.messages import (
+    DeviceInfo,
+    Excite,
+    Failed,
+    Listen,
+    Lost,
+    MoveTo,
+    Reached,
+    SampleBlock,
+    Saturated,
+    Stalled,
+    Standstill,
+    Stop,
+    StreamInfo,
+)
+
+RATE_HZ = 200.0
+TURN_S = 1.0 / RATE_HZ
+
+
+class Device:
+    """Keeps what it is told, in the bench's one log; says what the test wants said."""
+
+    def __init__(self, name, bench):
+        self.name, self.bench = name, bench
+        self.listening = frozenset()
+        self.statuses = []
+        self.reading = self.polling = None  # an error instead of an answer
+
+    def apply(self, command):
+        self.bench.log.append((self.bench.clock.now(), command))
+        if isinstance(command, Listen):
+            self.listening = command.streams
+
+    def say(self, kind, *details, at_s=0.0, **named):
+        self.statuses.append(kind(at_s, self.name, *details, **named))
+
+    def read(self):
+        if self.reading is not None:
+            raise self.reading
+        return ()
+
+    def poll(self):
+        if self.polling is not None:
+            raise self.polling
+        now_s = self.bench.clock.now()
+        ripe = [status for status in self.statuses if status.t_s <= now_s]
+        self.statuses = [status for status in self.statuses if status.t_s > now_s]
+        return ripe
+
+
+class Mover(Device):
+    """Reaches what it is sent to after `travel_s`, stands `brake_s` after a stop; None: never."""
+
+    def __init__(self, name, bench, travel_s=0.1, brake_s=0.02):
+        super().__init__(name, bench)
+        self.travel_s, self.brake_s = travel_s, brake_s
+        self.broken = None
+
+    def apply(self, command):
+        if self.broken is not None and isinstance(command, Stop):
+            raise self.broken
+        super().apply(command)
+        answers = {Stop: (Standstill, self.brake_s), MoveTo: (Reached, self.travel_s)}
+        kind, delay_s = answers.get(type(command), (None, None))
+        if delay_s is not None:
+            self.say(kind, 0.0, at_s=self.bench.clock.now() + delay_s, command_id=command.id)
+
+
+class Sensor(Device):
+    """Sends one sample at 1 kHz for each millisecond since it was last read, on each stream that is listened to."""
+
+    def __init__(self, name, bench):
+        super().__init__(name, bench)
+        self._sent = 0
+
+    def read(self):
+        super().read()
+        end = round(self.bench.clock.now() * 1000)
+        count, seq, self._sent = end - self._sent, self._sent, end
+        values = np.arange(seq, end, dtype=np.float64).reshape(-1, 1) * self.bench.slope
+        blocks = [
+            SampleBlock(name, seq, seq / 1000, values, 1000.0, unit="N") for name in sorted(self.listening)
+        ]
+        return blocks if count else []
+
+
+class Ear:
+    """A detector that tells contact once it has heard a sample above a level."""
+
+    name = "contact"
+
+    def __init__(self, stream="board.force", above=1e9):
+        self.inputs = (stream,)
+        self.above, self.resets, self.heard, self.error = above, [], [], None
+
+    def reset(self):
+        self.resets.append(len(self.heard))
+
+    def push(self, block):
+        if self.error is not None:
+            raise self.error
+        self.heard.append(block)
+        found = np.flatnonzero(block.values[:, 0] > self.above)
+        return [Contact(block.times[index], self.name, 1.0, 0.5) for index in found[:1]]
+
+
+class Doubled:
+    """A signal: twice the force."""
+
+    name, inputs = "double", ("board.force",)
+    info = StreamInfo("signals.double", ("force",), "N")
+
+    def __init__(self):
+        self.error, self.beyond = None, False
+
+    def push(self, block):
+        if self.error is not None:
+            raise self.error
+        told = [Saturated(block.t0_s, "board", self.info.name, 9.0)] if self.beyond else []
+        return [
+            SampleBlock(self.info.name, block.seq, block.t0_s, 2.0 * block.values, 1000.0, unit="N"),
+            *told,
+        ]
+
+    def reset(self):
+        pass
+
+
+class Approach(Behavior):
+    """Rests, approaches until contact, stops, is done."""
+
+    class States(Enum):
+        REST = auto()
+        APPROACH = auto()
+        STOPPING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.REST
+    final = frozenset({States.DONE, States.FAILED})
+    table = (
+        {"trigger": "deadline", "source": States.REST, "dest": States.APPROACH},
+        {"trigger": "contact", "source": States.APPROACH, "dest": States.STOPPING},
+        {"trigger": "reached", "source": States.APPROACH, "dest": States.DONE},
+        {"trigger": "deadline", "source": States.APPROACH, "dest": States.FAILED, "before": "say_stuck"},
+        {"trigger": "standstill", "source": States.STOPPING, "dest": States.DONE},
+        {"trigger": "deadline", "source": States.STOPPING, "dest": States.FAILED, "before": "say_stuck"},
+        {"trigger": "resumed", "source": States.APPROACH, "dest": States.REST},
+        *failures((States.REST, States.APPROACH, States.STOPPING), States.FAILED),
+    )
+
+    def __init__(self, rest_s=0.1, listening=frozenset({"contact"}), resting=frozenset(), **named):
+        s = self.States
+        plans = {
+            s.REST: StatePlan(rest_s, measures=resting, **named),
+            s.APPROACH: StatePlan(1.0, detectors=listening),
+            s.STOPPING: StatePlan(1.0),
+        }
+        super().__init__(plans, "stage")
+
+    def enter_APPROACH(self):
+        self.command(MoveTo("stage", 0.005, 0.01))
+
+    def enter_STOPPING(self):
+        self.command(Excite("board", False))
+        self.command(Stop("stage"))
+
+    def enter_DONE(self):
+        self.conclude("contact")
+
+
+class Deaf(Approach):
+    """Pays no heed to what the guard says."""
+
+    table = tuple(row for row in Approach.table if row["trigger"] != "guard_stopped")
+
+
+class Told(Guard):
+    """Says what the test has it say at the first turn not before a time, and keeps what it was shown."""
+
+    def __init__(self, **limits):
+        super().__init__(
+            GuardSettings(
+                travel_m=0.01, position_stream=None, force_stream="board.load", force_n=50.0, **limits
+            )
+        )
+        self.stop_s, self.seen, self.real = None, [], False
+
+    def watch(self, t_s, blocks, moving, late_s=0.0, saturated=()):
+        blocks = list(blocks)
+        self.seen.append((t_s, {block.stream for block in blocks}, moving, late_s, list(saturated)))
+        if self.real:
+            return super().watch(t_s, blocks, moving, late_s, saturated)
+        if self.stop_s is not None and t_s >= self.stop_s:
+            self.stop_s = None
+            return "the test says so"
+        return None
+
+
+class Bench:
+    """A stage, a second mover and a board; the recorder and the operator at their sides."""
+
+    def __init__(self, behavior=None, **limits):
+        self.clock, self.log = VirtualClock(), []
+        self.slope = 0.001
+        self.stage, self.other, self.board = Mover("stage", self), Mover("other", self), Sensor("board", self)
+        self.behavior = behavior or Approach()
+        self.ear, self.guard = Ear(), Told(**limits)
+        self.signals = ()
+        self.words, self.shown = [], []
+        self.recorded, self.kept, self.skipped = [], [], []
+        self.failure = None
+        self.settings = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=50.0)
+
+    # what the loop sees of the recorder and the operator
+
+    def record(self, blocks):
+        self.recorded += blocks
+
+    def skip(self, stream, t0_s, t1_s):
+        if t1_s > t0_s:
+            self.skipped.append((stream, t0_s, t1_s))
+
+    def event(self, event, *, state, next_state, commands):
+        self.kept.append((type(event).__name__, state, next_state, list(commands)))
+
+    def poll(self):
+        for word, at_s in self.words:
+            if self.clock.now() >= at_s:
+                self.words.remove((word, at_s))
+                return word
+        return None
+
+    def state(self, name, t_s):
+        self.shown.append((name, round(t_s, 6)))
+
+    def run(self):
+        devices = {"stage": self.stage, "other": self.other, "board": self.board}
+        streams = {
+            name: StreamInfo(name, ("force",), "N", rate_hz=1000.0) for name in ("board.force", "board.load")
+        }
+        infos = {
+            "stage": DeviceInfo("stage", "a mover", mover=True),
+            "other": DeviceInfo("other", "a mover", mover=True),
+            "board": DeviceInfo("board", "a sensor", streams=streams),
+        }
+        self.loop = Loop(Rig("mock", devices, self.clock), infos, self.guard, self, self, self.settings)
+        self.loop.run(self.behavior, {"contact": self.ear}, self.signals)
+        return self.loop
+
+    def told(self, *kinds, since_s=0.0):
+        return [
+            (round(t_s, 6), command)
+            for t_s, command in self.log
+            if isinstance(command, kinds) and t_s >= since_s
+        ]
+
+    @property
+    def stops(self):
+        return self.told(Stop)
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+# --- the end --------------------------------------------------------------------------------------
+
+
+def test_a_trial_runs_to_its_end_and_every_mover_is_stopped_then(bench):
+    bench.run()
+    assert bench.behavior.outcome == "contact"
+    assert bench.stops == [(0.2, Stop("stage")), (0.2, Stop("other"))]
+    assert bench.loop.account.unstill == []
+    assert bench.shown == [("REST", 0.0), ("APPROACH", 0.1), ("DONE", 0.2)]
+
+
+def test_closing_waits_until_the_last_mover_stands(bench):
+    bench.other.brake_s = 0.5
+    bench.run()
+    assert bench.kept[-1][0] == "Standstill"
+    assert bench.clock.now() == pytest.approx(0.2 + 0.5, abs=2 * TURN_S)
+    assert bench.loop.account.unstill == []
+
+
+def test_a_mover_that_is_not_seen_standing_is_named_after_two_seconds(bench):
+    bench.stage.brake_s = None
+    bench.run()
+    assert bench.loop.account.unstill == ["stage"]
+    assert bench.clock.now() == pytest.approx(0.2 + loop_module.STANDSTILL_TIMEOUT_S, abs=2 * TURN_S)
+
+
+def test_a_mover_that_fails_while_it_stops_is_named_and_not_waited_for(bench):
+    bench.other.brake_s = None
+    bench.other.say(Failed, "the link is gone", at_s=0.25)
+    bench.run()
+    assert bench.loop.account.unstill == ["other"]
+    assert bench.clock.now() < 0.3
+
+
+def test_a_failure_of_what_does_not_move_names_no_mover(bench):
+    bench.board.say(Failed, "the link is gone", at_s=0.205)
+    bench.run()
+    assert bench.loop.account.unstill == []
+
+
+def test_a_mover_that_takes_no_stop_keeps_no_other_from_it(bench):
+    bench.stage.broken = RuntimeError("its driver is broken")
+    bench.run()
+    assert bench.stops[-1] == (0.2, Stop("other"))
+    assert bench.loop.account.unstill == ["stage"]
+
+
+@pytest.mark.parametrize("what", ["reading", "polling"])
+def test_a_device_that_breaks_while_the_bench_is_stopped_hides_no_others_standstill(bench, what):
+    setattr(bench.board, what, None)
+    run = bench.stage.apply
+
+    def applied(command):
+        if isinstance(command, Stop):
+            setattr(bench.board, what, RuntimeError("broken"))
+        run(command)
+
+    bench.stage.apply = applied
+    bench.run()
+    assert bench.loop.account.unstill == []
+
+
+def test_a_mover_whose_reading_breaks_is_still_heard_to_stand(bench):
+    apply = bench.stage.apply
+
+    def applied(command):
+        if isinstance(command, Stop):
+            bench.stage.reading = RuntimeError("broken")
+        apply(command)
+
+    bench.stage.apply = applied
+    bench.run()
+    assert bench.loop.account.unstill == []
+
+
+def test_an_error_of_a_device_stops_every_mover_and_comes_out(bench):
+    bench.board.reading = RuntimeError("broken")
+    with pytest.raises(RuntimeError, match="broken"):
+        bench.run()
+    assert [command for _, command in bench.stops] == [Stop("stage"), Stop("other")]
+
+
+def test_what_is_not_recorded_any_more_ends_the_trial_with_the_bench_still(bench):
+    bench.behavior = Approach(rest_s=0.5)
+    apply = bench.stage.apply
+
+    def applied(command):
+        if isinstance(command, MoveTo):
+            bench.failure = OSError("the disk is full")
+        apply(command)
+
+    bench.stage.apply = applied
+    with pytest.raises(OSError, match="the disk is full"):
+        bench.run()
+    assert bench.stops == [(0.505, Stop("stage")), (0.505, Stop("other"))]
+
+
+def test_statuses_and_losses_while_the_bench_is_stopped_are_kept(bench):
+    bench.board.say(Lost, "board.force", 7, at_s=0.21)
+    bench.run()
+    assert ("Lost", "DONE", "DONE", []) in bench.kept
+    assert bench.loop.account.lost == {"board.force": 7}
+
+
+def test_losses_of_one_stream_are_added_up(bench):
+    for at_s in (0.01, 0.02):
+        bench.board.say(Lost, "board.force", 7, at_s=at_s)
+    bench.run()
+    assert bench.loop.account.lost == {"board.force": 14}
+
+
+# --- the guard ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("behavior", [Approach, Deaf])
+def test_the_guards_word_stops_every_mover_whatever_the_behavior_makes_of_it(behavior):
+    bench = Bench(behavior())
+    bench.guard.stop_s = 0.15
+    bench.run()
+    assert bench.stops[:2] == [(0.15, Stop("stage")), (0.15, Stop("other"))]
+    assert bench.behavior.outcome == ("fault" if behavior is Deaf else "guard")
+
+
+def test_the_guards_word_is_kept_before_all_else_of_its_turn_with_its_reason(bench):
+    bench.guard.stop_s = 0.15
+    bench.board.say(Lost, "board.force", 1, at_s=0.149)
+    bench.run()
+    names = [name for name, *_ in bench.kept]
+    assert names.index("GuardStopped") < names.index("Lost")
+    assert bench.behavior.reason == "the test says so"
+
+
+def test_after_the_guards_word_the_answer_to_the_motion_ends_nothing(bench):
+    bench.behavior = Deaf()
+    bench.guard.stop_s = 0.15
+    bench.run()
+    assert bench.behavior.state is Approach.States.FAILED, "it was never told that it had arrived"
+
+
+def test_the_guard_is_shown_motion_lateness_and_what_left_its_range(bench):
+    bench.behavior = Approach(resting=frozenset({"board.force"}))
+    bench.board.say(Saturated, "board.force", 4.0, at_s=0.15)
+    bench.run()
+    assert {moving for t_s, _, moving, _, _ in bench.guard.seen if t_s < 0.1} == {False}
+    assert {moving for t_s, _, moving, _, _ in bench.guard.seen if 0.1 < t_s < 0.2} == {True}
+    (beyond,) = [beyond for t_s, *_, beyond in bench.guard.seen if t_s == pytest.approx(0.15)]
+    assert [status.stream for status in beyond] == ["board.force"]
+    assert all(late_s == pytest.approx(0.0, abs=1e-9) for *_, late_s, _ in bench.guard.seen)
+
+
+def test_a_signal_that_leaves_its_range_is_shown_to_the_guard(bench):
+    double = Doubled()
+    double.beyond = True
+    bench.signals, bench.ear = (double,), Ear("signals.double")
+    bench.run()
+    assert any(beyond for *_, beyond in bench.guard.seen)
+    assert any("signals.double" in streams for _, streams, *_ in bench.guard.seen)
+
+
+def test_a_command_beyond_a_limit_is_refused_and_nothing_is_sent(bench):
+    bench.behavior.enter_APPROACH = lambda: bench.behavior.command(MoveTo("stage", 0.02, 0.01))
+    with pytest.raises(GuardRefusal):
+        bench.run()
+    assert bench.told(MoveTo) == []
+    assert len(bench.stops) == 2
+
+
+def test_a_refused_command_is_in_the_record_with_the_state_that_gave_it(bench):
+    bench.behavior.enter_APPROACH = lambda: bench.behavior.command(MoveTo("stage", 0.02, 0.01))
+    with pytest.raises(GuardRefusal):
+        bench.run()
+    assert ("Tick", "REST", "APPROACH", [MoveTo("stage", 0.02, 0.01)]) in bench.kept
+
+
+def test_what_the_guard_is_to_watch_and_nobody_sends_is_refused_before_anything_moves(bench):
+    bench.guard = Told()
+    bench.guard.settings = GuardSettings(
+        travel_m=0.01, force_stream="board.load", force_n=1.0, position_stream="x.y"
+    )
+    bench.guard.inputs |= {"x.y"}
+    bench.guard.reset = lambda streams: None
+    with pytest.raises(GuardRefusal, match=r"x\.y"):
+        bench.run()
+    assert bench.told(MoveTo) == []
+
+
+# --- what is listened to --------------------------------------------------------------------------
+
+
+def test_the_guards_streams_are_listened_to_while_something_moves_and_not_in_a_deaf_rest(bench):
+    bench.run()
+    assert bench.told(Listen)[0] == (0.1, Listen("board", frozenset({"board.force", "board.load"})))
+
+
+def test_the_guards_streams_are_listened_to_at_standstill_wherever_anything_is(bench):
+    bench.behavior = Approach(resting=frozenset({"board.force"}))
+    bench.run()
+    assert bench.told(Listen)[0] == (0.0, Listen("board", frozenset({"board.force", "board.load"})))
+    seen = [streams for t_s, streams, *_ in bench.guard.seen if t_s < 0.1]
+    assert seen
+    assert all(streams == {"board.force", "board.load"} for streams in seen)
+
+
+def test_a_force_that_no_state_measures_stops_the_trial_at_standstill():
+    bench = Bench(Approach(rest_s=1.0, resting=frozenset({"board.force"})))
+    bench.guard.real, bench.slope = True, 1.0  # a newton a millisecond
+    bench.run()
+    assert "beyond limits.force_n" in bench.behavior.reason
+    assert bench.told(MoveTo) == []
+
+
+def test_a_stop_goes_out_first_then_what_is_listened_to_then_the_rest(bench):
+    bench.ear.above = 0.15
+    bench.run()
+    t_s = next(t_s for name, t_s in bench.shown if name == "STOPPING")
+    after = [type(command) for sent_s, command in bench.log if sent_s >= t_s][:3]
+    assert after == [Stop, Listen, Excite], "the behavior gave them in another order"
+
+
+def test_devices_are_asked_only_for_what_changes(bench):
+    bench.run()
+    listens = [command for _, command in bench.told(Listen)]
+    assert all(command.device == "board" for command in listens)
+    assert all(before != after for before, after in pairwise(listens))
+
+
+def test_a_span_that_nobody_listened_to_is_noted_as_skipped(bench):
+    bench.run()
+    assert ("board.force", 0.0, 0.1) in bench.skipped
+    (end_s,) = [t1_s for stream, t0_s, t1_s in bench.skipped if stream == "board.force" and t0_s > 0.0] or [
+        None
+    ]
+    assert end_s is None or end_s <= bench.clock.now()
+
+
+def test_a_stream_that_was_never_listened_to_is_skipped_from_end_to_end(bench):
+    bench.behavior = Approach(listening=frozenset())
+    bench.run()
+    assert ("board.force", 0.0, pytest.approx(bench.clock.now())) in bench.skipped
+
+
+def test_what_is_not_listened_to_any_more_is_skipped_from_then_on(bench):
+    bench.ear.above = 0.15
+    bench.behavior.plans[Approach.States.STOPPING] = StatePlan(1.0)
+    bench.stage.brake_s = 0.3
+    bench.run()
+    t_s = next(t_s for name, t_s in bench.shown if name == "STOPPING")
+    (t0_s, t1_s) = next(
+        (t0_s, t1_s) for name, t0_s, t1_s in bench.skipped if name == "board.force" and t0_s > 0.1
+    )
+    assert t0_s == pytest.approx(t_s, abs=TURN_S)
+    assert t1_s > t0_s + 0.25
+
+
+def test_a_detector_is_reset_when_it_is_armed_and_not_in_the_states_that_follow(bench):
+    bench.ear.above = 0.15
+    bench.behavior.plans[Approach.States.STOPPING] = StatePlan(1.0, detectors=frozenset({"contact"}))
+    bench.run()
+    assert bench.ear.resets == [0]
+
+
+def test_a_detector_hears_its_own_streams_alone_and_only_while_it_is_armed(bench):
+    bench.behavior = Approach(resting=frozenset({"board.force"}))
+    bench.ear.above = 0.15
+    bench.run()
+    assert {block.stream for block in bench.ear.heard} == {"board.force"}
+    assert bench.ear.heard[0].t0_s >= 0.1
+    assert bench.ear.heard[-1].t0_s <= 0.16
+
+
+def test_a_detector_that_cannot_hear_what_it_is_given_is_named(bench):
+    bench.ear.error = ValueError("two channels are one too many")
+    with pytest.raises(UnfitStreamError, match="contact: two channels"):
+        bench.run()
+    assert len(bench.stops) == 2
+
+
+def test_a_signal_that_cannot_hear_what_it_is_given_ends_the_trial(bench):
+    double = Doubled()
+    double.error = ValueError("double: no")
+    bench.signals, bench.ear = (double,), Ear("signals.double")
+    with pytest.raises(UnfitStreamError, match="double: no"):
+        bench.run()
+
+
+def test_a_stream_that_nobody_sends_is_refused_before_anything_moves(bench):
+    bench.ear = Ear("board.forse")
+    with pytest.raises(UnfitStreamError, match=r"did you mean board\.force"):
+        bench.run()
+    assert bench.told(MoveTo) == []
+
+
+def test_a_signal_is_recorded_in_the_place_of_what_it_is_made_of_to_the_last_block(bench):
+    """The last samples come while the bench is being stopped."""
+    bench.signals, bench.ear = (Doubled(),), Ear("signals.double")
+    bench.behavior.plans[Approach.States.APPROACH] = StatePlan(1.0, detectors=frozenset({"contact"}))
+    bench.other.brake_s = 0.1
+    bench.run()
+    assert {block.stream for block in bench.recorded} == {"signals.double", "board.load"} or {
+        block.stream for block in bench.recorded
+    } == {"signals.double"}
+
+
+# --- time -----------------------------------------------------------------------------------------
+
+
+def test_a_rest_in_which_nobody_listens_is_one_turn(bench):
+    bench.behavior = Approach(rest_s=90.0)
+    bench.run()
+    moving = [t_s for t_s, *_ in bench.guard.seen if t_s < 90.0]
+    assert moving == []
+    assert bench.guard.seen[0][0] == pytest.approx(90.0)
+
+
+def test_what_moves_is_looked_at_at_every_turn(bench):
+    bench.run()
+    times = [t_s for t_s, *_ in bench.guard.seen if t_s >= 0.1]
+    assert np.diff(times) == pytest.approx(TURN_S)
+
+
+@pytest.mark.parametrize(("prompt", "rate_hz"), [(True, 200.0), (False, 50.0)])
+def test_a_state_that_listens_turns_slowly_only_where_its_decisions_may_wait(prompt, rate_hz):
+    bench = Bench(Approach(rest_s=1.0, resting=frozenset({"board.force"}), prompt=prompt))
+    bench.run()
+    times = [t_s for t_s, *_ in bench.guard.seen if t_s < 0.99]
+    assert np.diff(times) == pytest.approx(1.0 / rate_hz)
+
+
+class Late(VirtualClock):
+    """A host that is held up once, at a given time."""
+
+    def __init__(self, at_s, by_s, virtual=True):
+        super().__init__()
+        self.at_s, self.by_s, self.virtual = at_s, by_s, virtual
+
+    def wait_until(self, t_s):
+        super().wait_until(t_s + self.by_s if t_s >= self.at_s and self.by_s else t_s)
+        if t_s >= self.at_s:
+            self.by_s = 0.0
+
+
+def test_a_late_turn_is_told_to_the_guard_and_counted(bench):
+    bench.clock = Late(0.15, 0.03)
+    bench.run()
+    assert [round(late_s, 6) for *_, late_s, _ in bench.guard.seen if late_s > 1e-6] == [0.03]
+    assert (bench.loop.account.overruns, bench.loop.account.worst_late_s) == (1, pytest.approx(0.03))
+
+
+def test_turns_that_were_missed_are_not_made_up_for(bench):
+    bench.clock = Late(0.15, 0.03)
+    bench.run()
+    times = np.array([t_s for t_s, *_ in bench.guard.seen if t_s > 0.11])
+    assert np.diff(times).min() == pytest.approx(TURN_S)
+    assert bench.loop.account.turns == len(bench.guard.seen)
+
+
+def test_a_turn_that_is_late_by_less_than_a_period_is_no_overrun(bench):
+    bench.clock = Late(0.15, 0.9 * TURN_S)
+    bench.run()
+    assert bench.loop.account.overruns == 0
+    assert bench.loop.account.worst_late_s == 0.0
+
+
+def test_on_the_wall_clock_a_rest_turns_at_the_idle_rate(bench):
+    bench.clock = Late(math_inf := float("inf"), 0.0, virtual=False)
+    assert math_inf
+    bench.behavior = Approach(rest_s=1.0)
+    bench.run()
+    times = [t_s for t_s, *_ in bench.guard.seen if t_s < 0.99]
+    assert np.diff(times) == pytest.approx(1.0 / 50.0)
+
+
+# --- events ---------------------------------------------------------------------------------------
+
+
+def test_events_of_a_turn_are_told_in_the_order_of_their_times(bench):
+    bench.ear.above = 0.15
+    bench.board.say(Lost, "board.force", 1, at_s=0.1505)
+    bench.run()
+    names = [name for name, *_ in bench.kept]
+    assert names.index("Lost") < names.index("Contact"), (
+        "0.1505 s is before the sample above 0.15, at 0.151 s"
+    )
+
+
+def test_an_event_is_kept_with_the_state_before_the_state_after_and_the_commands(bench):
+    bench.ear.above = 0.15
+    bench.run()
+    assert ("Contact", "APPROACH", "STOPPING", [Excite("board", False), Stop("stage")]) in bench.kept
+
+
+def test_a_tick_is_kept_only_where_something_follows_from_it(bench):
+    bench.run()
+    assert [kept for kept in bench.kept if kept[0] == "Tick"] == [
+        ("Tick", "REST", "APPROACH", [MoveTo("stage", 0.005, 0.01)])
+    ]
+
+
+def test_visits_bear_the_time_of_the_event_that_led_to_them(bench):
+    bench.ear.above = 0.15
+    loop = bench.run()
+    visits = dict(loop.visits)
+    assert visits["STOPPING"] == loop.entered_s["STOPPING"] == pytest.approx(0.151)
+    assert [name for name, _ in loop.visits] == ["REST", "APPROACH", "STOPPING", "DONE"]
+
+
+def test_what_comes_after_the_end_is_kept_and_moves_nothing(bench):
+    """Arrived and failed in one turn: the behavior was done with the first."""
+    bench.board.say(Failed, "the link is gone", at_s=0.2)
+    bench.run()
+    assert bench.behavior.outcome == "contact"
+    assert ("Failed", "DONE", "DONE", []) in bench.kept
+
+
+def test_a_stalled_mover_does_not_count_as_moving(bench):
+    bench.behavior = Deaf()
+    bench.behavior._machine.events.pop("stalled")
+    bench.stage.travel_s = None
+    bench.stage.say(Stalled, "it hit something", at_s=0.15)
+    bench.run()
+    assert {moving for t_s, _, moving, *_ in bench.guard.seen if 0.16 < t_s < 1.0} == {False}
+
+
+# --- the operator ---------------------------------------------------------------------------------
+
+
+def test_a_pause_stops_every_mover_at_once_and_the_guard_goes_on_watching(bench, monkeypatch):
+    monkeypatch.setattr(
+        loop_module, "rest", lambda seconds: bench.clock.wait_until(bench.clock.now() + seconds)
+    )
+    bench.words = [("pause", 0.15), ("resume", 0.6)]
+    bench.other.brake_s = 0.2
+    bench.run()
+    assert bench.stops[:2] == [(0.15, Stop("stage")), (0.15, Stop("other"))]
+    assert bench.shown[2] == ("PAUSED", 0.15)
+    watched = [streams for t_s, streams, *_ in bench.guard.seen if 0.155 < t_s < 0.35]
+    assert len(watched) >= 30
+    assert all("board.load" in streams for streams in watched)
+
+
+def test_the_guards_streams_are_listened_to_in_a_pause_of_a_deaf_rest(bench, monkeypatch):
+    monkeypatch.setattr(
+        loop_module, "rest", lambda seconds: bench.clock.wait_until(bench.clock.now() + seconds)
+    )
+    bench.clock = Late(float("inf"), 0.0, virtual=False)
+    bench.behavior = Approach(rest_s=0.5)
+    bench.words = [("pause", 0.1), ("resume", 0.3)]
+    bench.run()
+    assert bench.told(Listen)[0] == (0.1, Listen("board", frozenset({"board.load"})))
+    assert all("board.load" in streams for t_s, streams, *_ in bench.guard.seen if 0.2 < t_s < 0.3)
+
+
+def test_a_pause_tells_the_behavior_nothing_but_what_ends_the_trial(bench, monkeypatch):
+    monkeypatch.setattr(
+        loop_module, "rest", lambda seconds: bench.clock.wait_until(bench.clock.now() + seconds)
+    )
+    bench.words = [("pause", 0.15), ("resume", 0.6)]
+    bench.ear.above = 0.152
+    bench.run()
+    kept = [(name, state, after) for name, state, after, _ in bench.kept]
+    assert ("Contact", "APPROACH", "APPROACH") in kept
+    assert ("Resumed", "APPROACH", "REST") in kept
+    assert bench.behavior.outcome == "contact"
+
+
+@pytest.mark.parametrize(
+    ("kind", "outcome"), [(GuardStopped, "guard"), (Failed, "fault"), (Stalled, "fault")]
+)
+def test_a_pause_ends_with_the_trial_where_the_bench_fails(bench, kind, outcome):
+    bench.words = [("pause", 0.15)]
+    bench.stage.brake_s = 0.2
+    if kind is GuardStopped:
+        bench.guard.stop_s = 0.2
+    else:
+        bench.stage.say(kind, "it broke", at_s=0.2)
+    bench.run()
+    assert bench.behavior.outcome == outcome
+
+
+def test_a_paused_trial_goes_on_once_every_mover_stands_and_its_time_is_counted(bench, monkeypatch):
+    bench.words = [("pause", 0.15), ("resume", 0.17)]
+    bench.stage.brake_s = 0.1
+    bench.run()
+    resumed = next(event for event in bench.loop.events if isinstance(event, Resumed))
+    assert resumed.t_s == pytest.approx(0.25)
+    assert bench.loop.account.paused_s == pytest.approx(0.10)
+    assert [event.t_s for event in bench.loop.events if isinstance(event, Paused)] == [pytest.approx(0.15)]
+    assert ("APPROACH", pytest.approx(0.25)) in bench.shown
+
+
+def test_two_pauses_are_added_up(bench):
+    bench.words = [("pause", 0.15), ("resume", 0.15), ("pause", 0.3), ("resume", 0.3)]
+    bench.run()
+    assert bench.loop.account.paused_s == pytest.approx(2 * 0.02)
+
+
+def test_a_second_pause_in_a_pause_changes_nothing(bench):
+    bench.words = [("pause", 0.15), ("pause", 0.155), ("resume", 0.16)]
+    bench.run()
+    assert [event.t_s for event in bench.loop.events if isinstance(event, Paused)] == [pytest.approx(0.15)]
+    assert bench.behavior.outcome == "contact"
+
+
+def test_no_deadline_passes_in_a_pause(bench):
+    """REST is to last 0.1 s and is paused for three times as long; afterwards the behavior may enter it anew."""
+    bench.words = [("pause", 0.05), ("resume", 0.4)]
+    bench.clock = Late(float("inf"), 0.0, virtual=False)
+    bench.run()
+    assert bench.told(MoveTo)[0][0] >= 0.4
+
+
+def test_virtual_time_stands_still_while_a_paused_bench_waits_for_a_word(bench, monkeypatch):
+    rests = []
+
+    def rested(seconds):
+        rests.append(seconds)
+        if len(rests) == 3:
+            bench.words = [("resume", 0.0)]
+
+    monkeypatch.setattr(loop_module, "rest", rested)
+    bench.words = [("pause", 0.15)]
+    bench.run()
+    assert rests == [loop_module.KEY_INTERVAL_S] * 3
+    assert bench.loop.account.paused_s == pytest.approx(0.02), "until it stood"
+
+
+def test_an_abort_stops_every_mover_and_then_listens_to_nothing(bench):
+    bench.words = [("abort", 0.15)]
+    with pytest.raises(Aborted):
+        bench.run()
+    assert bench.told(Listen)[-1][1] == Listen("board", frozenset())
+    assert bench.told(Listen)[-1][0] >= 0.17
+    assert bench.stops == [(0.15, Stop("stage")), (0.15, Stop("other"))]
+    assert bench.loop.account.unstill == []
+
+
+def test_an_abort_from_before_the_trial_keeps_everything_from_moving(bench):
+    bench.words = [("abort", 0.0)]
+    with pytest.raises(Aborted):
+        bench.run()
+    assert bench.told(MoveTo) == []
+    assert bench.shown == []
+
+
+@pytest.mark.parametrize(("word", "outcome"), [("resume", "contact"), ("abort", "aborted")])
+def test_a_pause_from_before_the_trial_is_kept_until_a_word_comes(bench, monkeypatch, word, outcome):
+    rests = []
+
+    def rested(seconds):
+        rests.append(seconds)
+        if len(rests) == 3:
+            bench.words = [(word, 0.0)]
+
+    monkeypatch.setattr(loop_module, "rest", rested)
+    bench.words = [("pause", 0.0)]
+    if word == "abort":
+        with pytest.raises(Aborted):
+            bench.run()
+    else:
+        bench.run()
+        assert bench.shown[:2] == [("PAUSED", 0.0), ("REST", 0.0)]
+    assert len(rests) == 3
+    assert bench.behavior.outcome == outcome
