@@ -14,11 +14,13 @@ run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches
 test: .venv/dev.stamp           ## the tests
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
-check: .venv/dev.stamp          ## format, lint, types, import layers
+check: .venv/dev.stamp          ## format, lint, types, import layers; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'benchmarks|config|controller|behaviors|drivers|tests' \
+		|| { echo "a new room: give it a place in the layers in pyproject.toml, and here"; exit 1; }
 
 format: .venv/dev.stamp         ## put code into its format
 	$(BIN)/ruff format .

@@ -114,7 +114,7 @@ def recording(sensor: Sensor, number: int, bumps_hz: float) -> Floats:
     """
     settings = SlipBenchSettings(bumps_hz=bumps_hz)
     bench = SlipBench(settings)
-    bench.mount(Rolling(settings.radius_m))
+    bench.mount(Rolling(settings.radius_m))  # type: ignore[arg-type] # nobody asks for the axis here
     bench.begin(0.0, SEED, number, {"sensor": sensor}, settings.model_dump())
     rate_hz = RATES_HZ[sensor]
     parts = []

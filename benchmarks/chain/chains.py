@@ -78,7 +78,7 @@ def _ours(drive_hz: float) -> list[Chain]:
         return Cic(finger, oscillator, DECIMATION)
 
     low_pass, sums = cosine_taps(DECIMATION), cic_taps(DECIMATION) / DECIMATION**3
-    said = {
+    said: dict[str, tuple[Callable[[int], Fused | Cic], NDArray[np.float64], str]] = {
         "fused": (fused, low_pass, "the default"),
         "cic": (cic, sums, "int64 to the end, no drift"),
         "in_phase": (in_phase, low_pass, "no Q: blind spots"),

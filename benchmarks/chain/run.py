@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ OTHER_HZ = 40_123.457
 BOTH = (0, 1)
 
 
-def best_s(runs: list[Callable[[], object]], rounds: int) -> list[float]:
+def best_s(runs: Sequence[Callable[[], object]], rounds: int) -> list[float]:
     """Shortest CPU time of each, s; they take turns, so that a busy machine is busy for all of them."""
     taken = np.full((rounds, len(runs)), np.inf)
     for run in runs:

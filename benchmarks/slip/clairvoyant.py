@@ -28,7 +28,7 @@ class Model:
 
     def innovations(self, x: Floats) -> Floats:
         """Of the second difference of x, shape (n,)."""
-        e: Floats = lfilter(self.taps, 1.0, np.diff(x, n=2, prepend=[x[0], x[0]]))
+        e: Floats = lfilter(self.taps, np.ones(1), np.diff(x, n=2, prepend=[x[0], x[0]]))
         return e
 
 

@@ -52,8 +52,9 @@ WHOLE = 0.5
 class Statistic(Protocol):
     """A detector that can show the number which it holds against its threshold."""
 
-    inputs: tuple[str, ...]
-    """Streams that it hears; the first one is what its statistic is made of."""
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Streams that it hears; the first one is what its statistic is made of."""
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """The number after each sample of a whole recording, shape (n,); NaN where a sample decides nothing."""

@@ -18,8 +18,10 @@ class Detector(Protocol):
     """
 
     name: str
-    inputs: tuple[str, ...]
-    """Streams it hears, as `device.stream`."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Streams it hears, as `device.stream`."""
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Hear the next block of one of the inputs; returns what it found, in order of time."""

@@ -16,8 +16,10 @@ class Signal(Protocol):
     """
 
     name: str
-    inputs: tuple[str, ...]
-    """Streams it hears: `device.stream`, or another signal's `signals.name`."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Streams it hears: `device.stream`, or another signal's `signals.name`."""
 
     info: StreamInfo
     """What comes out; its name is `signals.` and the signal's own."""

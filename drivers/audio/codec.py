@@ -71,7 +71,7 @@ class Words:
     content: Mapping[str, Any]
 
 
-def unpack24(data: bytes | bytearray | memoryview) -> NDArray[np.int32]:
+def unpack24(data: bytes | bytearray | memoryview | NDArray[np.uint8]) -> NDArray[np.int32]:
     """Packed little-endian signed 24-bit counts as int32, shape (n,).
 
     Raises:

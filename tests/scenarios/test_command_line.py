@@ -10,6 +10,7 @@ import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -325,7 +326,7 @@ def test_without_a_terminal_the_first_signal_aborts_with_130_and_a_report(tmp_pa
 def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_twice_aborts(tmp_path):
     hand, terminal = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
-    streams = {"stdin": terminal, "stdout": terminal, "stderr": subprocess.PIPE}
+    streams: dict[str, Any] = {"stdin": terminal, "stdout": terminal, "stderr": subprocess.PIPE}
     # A session of its own, whose terminal this is: Ctrl+C is then the key 0x03, as at a keyboard.
     command = [sys.executable, "-c", _CONTROLLED, str(ROOT / "run.py"), *ENDLESS, "--out", str(tmp_path)]
     process = subprocess.Popen(

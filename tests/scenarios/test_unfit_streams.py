@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -89,7 +90,7 @@ def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, lim
 
 
 def test_a_trial_that_its_behavior_cannot_run_is_told_before_the_bench_is_opened():
-    profile = load_profile("mock/touch", {"behavior.contact": "nix"}, table=assemble.Table())
+    profile: Any = load_profile("mock/touch", {"behavior.contact": "nix"}, table=assemble.Table())
     with pytest.raises(ProfileError, match="contact = nix: no such detector to stop an approach"):
         assemble.plan_campaign(profile, profile.trials(0), 0)
     profile = load_profile("mock/pretouch", {"trials.list": '[{ axis = "z" }]'}, table=assemble.Table())

@@ -1,6 +1,7 @@
 """The equations of docs/explanation/finger_physics.md as written there, through scipy, against the plant."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def equations(s: FingerSettings, mode: str, comparator: int, oscillator: int):
             s.oscillator_lowest_hz + s.oscillator_range_hz * v,
         ]
 
-    guards = {
+    guards: dict[str, Any] = {
         "comparator": lambda t, x: (-output(x) if comparator else output(x)) - s.hysteresis_m_s2,
         "drive": lambda t, x: x[8] - 0.5,
     }

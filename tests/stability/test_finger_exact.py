@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 import pytest
-from finger_oracles import arm_and_stiffness, modal, naive
 
 from drivers.mock.plants.finger import FingerPlant, FingerSettings
+from tests.stability.finger_oracles import arm_and_stiffness, modal, naive
 
 ALL = frozenset({"switches"})
 SWITCH_S, THETA_RAD = 1e-12, 1e-13

@@ -5,9 +5,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from finger_oracles import modal
 
 from drivers.mock.plants.finger import FingerPlant, FingerSettings
+from tests.stability.finger_oracles import modal
 
 QUIET = {"noise_scale": 0.0}
 SWITCHES = frozenset({"switches"})

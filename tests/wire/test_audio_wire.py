@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 
 from drivers.audio.driver import Audio, AudioSettings
@@ -224,7 +225,7 @@ def test_it_can_be_opened_again_and_the_drive_is_silent(server: Server, trial: A
     trial.device.open()
     trial.listen(FINGERS)
     trial.hear(9600)
-    assert max(abs(block.values).max() for block in trial.blocks) <= 50
+    assert max(np.abs(block.values).max() for block in trial.blocks) <= 50
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.can_gripper.driver import CanGripper, CanGripperSettings
+from drivers.can_gripper.brackets import CanGripperSettings
+from drivers.can_gripper.driver import CanGripper
 from drivers.clock import WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.errors import RefusedError

@@ -6,7 +6,6 @@ import time
 from threading import Timer
 
 import pytest
-from wire_campaign import PATIENT, Hand
 
 from config.assemble import Table, build_rig, plan_campaign, start_emulator
 from config.profile import load_profile
@@ -14,6 +13,7 @@ from controller.campaign import EXIT_DEVICE, EXIT_DONE, Campaign
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
+from tests.wire.wire_campaign import PATIENT, Hand
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
 

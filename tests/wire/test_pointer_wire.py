@@ -1,7 +1,8 @@
 """B7 over the wire, short: ur_rtde turns and lowers the tip, pyserial brings its bridges, the two are held together."""
 
 import pytest
-from wire_campaign import PATIENT
+
+from tests.wire.wire_campaign import PATIENT
 
 SHORT = {
     **PATIENT,

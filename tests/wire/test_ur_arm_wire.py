@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from emulated_ur import ROOT, EmulatedUr, free_host, resting
 
 from drivers.clock import WallClock
 from drivers.errors import CommandError, PortError, RefusedError, SilentError
@@ -37,6 +36,7 @@ from drivers.messages import (
 )
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import Axis, UrArmSettings
+from tests.wire.emulated_ur import ROOT, EmulatedUr, free_host, resting
 
 pytestmark = pytest.mark.alone
 

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from emulated_ur import EmulatedUr
+
+from tests.wire.emulated_ur import EmulatedUr
 
 TIMEOUT_S = 40.0
 

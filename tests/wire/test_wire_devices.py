@@ -3,12 +3,12 @@
 from typing import ClassVar
 
 import pytest
-from wire_campaign import PATIENT
 
 from config.assemble import Table, build_rig
 from config.profile import load_profile
 from controller.rig import TrialScene
 from tests.contracts.device_suite import Bench, DeviceContract
+from tests.wire.wire_campaign import PATIENT
 
 
 class _WireBench:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from wire_campaign import QUICK, run
 
 from config.assemble import Table, build_rig, start_emulator
 from config.profile import load_profile
@@ -11,6 +10,7 @@ from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
+from tests.wire.wire_campaign import QUICK, run
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ from threading import Timer
 
 import numpy as np
 import pytest
-from wire_campaign import PATIENT, QUICK, run
 
 from config.assemble import Table, build_rig, start_emulator
 from config.profile import load_profile
@@ -16,6 +15,7 @@ from controller.recording.reader import open_run
 from controller.rig import TrialScene
 from drivers.messages import Home, Listen, MoveTo, Reached
 from tests.contracts.device_suite import Bench
+from tests.wire.wire_campaign import PATIENT, QUICK, run
 
 pytestmark = pytest.mark.alone
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from wire_campaign import PATIENT, Hand
 
 from config.assemble import Table, build_rig, plan_campaign, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DONE, EXIT_GUARD, Campaign
 from controller.recording.reader import open_run
+from tests.wire.wire_campaign import PATIENT, Hand
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
 

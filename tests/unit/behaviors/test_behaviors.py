@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from behaviors.events import BaselineReady, Contact, GuardStopped, Resumed, Tick
@@ -25,7 +27,7 @@ def ready(t_s, detector="contact"):
 
 def to(state):
     """A transient trial, driven into a state by the events that lead there."""
-    path = {
+    path: dict[Any, list[Any]] = {
         STATES.HOMING: [],
         STATES.STARTING: [Reached(0.1, "stage", 0.0)],
         STATES.SETTLING: [Reached(0.2, "stage", 0.0)],

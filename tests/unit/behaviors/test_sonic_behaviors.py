@@ -178,7 +178,7 @@ class Bench:
             return
         self.t_s += 0.2
         if detector not in self.told:
-            kind = Contact
+            kind: type[Contact | ContactHeld | ContactLost] = Contact
             self.told.add(detector)
         elif detector not in self.held:
             kind = ContactHeld

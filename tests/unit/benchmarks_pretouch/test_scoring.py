@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
-from benchmarks.pretouch.scenes import SIX, Event, events, passage
+from benchmarks.pretouch.scenes import Event, events, passage
 from benchmarks.pretouch.scoring import Rate, seen_at, threshold_at, touch
+from drivers.mock.plants.aura_objects import SIX
 
 
 def word(kind, t_s):

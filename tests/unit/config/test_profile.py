@@ -1,12 +1,17 @@
 """Validated profiles, and what is said of those that are wrong."""
 
 import dataclasses
+from typing import Any
 
 import pytest
 
-from config.profile import load_profile, load_resolved
+from config import profile as module
 from config.source import ProfileError
 from config.trials import Trial
+
+load_profile: Any = module.load_profile
+load_resolved: Any = module.load_resolved
+"""What a profile holds depends on its table."""
 
 
 def refusal(table, name="touch.toml", overrides=None, **rows):

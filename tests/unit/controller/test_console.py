@@ -287,7 +287,7 @@ def screen(keyboard, monkeypatch):
             time.sleep(0.005)
         return True
 
-    console.text, console.file, console.drawn = text, file, drawn
+    vars(console).update(text=text, file=file, drawn=drawn)
     return console
 
 

@@ -1,5 +1,7 @@
 """A bench looked at without moving it."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -109,7 +111,7 @@ def test_a_device_that_does_not_open_hides_no_other(clock):
 
 def test_all_devices_are_closed_where_the_reader_of_findings_leaves_early(clock):
     sensor = Sensor("cell", clock)
-    findings = examine(Rig("mock", {"cell": sensor}, clock), SCENE)
+    findings: Any = examine(Rig("mock", {"cell": sensor}, clock), SCENE)
     next(findings)
     findings.close()
     assert sensor.closed

@@ -1,7 +1,6 @@
 import math
 
 import pytest
-from synthetic_runs import Given, write_transient
 
 from controller.reports.approaches import (
     bounds,
@@ -14,6 +13,7 @@ from controller.reports.approaches import (
 )
 from controller.reports.detector_scores import score_detectors
 from controller.reports.paper import TABLE_1
+from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from synthetic_runs import ONSET_S, Given, write_static, write_transient
 
 from behaviors.events import Contact
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
@@ -17,6 +16,7 @@ from controller.reports.report import build_report
 from controller.reports.static import read_conditions
 from controller.reports.transient_figures import moving_average, representative, trace_of
 from drivers.messages import SampleBlock
+from tests.unit.controller.reports.synthetic_runs import ONSET_S, Given, write_static, write_transient
 
 CAMPAIGN = (
     Given("a", 0.003785, 0.33, 0.111),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from drivers.audio.quality import Excursions, Stillness, clipped, flaw
 
@@ -14,6 +15,12 @@ def sound(n: int = 9600, level: float = 0.25) -> np.ndarray:
     frames = np.arange(n)
     wave = level * FULL * np.cos(2.0 * np.pi * 40_000.0 / 96_000.0 * frames[:, None] + np.array([0.1, 1.0]))
     return np.clip(np.rint(wave), -FULL, FULL - 1).astype(np.int32)
+
+
+def told(counts: NDArray[np.int32], seconds: float) -> tuple[str, str]:
+    found = flaw(counts, seconds)
+    assert found is not None
+    return found
 
 
 def test_two_fingers_that_move_are_fit_for_use() -> None:
@@ -29,13 +36,13 @@ def test_quiet_is_not_silent() -> None:
 def test_a_finger_that_does_not_move_is_silent(column: int, finger: str) -> None:
     counts = sound()
     counts[:, column] = 77
-    reason, advice = flaw(counts, 0.1)
+    reason, advice = told(counts, 0.1)
     assert reason == f"the {finger} finger is silent: nothing has moved in 0.1 s"
     assert "plugged in" in advice
 
 
 def test_16_bits_in_24_are_seen() -> None:
-    reason, _ = flaw(sound() >> 8 << 8, 0.1)
+    reason, _ = told(sound() >> 8 << 8, 0.1)
     assert reason == "its samples have 16 bits, not 24: the low 8 are empty"
 
 
@@ -43,7 +50,7 @@ def test_16_bits_in_24_are_seen() -> None:
 def test_a_finger_that_is_too_loud_is_clipped(column: int, finger: str) -> None:
     counts = sound()
     counts[:, column] = sound(level=1.3)[:, column]
-    reason, _ = flaw(counts, 0.1)
+    reason, _ = told(counts, 0.1)
     assert reason.startswith(f"the {finger} finger is clipped: ")
 
 

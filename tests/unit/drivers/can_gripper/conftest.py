@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from gripper_bench import Bench, Host
 
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from drivers.mock.plants.jaws import GripObject, JawsSettings
 from drivers.mock.plants.jaws_drive import JawsDrive
+from tests.unit.drivers.can_gripper.gripper_bench import Bench, Host
 
 BEGIN_S = 5000.0
 """Monotonic time at which the bench begins: the host has been up for a while."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gripper_bench import Bench
 
 from drivers.can_frame import CanFrame
 from drivers.errors import PortError, ProtocolError, SilentError
@@ -26,6 +25,7 @@ from drivers.messages import (
     Standstill,
     Stop,
 )
+from tests.unit.drivers.can_gripper.gripper_bench import Bench
 
 GRIP = Grip("gripper", 0.020, 0.1, 20.0)
 WIDTH, FORCE = "gripper.width", "gripper.force"

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
-from dsa_bench import Bench, Host, Ramp
 
 from drivers.dsa_matrix.driver import DsaMatrixSettings
 from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, Matrix
+from tests.unit.drivers.dsa_matrix.dsa_bench import Bench, Host, Ramp
 
 BEGIN_S = 5000.0
 """Monotonic time at which the bench begins: the host has been up for a while."""

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from dsa_bench import Bench
 
 from drivers.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
 from drivers.messages import Command, Failed, Home, Listen, Lost, Saturated
 from drivers.mock.devices.dsa_matrix import Matrix
+from tests.unit.drivers.dsa_matrix.dsa_bench import Bench
 
 TEXELS = "dsa.taxels"
 ALL = Listen("dsa", frozenset({TEXELS}))
@@ -29,7 +30,7 @@ def test_cells_come_from_what_the_matrices_say(make_bench: Make) -> None:
     )
     assert info.serial == "9210"
     assert info.clock == "dsa milliseconds"
-    (first, second) = info.details["matrices"]
+    first, second = cast("list[dict[str, Any]]", info.details["matrices"])
     assert (first["rows"], first["columns"]) == (2, 3)
     assert second["texel_m"] == pytest.approx((0.0034, 0.0034))
     bench.driver.apply(ALL)

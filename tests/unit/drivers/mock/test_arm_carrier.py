@@ -33,7 +33,7 @@ class Scene:
 
     def approach(self, cycles: int, late_s: float = 0.0) -> tuple[float, ...]:
         """Steady motion; before each cycle the bench has lived to `late_s` after it."""
-        force = (0.0,) * 6
+        force: tuple[float, ...] = (0.0,) * 6
         for number in range(1, cycles + 1):
             self.bench.advance(number * CYCLE_S + late_s)
             force = self.cycle(number, SPEED_M_S * number * CYCLE_S, SPEED_M_S)

@@ -49,7 +49,7 @@ class Bench:
         settings = AuraBenchSettings(**about)
         self.clock = VirtualClock()
         self.bench = AuraBench(settings)
-        self.devices = {
+        self.devices: dict[str, Any] = {
             "arm": MockUrArm("arm", MockUrArmSettings(**ARM), self.clock, self.bench),
             "gripper": MockCanGripper("gripper", MockCanGripperSettings(), self.clock, self.bench),
             "audio": MockAudio("audio", MockAudioSettings(), self.clock, self.bench),

@@ -93,7 +93,7 @@ class Hand:
             self.blocks += self.arm.read()
             self.statuses += self.arm.poll()
 
-    def do(self, command: Command, seconds: float = 20.0) -> Status:
+    def do(self, command: Command, seconds: float = 20.0) -> Any:
         """Apply, let time pass, and take the last status."""
         self.arm.apply(command)
         self.run(seconds)

@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from ur_desk import Desk, desk, down
 
 from drivers.mock.devices.ur_controller.controller import Runtime, Safety, UrController
 from drivers.mock.devices.ur_controller.dashboard import DashboardSession
+from tests.unit.drivers.mock.ur_desk import Desk, desk, down
 
 MOVE_L, ZERO_FORCE, SPEED_L, SPEED_STOP, STOP_L, WATCHDOG = 3, 8, 10, 15, 33, 35
 FIND_JOINTS, IS_STEADY, UNTIL_CONTACT, CONTACT_START, CONTACT_READ = 46, 47, 51, 62, 64

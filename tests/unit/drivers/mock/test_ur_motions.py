@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from ur_desk import Desk, desk, down
 
 from drivers.mock.devices.ur_controller.controller import Runtime, Safety
 from drivers.mock.devices.ur_controller.script import STEP_S
+from tests.unit.drivers.mock.ur_desk import Desk, desk, down
 
 MOVE_J, MOVE_L, FORCE, END_FORCE, SPEED_J, SPEED_L, SERVO_J, SPEED_STOP, SERVO_STOP = (
     1,

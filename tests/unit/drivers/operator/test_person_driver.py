@@ -23,7 +23,7 @@ def person(monkeypatch):
     clock = VirtualClock()
     person = Person("operator", PersonSettings(), clock)
     person.open()
-    person.clock = clock
+    vars(person)["clock"] = clock
     return person
 
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from board_bench import Bench, Host, HostClock, Source
 
 from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
+from tests.unit.drivers.sensor_board.board_bench import Bench, Host, HostClock, Source
 
 BEGIN_S = 5000.0
 """Monotonic time at which the bench begins: the host has been up for a while."""

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from board_bench import PERIOD_S, Source
 
 from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from drivers.sensor_board.codec import (
@@ -22,6 +21,7 @@ from drivers.sensor_board.codec import (
     encode,
 )
 from drivers.sensor_board.framing import FrameDecoder, frame
+from tests.unit.drivers.sensor_board.board_bench import PERIOD_S, Source
 
 ACCELERATION, FORCE, PERIOD = 0, 1, 2
 
@@ -318,7 +318,7 @@ def test_a_fault_that_the_board_does_not_know_is_an_error() -> None:
 
 
 def test_steps_of_any_length_say_the_same() -> None:
-    def said(step_s: float) -> list[tuple[int, int, list[int]]]:
+    def said(step_s: float) -> list[tuple[int, int, int, list[int]]]:
         line = Line()
         line.status(Code.START, 1 << ACCELERATION | 1 << FORCE)
         messages = line.run(0.3, step_s)

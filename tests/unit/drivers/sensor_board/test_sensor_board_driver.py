@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from board_bench import PERIOD_S, Bench, Source
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -28,6 +27,7 @@ from drivers.messages import (
 )
 from drivers.sensor_board.codec import Code, CommandFrame, decode
 from drivers.sensor_board.framing import FrameDecoder
+from tests.unit.drivers.sensor_board.board_bench import PERIOD_S, Bench, Source
 
 FORCE = "board.load_cell"
 ACCELERATION = "board.accelerometer"
