@@ -82,6 +82,9 @@ def test_a_move_arrives_where_it_was_sent(court: Court) -> None:
     assert court.axis.get_position() == 4000
     court.axis.move_relative(-1000, velocity=41943)
     assert court.axis.get_position() == 3000
+    court.axis.move_absolute(5000, velocity=41943, acceleration=205)
+    assert court.axis.get_position() == 5000
+    court.axis.move_absolute(3000)
     assert court.truth.target_m == pytest.approx(3000 * 0.49609375e-6)
 
 

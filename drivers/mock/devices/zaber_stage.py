@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from drivers.mock.devices.zaber_settings import CONSTANTS
 from drivers.mock.plants.stage_axis import StageAxis
 from drivers.settings import Settings
 from drivers.zaber_stage import codec
@@ -15,6 +16,9 @@ from drivers.zaber_stage import codec
 Fault = Literal["lose", "bad_lrc", "corrupt", "late", "silent", "refuse", "stall", "interrupt", "disable"]
 
 REPLY_FAULTS = ("lose", "bad_lrc", "corrupt", "late")
+
+DATA = 2**31 - 1
+"""Greatest number of a command (Zaber ASCII protocol: 32 bits, signed)."""
 
 
 class EmulatedZaberStageSettings(Settings):
@@ -61,6 +65,7 @@ class EmulatedZaberStage:
     ) -> None:
         self._settings = settings
         self._axis = axis
+        self._usual_m_s2 = axis.acceleration_m_s2
         self._on_plan = on_plan
         self._lines = codec.LineBuffer()
         self._outbox: list[tuple[float, bytes]] = []
@@ -84,9 +89,20 @@ class EmulatedZaberStage:
             "system.axiscount": 1,
             "system.serial": settings.serial,
         }
+        self._readings: dict[str, Callable[[float], float | str]] = {
+            "pos": self._position,
+            "vel": self._velocity,
+            "driver.enabled": lambda t_s: int("FD" not in self._flags),
+            "motion.accelonly": lambda t_s: self._values["accel"],
+            "motion.decelonly": lambda t_s: self._values["accel"],
+            "motion.busy": lambda t_s: int(self._moving),
+            "limit.home.state": lambda t_s: int(self._position(t_s) <= 0),
+            "system.uptime": int,
+            "version": lambda t_s: settings.firmware,
+        }
         rail = (0, self._values["limit.max"])
         self._writable = {
-            "accel": (1, 2**31 - 1),
+            "accel": (1, DATA),
             "comm.alert": (0, 1),
             "comm.checksum": (0, 1),
             "limit.max": rail,
@@ -98,6 +114,8 @@ class EmulatedZaberStage:
             "driver": self._driver,
             "home": self._home,
             "stop": self._stop,
+            "estop": self._halt,
+            "tools": self._tools,
             "move": self._move,
             "get": self._get,
             "set": self._set,
@@ -172,6 +190,16 @@ class EmulatedZaberStage:
             raise _RejectedError("BADCOMMAND")
         return self._verbs[verb](words, t_s)
 
+    def _tools(self, words: list[str], t_s: float) -> str:
+        if words[:1] != ["echo"]:
+            raise _RejectedError("BADCOMMAND")
+        return " ".join(words[1:]) or "0"
+
+    def _halt(self, words: list[str], t_s: float) -> str:
+        if self._moving:
+            self._break_down("NI", t_s)
+        return "0"
+
     def _spoil(self, reply: bytes, t_s: float) -> bytes:
         """The reply as the injected faults leave it."""
         fault = self._faults.popleft() if self._faults else None
@@ -210,32 +238,33 @@ class EmulatedZaberStage:
         return "0"
 
     def _move(self, words: list[str], t_s: float) -> str:
+        """A target (`abs`, `rel`) or a velocity (`vel`) or neither (`min`, `max`), then what it may go with."""
         kind, *numbers = words or [""]
         values = [_integer(number) for number in numbers]
         lowest, highest = self._values["limit.min"], self._values["limit.max"]
-        speed = self._values["maxspeed"]
-        if kind == "vel" and len(values) == 1:
-            (speed,) = values
-            target = highest if speed > 0 else lowest
-        elif kind in ("min", "max") and len(values) <= 1:
-            target, (speed,) = (lowest if kind == "min" else highest), values or [speed]
-        elif kind in ("abs", "rel") and 1 <= len(values) <= 2:
-            target, speed = (*values, speed)[:2]
-            target += self._position(t_s) if kind == "rel" else 0
-        else:
+        first = {"abs": 1, "rel": 1, "vel": 0, "min": 0, "max": 0}.get(kind)
+        if first is None or not first + (kind == "vel") <= len(values) <= first + 2:
             raise _RejectedError("BADCOMMAND")
-        if not lowest <= target <= highest or (kind != "vel" and speed <= 0):
+        speed, *given = values[first:] or [self._values["maxspeed"]]
+        if kind in ("abs", "rel"):
+            target = values[0] + (self._position(t_s) if kind == "rel" else 0)
+        else:
+            target = lowest if kind == "min" or (kind == "vel" and speed < 0) else highest
+        if not lowest <= target <= highest or (kind != "vel" and speed <= 0) or min(given, default=1) <= 0:
             raise _RejectedError("BADDATA")
         if kind != "vel" and "WR" in self._flags:  # it does not know where that is
             raise _RejectedError("BADDATA")
         if speed == 0:
             return self._stop([], t_s)
-        microstep_m = self._settings.microstep_m
-        speed_m_s = abs(codec.velocity_m_s(speed, microstep_m))
-        self._begin(t_s, codec.length_m(target, microstep_m), speed_m_s)
+        unit_m = self._settings.microstep_m
+        acceleration_m_s2 = codec.acceleration_m_s2(given[0], unit_m) if given else None
+        speed_m_s = abs(codec.velocity_m_s(speed, unit_m))
+        self._begin(t_s, codec.length_m(target, unit_m), speed_m_s, acceleration_m_s2)
         return "0"
 
-    def _begin(self, t_s: float, target_m: float, speed_m_s: float) -> None:
+    def _begin(
+        self, t_s: float, target_m: float, speed_m_s: float, acceleration_m_s2: float | None = None
+    ) -> None:
         if "FD" in self._flags:
             raise _RejectedError("DRIVERDISABLED")
         if self._refuses_next:
@@ -246,6 +275,7 @@ class EmulatedZaberStage:
             self._flags.add("NI")
         self._homing = False
         self._moving = True
+        self._axis.acceleration_m_s2 = acceleration_m_s2 or self._usual_m_s2
         self._axis.move_to(t_s, target_m, speed_m_s)
         self._on_plan(t_s)
         if self._stalls_next:
@@ -259,13 +289,11 @@ class EmulatedZaberStage:
         self._on_plan(t_s)
 
     def _get(self, words: list[str], t_s: float) -> str:
-        match words:
-            case ["pos"]:
-                return str(self._position(t_s))
-            case ["version"]:
-                return self._settings.firmware
-            case [name] if name in self._values:
-                return str(self._values[name])
+        name = " ".join(words)
+        if name in self._readings:
+            return str(self._readings[name](t_s))
+        if name in self._values or name in CONSTANTS:
+            return str(self._values.get(name, CONSTANTS.get(name)))
         raise _RejectedError("BADCOMMAND")
 
     def _set(self, words: list[str], t_s: float) -> str:
@@ -277,7 +305,7 @@ class EmulatedZaberStage:
             raise _RejectedError("BADDATA")
         self._values[name] = value
         if name == "accel":
-            self._axis.acceleration_m_s2 = codec.acceleration_m_s2(value, self._settings.microstep_m)
+            self._usual_m_s2 = codec.acceleration_m_s2(value, self._settings.microstep_m)
         return "0"
 
     def _warnings(self, words: list[str], t_s: float) -> str:
@@ -290,6 +318,9 @@ class EmulatedZaberStage:
 
     def _position(self, t_s: float) -> int:
         return codec.microsteps(self._axis.position(t_s), self._settings.microstep_m)
+
+    def _velocity(self, t_s: float) -> int:
+        return codec.velocity_data(self._axis.velocity(t_s), self._settings.microstep_m)
 
     def _settle(self, t_s: float) -> None:
         """Note that a movement has ended."""
@@ -312,6 +343,9 @@ class _RejectedError(Exception):
 
 def _integer(word: str) -> int:
     try:
-        return int(word)
+        value = int(word)
     except ValueError:
         raise _RejectedError("BADDATA") from None
+    if abs(value) > DATA:
+        raise _RejectedError("BADDATA")
+    return value

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.mock.devices.zaber_settings import CONSTANTS
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
 from drivers.mock.plants.stage_axis import StageAxis
 from drivers.zaber_stage.codec import MICROSTEP_M, lrc
@@ -45,7 +46,14 @@ def test_it_answers_as_the_page_says() -> None:
         ("move abs -1", "BADDATA"),
         ("move abs x", "BADDATA"),
         ("move abs 100 0", "BADDATA"),
+        ("move abs 100 1000 0", "BADDATA"),
+        ("move abs 100 1000 205 1", "BADCOMMAND"),
+        ("move vel", "BADCOMMAND"),
+        ("move vel 2147483648", "BADDATA"),
+        ("move abs " + "9" * 130, "BADDATA"),
+        ("move rel " + "9" * 130, "BADDATA"),
         ("set limit.max 51201", "BADDATA"),
+        ("set motion.accelonly 205", "BADCOMMAND"),
     ],
 )
 def test_what_it_cannot_do_it_rejects_with_the_devices_reason(words: str, reason: str) -> None:
@@ -181,3 +189,45 @@ def test_a_refusal_befalls_one_movement() -> None:
     device.inject("refuse", 0.0)
     assert "RJ IDLE -- STATUSBUSY" in ask(device, "move abs 100")
     assert " OK " in ask(device, "move abs 100")
+
+
+@pytest.mark.parametrize(
+    "words", ["move abs 20000 16384 {}", "move rel 20000 16384 {}", "move vel 16384 {}", "move max 16384 {}"]
+)
+def test_a_move_goes_with_the_velocity_and_the_acceleration_that_it_carries(words: str) -> None:
+    axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
+    device = EmulatedZaberStage(EmulatedZaberStageSettings(homed=True), axis)
+    speed_m_s = 10_000 * MICROSTEP_M
+    for t_s, accel in ((0.0, 16), (20.0, 33)):
+        assert " OK BUSY " in ask(device, f"move {words.format(accel)}", t_s)
+        ramp_s = speed_m_s / (accel / 1.6384e-4 * MICROSTEP_M)
+        assert axis.velocity(t_s + 0.5 * ramp_s) == pytest.approx(0.5 * speed_m_s)
+        assert axis.velocity(t_s + 1.1 * ramp_s) == pytest.approx(speed_m_s)
+        ask(device, "stop", t_s + 2.0)
+        ask(device, "home", t_s + 4.0)
+    ask(device, "move max 16384", 40.0)
+    assert axis.velocity(40.0 + 0.5 * speed_m_s / 0.5) == pytest.approx(0.5 * speed_m_s), "as before"
+
+
+def test_every_setting_of_a_stage_can_be_read() -> None:
+    device = stage()
+    for name in [
+        *CONSTANTS,
+        "accel",
+        "vel",
+        "motion.busy",
+        "system.uptime",
+        "driver.enabled",
+        "motion.decelonly",
+    ]:
+        head, _, value = ask(device, f"get {name}").strip().rpartition(" ")
+        assert head == "@01 1 07 OK IDLE --"
+        float(value)
+
+
+def test_an_emergency_stop_stops_dead_and_an_echo_answers() -> None:
+    device = stage()
+    ask(device, "move max")
+    assert ask(device, "estop", 1.0).startswith("@01 1 07 OK")
+    assert ask(device, "get motion.busy", 1.0) == "@01 1 07 OK IDLE NI 0\r\n"
+    assert ask(device, "tools echo hello there", 1.0) == "@01 1 07 OK IDLE NI hello there\r\n"
