@@ -24,6 +24,8 @@ from config.verbs import (
     explained,
     out_option,
     recording_options,
+    say,
+    say_at_once,
     set_option,
 )
 
@@ -173,7 +175,7 @@ def run(
     with closing(build_rig(loaded, _endpoints(endpoints))) as rig, Operator(asking=rig.asking) as operator:
         outcome = Campaign(plan, rig, _console(operator), out).run()
     if outcome.error is None:
-        (complain if outcome.exit_code else click.echo)(outcome.line)
+        (complain if outcome.exit_code else say)(outcome.line)
     try:
         if reported:
             _report([outcome.folder])
@@ -348,8 +350,8 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
 def _console(operator: Operator) -> Console:
     from controller.console import PlainConsole
 
-    if not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return PlainConsole(operator, click.echo)
+    if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
+        return PlainConsole(operator, say_at_once)
     from rich.console import Console as Terminal
 
     from controller.live import LiveConsole
@@ -361,7 +363,7 @@ def _report(folders: Sequence[Path]) -> None:
     from controller.recording.reader import open_run
     from controller.reports.report import build_report
 
-    click.echo(f"report: {build_report([open_run(folder) for folder in folders])}")
+    say(f"report: {build_report([open_run(folder) for folder in folders])}")
 
 
 if __name__ == "__main__":

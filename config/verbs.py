@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import click
 
@@ -27,6 +27,7 @@ class Program(click.Group):
 
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run, and end the process with the exit code."""
+        _open_standard_streams()
         try:
             code = super().main(*args, **{**extra, "standalone_mode": False})
         except click.exceptions.NoArgsIsHelpError as error:
@@ -41,7 +42,7 @@ class Program(click.Group):
             code = INTERRUPTED
         except BrokenPipeError:
             # Who read the output has gone, `run.py list | head` for one.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _let_go(sys.stdout)
             code = FAILED
         sys.exit(code)
 
@@ -94,7 +95,45 @@ def explained(error: Exception) -> tuple[int, str]:
 
 def complain(line: str) -> None:
     """Say what is wrong, on standard error."""
-    click.echo(line, err=True)
+    say(line, err=True)
+
+
+def say(line: str, *, err: bool = False) -> None:
+    """Say a line that counts for less than the exit code: where it cannot be written, or nobody reads, it is let go."""
+    try:
+        click.echo(line, err=err)
+    except OSError:
+        _let_go(sys.stderr if err else sys.stdout)
+
+
+def say_at_once(line: str) -> None:
+    """Say a line on standard output without Python's lock on it: a thread that hangs in here holds up no other.
+
+    Raises:
+        OSError: it cannot be written, or who read it has left.
+    """
+    try:
+        descriptor = sys.stdout.fileno()
+    except (AttributeError, ValueError):  # none, or one in memory
+        click.echo(line)
+        return
+    data = f"{line}\n".encode(sys.stdout.encoding, errors="replace")
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def _let_go(stream: TextIO) -> None:
+    """Have what is still to be written to a stream that takes nothing more go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _open_standard_streams() -> None:
+    """Open those that the caller closed: a file of the run would take their place, and what is said go into it."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
 
 
 def _overrides(ctx: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, str]:

@@ -159,6 +159,7 @@ class Campaign:
         folder = RunFolder.create(self._runs, self._plan.profile, started)
         self._manifest = self._first_manifest(started)
         folder.write_manifest(self._manifest)
+        folder.keep_room()
         fault: Exception | None = None
         try:
             code, status, line = self._on_bench(folder, started)
@@ -181,8 +182,10 @@ class Campaign:
         warnings = [told["warning"] for told in self._manifest["signals"].values() if "warning" in told]
         line = "; ".join(part for part in (line, *warnings) if part)
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
-        with suppress(RecordingError):
-            folder.write_manifest(self._manifest)
+        try:
+            folder.end(self._manifest)
+        except RecordingError as error:
+            code, line = code or EXIT_FAILED, f"{line}; {error}"
         self._console.campaign_ended(line)
         return Outcome(code, folder.path, line, fault)
 
@@ -236,13 +239,12 @@ class Campaign:
         plan = self._plan
         self._console.campaign_started(plan.profile, plan.count, folder.path)
         offset_s = 0.0
-        counts: dict[str, int] = {}
+        counts = self._manifest["outcomes"]
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:
             self._console.trial_started(trial.trial, trial.factors)
             outcome, reason, row, length_s = self._trial(trial, recorder, infos, offset_s)
             offset_s += length_s
-            counts[outcome] = counts.get(outcome, 0) + 1
             self._console.trial_ended(trial.trial, outcome, row)
             if outcome in _EXIT_OF_OUTCOME:
                 code = _EXIT_OF_OUTCOME[outcome]
@@ -254,7 +256,6 @@ class Campaign:
                 code, status = EXIT_DEVICE, "fault"
                 line = line or f"trial {trial.trial}"
                 break
-        self._manifest["outcomes"] = counts
         said = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in sorted(counts.items()))
         return code, status, f"{line} ({said})" if line else said
 
@@ -293,6 +294,8 @@ class Campaign:
             try:
                 outcome, row = trial.measure(evidence, outcome)
             finally:
+                counts = self._manifest["outcomes"]
+                counts[outcome] = counts.get(outcome, 0) + 1
                 recorder.end_trial(outcome, row)
         return outcome, trial.behavior.reason, row, self._rig.clock.now()
 
@@ -361,6 +364,7 @@ class Campaign:
             "plant": {},
             "loop": {"turns": 0, "overruns": 0, "worst_late_s": 0.0, "paused_s": 0.0, "bench_s": 0.0},
             "loss": {},
+            "outcomes": {},
             "signals": {},
             "exit": {"status": "running", "code": None, "reason": ""},
         }

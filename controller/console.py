@@ -10,6 +10,8 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from types import FrameType, TracebackType
 from typing import Any, TextIO
 
@@ -17,6 +19,10 @@ from drivers.protocols import Asking, Question
 
 PAUSED = "PAUSED"
 """What the loop calls the state in which it waits for the operator."""
+
+LAST_S = 1.0
+"""How long the last lines, or the last picture, may take to come out (assumption: far beyond what a terminal takes that
+takes anything)."""
 
 RESULTS = 4
 """How many results of a trial are shown; the others are in its row of trials.csv."""
@@ -163,18 +169,48 @@ class Operator:
             device.answer(question.number, typed == "")
 
 
+class _Printer:
+    """Says lines on a thread of its own: whoever reads them and takes nothing holds up that thread, and nobody else.
+
+    Args:
+        say: Takes each line; where it raises `OSError`, the reader has left, and nothing more is said.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._lines: SimpleQueue[str | None] = SimpleQueue()
+        # A thread that is held up may outlive the campaign, but not the program.
+        self._thread = Thread(target=self._run, name="printer", daemon=True)
+        self._thread.start()
+
+    def say(self, line: str) -> None:
+        """Hand over a line. Never waits, never raises."""
+        self._lines.put(line)
+
+    def end(self) -> None:
+        """Say what is left; a reader that takes nothing is waited for no longer than `LAST_S`."""
+        self._lines.put(None)
+        self._thread.join(LAST_S)
+
+    def _run(self) -> None:
+        with suppress(OSError):
+            while (line := self._lines.get()) is not None:
+                self._say(line)
+
+
 class PlainConsole:
     """A line for each trial, for files and pipes.
 
     Args:
         operator: Who may interrupt.
-        say: Takes each line.
+        say: Takes each line, on a thread of its own.
     """
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
         self._operator = operator
         self._question: Question | None = None
-        self._say = say
+        self._printer = _Printer(say)
+        self._say = self._printer.say
         self._trials = 0
         self._begun = 0
         self._factors = ""
@@ -211,6 +247,7 @@ class PlainConsole:
 
     def campaign_ended(self, line: str) -> None:
         """The exit says the rest."""
+        self._printer.end()
 
 
 def telling(row: Mapping[str, Any]) -> dict[str, Any]:

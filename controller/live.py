@@ -15,15 +15,12 @@ from rich.console import Console as Terminal
 from rich.live import Live
 from rich.text import Text
 
-from controller.console import PAUSED, Operator, figure, telling
+from controller.console import LAST_S, PAUSED, Operator, figure, telling
 from drivers.clock import monotonic_s
 
 REFRESH_S = 0.2
 """Shortest time between two drawings. Each takes the loop 0.2 ms and the thread that draws 0.9 ms (measured), as it is
 plain text; a table of rich's takes 4 ms, and the loop would wait for Python's lock that long."""
-
-LAST_S = 1.0
-"""How long the last picture may take to come out (assumption: far beyond what a terminal takes that takes anything)."""
 
 ROWS = 8
 """How many of the last trials are shown: with the rest, they fit into 24 lines."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import json
 import math
 import os
 import secrets
+import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 FORMAT = 1
 """Version of the folder's layout, in the manifest as `format`."""
@@ -19,8 +23,33 @@ TRIALS = "trials.csv"
 EVENTS = "events.jsonl"
 
 
+ROOM_BYTES = 1 << 18
+"""What is kept free for the last manifest: some ten times the largest of a profile here."""
+
+PROFILE_BYTES = 160
+"""Longest part of a folder's name that a profile makes; a name may have 255 bytes, and time and digits take 27."""
+
+
 class RunFolderError(ValueError):
     """The folder is no run, or cannot be read as one."""
+
+
+_ADVICE = {
+    errno.ENOSPC: "make room on that disk, or choose another with --out",
+    errno.EDQUOT: "make room in your quota, or choose another disk with --out",
+    errno.EFBIG: "lift the limit on the size of files, or choose another disk with --out",
+    errno.EROFS: "that file system may only be read; choose another with --out",
+    errno.EACCES: "choose a folder that may be written, with --out",
+    errno.EPERM: "choose a folder that may be written, with --out",
+    errno.ENAMETOOLONG: "choose a folder with a shorter path, with --out",
+    errno.EEXIST: "move away what stands there, or choose another folder with --out",
+    errno.ENOTDIR: "move away the file that stands in the way, or choose another folder with --out",
+    errno.EISDIR: "move away the folder that stands in the way, or choose another with --out",
+    errno.EMFILE: "allow more open files (ulimit -n)",
+    errno.EIO: "is that disk sound? choose another with --out",
+    None: "is that disk still there? choose another with --out",
+}
+"""What to do about an error of the file system, by its number."""
 
 
 class RecordingError(OSError):
@@ -30,9 +59,7 @@ class RecordingError(OSError):
         self.path = path
         if isinstance(cause, OSError):
             number, reason = cause.errno, cause.strerror or str(cause)
-            advice = "make room on that disk, or choose another with --out"
-            if isinstance(cause, PermissionError):
-                advice = "choose a folder that may be written, with --out"
+            advice = _ADVICE.get(number, _ADVICE[None])
         else:
             number, reason = None, f"{type(cause).__name__} ({cause})"
             advice = "trials.csv and events.jsonl go on; run again with --debug"
@@ -54,6 +81,7 @@ class RunFolder:
         self.manifest_path = path / MANIFEST
         self.trials_path = path / TRIALS
         self.events_path = path / EVENTS
+        self._room: IO[bytes] | None = None
 
     @property
     def recordings(self) -> Sequence[Path]:
@@ -73,14 +101,16 @@ class RunFolder:
             RecordingError: the folder cannot be made.
         """
         stamp = started_utc.strftime("%Y-%m-%dT%H-%M-%SZ")
-        name = f"{stamp}_{profile.replace('/', '-')}_{secrets.token_hex(2)}"
+        name = f"{stamp}_{_folder_part(profile)}_{secrets.token_hex(2)}"
         try:
             root.mkdir(parents=True, exist_ok=True)
             (root / name).mkdir()
         except FileExistsError:
             if (root / name).is_dir():  # the same second and the same four digits
                 return cls.create(root, profile, started_utc)
-            raise RecordingError(root, "making", NotADirectoryError(20, "a file is in the way")) from None
+            raise RecordingError(
+                root, "making", NotADirectoryError(errno.ENOTDIR, "a file is in the way")
+            ) from None
         except OSError as error:
             raise RecordingError(root / name, "making", error) from error
         return cls(root / name)
@@ -104,9 +134,9 @@ class RunFolder:
         runs = sorted(manifest.parent for manifest in root.glob(f"*/{MANIFEST}"))
         word, _, profile = str(text).partition(":")
         if word == "latest":
-            matches = [
-                run for run in runs if not profile or _profile_of(run.name) == profile.replace("/", "-")
-            ][-1:]
+            matches = [run for run in runs if not profile or _profile_of(run.name) == _folder_part(profile)][
+                -1:
+            ]
         else:
             matches = [run for run in runs if str(text) in run.name]
         if len(matches) == 1:
@@ -131,7 +161,29 @@ class RunFolder:
                 os.fsync(file.fileno())
             temporary.replace(self.manifest_path)
         except OSError as error:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
             raise RecordingError(self.manifest_path, "writing", error) from error
+
+    def keep_room(self) -> None:
+        """Occupy as much of the disk as the last manifest takes until `end`, under no name: a killed program leaves
+        nothing of it."""
+        with suppress(OSError):  # not every file system can; the run is none the worse for it
+            self._room = tempfile.TemporaryFile(dir=self.path)  # noqa: SIM115 - held to the run's end
+            os.posix_fallocate(self._room.fileno(), 0, ROOM_BYTES)
+
+    def end(self, manifest: Mapping[str, Any]) -> None:
+        """Write the last manifest, in the room that was kept for it where the disk is full.
+
+        Raises:
+            RecordingError: it cannot be written.
+        """
+        if self._room is not None:
+            with suppress(OSError):
+                self._room.truncate(0)  # a child process may hold it open as well
+                self._room.close()
+            self._room = None
+        self.write_manifest(manifest)
 
     def read_manifest(self) -> dict[str, Any]:
         """The manifest.
@@ -169,6 +221,16 @@ def _plain(value: object) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | bool | int) else str(value)
+
+
+def _folder_part(profile: str) -> str:
+    """What a profile makes of a folder's name: of one with a long path its end, after a digest of the whole."""
+    part = profile.replace("/", "-")
+    name = part.encode("utf-8", errors="surrogateescape")
+    if len(name) <= PROFILE_BYTES:
+        return part
+    digest = hashlib.sha256(name).hexdigest()[:8]
+    return f"{digest}-{name[-PROFILE_BYTES + 9 :].decode(errors='ignore')}"
 
 
 def _profile_of(name: str) -> str:

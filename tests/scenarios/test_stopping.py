@@ -154,3 +154,4 @@ def test_an_abort_stops_and_keeps_what_there_is(run_profile, script):
     assert stands_still(bench)
     assert [row["outcome"] for row in bench.run.trials] == ["aborted"]
     assert bench.run.manifest["exit"]["status"] == "aborted"
+    assert bench.run.manifest["outcomes"] == {"aborted": 1}

@@ -7,6 +7,7 @@ import pty
 import re
 import select
 import signal
+import threading
 import time
 from decimal import Decimal
 from pathlib import Path
@@ -16,6 +17,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console as Terminal
 
+from controller import console as console_module
 from controller import live
 from controller.console import DIGITS, Operator, PlainConsole, figure, telling
 from controller.live import LiveConsole
@@ -209,6 +211,7 @@ def test_a_question_is_said_once_on_a_plain_console_and_stands_in_the_live_view(
     asker.ask(1)
     plain.poll()
     plain.poll()
+    plain.campaign_ended("")
     assert lines == ["hang 0.50 N on bridge Fx, then press Enter"]
     assert screen.text()[-1] == "hang 0.50 N on bridge Fx, then press Enter"
     screen.campaign_ended("")
@@ -231,8 +234,42 @@ def test_off_a_terminal_each_trial_is_one_line(keyboard):
 
 def test_a_pause_is_told_with_the_way_out(keyboard):
     lines = []
-    PlainConsole(Operator(keyboard.file), lines.append).state("PAUSED", 3.0)
+    console = PlainConsole(Operator(keyboard.file), lines.append)
+    console.state("PAUSED", 3.0)
+    console.campaign_ended("")
     assert lines == ["paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts"]
+
+
+def test_a_reader_that_takes_nothing_holds_neither_a_line_nor_the_end_up(keyboard, monkeypatch):
+    monkeypatch.setattr(console_module, "LAST_S", 0.05)
+    said, taking = [], threading.Event()
+
+    def say(line):
+        taking.wait(60.0)
+        said.append(line)
+
+    console = PlainConsole(Operator(keyboard.file), say)
+    console.campaign_started("mock/transient", 1, Path("runs/x"))
+    console.state("PAUSED", 3.0)
+    console.campaign_ended("")
+    assert said == [], "all of them came back while the first one hung"
+    taking.set()
+    console._printer._thread.join(10.0)
+    assert [line.partition(":")[0] for line in said] == ["mock/transient", "paused"]
+
+
+def test_a_reader_that_has_left_ends_what_is_said_and_nothing_else(keyboard):
+    said = []
+
+    def say(line):
+        said.append(line)
+        raise BrokenPipeError(32, "Broken pipe")
+
+    console = PlainConsole(Operator(keyboard.file), say)
+    console.campaign_started("mock/transient", 1, Path("runs/x"))
+    console.state("PAUSED", 3.0)
+    console.campaign_ended("")
+    assert len(said) == 1
 
 
 def test_the_results_that_say_most_come_first():

@@ -1,11 +1,14 @@
+import errno
 import json
 import math
+import os
 import re
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
 
-from controller.recording.run_folder import FORMAT, RecordingError, RunFolder, RunFolderError
+from controller.recording.run_folder import FORMAT, ROOM_BYTES, RecordingError, RunFolder, RunFolderError
 
 STARTED = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 
@@ -56,6 +59,49 @@ def test_a_manifest_that_cannot_be_replaced_leaves_the_old_one(tmp_path):
     with pytest.raises(RecordingError, match="No space left"):
         folder.write_manifest({"exit": {"status": "done"}})
     assert folder.read_manifest()["exit"] == {"status": "running"}
+    assert [path.name for path in folder.path.iterdir()] == ["manifest.json"], "no empty file is left"
+
+
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [
+        (errno.ENOSPC, "make room on that disk"),
+        (errno.EROFS, "that file system may only be read"),
+        (errno.ENAMETOOLONG, "a shorter path"),
+        (errno.ENOTDIR, "move away the file that stands in the way"),
+        (errno.EACCES, "choose a folder that may be written"),
+        (errno.EIO, "is that disk sound"),
+        (errno.ENODEV, "is that disk still there"),
+    ],
+)
+def test_each_error_of_the_disk_has_its_own_remedy(number, advice):
+    error = RecordingError(Path("runs"), "making", OSError(number, os.strerror(number)))
+    assert str(error).startswith(f"recorder: {os.strerror(number)} while making runs; ")
+    assert advice in str(error)
+    assert ("make room" in str(error)) == (number == errno.ENOSPC)
+
+
+def test_the_room_that_is_kept_for_the_last_manifest_is_let_go_before_it_is_written(tmp_path, monkeypatch):
+    folder = made(tmp_path)
+    folder.keep_room()
+    room = folder._room
+    assert os.fstat(room.fileno()).st_blocks * 512 >= ROOM_BYTES
+    assert [path.name for path in folder.path.iterdir()] == ["manifest.json"], "it has no name"
+    write, held = folder.write_manifest, []
+    monkeypatch.setattr(
+        folder, "write_manifest", lambda manifest: (held.append(not room.closed), write(manifest))
+    )
+    folder.end({"exit": {"status": "failed"}})
+    assert held == [False]
+    assert folder.read_manifest()["exit"] == {"status": "failed"}
+
+
+@pytest.mark.parametrize("profile", ["p" * 230, "/".join(["é" * 60] * 8) + "/transient"])
+def test_a_profile_with_a_long_path_has_a_folder_and_is_found_by_it(tmp_path, profile):
+    first, other = made(tmp_path, profile), made(tmp_path, "x" + profile)
+    assert len(first.path.name.encode()) < 255
+    assert RunFolder.find(f"latest:{profile}", root=tmp_path).path == first.path
+    assert RunFolder.find(f"latest:x{profile}", root=tmp_path).path == other.path
 
 
 @pytest.mark.parametrize("text", ["{name}", "{path}", "{path}/manifest.json", "latest", "transient"])

@@ -1,0 +1,87 @@
+"""A campaign whose output nobody takes: the run goes on, and the exit code is the experiment's."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from controller.recording.reader import open_run
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
+
+
+def run(out, stdout, **extra):
+    command = [sys.executable, "run.py", "run", "mock/transient", "--only", "16", "--only", "17"]
+    return subprocess.Popen(
+        [*command, *QUICK, "--out", str(out), *extra.pop("more", ["--no-report"])],
+        cwd=ROOT,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        **extra,
+    )
+
+
+def ended_well(process, out):
+    with process:
+        errors = process.communicate(timeout=120)[1]
+    (folder,) = out.iterdir()
+    told = open_run(folder)
+    assert (process.returncode, errors) == (0, "")
+    assert [row["outcome"] for row in told.trials] == ["contact", "contact"]
+    assert told.manifest["exit"]["status"] == "done"
+
+
+def test_a_reader_that_leaves_after_the_first_line(tmp_path):
+    reading, writing = os.pipe()
+    process = run(tmp_path, writing, more=["--report"])
+    os.close(writing)
+    assert b"2 trials into" in os.read(reading, 200)
+    os.close(reading)
+    ended_well(process, tmp_path)
+
+
+def test_a_full_disk_under_the_output(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        ended_well(run(tmp_path, full), tmp_path)
+
+
+@pytest.mark.parametrize("closed", [(1,), (0, 1)])
+def test_an_output_that_is_closed(tmp_path, closed):
+    ended_well(run(tmp_path, None, preexec_fn=lambda: [os.close(number) for number in closed]), tmp_path)
+
+
+def test_a_reader_that_takes_nothing_before_the_run_is_over(tmp_path):
+    """The pipe is full from the beginning, and is read when the last row is on the disk."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    try:
+        while True:
+            os.write(writing, b"\n")
+    except BlockingIOError:
+        os.set_blocking(writing, True)
+    process = run(tmp_path, writing)
+    os.close(writing)
+    try:
+        wait_for_rows(tmp_path, 2)
+        said = b""
+        while piece := os.read(reading, 65536):
+            said += piece
+    finally:
+        os.close(reading)
+    assert b"[2/2] trial" in said
+    ended_well(process, tmp_path)
+
+
+def wait_for_rows(out, count):
+    until_s = time.monotonic() + 100.0
+    while time.monotonic() < until_s:
+        tables = list(out.glob("*/trials.csv"))
+        if tables and len(tables[0].read_text().splitlines()) > count:
+            return
+        time.sleep(0.05)
+    raise AssertionError("the run waits for its reader")
