@@ -27,6 +27,7 @@ from config.verbs import (
     say,
     say_at_once,
     set_option,
+    span,
 )
 
 if TYPE_CHECKING:
@@ -302,6 +303,42 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     line = calibration_line(pieces, detector, interval_s)
     complain("\n".join(dict.fromkeys(note for one in heard for note in one.notes)))
     click.echo(json.dumps(line))
+
+
+@cli.command(cls=Verb, short_help="Find the resonance in a transducer's frequency sweep.")
+@click.argument("table", type=click.Path(path_type=Path), metavar="FILE")
+@click.option(
+    "--column", metavar="F,A", help="Columns of frequency and response, where there are more than two."
+)
+@click.option(
+    "--span", callback=span, metavar="LOW:HIGH", help="Frequencies that count, Hz; all of them otherwise."
+)
+@click.option("--conductance", is_flag=True, help="The response is a conductance, not an amplitude.")
+@click.option(
+    "--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: a PNG, SVG or PDF file."
+)
+def sweep(
+    table: Path, column: str | None, span: tuple[float, float] | None, conductance: bool, plot: Path | None
+) -> None:
+    """Find peak, band, sharpness and resonances in a transducer's sweep.
+
+    FILE is a table of frequencies and amplitudes (peak to peak or RMS), or conductances, in Hz or kHz. Prints one JSON
+    line: the peak, the band at half power with its Q, the band within 6 dB, and whether one resonance explains the
+    sweep or two are needed (Akaike's criterion).
+
+    \b
+    Example:
+      run.py sweep pair.csv --plot pair.png
+      run.py sweep piezo.txt --conductance --span 222000:227000
+    """
+    from controller.sweep import analysed, draw_sweep, read_sweep, sweep_line
+
+    measured = read_sweep(table, column, span, "conductance" if conductance else "amplitude")
+    found = analysed(table, measured)
+    complain(measured.note)
+    click.echo(json.dumps(sweep_line(found)))
+    if plot is not None:
+        draw_sweep(plot, measured, found)
 
 
 @cli.command(cls=Verb, short_help="Write the report of one or more runs.")

@@ -13,7 +13,7 @@ from behaviors.events import Detected
 from controller.detectors.calibration import Course, Statistic, courses_of
 from controller.detectors.protocol import Detector
 from controller.replay import ReplayError
-from controller.reports.figures import FAINT, FALSE, INK, OURS, Figures
+from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
 from drivers.messages import SampleBlock
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
     Raises:
         ReplayError: no such kind of picture, or it cannot be written.
     """
-    if path.suffix.lower() not in FORMATS:
-        raise ReplayError(f"{path}: '{path.suffix}' is no picture; give a file of {', '.join(FORMATS)}")
     named = {stream: [b for b in blocks if b.stream == stream] for stream in detector.inputs}
     courses: Sequence[Course] = ()
     if isinstance(detector, Statistic) and named[detector.inputs[0]][0].rate_hz is not None:
@@ -69,10 +67,21 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
         handles, labels = drawing.axes[-1].get_legend_handles_labels()
         if handles:
             drawing.figure.legend(handles, labels, loc="outside upper right", ncols=4)
-        try:
-            drawing.figure.savefig(path, dpi=150)
-        except OSError as error:
-            raise ReplayError(f"{path}: cannot be written: {error.strerror or error}") from None
+        save(drawing, path)
+
+
+def save(drawing: Drawing, path: Path) -> None:
+    """Write a picture where the command line asks for it.
+
+    Raises:
+        ReplayError: no such kind of picture, or it cannot be written.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ReplayError(f"{path}: '{path.suffix}' is no picture; give a file of {', '.join(FORMATS)}")
+    try:
+        drawing.figure.savefig(path, dpi=150)
+    except OSError as error:
+        raise ReplayError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _signal(axes: Axes, stream: str, blocks: Sequence[SampleBlock]) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from behaviors.chirp import ChirpSettings
 from controller.measures.trial import TrialEvidence
+from controller.signals.transducer import peak
 
 Floats = NDArray[np.float64]
 
@@ -48,24 +49,20 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
     if not len(frequencies_hz):
         return outcome, row
     together = power.sum(axis=1)
+    order = np.argsort(frequencies_hz)
     best = int(np.argmax(together))
-    loud = together >= 0.5 * together[best]
-    low, high = best, best
-    while low > 0 and loud[low - 1]:
-        low -= 1
-    while high < len(loud) - 1 and loud[high + 1]:
-        high += 1
+    both = peak(frequencies_hz[order], together[order], 0.5)
     # a sweep that was paused and begun again is not silence
     silent_s = evidence.entered_s.get("SILENT", -np.inf)
     silence = series.values[(series.times_s >= silent_s) & (series.times_s < min(asked_s, begun_s))]
     noise = float((silence - silence.mean(axis=0)).var(axis=0).sum()) if len(silence) else 0.0
-    per_finger = frequencies_hz[np.argmax(power, axis=0)]
+    per_finger = [peak(frequencies_hz[order], column[order], 0.5).frequency_hz for column in power.T]
     row.update(
-        best_hz=float(frequencies_hz[best]),
-        best_right_hz=float(per_finger[0]),
-        best_left_hz=float(per_finger[-1]),
-        band_low_hz=float(frequencies_hz[low] - 0.5 * STEP_HZ),
-        band_high_hz=float(frequencies_hz[high] + 0.5 * STEP_HZ),
+        best_hz=both.frequency_hz,
+        best_right_hz=per_finger[0],
+        best_left_hz=per_finger[-1],
+        band_low_hz=both.low_hz if np.isfinite(both.low_hz) else None,
+        band_high_hz=both.high_hz if np.isfinite(both.high_hz) else None,
         unsure_hz=0.5 * STEP_HZ + abs(_slope_hz_s(settings)) * LATENCY_UNSURE_S,
         over_noise_db=10.0 * float(np.log10(together[best] / noise)) if noise > 0.0 else None,
     )

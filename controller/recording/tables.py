@@ -62,13 +62,14 @@ class Chosen:
     clock: str = ""
 
 
-def read_columns(path: Path, column: str | None) -> Chosen:
+def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
     """Some columns of a file, side by side.
 
     Args:
         path: A file of one of the kinds in `READERS`.
         column: Names with commas between them; None is the only column there is besides the times. Columns of a WAV
             file are channels, from 0; of an array of two dimensions NAME.0, NAME.1 …; of an MCAP file TOPIC:FIELD.
+        count: How many columns there must be where none are named.
 
     Raises:
         TableError: it is none of these, or does not hold what is asked for.
@@ -81,18 +82,18 @@ def read_columns(path: Path, column: str | None) -> Chosen:
     try:
         if path.stat().st_size > LARGEST_BYTES:
             raise TableError(f"{path}: larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
-        return read(path, column)
+        return read(path, column, count)
     except OSError as error:
         raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None) -> Chosen:
+def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
     """The columns that are asked for and their times, out of a table."""
     clock = "t_s" if "t_s" in table else next((name for name in table if TIME.fullmatch(name)), None)
     names = [name for name in table if name != clock]
     wanted = column.split(",") if column else names
     listed = ", ".join(names) or "none besides the times"
-    if not column and len(names) != 1:
+    if not column and len(names) != count:
         raise TableError(f"{path}: which column? choose with --column; there are {listed}")
     for name in wanted:
         if name not in table:
@@ -141,7 +142,7 @@ def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
 # --- text ----------------------------------------------------------------------------------------
 
 
-def _read_text(path: Path, column: str | None) -> Chosen:
+def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     """One line of names, or a comment with them, or none; then rows of numbers, with whatever stands between them."""
     import pandas as pd
 
@@ -170,7 +171,7 @@ def _read_text(path: Path, column: str | None) -> Chosen:
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         reason = str(error).splitlines()[0]
         raise TableError(f"{path}: no table of numbers under one line of names: {reason}") from None
-    return _chosen(path, {name: table[name].to_numpy() for name in names}, column)
+    return _chosen(path, {name: table[name].to_numpy() for name in names}, column, count)
 
 
 def _header(rows: Sequence[str], comment: str) -> tuple[list[str], Sequence[str], str]:
@@ -215,7 +216,7 @@ def _check_names(path: Path, names: Sequence[str]) -> None:
 # --- arrays --------------------------------------------------------------------------------------
 
 
-def _read_npz(path: Path, column: str | None) -> Chosen:
+def _read_npz(path: Path, column: str | None, count: int) -> Chosen:
     try:
         with ZipFile(path) as packed:
             if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
@@ -228,10 +229,10 @@ def _read_npz(path: Path, column: str | None) -> Chosen:
         if isinstance(error, TableError):
             raise
         raise TableError(f"{path}: no NPZ file of numbers: {error}") from None
-    return _of_arrays(path, arrays, column)
+    return _of_arrays(path, arrays, column, count)
 
 
-def _read_mat(path: Path, column: str | None) -> Chosen:
+def _read_mat(path: Path, column: str | None, count: int) -> Chosen:
     from scipy.io import loadmat
 
     try:
@@ -241,10 +242,10 @@ def _read_mat(path: Path, column: str | None) -> Chosen:
     except Exception as error:  # of damaged files scipy says many things
         raise TableError(f"{path}: no MAT file that can be read: {error}") from None
     arrays = {name: np.squeeze(found) for name, found in loaded.items() if isinstance(found, np.ndarray)}
-    return _of_arrays(path, arrays, column)
+    return _of_arrays(path, arrays, column, count)
 
 
-def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | None) -> Chosen:
+def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
     """Arrays of one dimension are columns; one of two has them side by side along its shorter one."""
     table: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -257,10 +258,10 @@ def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | Non
         raise TableError(
             f"{path}: no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}"
         )
-    return _chosen(path, table, column)
+    return _chosen(path, table, column, count)
 
 
-def _read_wav(path: Path, column: str | None) -> Chosen:
+def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
     """Channels in full-scale units (-1 to 1), and the sample rate."""
     from scipy.io import wavfile
 
@@ -269,7 +270,7 @@ def _read_wav(path: Path, column: str | None) -> Chosen:
     except (ValueError, struct.error) as error:
         raise TableError(f"{path}: no WAV file that can be read: {error}") from None
     channels = samples if samples.ndim == 2 else samples[:, None]
-    if column is None and channels.shape[1] > 1:
+    if column is None and channels.shape[1] != count:
         raise TableError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
     numbers = channel_numbers(f"{path}:", column or "0", channels.shape[1])
     values = channels[:, numbers].astype(np.float64)
@@ -303,7 +304,7 @@ class _Json(DecoderFactory):
         return json.loads if message_encoding == "json" else None
 
 
-def _read_mcap(path: Path, column: str | None) -> Chosen:
+def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
     """Fields of one topic, TOPIC:FIELD[,FIELD]; a field within a field has a dot, an item of a list its number."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
@@ -364,10 +365,11 @@ def _stamp_ns(message: Any) -> int | None:
     return None if seconds is None else int(seconds) * 1_000_000_000 + int(getattr(stamp, "nanosec", 0))
 
 
-READERS: Mapping[str, Callable[[Path, str | None], Chosen]] = {
+READERS: Mapping[str, Callable[[Path, str | None, int], Chosen]] = {
     ".csv": _read_text,
     ".tsv": _read_text,
     ".txt": _read_text,
+    ".dat": _read_text,
     ".npz": _read_npz,
     ".mat": _read_mat,
     ".wav": _read_wav,

@@ -12,6 +12,7 @@ from config import assemble
 from config.profile import Profile, load_profile
 from controller.campaign import Campaign, Outcome
 from controller.recording.reader import Run, open_run
+from run import cli
 
 QUICK = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"}
 """The loop locks within a second; at the paper's three sigma a third of these trials would end by false contact."""
@@ -95,3 +96,16 @@ def run_profile(tmp_path):
 def script():
     """An operator without words; the test gives them."""
     return Script()
+
+
+@pytest.fixture
+def verb(capsys):
+    """Calls the program as `run.py …` does; gives exit code, output and errors."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([str(argument) for argument in arguments], prog_name="run.py")
+        said = capsys.readouterr()
+        return ended.value.code, said.out, said.err
+
+    return call

@@ -10,19 +10,6 @@ from run import cli
 
 
 @pytest.fixture
-def verb(capsys):
-    """Calls the program as `run.py …` does; gives exit code, output and errors."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return call
-
-
-@pytest.fixture
 def rolling(tmp_path):
     """Two minutes without slip at 1 kHz, two columns."""
     noise = 0.003 * np.random.default_rng(1).standard_normal((120_000, 2))

@@ -21,19 +21,6 @@ QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold
 """The loop locks within a second; at eight sigma no trial ends by a false contact."""
 
 
-@pytest.fixture
-def verb(capsys):
-    """Calls the program as `run.py …` does; gives exit code, output and errors."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return call
-
-
 @contextmanager
 def started(*arguments, **extra):
     """The program as a process of its own; it is gone afterwards."""

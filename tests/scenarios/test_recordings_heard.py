@@ -8,24 +8,10 @@ from scipy.io import wavfile
 
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
-from run import cli
 
 RATE_HZ = 1000.0
 DRIVE_HZ = 40_000.0
 REST, STEP = 0.09 + 0.04j, 0.012 - 0.006j
-
-
-@pytest.fixture
-def verb(capsys):
-    """Calls the program as `run.py …` does; gives exit code, output and errors."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return call
 
 
 def refused(verb, *arguments):

@@ -1,0 +1,43 @@
+"""From a lab's table of a sweep to figures and a picture."""
+
+import json
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def pair(tmp_path):
+    """Two transducers face to face, in kilohertz, as an oscilloscope's user writes it down."""
+    f_khz = np.linspace(39.0, 42.0, 31)
+    detuned = [q * (f_khz / f0 - f0 / f_khz) for f0, q in ((40.2, 40.0), (40.7, 40.0))]
+    volts = 12.0 / np.sqrt((1.0 + detuned[0] ** 2) * (1.0 + detuned[1] ** 2))
+    path = tmp_path / "pair.dat"
+    np.savetxt(path, np.column_stack([f_khz, volts]), fmt="%.1f", header="two transducers, face to face")
+    return path
+
+
+def test_a_sweep_in_kilohertz_without_names_gives_figures_and_a_picture(verb, pair, tmp_path):
+    code, out, err = verb("sweep", pair, "--plot", tmp_path / "pair.png")
+    found = json.loads(out)
+    assert code == 0
+    assert "31 points, 39 to 42 kHz, amplitude; taken for kHz" in err
+    assert found["peak_hz"] == pytest.approx(40_450.0, abs=100.0)
+    assert [one["frequency_hz"] for one in found["resonances"]] == pytest.approx(
+        [40_200.0, 40_700.0], abs=50.0
+    )
+    assert (tmp_path / "pair.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--span", "50000:60000"], "no frequency from 50000 to 60000 Hz"),
+        (["--column", "0"], "two columns, frequency and response"),
+        (["--plot", "pair.gif"], "is no picture"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(verb, pair, arguments, said):
+    code, _, err = verb("sweep", pair, *arguments)
+    assert code == 2
+    assert said in err.splitlines()[-1]
