@@ -240,11 +240,11 @@ class EmulatedZaberStage:
     def _move(self, words: list[str], t_s: float) -> str:
         """A target (`abs`, `rel`) or a velocity (`vel`) or neither (`min`, `max`), then what it may go with."""
         kind, *numbers = words or [""]
+        first = {"abs": 1, "rel": 1, "vel": 0, "min": 0, "max": 0}.get(kind)
+        if first is None or not first + (kind == "vel") <= len(numbers) <= first + 2:
+            raise _RejectedError("BADCOMMAND")
         values = [_integer(number) for number in numbers]
         lowest, highest = self._values["limit.min"], self._values["limit.max"]
-        first = {"abs": 1, "rel": 1, "vel": 0, "min": 0, "max": 0}.get(kind)
-        if first is None or not first + (kind == "vel") <= len(values) <= first + 2:
-            raise _RejectedError("BADCOMMAND")
         speed, *given = values[first:] or [self._values["maxspeed"]]
         if kind in ("abs", "rel"):
             target = values[0] + (self._position(t_s) if kind == "rel" else 0)

@@ -38,6 +38,7 @@ def test_it_answers_as_the_page_says() -> None:
         ("fly", "BADCOMMAND"),
         ("move", "BADCOMMAND"),
         ("move abs", "BADCOMMAND"),
+        ("move move abs 1", "BADCOMMAND"),
         ("get nothing", "BADCOMMAND"),
         ("set system.serial 3", "BADCOMMAND"),
         ("warnings shut", "BADCOMMAND"),
@@ -192,7 +193,7 @@ def test_a_refusal_befalls_one_movement() -> None:
 
 
 @pytest.mark.parametrize(
-    "words", ["move abs 20000 16384 {}", "move rel 20000 16384 {}", "move vel 16384 {}", "move max 16384 {}"]
+    "words", ["abs 20000 16384 {}", "rel 20000 16384 {}", "vel 16384 {}", "max 16384 {}"]
 )
 def test_a_move_goes_with_the_velocity_and_the_acceleration_that_it_carries(words: str) -> None:
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
