@@ -96,7 +96,7 @@ class Command:
     """
 
     device: str
-    id: int = field(default=0, kw_only=True, compare=False)
+    id: int = field(default=0, kw_only=True, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,23 +104,32 @@ class Home(Command):
     """Find the reference position, where the device does not know it yet; answered by `Reached`."""
 
 
+BLIND_TRAVEL_M = 0.002
+"""How far a mover may go that nobody looks at any more, where no profile says otherwise. Assumption: Table I's fastest
+approach (12.7 mm/s; Backus and Dollar) covers it in 0.16 s, and the guard stops what moves when a loop is so late."""
+
+
 @dataclass(frozen=True, slots=True)
 class MoveAt(Command):
     """Move along the device's approach axis at a signed speed, never beyond `limit_m`.
 
-    The device itself holds the limit: a host that dies leaves a mover that stops there.
+    The device itself holds the limit, and nearer bounds before it: it is never sent farther than `blind_travel_m`
+    beyond where it was last seen. A host that dies or is stopped leaves a mover that halts by itself within that; one
+    whose controller has a watchdog is stopped by that instead. The guard fills the bound in from the mover's limits.
     """
 
     velocity_m_s: float
     limit_m: float
+    blind_travel_m: float = field(default=BLIND_TRAVEL_M, kw_only=True, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
 class MoveTo(Command):
-    """Move to a position on the approach axis at a given (unsigned) speed."""
+    """Move to a position on the approach axis at a given (unsigned) speed; `blind_travel_m` as in `MoveAt`."""
 
     position_m: float
     speed_m_s: float
+    blind_travel_m: float = field(default=BLIND_TRAVEL_M, kw_only=True, repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,7 +74,7 @@ def describe_event(event: Event) -> tuple[str, dict[str, object]]:
 
 def describe_command(command: Command) -> str:
     """A command as one reads it: `MoveAt(stage, 0.003785, 0.012)`."""
-    values = (_plain(getattr(command, field.name)) for field in dataclasses.fields(command) if field.compare)
+    values = (_plain(getattr(command, field.name)) for field in dataclasses.fields(command) if field.repr)
     texts = (f"{value:.6g}" if isinstance(value, float) else str(value) for value in values)
     return f"{type(command).__name__}({', '.join(texts)})"
 

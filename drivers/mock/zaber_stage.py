@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field
 
 from drivers.clock import Clock, last_tick
-from drivers.errors import CommandError
 from drivers.messages import (
     Applied,
     Command,
@@ -31,29 +30,26 @@ from drivers.messages import (
 )
 from drivers.mock.faults import Fault, FaultSchedule
 from drivers.mock.finger_bench import FingerBench
-from drivers.mock.plants.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
-from drivers.settings import Settings
-from drivers.zaber_stage.codec import MICROSTEP_M
+from drivers.mock.plants.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
+from drivers.zaber_stage.commands import NOT_HOMED, refusal, valid
+from drivers.zaber_stage.mounting import Mounting, StageLimits
 
 
-class MockZaberStageSettings(Settings):
-    """The mock stage."""
+class MockZaberStageSettings(StageLimits):
+    """The mock stage: the real one's limits, without its link."""
 
     position_hz: float = Field(default=100.0, gt=0.0, le=1000.0)
     """How often the position is reported while it is listened to; the real driver polls about as often."""
 
-    travel_m: float = Field(default=0.0254, gt=0.0, le=1.0)
-    """The device's own travel limit. Source: a stage of one inch, as the paper's micrometer positions need."""
-
     acceleration_m_s2: float = Field(default=STAGE_M_S2, gt=0.0, le=100.0)
     """Of every motion."""
 
-    max_speed_m_s: float = Field(default=STAGE_M_S, gt=0.0, le=1.0)
-    """No command makes it faster."""
-
 
 class MockZaberStage:
-    """An axis that carries the bench's probe; obeys its own travel limit, can be told to fail.
+    """An axis that carries the bench's probe, with the real driver's limits and refusals; can be told to fail.
+
+    It is homed where it was once, in whichever trial. A motion that nobody looks at (`read`, `poll`) halts at the end
+    of its command's `blind_travel_m` and goes on when it is looked at, as the real stage does.
 
     Args:
         name: In the profile.
@@ -77,13 +73,15 @@ class MockZaberStage:
         self.name = name
         self._settings = settings
         self._clock = clock
+        self._mounting = Mounting(settings)
         self.axis = StageAxis(
-            acceleration_m_s2=settings.acceleration_m_s2, max_speed_m_s=settings.max_speed_m_s
+            acceleration_m_s2=settings.acceleration_m_s2, max_speed_m_s=max(STAGE_M_S, settings.max_speed_m_s)
         )
         self._bench = bench
         bench.mount(self.axis)
         self._faults = faults or FaultSchedule()
         self._stream = f"{name}.position"
+        self._homed = False
         self.restart()
 
     def restart(self) -> None:
@@ -92,21 +90,22 @@ class MockZaberStage:
         self._next_sample = 0
         self._seq = 0
         self._answer: type[Reached | Standstill] | None = None
-        self._commanded = 0
+        self._command: Command | None = None  # the last one that moves or stops
+        self._seen_s = 0.0
         self._commanded_s = 0.0
         self._statuses: list[Status] = []
         self._faults.restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
-        stream = StreamInfo(self._stream, ("position",), "m", MICROSTEP_M)
+        stream = StreamInfo(self._stream, ("position",), "m", self._settings.microstep_m)
         return DeviceInfo(
             self.name,
             model="simulated stage",
             streams={self._stream: stream},
             mover=True,
             clock="bench",
-            details={"travel_m": self._settings.travel_m},
+            details={"travel_m": (self._settings.travel_min_m, self._settings.travel_max_m)},
         )
 
     def close(self) -> None:
@@ -114,12 +113,14 @@ class MockZaberStage:
         self.axis.stop(self._clock.now())
 
     def apply(self, command: Command) -> Applied:
-        """Change the axis's plan from now on.
+        """Change the axis's plan from now on. Too great a speed is clamped.
 
         Raises:
-            CommandError: not for a stage, or beyond its travel.
+            CommandError: not for a stage, not finite or out of range.
         """
+        command = valid(self.name, self._settings, command)
         now_s = self._clock.now()
+        self._look(now_s)
         if isinstance(command, Listen):
             if command.streams and not self._listening:
                 self._next_sample = last_tick(now_s, self._settings.position_hz) + 1
@@ -131,62 +132,95 @@ class MockZaberStage:
             return Applied(command, now_s)
         if self._faults.active(now_s, "silent"):
             return Applied(command, now_s)
+        reason = self._refusal(command, now_s)
+        if reason:
+            self._leave_alone(now_s)
+            self._statuses.append(Refused(now_s, self.name, command, reason))
+            return Applied(command, now_s)
         self._move(command, now_s)
         self._statuses.append(Sent(now_s, self.name, command))
         return Applied(command, now_s)
 
+    def _refusal(self, command: Command, now_s: float) -> str:
+        if not isinstance(command, MoveAt | MoveTo):
+            return ""
+        if self._faults.active(now_s, "refuse"):
+            return "the stage refuses (injected fault)"
+        if not self._homed:
+            return NOT_HOMED
+        here = round(self.axis.position(now_s) / self._settings.microstep_m)
+        return refusal(self._mounting, command, here, self._settings.acceleration_m_s2)
+
     def _move(self, command: Command, now_s: float) -> None:
-        self._commanded_s, self._commanded = now_s, command.id
-        axis = self.axis
-        if isinstance(command, MoveAt | MoveTo):
-            target_m = command.limit_m if isinstance(command, MoveAt) else command.position_m
-            speed_m_s = abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
-            if not (math.isfinite(target_m) and 0.0 <= target_m <= self._settings.travel_m):
-                raise CommandError(
-                    self.name,
-                    f"moving to {target_m:g} m",
-                    f"the stage reaches from 0 to {self._settings.travel_m:g} m",
-                    "choose a target inside its travel",
-                )
-            if not (math.isfinite(speed_m_s) and speed_m_s > 0.0):
-                raise CommandError(
-                    self.name,
-                    f"moving at {speed_m_s:g} m/s",
-                    "that is no speed",
-                    "give a finite one above zero",
-                )
-            if self._faults.active(now_s, "refuse"):
-                self._statuses.append(
-                    Refused(now_s, self.name, command, "the stage refuses (injected fault)")
-                )
-                return
-        if isinstance(command, MoveAt):
-            axis.move_at(now_s, command.velocity_m_s, command.limit_m)
-            self._answer = Reached
-        elif isinstance(command, MoveTo):
-            axis.move_to(now_s, command.position_m, command.speed_m_s)
-            self._answer = Reached
-        elif isinstance(command, Stop):
-            axis.stop(now_s)
-            self._answer = Standstill
-        elif isinstance(command, Home):
-            self._answer = Reached  # the simulated stage has never lost its reference
-        else:
-            raise CommandError(
-                self.name, f"applying {command}", "a stage only moves", "send it to another device"
-            )
-        self._bench.on_plan(now_s)
+        self._commanded_s, self._command = now_s, command
+        self._seen_s = now_s
+        self._answer = Standstill if isinstance(command, Stop) else Reached
+        mounting = self._mounting
+        match command:
+            case MoveAt() | MoveTo():
+                self._go(command, now_s, mounting.position_m(mounting.target(command)))
+            case Home():
+                self.axis.move_to(now_s, mounting.position_m(mounting.counts(0)), STAGE_HOME_M_S)
+                self._bench.on_plan(now_s)
+            case Stop():
+                self.axis.stop(now_s)
+                self._bench.on_plan(now_s)
+
+    def _look(self, now_s: float) -> None:
+        """See where it is; what nobody has looked at in time has halted on the way, and goes on now.
+
+        The real stage is sent on while it moves, and shows none of it where that comes in time.
+        """
+        axis, command, seen_s = self.axis, self._command, self._seen_s
+        gone = self._gone(now_s)
+        if not gone:
+            self._seen_s = now_s
+        if not isinstance(command, MoveAt | MoveTo) or not axis.moving(seen_s):
+            return
+        target_m, from_m = axis.target_m, axis.position(seen_s)
+        braking_m = axis.velocity(now_s) ** 2 / (2.0 * axis.acceleration_m_s2)
+        if abs(axis.position(now_s) - from_m) + braking_m > command.blind_travel_m:
+            self._bound(command, seen_s)
+            if not gone:
+                self._go(command, now_s, target_m)
+
+    def _leave_alone(self, now_s: float) -> None:
+        """What was under way is looked at no more: it ends where the device was sent, and nothing is told of it."""
+        if isinstance(self._command, MoveAt | MoveTo) and self.axis.moving(now_s):
+            self._bound(self._command, now_s)
+        self._command = self._answer = None
+
+    def _bound(self, command: MoveAt | MoveTo, seen_s: float) -> None:
+        """Halt a motion as far beyond where it was seen last as its command lets it go blindly."""
+        way_m = self.axis.target_m - self.axis.position(seen_s)
+        if abs(way_m) > command.blind_travel_m:
+            end_m = self.axis.position(seen_s) + math.copysign(command.blind_travel_m, way_m)
+            self._go(command, seen_s, end_m)
+
+    def _go(self, command: MoveAt | MoveTo, t_s: float, end_m: float) -> None:
+        speed_m_s = abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
+        self.axis.move_to(t_s, end_m, speed_m_s)
+        self._bench.on_plan(t_s)
+
+    def _gone(self, now_s: float) -> bool:
+        return self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
+
+    @property
+    def _command_id(self) -> int:
+        return 0 if self._command is None else self._command.id
 
     def read(self) -> Sequence[SampleBlock]:
         """Positions reported since the last call."""
         now_s = self._clock.now()
+        self._look(now_s)
         rate_hz = self._settings.position_hz
         last = last_tick(now_s, rate_hz)
         if not self._listening or last < self._next_sample or self._faults.active(now_s, "silent"):
             return ()
         times_s = np.arange(self._next_sample, last + 1) / rate_hz
         self._next_sample = last + 1
-        counts = [round(self.axis.position(t_s) / MICROSTEP_M) for t_s in times_s.tolist()]
+        microstep_m = self._settings.microstep_m
+        counts = [round(self.axis.position(t_s) / microstep_m) for t_s in times_s.tolist()]
         block = SampleBlock(
             self._stream,
             self._seq,
@@ -194,7 +228,7 @@ class MockZaberStage:
             np.array(counts, dtype=np.int64)[:, None],
             times_s=times_s,
             unit="m",
-            scale=MICROSTEP_M,
+            scale=microstep_m,
             device_t0_s=float(times_s[0]),
             arrival_s=now_s,
         )
@@ -208,6 +242,7 @@ class MockZaberStage:
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
         now_s = self._clock.now()
+        self._look(now_s)
         fault = self._faults.begun(now_s, "stall")
         if fault is not None:
             self._stall(fault, now_s)
@@ -215,10 +250,10 @@ class MockZaberStage:
         if failed is not None:
             self._statuses.append(failed)
         axis = self.axis
-        deaf = self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
-        if self._answer is not None and not axis.moving(now_s) and not deaf:
+        if self._answer is not None and not axis.moving(now_s) and not self._gone(now_s):
+            self._homed = self._homed or isinstance(self._command, Home)
             at_s = max(axis.arrival_s, self._commanded_s)
-            self._statuses.append(self._answer(at_s, self.name, axis.target_m, command_id=self._commanded))
+            self._statuses.append(self._answer(at_s, self.name, axis.target_m, command_id=self._command_id))
             self._answer = None
         taken, self._statuses = self._statuses, []
         return taken
@@ -232,6 +267,6 @@ class MockZaberStage:
                 now_s,
                 self.name,
                 f"stalled ({fault.kind} injected at {fault.at_s:g} s)",
-                command_id=self._commanded,
+                command_id=self._command_id,
             )
         )

@@ -30,18 +30,10 @@ from drivers.messages import (
     StreamInfo,
 )
 from drivers.zaber_stage import codec
+from drivers.zaber_stage.commands import doing, valid
 from drivers.zaber_stage.dialogue import Answer, Dialogue, Question
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
-from drivers.zaber_stage.procedures import (
-    Found,
-    Line,
-    Moving,
-    Opening,
-    Procedures,
-    RejectedError,
-    doing,
-    valid,
-)
+from drivers.zaber_stage.procedures import Found, Line, Moving, Opening, Procedures, RejectedError, Way
 
 OPEN_TURN_S = 0.0005
 """Pause between two looks at the port while opening (assumption: a tenth of an exchange at 115,200 baud)."""
@@ -60,10 +52,12 @@ class _Sample(NamedTuple):
 class ZaberStage:
     """A stage on its approach axis; implements `drivers.protocols.Device`.
 
-    An approach is an absolute move to its limit at the speed that was asked for, and the same limit is set
-    in the device's travel limits beforehand and read back. So nothing need be done when the host dies: the
-    stage stops at the limit by itself. `Stop` is written at once, past whatever else is on its way. A move
-    before homing is refused; `Home` goes to the stage's home end. A newer motion replaces an older.
+    A motion is a chain of absolute moves: the first goes as far as the command's `blind_travel_m`, the next ones are
+    sent while the stage moves, each as far beyond where it was last seen, so that it never slows down before the end.
+    The limit of an approach is set in the device's travel limits beforehand and read back. So nothing need be done
+    when the host dies or is stopped: the stage halts by itself. `Stop` is written at once, past whatever else is on its
+    way. A move before homing is refused; `Home` goes to the stage's home end, which the device does by itself. A newer
+    motion replaces an older.
 
     The stream `<name>.position` (raw microsteps, irregular) has one sample for each question that was
     answered, at the middle of question and answer; one that was not is a jump in the sequence. Before
@@ -88,6 +82,7 @@ class ZaberStage:
         self._statuses: list[Status] = []
         self._samples: list[_Sample] = []
         self._seq = 0
+        self._renewals = self._halts = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -98,8 +93,9 @@ class ZaberStage:
         self._question: Question | None = None  # of the procedure
         self._poll: Question | None = None  # for the position
         self._halt: Question | None = None
+        self._renewal: Question | None = None  # sends it on
         self._motion: Command | None = None  # the stage is on its way
-        self._target: int | None = None
+        self._way: Way | None = None  # of the motion; None on the way home
         self._stopping: Stop | None = None  # not yet answered
         self._since_s = -math.inf  # answers to older questions say nothing of this motion
         self._asked_s = -math.inf
@@ -180,8 +176,11 @@ class ZaberStage:
         return [self._block(run) for run in runs]
 
     def account(self) -> Mapping[str, object]:
-        """Position samples published; what was lost is told by statuses."""
-        return {"positions": self._seq}
+        """Position samples published, how often it was sent on, and how often it had halted before that.
+
+        What was lost is told by statuses.
+        """
+        return {"positions": self._seq, "sent_on": self._renewals, "halted_unseen": self._halts}
 
     def poll(self) -> Sequence[Status]:
         """Statuses since the last call, in order."""
@@ -207,9 +206,11 @@ class ZaberStage:
             self._fail(self._failure)
 
     def _abandon(self) -> None:
-        if self._question is not None and self._dialogue is not None:
-            self._dialogue.withdraw(self._question)
-        self._question = self._procedure = self._command = self._waiting = self._motion = None
+        for question in (self._question, self._renewal):
+            if question is not None and self._dialogue is not None:
+                self._dialogue.withdraw(question)
+        self._question = self._renewal = None
+        self._procedure = self._command = self._waiting = self._motion = None
 
     def _turn(self) -> None:
         """Hear what has come, say what is due."""
@@ -221,7 +222,7 @@ class ZaberStage:
         if dialogue.fault is not None:
             what = doing(self._command or self._motion)
             self._fail(f"{dialogue.fault} while {what}; is the cable in {self._settings.port}?")
-        elif not (self._halt or self._poll or self._question):
+        elif not (self._halt or self._poll or self._question or self._renewal):
             self._proceed(dialogue)
 
     def _proceed(self, dialogue: Dialogue) -> None:
@@ -247,9 +248,16 @@ class ZaberStage:
     def _hear(self, dialogue: Dialogue, question: Question, answer: Answer) -> None:
         if question is self._poll:
             self._poll = None
-            self._observe(question, answer)
+            self._observe(dialogue, question, answer)
         elif question is self._halt:
             self._halt = None
+        elif question is self._renewal:
+            self._renewal = None
+            if not answer.reply.accepted:
+                self._stall(
+                    self._bench_s(answer.arrival_s), f"it rejects {question.text!r} with {answer.reply.data}"
+                )
+                self._motion = None
         elif question is self._question:
             self._advance(dialogue, answer)
 
@@ -262,12 +270,12 @@ class ZaberStage:
             self._say(dialogue, procedure.send(answer.reply))
         except StopIteration as end:
             self._question = self._procedure = self._command = None
-            self._motion, self._target = command, end.value
+            self._motion, self._way = command, end.value
         except RejectedError as rejection:
             self._question = self._procedure = self._command = None
             self._refuse(command, str(rejection))
 
-    def _observe(self, question: Question, answer: Answer) -> None:
+    def _observe(self, dialogue: Dialogue, question: Question, answer: Answer) -> None:
         """Take a position, and what the stage says of itself beside it."""
         reply = answer.reply
         if not (reply.accepted and reply.data.lstrip("-").isdecimal()):
@@ -282,8 +290,22 @@ class ZaberStage:
         if newly and codec.astray(reply.flag):
             self._stall(t_s, f"{codec.meaning(reply.flag)} ({reply.flag})")
             self._motion = None
-        if not reply.busy and answer.sent_s >= self._since_s:
+        if answer.sent_s < self._since_s:
+            return
+        if self._motion is not None and self._way is not None:
+            # One that stands elsewhere was stopped by something, a hand perhaps: it is not sent on against that.
+            ahead = self._procedures.renewed(self._way, counts)
+            if ahead is not None and (reply.busy or counts == self._way.bound):
+                self._send_on(dialogue, ahead, standing=not reply.busy)
+                return
+        if not reply.busy:
             self._stand_still(t_s, counts)
+
+    def _send_on(self, dialogue: Dialogue, ahead: Way, *, standing: bool) -> None:
+        self._way = ahead
+        self._renewal = dialogue.ask(self._procedures.towards(ahead).text)
+        self._renewals += 1
+        self._halts += standing
 
     def _sample(self, lost: int, t_s: float, counts: int, arrival_s: float) -> None:
         if lost:
@@ -296,10 +318,10 @@ class ZaberStage:
         position_m = self._mounting.position_m(counts)
         if self._stopping is not None:
             self._say_status(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
-        elif self._motion is not None and self._target is None and self._flag in codec.UNHOMED:
+        elif self._motion is not None and self._way is None and self._flag in codec.UNHOMED:
             self._stall(t_s, f"{codec.meaning(self._flag)} after homing ({self._flag})")
-        elif self._motion is not None and self._target not in (None, counts):
-            aim_m = self._mounting.position_m(self._target or 0)
+        elif self._motion is not None and self._way is not None and self._way.target != counts:
+            aim_m = self._mounting.position_m(self._way.target)
             reason = f"it stopped at {position_m:.6f} m on the way to {aim_m:.6f} m ({self._flag})"
             self._stall(t_s, reason)
         elif self._motion is not None:

@@ -7,6 +7,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from drivers.messages import MoveAt, MoveTo
 from drivers.settings import Settings
 from drivers.zaber_stage import codec
 
@@ -14,19 +15,13 @@ ROUNDING = 1e-6
 """Microsteps that a length may be off by arithmetic alone and still count as whole."""
 
 
-class ZaberStageSettings(Settings):
-    """A stage on a serial port.
+class StageLimits(Settings):
+    """How a stage is mounted, how far and how fast it may go: the same for a real one and a simulated one.
 
     Positions are on the approach axis, which grows towards the object: `origin_m` from the home end is its
     zero, `forward` its direction.
     """
 
-    port: str
-    """Serial port, `/dev/serial/by-id/...` or a pty."""
-    baud: int = Field(default=115200, ge=9600, le=921600)
-    """Line speed in bits per second (assumption: the factory default)."""
-    address: int = Field(default=1, ge=1, le=99)
-    """Device number on the line (assumption: the factory default)."""
     microstep_m: float = Field(default=codec.MICROSTEP_M, gt=0.0, le=1e-4)
     """Metres per microstep (`codec.MICROSTEP_M`)."""
     forward: Literal[1, -1] = 1
@@ -39,14 +34,6 @@ class ZaberStageSettings(Settings):
     """Greatest position in metres; set in the device as well (51,200 microsteps: a stage of one inch)."""
     max_speed_m_s: float = Field(default=0.025, gt=0.0, le=2.0)
     """Greatest speed in m/s; set in the device as well (assumption: twice the paper's fastest approach)."""
-    position_interval_s: float = Field(default=0.01, ge=0.001, le=1.0)
-    """Time in seconds between two questions for the position while it moves or is listened to."""
-    idle_interval_s: float = Field(default=0.2, ge=0.001, le=10.0)
-    """The same while it stands and nobody listens: how soon a dead link is noticed (assumption)."""
-    retry_s: float = Field(default=0.05, gt=0.0, le=5.0)
-    """When a question is asked again, in seconds (assumption: ten times an exchange at 115,200 baud)."""
-    reply_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
-    """Silence in seconds after which the device has failed (assumption: ten questions)."""
 
     @model_validator(mode="after")
     def _on_the_rail(self) -> Self:
@@ -62,6 +49,25 @@ class ZaberStageSettings(Settings):
         return self
 
 
+class ZaberStageSettings(StageLimits):
+    """A stage on a serial port."""
+
+    port: str
+    """Serial port, `/dev/serial/by-id/...` or a pty."""
+    baud: int = Field(default=115200, ge=9600, le=921600)
+    """Line speed in bits per second (assumption: the factory default)."""
+    address: int = Field(default=1, ge=1, le=99)
+    """Device number on the line (assumption: the factory default)."""
+    position_interval_s: float = Field(default=0.01, ge=0.001, le=1.0)
+    """Time in seconds between two questions for the position while it moves or is listened to."""
+    idle_interval_s: float = Field(default=0.2, ge=0.001, le=10.0)
+    """The same while it stands and nobody listens: how soon a dead link is noticed (assumption)."""
+    retry_s: float = Field(default=0.05, gt=0.0, le=5.0)
+    """When a question is asked again, in seconds (assumption: ten times an exchange at 115,200 baud)."""
+    reply_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
+    """Silence in seconds after which the device has failed (assumption: ten questions)."""
+
+
 class Mounting:
     """Turns positions on the approach axis into what the device counts, and back.
 
@@ -71,7 +77,7 @@ class Mounting:
         settings: Of the stage.
     """
 
-    def __init__(self, settings: ZaberStageSettings) -> None:
+    def __init__(self, settings: StageLimits) -> None:
         self._microstep_m = settings.microstep_m
         self._forward = settings.forward
         self._origin = codec.microsteps(settings.origin_m, settings.microstep_m)
@@ -89,6 +95,18 @@ class Mounting:
     def nearest(self, position_m: float) -> int:
         """The count nearest to a position, inside the travel."""
         return min(max(codec.microsteps(position_m, self._microstep_m), self.lowest), self.highest)
+
+    def target(self, command: MoveAt | MoveTo) -> int:
+        """The count where a motion ends."""
+        if isinstance(command, MoveTo):
+            return self.nearest(command.position_m)
+        forward = command.velocity_m_s > 0.0
+        return self.at_most(command.limit_m) if forward else self.at_least(command.limit_m)
+
+    def ahead(self, here: int, target: int, blind_travel_m: float) -> int:
+        """The count, on the way from `here` to a target, to which the device may be sent and nobody look."""
+        reach = max(1, self.at_most(blind_travel_m))
+        return min(target, here + reach) if target >= here else max(target, here - reach)
 
     def position_m(self, counts: int) -> float:
         """Metres on the approach axis."""

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from drivers.errors import CommandError
-from drivers.messages import Command, Home, Listen, MoveAt, MoveTo, Stop
+from drivers.messages import Command, MoveAt, MoveTo
 from drivers.zaber_stage import codec
+from drivers.zaber_stage.commands import NOT_HOMED, refusal
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
+
+RENEWED_SHARE = 0.25
+"""How much of the blind travel is used up before the stage is sent on (assumption: it leaves three more chances)."""
 
 
 class Line(NamedTuple):
@@ -42,48 +45,25 @@ class Found:
     checksums: bool
 
 
-Opening = Generator[Line, codec.Reply, Found]
-Moving = Generator[Line, codec.Reply, int | None]
-"""Ends with the count where the stage will stand, or None where that is the home end."""
+class Way(NamedTuple):
+    """Where a motion leads, in counts.
 
-
-def valid(device: str, settings: ZaberStageSettings, command: Command) -> Command:
-    """The command as it will be sent: too great a speed is clamped.
-
-    Raises:
-        CommandError: not for a stage, not finite or out of range.
+    Attributes:
+        target: Where it ends.
+        bound: Where the device has been sent so far: it stands there unless it is sent on.
+        speed: Velocity data.
+        blind_travel_m: How far ahead of where it was last seen it may be sent.
     """
-    match command:
-        case Home() | Stop() | Listen():
-            return command
-        case MoveAt(velocity_m_s=speed_m_s, limit_m=target_m):
-            pass
-        case MoveTo(position_m=target_m, speed_m_s=speed_m_s):
-            pass
-        case _:
-            raise CommandError(
-                device, f"applying {command}", "a stage only moves", "send it to another device"
-            )
-    doing = f"moving to {target_m:g} m at {speed_m_s:g} m/s"
-    if not math.isfinite(speed_m_s) or speed_m_s == 0.0 or (speed_m_s < 0.0 and isinstance(command, MoveTo)):
-        raise CommandError(device, doing, f"{speed_m_s:g} m/s is no speed", "choose one above zero")
-    if not settings.travel_min_m <= target_m <= settings.travel_max_m:
-        reason = f"its travel is {settings.travel_min_m:g} to {settings.travel_max_m:g} m"
-        raise CommandError(device, doing, reason, "choose a target inside it")
-    clamped_m_s = math.copysign(min(abs(speed_m_s), settings.max_speed_m_s), speed_m_s)
-    if isinstance(command, MoveAt):
-        return replace(command, velocity_m_s=clamped_m_s)
-    return replace(command, speed_m_s=clamped_m_s)
+
+    target: int
+    bound: int
+    speed: int
+    blind_travel_m: float
 
 
-def doing(command: Command | None) -> str:
-    """What goes on while a command is carried out, for people."""
-    match command:
-        case MoveAt(limit_m=target_m) | MoveTo(position_m=target_m):
-            return f"moving to {target_m:g} m"
-        case Home():
-            return "homing"
-    return "standing"
+Opening = Generator[Line, codec.Reply, Found]
+Moving = Generator[Line, codec.Reply, Way | None]
+"""Ends with the stage's way, or None where it goes to its home end."""
 
 
 class Procedures:
@@ -98,6 +78,7 @@ class Procedures:
         self._settings = settings
         self._mounting = mounting
         self._limits: dict[str, int] = {}
+        self._acceleration_m_s2 = math.nan
 
     def identify(self) -> Opening:
         """Asks who it is, stops it where it moves, sets travel and speed limits.
@@ -114,6 +95,7 @@ class Procedures:
         serial = yield from _accepted(Line("get system.serial"))
         firmware = yield from _accepted(Line("get version"))
         acceleration = yield from _asked("accel")
+        self._acceleration_m_s2 = codec.acceleration_m_s2(acceleration, s.microstep_m)
         for name in ("limit.min", "limit.max"):
             self._limits[name] = yield from _asked(name)
         found_m = self._limits_m()
@@ -124,7 +106,7 @@ class Procedures:
             device_id=device_id.data,
             serial=serial.data,
             firmware=firmware.data,
-            acceleration_m_s2=codec.acceleration_m_s2(acceleration, s.microstep_m),
+            acceleration_m_s2=self._acceleration_m_s2,
             limits_found_m=found_m,
             limits_set_m=self._limits_m(),
             max_speed_m_s=s.max_speed_m_s,
@@ -143,29 +125,33 @@ class Procedures:
             yield from _accepted(Line("home", decisive=True))
             return None
         if codec.UNHOMED.intersection(warnings.data.split()):
-            raise RejectedError("it does not know where it is; send Home first")
+            raise RejectedError(NOT_HOMED)
         mounting = self._mounting
-        if isinstance(command, MoveTo):
-            velocity_m_s = command.speed_m_s
-            target = mounting.nearest(command.position_m)
-            yield from self._set_limits(mounting.lowest, mounting.highest)
-        else:
-            velocity_m_s = command.velocity_m_s
-            target = yield from self._limit(command)
-        speed = max(1, codec.velocity_data(abs(velocity_m_s), self._settings.microstep_m))
-        yield from _accepted(Line(f"move abs {mounting.device(target)} {speed}", decisive=True))
-        return target
-
-    def _limit(self, command: MoveAt) -> Generator[Line, codec.Reply, int]:
-        """Makes the device itself hold the limit; where that is, in counts."""
-        mounting = self._mounting
-        forward = command.velocity_m_s > 0.0
-        limit = mounting.at_most(command.limit_m) if forward else mounting.at_least(command.limit_m)
-        yield from self._set_limits(*((mounting.lowest, limit) if forward else (limit, mounting.highest)))
+        target, ends = mounting.target(command), (mounting.lowest, mounting.highest)
+        velocity_m_s = command.velocity_m_s if isinstance(command, MoveAt) else command.speed_m_s
+        if isinstance(command, MoveAt):  # the device itself holds the limit
+            ends = (mounting.lowest, target) if velocity_m_s > 0.0 else (target, mounting.highest)
+        yield from self._set_limits(*ends)
         here = mounting.counts((yield from _asked("pos")))
-        if here > limit if forward else here < limit:
-            raise RejectedError(f"it is beyond the limit already, at {mounting.position_m(here):.6f} m")
-        return limit
+        reason = refusal(mounting, command, here, self._acceleration_m_s2)
+        if reason:
+            raise RejectedError(reason)
+        speed = max(1, codec.velocity_data(abs(velocity_m_s), self._settings.microstep_m))
+        bound = mounting.ahead(here, target, command.blind_travel_m)
+        way = Way(target, bound, speed, command.blind_travel_m)
+        yield from _accepted(self.towards(way))
+        return way
+
+    def towards(self, way: Way) -> Line:
+        """What sends the stage to the bound of its way. Said of one that moves, it goes on at its speed."""
+        return Line(f"move abs {self._mounting.device(way.bound)} {way.speed}", decisive=True)
+
+    def renewed(self, way: Way, here: int) -> Way | None:
+        """The way with its bound moved on; None where that may wait until more of what was given is used up."""
+        bound = self._mounting.ahead(here, way.target, way.blind_travel_m)
+        used = abs(bound - way.bound) * self._settings.microstep_m
+        enough = used >= RENEWED_SHARE * way.blind_travel_m or (bound == way.target and used)
+        return way._replace(bound=bound) if enough else None
 
     def _set_limits(self, lowest: int, highest: int) -> Generator[Line, codec.Reply, None]:
         """Writes what differs, for the device keeps its limits in flash; the wider end comes first."""

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from drivers.mock.devices.zaber_settings import CONSTANTS
-from drivers.mock.plants.stage_axis import StageAxis
+from drivers.mock.plants.stage_axis import STAGE_HOME_M_S, StageAxis
 from drivers.settings import Settings
 from drivers.zaber_stage import codec
 
@@ -36,7 +36,7 @@ class EmulatedZaberStageSettings(Settings):
     """Metres per microstep (data sheet)."""
     travel_m: float = Field(default=0.0254, gt=0.0, le=3.0)
     """Length of the rail in metres (51,200 microsteps: a stage of one inch)."""
-    home_speed_m_s: float = Field(default=0.02, gt=0.0, le=1.0)
+    home_speed_m_s: float = Field(default=STAGE_HOME_M_S, gt=0.0, le=1.0)
     """Speed of homing in m/s (assumption)."""
     homed: bool = False
     """True where it has been homed before the program starts."""

@@ -13,6 +13,9 @@ HISTORY_PIECES = 64
 STAGE_M_S2 = 0.5
 """Acceleration of the bench's stage. Assumption: 12 mm/s in 24 ms, ordinary for a small lead-screw stage."""
 
+STAGE_HOME_M_S = 0.02
+"""Speed at which the bench's stage goes home (assumption)."""
+
 STAGE_M_S = 0.026
 """Fastest speed of the bench's stage. Assumption: a small lead-screw stage."""
 

@@ -8,9 +8,10 @@ import pytest
 
 from drivers.errors import CommandError
 from drivers.messages import Command, Excite, Home, MoveAt, MoveTo
-from drivers.zaber_stage.codec import Reply
+from drivers.zaber_stage.codec import Reply, acceleration_m_s2
+from drivers.zaber_stage.commands import valid
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
-from drivers.zaber_stage.procedures import Line, Procedures, RejectedError, valid
+from drivers.zaber_stage.procedures import Line, Procedures, RejectedError, Way
 
 SETTINGS = ZaberStageSettings(port="-")
 STEP_M = SETTINGS.microstep_m
@@ -69,13 +70,13 @@ def test_opening_sets_travel_and_speed_in_the_device_and_moves_nothing() -> None
 def test_an_approach_sets_its_limit_in_the_device_reads_it_back_and_only_then_moves_there() -> None:
     script = Script()
     target = opened(script).carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M))
-    assert script.play(target) == 10000
+    assert script.play(target) == Way(target=10000, bound=4031, speed=8389, blind_travel_m=0.002)
     assert script.said == [
         "warnings clear",
         "set limit.max 10000",
         "get limit.max",
         "get pos",
-        "move abs 10000 8389",
+        "move abs 4031 8389",
     ]
 
 
@@ -126,6 +127,26 @@ def test_a_stage_that_is_beyond_the_limit_is_not_moved_back_to_it() -> None:
     with pytest.raises(RejectedError, match="beyond the limit already"):
         script.play(procedures.carry_out(MoveAt("stage", 0.01, 10000 * STEP_M)))
     assert not [line for line in script.said if line.startswith("move")]
+
+
+def test_a_stage_is_sent_on_from_where_it_is_and_no_farther_than_its_target() -> None:
+    procedures = opened(Script())
+    way = Way(target=-10000, bound=-4031, speed=8389, blind_travel_m=0.002)
+    assert procedures.renewed(way, -1007) is None, "less than a quarter is used up"
+    assert procedures.renewed(way, -1008) == way._replace(bound=-5039)
+    last = procedures.renewed(way._replace(bound=-9900), -9000)
+    assert last == way._replace(bound=-10000)
+    assert procedures.renewed(last, -9500) is None
+    assert procedures.towards(last).text == "move abs -10000 8389"
+
+
+def test_a_speed_that_the_blind_travel_does_not_bear_is_refused_with_what_it_needs() -> None:
+    procedures = opened(Script(accel=round(0.5 / acceleration_m_s2(1, STEP_M))))
+    fast = MoveAt("stage", 0.025, 0.012, blind_travel_m=0.0018)
+    with pytest.raises(RejectedError, match=r"needs 0.0019 m .* limits.blind_travel_m is 0.0018"):
+        Script().play(procedures.carry_out(fast))
+    # A way that is shorter needs none of it.
+    Script().play(procedures.carry_out(MoveAt("stage", 0.025, 0.0018, blind_travel_m=0.0018)))
 
 
 def test_a_move_before_homing_says_to_home_first() -> None:

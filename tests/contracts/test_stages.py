@@ -1,0 +1,265 @@
+"""The mock stage and the real driver on the emulated stage: the same refusals, limits, clamps and statuses.
+
+Both run in virtual time. A real motion begins some exchanges later than a simulated one, a few turns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from drivers.clock import VirtualClock
+from drivers.errors import CommandError
+from drivers.messages import (
+    Command,
+    Excite,
+    Grip,
+    Home,
+    Listen,
+    MoveAt,
+    MoveTo,
+    Reached,
+    Refused,
+    Sent,
+    Standstill,
+    Status,
+    Stop,
+    Twist,
+)
+from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from drivers.mock.plants.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
+from drivers.mock.zaber_stage import MockZaberStage, MockZaberStageSettings
+from drivers.zaber_stage import driver as real
+from drivers.zaber_stage.codec import MICROSTEP_M
+from drivers.zaber_stage.driver import ZaberStage
+from drivers.zaber_stage.mounting import ZaberStageSettings
+from tests.contracts.crank import Crank
+from tests.contracts.memory_line import MemoryLine
+
+LAG_M = 0.001
+"""How far a stage goes at its fastest in the turns by which a real motion begins later."""
+
+
+class StageBench(Crank):
+    """A stage called `stage`, and where it really is."""
+
+    def __init__(self, device: Any, axis: StageAxis) -> None:
+        super().__init__(device, device._clock)
+        self.axis = axis
+
+    def apply(self, command: Command, seconds: float = 0.0) -> list[Status]:
+        """Send a command, turn the crank; what was said meanwhile."""
+        self.statuses.clear()
+        self.device.apply(command)
+        self.turn(seconds)
+        return list(self.statuses)
+
+    @property
+    def position_m(self) -> float:
+        return self.axis.position(self.clock.monotonic_s())
+
+    @property
+    def speed_m_s(self) -> float:
+        return self.axis.velocity(self.clock.monotonic_s())
+
+
+def simulated(**limits: float) -> StageBench:
+    bench = SimpleNamespace(mount=lambda axis: None, on_plan=lambda t_s: None)
+    stage = MockZaberStage("stage", MockZaberStageSettings(**limits), VirtualClock(), bench)  # type: ignore[arg-type]
+    return StageBench(stage, stage.axis)
+
+
+def emulated(**limits: float) -> StageBench:
+    clock = VirtualClock()
+    axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
+    line = MemoryLine(EmulatedZaberStage(EmulatedZaberStageSettings(), axis), clock)
+    stage = ZaberStage("stage", ZaberStageSettings(port="-", **limits), clock)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(real, "open_serial", lambda *_: line)
+        bench = StageBench(stage, axis)
+    bench.line = line  # type: ignore[attr-defined]
+    return bench
+
+
+MADE = {"simulated": simulated, "emulated": emulated}
+
+
+@pytest.fixture(params=MADE)
+def bench(request: pytest.FixtureRequest) -> StageBench:
+    return MADE[request.param]()
+
+
+@pytest.fixture
+def homed(bench: StageBench) -> StageBench:
+    assert isinstance(bench.apply(Home("stage"), 1.0)[-1], Reached)
+    return bench
+
+
+@pytest.mark.parametrize("command", [MoveTo("stage", 0.005, 0.01, id=3), MoveAt("stage", 0.01, 0.005, id=3)])
+def test_no_motion_before_home(bench: StageBench, command: Command) -> None:
+    said = bench.apply(command, 1.0)
+    assert [type(status) for status in said] == [Refused]
+    assert said[0].command_id == 3
+    assert "it does not know where it is; send Home first" in said[0].reason  # type: ignore[attr-defined]
+    assert bench.position_m == 0.0
+
+
+def test_home_once_is_enough(homed: StageBench) -> None:
+    homed.clock.restart()
+    getattr(homed.device, "restart", lambda: None)()
+    said = homed.apply(MoveTo("stage", 0.001, 0.01, id=3), 1.0)
+    assert [type(status) for status in said] == [Sent, Reached]
+
+
+def test_home_goes_to_the_home_end(homed: StageBench) -> None:
+    homed.apply(MoveTo("stage", 0.008, 0.02), 2.0)
+    said = homed.apply(Home("stage", id=4), 2.0)
+    assert [(type(status), status.command_id) for status in said] == [(Sent, 4), (Reached, 4)]
+    assert homed.position_m == pytest.approx(0.0, abs=MICROSTEP_M)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        MoveTo("stage", 0.0255, 0.01),
+        MoveTo("stage", -0.001, 0.01),
+        MoveTo("stage", math.nan, 0.01),
+        MoveTo("stage", 0.01, math.inf),
+        MoveTo("stage", 0.01, 0.0),
+        MoveTo("stage", 0.01, -0.01),
+        MoveTo("stage", 0.01, 0.01, blind_travel_m=0.0),
+        MoveTo("stage", 0.01, 0.01, blind_travel_m=math.nan),
+        MoveAt("stage", 0.01, 0.0255),
+        MoveAt("stage", 0.01, math.nan),
+        MoveAt("stage", 0.0, 0.01),
+        MoveAt("stage", math.nan, 0.01),
+        Twist("stage", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0),
+        Grip("stage", 0.01, 0.01, 10.0),
+        Excite("stage", True),
+    ],
+)
+def test_what_makes_no_sense_is_an_error_and_nothing_moves(homed: StageBench, command: Command) -> None:
+    with pytest.raises(CommandError):
+        homed.device.apply(command)
+    homed.turn(0.5)
+    assert homed.position_m == 0.0
+
+
+@pytest.mark.parametrize(
+    ("command", "clamped"),
+    [
+        (MoveTo("stage", 0.02, 5.0), MoveTo("stage", 0.02, 0.025)),
+        (MoveAt("stage", 5.0, 0.02), MoveAt("stage", 0.025, 0.02)),
+    ],
+)
+def test_too_great_a_speed_is_clamped_and_that_is_told(
+    homed: StageBench, command: Command, clamped: Command
+) -> None:
+    (sent,) = homed.apply(command, 0.4)
+    assert sent == Sent(sent.t_s, "stage", clamped)
+    assert homed.speed_m_s == pytest.approx(0.025, rel=1e-3)
+
+
+def test_an_approach_from_beyond_its_limit_is_refused(homed: StageBench) -> None:
+    homed.apply(MoveTo("stage", 0.008, 0.02), 2.0)
+    for command in (MoveAt("stage", 0.01, 0.007), MoveAt("stage", -0.01, 0.009)):
+        (said,) = homed.apply(command, 0.5)
+        assert isinstance(said, Refused)
+        assert said.reason == "it is beyond the limit already, at 0.008000 m"
+    assert homed.position_m == pytest.approx(0.008, abs=MICROSTEP_M)
+
+
+def test_a_speed_that_the_blind_travel_does_not_bear_is_refused(homed: StageBench) -> None:
+    (said,) = homed.apply(MoveAt("stage", 0.02, 0.01, blind_travel_m=0.001), 0.5)
+    assert isinstance(said, Refused)
+    assert "limits.blind_travel_m is 0.001" in said.reason
+    assert homed.position_m == 0.0
+
+
+@pytest.mark.parametrize("command", [MoveTo("stage", 0.012, 0.012), MoveAt("stage", 0.012, 0.012)])
+def test_a_stage_that_is_looked_at_moves_as_evenly_as_in_one_piece(
+    homed: StageBench, command: Command
+) -> None:
+    homed.apply(command, 0.2)
+    while homed.position_m < 0.0115:
+        assert homed.speed_m_s == pytest.approx(0.012, rel=1e-3)
+        homed.turn(0.02)
+    homed.turn(1.0)
+    assert isinstance(homed.statuses[-1], Reached)
+
+
+@pytest.mark.parametrize("blind_m", [0.0012, 0.002, 0.005])
+@pytest.mark.parametrize("towards", [1, -1])
+def test_a_stage_that_nobody_looks_at_halts_within_its_blind_travel_and_goes_on_when_seen(
+    homed: StageBench, blind_m: float, towards: int
+) -> None:
+    from_m, to_m = (0.0, 0.02) if towards > 0 else (0.02, 0.0)
+    homed.apply(MoveTo("stage", from_m, 0.02), 3.0)
+    homed.apply(MoveAt("stage", towards * 0.012, to_m, blind_travel_m=blind_m), 0.3)
+    seen_m = homed.position_m
+    homed.clock.wait_until(homed.clock.now() + 5.0)
+    homed.device.read()
+    halted_m = homed.position_m
+    assert 0.5 * blind_m < towards * (halted_m - seen_m) <= blind_m + MICROSTEP_M
+    homed.turn(3.0)
+    assert [type(status) for status in homed.statuses] == [Sent, Reached]
+    assert homed.position_m == pytest.approx(to_m, abs=MICROSTEP_M)
+
+
+def test_a_stop_is_answered_moving_or_not(homed: StageBench) -> None:
+    said = homed.apply(Stop("stage", id=5), 0.1)
+    assert [(type(status), status.command_id) for status in said] == [(Sent, 5), (Standstill, 5)]
+    homed.apply(MoveAt("stage", 0.01, 0.02, id=6), 0.5)
+    said = homed.apply(Stop("stage", id=7), 0.5)
+    assert [(type(status), status.command_id) for status in said] == [(Sent, 7), (Standstill, 7)]
+    still_m = homed.position_m
+    homed.turn(1.0)
+    assert homed.position_m == still_m, "nothing sends it on after a stop"
+
+
+PLACES_M = (0.0, 0.004, 0.008, 0.012)
+
+COMMANDS = st.one_of(
+    st.just(Home("stage")),
+    st.just(Stop("stage")),
+    st.just(Listen("stage", frozenset({"stage.position"}))),
+    st.builds(
+        lambda to, v: MoveTo("stage", to, v), st.sampled_from(PLACES_M), st.sampled_from((0.005, 0.02, 1.0))
+    ),
+    st.builds(
+        lambda v, to: MoveAt("stage", v, to),
+        st.sampled_from((0.005, 0.02, -0.005, -0.02, 1.0)),
+        st.sampled_from(PLACES_M),
+    ),
+)
+
+
+def told(statuses: list[Status]) -> list[tuple[Any, ...]]:
+    """What is compared: kinds, numbers, commands as clamped, reasons without the place that they name."""
+    return [
+        (
+            type(status),
+            status.command_id,
+            getattr(status, "command", None),
+            getattr(status, "reason", "").partition(", at ")[0],
+        )
+        for status in statuses
+    ]
+
+
+@settings(max_examples=40, deadline=None, phases=(Phase.explicit, Phase.generate, Phase.shrink))
+@given(st.lists(st.tuples(COMMANDS, st.sampled_from((0.1, 3.0))), max_size=5))
+def test_whatever_is_asked_both_say_the_same(steps: list[tuple[Command, float]]) -> None:
+    one, other = simulated(), emulated()
+    for number, (command, seconds) in enumerate([(Home("stage"), 1.0), *steps], start=1):
+        said = [bench.apply(replace(command, id=number), seconds) for bench in (one, other)]
+        assert told(said[0]) == told(said[1])
+        assert one.position_m == pytest.approx(other.position_m, abs=LAG_M)
+        ends = [[s.position_m for s in side if isinstance(s, Reached)] for side in said]
+        assert ends[0] == pytest.approx(ends[1], abs=MICROSTEP_M)
