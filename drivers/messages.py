@@ -29,6 +29,21 @@ class StreamInfo:
     scale: float = 1.0
     rate_hz: float | None = None
 
+    def block(
+        self,
+        seq: int,
+        t0_s: float,
+        values: Values,
+        *,
+        times_s: NDArray[np.float64] | None = None,
+        device_t0_s: float | None = None,
+        arrival_s: float | None = None,
+    ) -> SampleBlock:
+        """Consecutive samples of this stream; see `SampleBlock`."""
+        return SampleBlock(
+            self.name, seq, t0_s, values, self.rate_hz, times_s, self.unit, self.scale, device_t0_s, arrival_s
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:

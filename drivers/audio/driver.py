@@ -51,7 +51,7 @@ class Audio:
     The stream `<name>.fingers` has raw 24-bit counts of the right and the left finger. Its `seq` counts the frames of
     the converter, which also drives: a tone's phase is zero at frame 0 (`level * cos(2 pi f seq / rate)`, but for
     the constant delay of the converters), so that `seq` is the in-phase reference. What was overrun or
-    lost is a gap in `seq`, told as `Lost`. Times come from the converter's clock (`clock_model`).
+    lost is a gap in `seq`, told as `Lost`. Times come from the converter's clock (`numbering`).
 
     A finger at full scale is told as `Saturated` at each excursion. Clipped, silent or 16-bit sound is refused at
     `open`; a finger that falls silent later, a recording that ends and a source that goes away have failed.
@@ -175,7 +175,7 @@ class Audio:
             "frames": self._frames.taken,
             "frames_lost": self._frames.lost,
             "saturations": self._saturations,
-            "drift_ppm": self._frames.model.drift_ppm,
+            "drift_ppm": self._frames.clock.model.drift_ppm,
             **self._source.account(),
         }
 

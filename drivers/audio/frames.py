@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from drivers.audio.source import Packet
-from drivers.clock_model import ClockModel, Timeline
+from drivers.clock import Clock
 from drivers.messages import SampleBlock, StreamInfo
-
-
-class BenchTime(Protocol):
-    """What is needed of the host's clock."""
-
-    def from_monotonic(self, monotonic_s: float) -> float:
-        """Bench time of a reading of the monotonic clock."""
+from drivers.numbering import DeviceClock, Track
 
 
 class CounterError(ValueError):
@@ -34,73 +26,59 @@ class Frames:
         max_drift_ppm: Bound on the drift of the converter's clock.
 
     Attributes:
-        model: Of the converter's clock.
+        clock: The converter's.
         lost: Frames lost so far.
         taken: Frames handed out so far.
     """
 
     def __init__(
-        self, info: StreamInfo, channels: tuple[int, int], clock: BenchTime, max_drift_ppm: float
+        self, info: StreamInfo, channels: tuple[int, int], clock: Clock, max_drift_ppm: float
     ) -> None:
         assert info.rate_hz is not None
-        self.model = ClockModel(max_drift_ppm)
+        self.clock = DeviceClock(max_drift_ppm)
         self.lost = 0
         self.taken = 0
         self._info = info
         self._rate_hz = info.rate_hz
         self._channels = list(channels)
-        self._clock = clock
-        self._timeline = Timeline(self.model)
-        self._next: int | None = None
-        self._begins = True
+        self._bench = clock
+        self._track = Track(self.clock, info.rate_hz)
+        self._last = -1
 
     def begin(self) -> None:
         """What comes next was asked for anew: what is missing before it is not lost."""
-        self._begins = True
+        self._track.begin()
 
     def learn(self, packet: Packet) -> None:
         """Learn of the converter's clock from a packet that is not handed out."""
-        self.model.observe(self._device_us(packet.frame + len(packet.counts) - 1), packet.arrival_s)
+        last = packet.frame + len(packet.counts) - 1
+        self.clock.model.observe(last / self._rate_hz, packet.arrival_s)
 
     def push(self, packet: Packet) -> tuple[SampleBlock, int]:
         """The block of a packet, and how many frames were lost before it.
 
         Raises:
-            CounterError: it goes back to frames that have been.
+            CounterError: it goes back to frames that have been, or far ahead of the time that has passed.
         """
-        n = len(packet.counts)
-        if self._next is not None and packet.frame < self._next:
-            raise CounterError(f"the converter began anew: after frame {self._next - 1} came {packet.frame}")
-        lost = 0 if self._begins or self._next is None else packet.frame - self._next
-        self.lost += lost
+        n, device_s = len(packet.counts), packet.frame / self._rate_hz
+        placed = self._track.place(device_s, packet.arrival_s, n)
+        if packet.frame <= self._last or self.clock.restarts:
+            raise CounterError(f"the converter began anew: after frame {self._last} came {packet.frame}")
+        self._last = packet.frame + n - 1
+        self.lost += placed.lost or 0
         self.taken += n
-        self._begins = False
-        self._next = packet.frame + n
-        first_us, last_us = self._device_us(packet.frame), self._device_us(packet.frame + n - 1)
-        self.learn(packet)
-        host_s = float(self._timeline.host_s(np.array([first_us], np.int64))[0])
-        self._timeline.hold(last_us, host_s + (n - 1) / self._rate_hz)
-        bench_s = self._clock.from_monotonic(0.0)
-        block = SampleBlock(
-            self._info.name,
+        bench_s = self._bench.from_monotonic(0.0)
+        block = self._info.block(
             packet.frame,
-            host_s + bench_s,
+            placed.t0_s + bench_s,
             np.ascontiguousarray(packet.counts[:, self._channels]),
-            rate_hz=self._rate_hz,
-            unit=self._info.unit,
-            scale=self._info.scale,
-            device_t0_s=packet.frame / self._rate_hz,
+            device_t0_s=device_s,
             arrival_s=packet.arrival_s + bench_s,
         )
-        return block, lost
+        return block, placed.lost or 0
 
     def time_s(self, frame: int, arrival_s: float) -> float:
         """Bench time of a frame; of its news where no sound has told of the converter's clock yet."""
-        if not self.model.ready:
-            return self._clock.from_monotonic(arrival_s)
-        host_s = float(self.model.host_s(np.array([self._device_us(frame)], np.int64))[0])
-        return self._clock.from_monotonic(min(host_s, arrival_s))
-
-    def _device_us(self, frame: int) -> int:
-        rate_hz = round(self._rate_hz)
-        return (frame * 1_000_000 + rate_hz // 2) // rate_hz
+        if self.clock.model.ready:
+            arrival_s = min(self.clock.model.host_s(frame / self._rate_hz), arrival_s)
+        return self._bench.from_monotonic(arrival_s)

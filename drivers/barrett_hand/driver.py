@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
-from drivers.barrett_hand.numbering import Numbering
 from drivers.barrett_hand.strain import Strain, StrainSettings
 from drivers.can_link import Beat, CanLink, CanPort, Heard, open_can
 from drivers.clock import Clock
@@ -27,6 +26,7 @@ from drivers.messages import (
     Status,
     Tare,
 )
+from drivers.numbering import Runs, Track, host_clock
 
 OPEN_TURN_S = 0.001
 """Pause between two looks at the bus while opening (assumption: several frames long)."""
@@ -43,15 +43,6 @@ class _Answer(NamedTuple):
     due_s: float
     arrival_s: float
     counts: int
-
-
-class _Run(NamedTuple):
-    """Answers of one finger without a gap."""
-
-    seq: int
-    due_s: float
-    arrival_s: float
-    counts: list[int]
 
 
 class BarrettHandSettings(CanPort, StrainSettings):
@@ -101,7 +92,9 @@ class BarrettHand:
     def _forget(self) -> None:
         self._heard: frozenset[int] = frozenset()
         self._heard_s = self._clock.monotonic_s()
-        self._numbers = {finger: Numbering(self._settings.poll_hz) for finger in self._settings.fingers}
+        self._tracks = {
+            finger: Track(host_clock(), self._settings.poll_hz) for finger in self._settings.fingers
+        }
 
     def open(self) -> DeviceInfo:
         """Connect and read every finger once.
@@ -190,6 +183,9 @@ class BarrettHand:
         self._turn()
         self._heard = fingers
         self._heard_s = self._clock.monotonic_s()
+        for finger in fingers:  # another question has another grid of beats
+            self._tracks[finger].begin()
+            self._strains[finger].forget()
         if not fingers:
             link.ask(None)
             return
@@ -228,20 +224,14 @@ class BarrettHand:
 
     def _take(self, finger: int, answers: Sequence[_Answer]) -> None:
         """Make blocks of what a finger answered."""
-        strain, runs, lost = self._strains[finger], list[_Run](), 0
-        for answer in answers:
-            numbered = self._numbers[finger].number(answer.beat, answer.due_s)
-            lost += numbered.lost
-            if numbered.begins:
-                strain.forget()
-            if runs and not (numbered.begins or numbered.lost):
-                runs[-1] = runs[-1]._replace(arrival_s=answer.arrival_s)
-                runs[-1].counts.append(answer.counts)
-            else:
-                runs.append(_Run(numbered.seq, answer.due_s, answer.arrival_s, [answer.counts]))
-        for run in runs:
-            t0_s, arrival_s = (self._clock.from_monotonic(s) for s in (run.due_s, run.arrival_s))
-            block = strain.block(run.seq, t0_s, np.array(run.counts, dtype=np.int64), arrival_s)
+        strain, runs, lost = self._strains[finger], Runs[int](), 0
+        for beat, due_s, arrival_s, counts in answers:
+            placed = self._tracks[finger].place(due_s, arrival_s, counter=beat, joins=bool(runs))
+            lost += placed.lost or 0
+            runs.push(placed.seq, placed.t0_s, arrival_s, counts)
+        for run in runs.take():
+            t0_s, arrival_s = (self._clock.from_monotonic(s) for s in (run.t0_s, run.arrival_s))
+            block = strain.block(run.seq, t0_s, np.array(run.samples, dtype=np.int64), arrival_s)
             self._blocks.append(block)
             self._statuses += strain.saturation(block)
         if lost:

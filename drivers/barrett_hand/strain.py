@@ -64,17 +64,7 @@ class Strain:
     def block(self, seq: int, t0_s: float, raw: NDArray[np.int64], arrival_s: float) -> SampleBlock:
         """Consecutive readings, shape (n,), the first of them number `seq` at bench time `t0_s`."""
         self._recent.extend(raw[-TARE_SAMPLES:].tolist())
-        info = self.info
-        return SampleBlock(
-            info.name,
-            seq,
-            t0_s,
-            (raw - self.zero)[:, None],
-            rate_hz=info.rate_hz,
-            unit=info.unit,
-            scale=info.scale,
-            arrival_s=arrival_s,
-        )
+        return self.info.block(seq, t0_s, (raw - self.zero)[:, None], arrival_s=arrival_s)
 
     def saturation(self, block: SampleBlock) -> list[Saturated]:
         """Where this block leaves the range in which the hand works; each excursion is told once."""

@@ -43,6 +43,7 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
+from drivers.numbering import Run, Runs
 
 NOT_OPEN = "it is not open"
 
@@ -50,11 +51,8 @@ IDLE = Drive(0, 0, 0, activate=False, go=False)
 
 
 class _Sample(NamedTuple):
-    seq: int
-    t_s: float
     width_m: float
     closing_ma: int
-    arrival_s: float
 
 
 class CanGripper:
@@ -84,11 +82,14 @@ class CanGripper:
         self._settings = settings
         self._clock = clock
         self._brackets = Brackets(settings.closed_width_m, settings.force_n_per_ma)
-        self._streams = (f"{name}.width", f"{name}.force")
+        self._infos = (
+            StreamInfo(f"{name}.width", ("width",), "m"),
+            StreamInfo(f"{name}.force", ("force",), "N", settings.force_n_per_ma),
+        )
         self._link: CanLink | None = None
         self._failure: str | None = NOT_OPEN
         self._statuses: list[Status] = []
-        self._samples: list[_Sample] = []
+        self._runs = Runs[_Sample]()
         self._seq = 0
         self._lost = 0
         self._forget()
@@ -127,16 +128,12 @@ class CanGripper:
         self._state = found.state
         self._watch.faulty = bool(found.errors.active)
         self._asked.clear()
-        width, force = self._streams
         return DeviceInfo(
             self.name,
             model=f"SSG-48, hardware {found.info.hardware}",
             serial=str(found.info.serial),
             version=str(found.info.software),
-            streams={
-                width: StreamInfo(width, ("width",), "m"),
-                force: StreamInfo(force, ("force",), "N", self._settings.force_n_per_ma),
-            },
+            streams={info.name: info for info in self._infos},
             mover=True,
             details={
                 "closed_width_m": self._brackets.closed_width_m,
@@ -173,7 +170,7 @@ class CanGripper:
         s = self._settings
         command = valid(self.name, self._brackets, s.max_speed_m_s, s.max_force_n, command)
         if isinstance(command, Listen):
-            self._heard = command.streams & frozenset(self._streams)
+            self._heard = command.streams & {info.name for info in self._infos}
             return Applied(command, self._clock.now())
         link, refusal = self._link, self._refusal(command)
         if link is None or refusal is not None:
@@ -190,13 +187,13 @@ class CanGripper:
     def read(self) -> Sequence[SampleBlock]:
         """Widths and forces that have arrived since the last call."""
         self._turn()
-        runs: list[list[_Sample]] = []
-        for sample in self._samples:
-            if not runs or sample.seq != runs[-1][-1].seq + 1:
-                runs.append([])
-            runs[-1].append(sample)
-        self._samples = []
-        return [self._block(stream, run) for stream in sorted(self._heard) for run in runs]
+        runs = self._runs.take()
+        return [
+            self._block(info, run)
+            for info in reversed(self._infos)
+            if info.name in self._heard
+            for run in runs
+        ]
 
     def poll(self) -> Sequence[Status]:
         """Statuses since the last call, in order."""
@@ -296,7 +293,7 @@ class CanGripper:
             t_s = self._clock.from_monotonic(0.5 * (asked_s + heard.arrival_s))
             width_m = self._brackets.width_m(answer.position)
             arrival_s = self._clock.from_monotonic(heard.arrival_s)
-            self._samples.append(_Sample(self._seq, t_s, width_m, -answer.current_ma, arrival_s))
+            self._runs.push(self._seq, t_s, arrival_s, _Sample(width_m, -answer.current_ma))
         self._seq += 1
 
     def _give_up(self, now_s: float) -> None:
@@ -312,17 +309,14 @@ class CanGripper:
         self._failure = reason
         self._statuses.append(Failed(self._clock.now(), self.name, reason))
 
-    def _block(self, stream: str, run: list[_Sample]) -> SampleBlock:
-        width = stream == self._streams[0]
-        return SampleBlock(
-            stream,
-            run[0].seq,
-            run[0].t_s,
-            np.array([[sample.width_m if width else sample.closing_ma] for sample in run]),
-            times_s=np.array([sample.t_s for sample in run]),
-            unit="m" if width else "N",
-            scale=1.0 if width else self._settings.force_n_per_ma,
-            arrival_s=run[-1].arrival_s,
+    def _block(self, info: StreamInfo, run: Run[_Sample]) -> SampleBlock:
+        width = info is self._infos[0]
+        return info.block(
+            run.seq,
+            run.t0_s,
+            np.array([[sample.width_m if width else sample.closing_ma] for sample in run.samples]),
+            times_s=np.array(run.times_s),
+            arrival_s=run.arrival_s,
         )
 
 

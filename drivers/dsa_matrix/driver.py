@@ -71,7 +71,7 @@ class DsaMatrix:
 
     Which matrices there are and how many cells they have they say themselves. The stream `<name>.taxels` has one
     channel for each cell, `m<matrix>.r<row>.c<column>`, raw counts of about a millivolt; frame k stands on the
-    controller's own clock (`clock_model`), which counts milliseconds. A gap in it is loss, told as `Lost`: the
+    controller's own clock (`numbering`), which counts milliseconds. A gap in it is loss, told as `Lost`: the
     controller drops the frames that the line is too slow for. A texel at its end is told as `Saturated`.
 
     Args:
@@ -196,7 +196,7 @@ class DsaMatrix:
             "bytes_passed_over": counts.passed_over,
             "frames_wrong": frames.wrong,
             "frames_lost": frames.lost,
-            "drift_ppm": frames.model.drift_ppm,
+            "drift_ppm": frames.clock.model.drift_ppm,
         }
 
     def _acquire(self, run: bool) -> codec.Acquire:

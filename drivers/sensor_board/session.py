@@ -172,7 +172,7 @@ class Session:
 
     def account(self) -> Mapping[str, object]:
         """Frames on the line by what came of them, and the drift of the board's clock in ppm."""
-        drift_ppm = self._streams.model.drift_ppm
+        drift_ppm = self._streams.clock.model.drift_ppm
         return {**asdict(self._decoder.counts), "malformed": self._malformed, "drift_ppm": drift_ppm}
 
     # what is heard

@@ -71,7 +71,7 @@ class UrArm:
         self.name = name
         self._settings = settings
         self._clock = clock
-        self._streams = Streams(name, settings, clock.from_monotonic)
+        self._streams = Streams(name, settings, clock)
         self._host: ArmHost | None = None
         self._ready = False
         self._failure = NOT_OPEN

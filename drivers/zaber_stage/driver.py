@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
+from drivers.numbering import Runs
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import doing, valid
 from drivers.zaber_stage.dialogue import Answer, Dialogue, Question
@@ -40,13 +40,6 @@ OPEN_TURN_S = 0.0005
 
 
 NOT_OPEN = "it is not open"
-
-
-class _Sample(NamedTuple):
-    seq: int
-    t_s: float
-    counts: int
-    arrival_s: float
 
 
 class ZaberStage:
@@ -75,12 +68,12 @@ class ZaberStage:
         self._clock = clock
         self._mounting = Mounting(settings)
         self._procedures = Procedures(settings, self._mounting)
-        self._stream = f"{name}.position"
+        self._info = StreamInfo(f"{name}.position", ("position",), "m", settings.microstep_m)
         self._link: SerialLink | None = None
         self._dialogue: Dialogue | None = None
         self._failure: str | None = NOT_OPEN
         self._statuses: list[Status] = []
-        self._samples: list[_Sample] = []
+        self._runs = Runs[int]()
         self._seq = 0
         self._renewals = self._halts = 0
         self._forget()
@@ -130,7 +123,7 @@ class ZaberStage:
             model=f"Zaber device {found.device_id}",
             serial=found.serial,
             version=found.firmware,
-            streams={self._stream: StreamInfo(self._stream, ("position",), "m", s.microstep_m)},
+            streams={self._info.name: self._info},
             mover=True,
             details={**asdict(found), "homed": codec.UNHOMED.isdisjoint(found.flags)},
         )
@@ -153,7 +146,7 @@ class ZaberStage:
         """
         command = valid(self.name, self._settings, command)
         if isinstance(command, Listen):
-            self._listening = self._stream in command.streams
+            self._listening = self._info.name in command.streams
         elif isinstance(command, Stop):
             self._write_stop(command)
         elif self._failure is not None:
@@ -167,13 +160,16 @@ class ZaberStage:
     def read(self) -> Sequence[SampleBlock]:
         """Positions that have arrived since the last call."""
         self._turn()
-        runs: list[list[_Sample]] = []
-        for sample in self._samples:
-            if not runs or sample.seq != runs[-1][-1].seq + 1:
-                runs.append([])
-            runs[-1].append(sample)
-        self._samples = []
-        return [self._block(run) for run in runs]
+        return [
+            self._info.block(
+                run.seq,
+                run.t0_s,
+                np.array(run.samples, dtype=np.int64)[:, None],
+                times_s=np.array(run.times_s),
+                arrival_s=run.arrival_s,
+            )
+            for run in self._runs.take()
+        ]
 
     def account(self) -> Mapping[str, object]:
         """Position samples published, how often it was sent on, and how often it had halted before that.
@@ -309,9 +305,9 @@ class ZaberStage:
 
     def _sample(self, lost: int, t_s: float, counts: int, arrival_s: float) -> None:
         if lost:
-            self._say_status(Lost(t_s, self.name, self._stream, lost))
+            self._say_status(Lost(t_s, self.name, self._info.name, lost))
         self._seq += lost
-        self._samples.append(_Sample(self._seq, t_s, counts, arrival_s))
+        self._runs.push(self._seq, t_s, arrival_s, counts)
         self._seq += 1
 
     def _stand_still(self, t_s: float, counts: int) -> None:
@@ -375,15 +371,3 @@ class ZaberStage:
 
     def _bench_s(self, monotonic: float) -> float:
         return self._clock.from_monotonic(monotonic)
-
-    def _block(self, run: list[_Sample]) -> SampleBlock:
-        return SampleBlock(
-            self._stream,
-            run[0].seq,
-            run[0].t_s,
-            np.array([[sample.counts] for sample in run], dtype=np.int64),
-            times_s=np.array([sample.t_s for sample in run]),
-            unit="m",
-            scale=self._settings.microstep_m,
-            arrival_s=run[-1].arrival_s,
-        )

@@ -1,11 +1,10 @@
-"""A gauge's readings in newtons, its zero, its saturation; the numbers of its samples."""
+"""A gauge's readings in newtons, its zero, its saturation."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from drivers.barrett_hand.numbering import Numbered, Numbering
 from drivers.barrett_hand.strain import Strain, StrainSettings
 from drivers.messages import SampleBlock, Saturated
 
@@ -65,25 +64,3 @@ def test_a_new_zero_does_not_move_the_range(strain: Strain) -> None:
     strain.tare()
     assert strain.saturation(block(strain, 3400)) == []
     assert len(strain.saturation(block(strain, 3500))) == 1
-
-
-def test_a_beat_without_an_answer_is_a_lost_sample() -> None:
-    numbering = Numbering(1000.0)
-    assert numbering.number(0, 50.000) == Numbered(0, 0, True)
-    assert numbering.number(1, 50.001) == Numbered(1, 0, False)
-    assert numbering.number(5, 50.005) == Numbered(5, 3, False)
-
-
-def test_another_question_begins_a_segment_whose_numbers_jump() -> None:
-    numbering = Numbering(1000.0)
-    numbering.number(0, 50.0)
-    numbering.number(1, 50.001)
-    assert numbering.number(0, 51.0013) == Numbered(1002, 0, True)
-    assert numbering.number(1, 51.0023) == Numbered(1003, 0, False)
-
-
-def test_a_segment_that_follows_at_once_never_looks_like_a_continuation() -> None:
-    numbering = Numbering(1000.0)
-    numbering.number(41, 50.0)
-    seq, lost, begins = numbering.number(0, 50.0004)
-    assert (seq >= 43, lost, begins) == (True, 0, True)

@@ -1,0 +1,241 @@
+"""Numbers, loss and times of a stream whose truth is known, whatever its device and its line do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from drivers.numbering import COUNTER_MODULUS, DeviceClock, Placed, Runs, Track, host_clock
+
+RATE_HZ = 1000.0
+WRAP_S = 2**32 * 1e-6
+"""Of a clock of u32 microseconds."""
+
+SECONDS_70_DAYS = 70 * 86_400.0
+
+
+@dataclass
+class Device:
+    """Sends frames of ten samples at 1 kHz; host time 1000 s is its first sample's."""
+
+    uptime_s: float = 20.0
+    """What its clock shows at the first sample, wraps apart."""
+    drift_ppm: float = 0.0
+    counter: int = 0
+    """What it counts the first sample as."""
+    lag_s: float = 0.0
+    """Time that passed on the host while it was off."""
+    clock: DeviceClock = field(default_factory=lambda: DeviceClock(200.0, WRAP_S))
+
+    def __post_init__(self) -> None:
+        self.track = Track(self.clock, RATE_HZ)
+
+    def true_s(self, sample: int) -> float:
+        return 1000.0 + sample / RATE_HZ / (1 + self.drift_ppm * 1e-6) + self.lag_s
+
+    def send(self, sample: int, late_s: float = 0.0, n: int = 10) -> Placed:
+        shown_us = round((self.uptime_s + sample / RATE_HZ) * 1e6) % 2**32
+        arrival_s = self.true_s(sample + n - 1) + late_s
+        counter = (self.counter + sample) % COUNTER_MODULUS
+        return self.track.place(shown_us * 1e-6, arrival_s, n, counter=counter)
+
+    def reboot(self, off_s: float, uptime_s: float = 0.0, counter: int = 0) -> None:
+        self.uptime_s, self.counter, self.lag_s = uptime_s, counter, self.lag_s + off_s
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.0, SECONDS_70_DAYS), st.floats(-100.0, 100.0), st.integers(0, COUNTER_MODULUS - 1))
+def test_the_wraps_of_clock_and_counter_are_neither_loss_nor_a_step(
+    uptime_s: float, drift_ppm: float, counter: int
+) -> None:
+    device = Device(uptime_s=uptime_s, drift_ppm=drift_ppm, counter=counter)
+    for sample in range(0, 3000, 10):
+        placed = device.send(sample)
+        assert placed.lost is None
+        assert placed.seq == counter + sample
+        assert placed.t0_s == pytest.approx(device.true_s(sample), abs=2e-5 if sample > 1000 else 1e-4)
+
+
+def test_a_clock_that_wraps_under_way_goes_on() -> None:
+    device = Device(uptime_s=WRAP_S - 0.5)
+    shown_s = [device.send(sample).device_s for sample in range(0, 1000, 10)]
+    assert np.diff(shown_s) == pytest.approx(0.01, abs=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(0.0, SECONDS_70_DAYS),
+    st.integers(0, COUNTER_MODULUS - 1),
+    st.integers(-30_000, 30_000).filter(lambda slip: abs(slip) > 60),
+    st.floats(0.0, 0.08),
+)
+def test_a_counter_that_slips_moves_no_time(uptime_s: float, counter: int, slip: int, late_s: float) -> None:
+    device = Device(uptime_s=uptime_s, counter=counter)
+    for sample in range(0, 2000, 10):
+        before = device.send(sample)
+    device.counter += slip
+    slipped = device.send(2000, late_s)
+    assert slipped.lost == 0
+    assert slipped.seq > before.seq + 10
+    assert device.clock.restarts == 0
+    for sample in range(2010, 4000, 10):
+        placed = device.send(sample)
+        assert placed.lost is None
+        assert placed.t0_s == pytest.approx(device.true_s(sample), abs=1e-5)
+    assert slipped.t0_s == pytest.approx(device.true_s(2000), abs=1e-5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(10.0, SECONDS_70_DAYS), st.floats(0.0, 60.0), st.floats(0.0, 0.5), st.integers(0, 20_000))
+def test_a_device_that_reboots_begins_a_segment_at_the_right_time(
+    uptime_s: float, off_s: float, boot_s: float, counter: int
+) -> None:
+    # One that reboots as its clock would have wrapped shows what it would have shown: nobody can tell.
+    phase_s = (uptime_s + 1.0 + off_s) % WRAP_S
+    assume(10.0 < phase_s < WRAP_S - 10.0)
+    device = Device(uptime_s=uptime_s, counter=counter)
+    for sample in range(0, 1000, 10):
+        before = device.send(sample)
+    device.reboot(off_s + boot_s, uptime_s=boot_s - 1.0)
+    first = device.send(1000)
+    assert first.lost == 0
+    assert first.seq > before.seq + 10
+    assert device.clock.restarts == 1
+    times_s = [first.t0_s, *(device.send(sample).t0_s for sample in range(1010, 3000, 10))]
+    assert times_s[0] >= before.t0_s + 9e-3
+    assert times_s[-1] == pytest.approx(device.true_s(2990), abs=1e-5)
+    assert np.diff(times_s).min() > 9e-3
+
+
+def test_of_several_streams_each_begins_a_segment_when_the_device_reboots() -> None:
+    device = Device()
+    other = Track(device.clock, None)
+    device.send(0)
+    assert other.place(20.005, device.true_s(12), counter=7).lost is None
+    device.reboot(3.0)
+    assert device.send(0).lost == 0
+    assert other.place(0.015, device.true_s(16), counter=0).lost == 0
+    assert device.send(10).lost is None
+
+
+def test_a_device_that_rebooted_in_a_silence_that_was_asked_for_is_dated_by_its_new_clock() -> None:
+    device = Device(uptime_s=5000.0)
+    device.send(0)
+    device.track.begin()
+    device.reboot(60.0)
+    placed = device.send(10)
+    assert placed.lost is None
+    assert placed.t0_s == pytest.approx(device.true_s(10), abs=1e-6)
+
+
+def test_a_counter_that_slips_in_a_burst_of_late_frames_is_taken_for_a_reboot() -> None:
+    """Nobody can tell it from a device that was off; times are late by the burst at most, and recover smoothly."""
+    device = Device()
+    for sample in range(0, 2000, 10):
+        device.send(sample)
+    device.counter += 500
+    assert device.send(2000, late_s=0.2).lost == 0
+    assert device.clock.restarts == 1
+    late_s = [device.send(sample).t0_s - device.true_s(sample) for sample in range(2010, 42_010, 10)]
+    assert max(late_s) < 0.2
+    assert late_s[-1] == pytest.approx(0.0, abs=1e-5)
+    assert np.diff(late_s).max() < 1e-5
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(1, 200_000), st.floats(0.0, 3.0)), max_size=10))
+def test_what_is_missing_is_counted_exactly_however_late_the_next_frame_is(
+    gaps: list[tuple[int, float]],
+) -> None:
+    device = Device(counter=65_000)
+    sample = 0
+    device.send(sample)
+    for missing, late_s in gaps:
+        sample += 10 + missing
+        placed = device.send(sample, late_s)
+        assert (placed.seq, placed.lost) == (65_000 + sample, missing)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.sampled_from(["send", "lose", "slip", "reboot", "begin"]), max_size=60), st.randoms())
+def test_numbers_and_times_ascend_and_no_gap_looks_closed_whatever_happens(
+    happens: list[str], random: Random
+) -> None:
+    device, sample, whole = Device(), 0, True
+    before: Placed | None = None
+    for what in happens:
+        if what == "send":
+            placed = device.send(sample, late_s=random.choice([0.0, 1e-4, 0.05]))
+            if before is not None:
+                assert placed.seq == before.seq + 10 if whole else placed.seq > before.seq + 10
+                assert placed.t0_s > before.t0_s + 9e-3
+            before, whole = placed, True
+            sample += 10
+            continue
+        # Without a frame before it, nobody could know.
+        if before is None:
+            continue
+        if what == "lose":
+            sample += random.randrange(1, 100)
+        elif what == "slip":
+            device.counter += random.randrange(200, 30_000)
+        elif what == "reboot":
+            device.reboot(0.5 + random.random(), uptime_s=-sample / RATE_HZ, counter=-sample)
+        else:
+            sample += 20
+            device.track.begin()
+        whole = False
+
+
+def test_irregular_samples_are_lost_by_their_counter_and_a_counter_that_turns_back_has_slipped() -> None:
+    track = Track(DeviceClock(200.0, WRAP_S), None)
+    assert track.place(0.1, 1000.1, counter=65_530, n=2, span_s=0.05).lost is None
+    assert track.place(0.9, 1000.9, counter=65_540 - COUNTER_MODULUS).lost == 8
+    assert track.place(1.0, 1001.0, counter=3).lost == 0
+
+
+def test_a_device_without_a_counter_is_numbered_by_its_clock() -> None:
+    track = Track(DeviceClock(200.0), 500.0)
+    numbers = [track.place(shown_s, 1000.0 + shown_s) for shown_s in (5.0, 5.002, 5.0038, 5.010, 5.012)]
+    assert [(placed.seq, placed.lost) for placed in numbers] == [
+        (0, None),
+        (1, None),
+        (2, None),
+        (5, 2),
+        (6, None),
+    ]
+    again = track.place(0.002, 1006.0)
+    assert again.lost == 0
+    assert again.seq > 7
+
+
+def test_times_of_samples_that_join_one_block_go_on_by_its_rate() -> None:
+    track = Track(DeviceClock(200.0), 500.0)
+    times_s = [track.place(shown_s, 1000.0 + shown_s, joins=True).t0_s for shown_s in (5.0, 5.0021, 5.0039)]
+    assert np.diff(times_s) == pytest.approx(0.002, abs=1e-12)
+
+
+def test_on_the_hosts_own_clock_times_are_as_they_are() -> None:
+    track = Track(host_clock(), 1000.0)
+    assert track.place(5000.0, 5000.4, counter=0) == (0, 5000.0, 5000.0, None)
+    assert track.place(5000.003, 5000.5, counter=3)[:2] == (3, 5000.003)
+    # Another question has another grid, and counts from zero.
+    again = track.place(5000.0105, 5000.6, counter=0)
+    assert again.lost == 0
+    assert again.seq > 4
+    assert again.t0_s == 5000.0105
+
+
+def test_runs_hold_no_gap() -> None:
+    runs = Runs[str]()
+    for seq, sample in ((4, "a"), (5, "b"), (7, "c")):
+        runs.push(seq, seq * 0.1, seq * 0.1 + 0.05, sample)
+    first, second = runs.take()
+    assert (first.seq, first.samples, first.arrival_s) == (4, ["a", "b"], pytest.approx(0.55))
+    assert (second.seq, second.samples, second.t0_s) == (7, ["c"], pytest.approx(0.7))
+    assert runs.take() == []
