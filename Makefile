@@ -11,8 +11,9 @@ run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches
 	$(BIN)/python run.py run mock/transient_study --no-report
 	$(BIN)/python run.py report latest:mock/transient_study latest:mock/transient
 
-test: .venv/dev.stamp           ## the tests
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+test: .venv/dev.stamp           ## the tests; what they need is compiled before
+	$(BIN)/python -m config.precompile
+	$(BIN)/python -m pytest -n 2 --dist loadscope --durations=15
 
 check: .venv/dev.stamp          ## format, lint, types, import layers; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .
@@ -27,6 +28,7 @@ format: .venv/dev.stamp         ## put code into its format
 	$(BIN)/ruff check --fix .
 
 bench: .venv/dev.stamp          ## run time against error, the loop's cost, the stop's latency: into benchmarks/
+	$(BIN)/python -m pytest benchmarks
 	$(BIN)/python -m benchmarks
 
 diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behaviors' own tables

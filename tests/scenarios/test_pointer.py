@@ -118,16 +118,32 @@ def test_a_fingertip_that_falls_silent_while_it_turns_in_the_air_stops_the_arm(t
     assert stopped["state"] == "TURNING", "1.2 rad at 0.3 rad/s take four seconds"
 
 
-def test_after_a_pause_in_a_touch_the_touch_is_made_again(tmp_path, script):
+PAUSED_ANGLES = (0.0, 0.3)
+"""Enough to pause in a touch that has others before and after it."""
+
+
+@pytest.fixture
+def paused_in_a_touch(tmp_path, script):
     script.words = {"RECORDING": ["pause"], "PAUSED": ["resume"]}
-    outcome, run = run_pointer(tmp_path, operator=script)
+    return run_pointer(tmp_path, operator=script, behavior__angles_rad=str(list(PAUSED_ANGLES)))
+
+
+def test_after_a_pause_in_a_touch_the_touch_is_made_again(paused_in_a_touch, script):
+    outcome, run = paused_in_a_touch
     assert outcome.exit_code == 0
     (sweep,) = read_sweeps([run])
-    assert [touch.true_rad for touch in sweep.touches] == pytest.approx([*ANGLES, *ANGLES[::-1]], abs=1e-3)
-    assert [event["event"] for event in run.events].count("Resumed") == 1
-    assert [name for name, _ in script.seen].count("RECORDING") == 8, (
-        "six touches, one twice, and after the pause"
+    expected = [*PAUSED_ANGLES, *PAUSED_ANGLES[::-1]]
+    assert [touch.true_rad for touch in sweep.touches] == pytest.approx(expected, abs=1e-3)
+    names = [event["event"] for event in run.events]
+    assert names.count("Resumed") == 1
+    assert [name for name, _ in script.seen].count("RECORDING") == 6, (
+        "four touches, one twice, and after the pause"
     )
+    # the answer of a mover that stood already is waited for: it would come while the arm lifts, and end the lift
+    paused, resumed = names.index("Paused"), names.index("Resumed")
+    assert names[paused:resumed].count("Standstill") == 1
+    lifted = names.index("Reached", resumed)
+    assert "Standstill" not in names[resumed:lifted]
 
 
 def test_a_word_to_go_on_while_the_arm_still_brakes_is_not_waited_for_again(tmp_path, script, monkeypatch):
@@ -138,19 +154,8 @@ def test_a_word_to_go_on_while_the_arm_still_brakes_is_not_waited_for_again(tmp_
 
     monkeypatch.setattr("controller.loop.rest", waited)
     script.words = {"TURNING": ["pause"], "PAUSED": ["resume"]}
-    outcome, _ = run_pointer(tmp_path, operator=script)
+    outcome, _ = run_pointer(tmp_path, operator=script, behavior__angles_rad="[0.6, 0.9]")
     assert outcome.exit_code == 0
     names = [name for name, _ in script.seen]
     paused = names.index("PAUSED")
     assert names[paused + 1 : paused + 4] == ["TURNING", "LIFTING", "HOMING"]
-
-
-def test_a_pause_waits_for_the_answer_of_a_mover_that_stood_already(tmp_path, script):
-    """The answer would come while the arm lifts, and be taken for the lift's own."""
-    script.words = {"RECORDING": ["pause"], "PAUSED": ["resume"]}
-    _, run = run_pointer(tmp_path, operator=script)
-    names = [event["event"] for event in run.events]
-    paused, resumed = names.index("Paused"), names.index("Resumed")
-    assert names[paused:resumed].count("Standstill") == 1
-    lifted = names.index("Reached", resumed)
-    assert "Standstill" not in names[resumed:lifted]

@@ -104,8 +104,9 @@ def test_the_arm_really_rolled_and_slid(every_sensor):
 
 
 def test_one_seed_gives_one_file_to_the_last_byte_whatever_else_is_run(tmp_path, every_sensor):
-    _, again = run_slip(tmp_path / "a", SENSORS)
-    assert csv_of(again) == csv_of(every_sensor)
+    """The first two sensors' trials have the numbers that they have in the longer campaign."""
+    _, again = run_slip(tmp_path / "a", SENSORS[:2])
+    assert csv_of(again).splitlines() == csv_of(every_sensor).splitlines()[:3]
     _, other = run_slip(tmp_path / "b", "fingertip", seed=2)
     assert row_of(other, "fingertip") != row_of(every_sensor, "fingertip")
 

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from drivers.compiled import compiled
 from drivers.mock.plants.finger_settings import LOCATIONS, FingerSettings
 
+_REAL = 1e-20
+"""An eigenvalue whose imaginary part is smaller is real, 1/s: what is left of it is the digits' own rounding."""
+
 Switch = tuple[float, str]
 TH, OM, B, BE, A, G1, G2, V = range(8)
 
@@ -46,16 +49,36 @@ class _Modes:
         q1 = self.inverse * (2 * q2 - mp.matrix(p1))
         q0 = self.inverse * (q1 - mp.matrix(p0))
         amplitudes = self.left * (mp.matrix(x) - q0)
-        size = len(x)
+        # a state is a sum of products of real numbers: parts of exp(value t) and powers of t, each with its weight; of
+        # two conjugate values one stands for both
+        kept = [j for j, value in enumerate(self.values) if mp.im(value) > -_REAL]
+        weights = []
+        for i in range(len(x)):
+            shares = [
+                self.right[i, j] * amplitudes[j] * (2 if mp.im(self.values[j]) > _REAL else 1) for j in kept
+            ]
+            weights.append(
+                [
+                    *(mp.re(share) for share in shares),
+                    *(-mp.im(share) for share in shares),
+                    q0[i],
+                    q1[i],
+                    q2[i],
+                ]
+            )
+
+        values = [self.values[j] for j in kept]
 
         def at(t: mpf) -> list[mpf]:
-            powers = [amplitudes[j] * mp.exp(self.values[j] * t) for j in range(size)]
-            return [
-                mp.re(mp.fsum(self.right[i, j] * powers[j] for j in range(size)))
-                + q0[i]
-                + t * (q1[i] + t * q2[i])
-                for i in range(size)
+            powers = [mp.exp(value * t) for value in values]
+            basis = [
+                *(mp.re(power) for power in powers),
+                *(mp.im(power) for power in powers),
+                mpf(1),
+                t,
+                t * t,
             ]
+            return [mp.fdot(weight, basis) for weight in weights]
 
         return at
 
