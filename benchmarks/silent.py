@@ -12,6 +12,9 @@ class Silent:
         """Never a word."""
         return None
 
+    def suspend(self) -> None:
+        """Never asked for."""
+
     def state(self, name: str, t_s: float) -> None:
         """Not shown."""
 

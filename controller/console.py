@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Thread
+from threading import Thread, get_ident
 from types import FrameType, TracebackType
 from typing import Any, TextIO
 
@@ -38,11 +38,14 @@ _TOLD_FIRST = ("frequency_hz", "delay_s", "extent_m", "force_n")
 
 
 class Operator:
-    """Ctrl+C, `kill` and the Enter key, as the loop asks for them at every turn.
+    r"""Ctrl+C, `kill` and the Enter key, as the loop asks for them at every turn.
 
     On a terminal the first Ctrl+C pauses and the second aborts, while Enter goes on with what is paused.
     Without a terminal nobody could press Enter, so the first one aborts, as `kill` and a closed terminal always
-    do. A signal sets a flag and no more: nothing is interrupted in the middle, the loop stops what moves.
+    and Ctrl+\ always do. Ctrl+Z pauses as well, and suspends the program once the loop has seen everything stand still;
+    where somebody lets it go on, it is paused yet (without a terminal, where nobody could press Enter, that is the word
+    to go on). A signal sets a flag and no more: nothing is interrupted in the middle, the loop stops what moves. In the
+    background the keyboard is not read, so that nothing there can suspend a program whose bench moves.
 
     Where a device asks the person for something, Enter answers it, as long as nothing is paused; what was pressed
     before the question came up counts for nothing.
@@ -62,15 +65,21 @@ class Operator:
         self._before: dict[signal.Signals, Any] = {}
         self._modes: list[Any] | None = None
         self._pause = False
+        self._suspend = False
         self._paused = False
+        self._go_on = False
         self._abort = False
 
     def __enter__(self) -> Operator:
-        self._before = {
-            signal.SIGINT: signal.signal(signal.SIGINT, self._interrupted),
-            signal.SIGTERM: signal.signal(signal.SIGTERM, self._ended),
-            signal.SIGHUP: signal.signal(signal.SIGHUP, self._ended),
+        handlers: dict[signal.Signals, Any] = {
+            signal.SIGINT: self._interrupted,
+            **dict.fromkeys((signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT), self._ended),
+            signal.SIGTSTP: self._suspended,
+            signal.SIGCONT: self._continued,
+            # What a terminal sends to a program in the background that reads or writes: it would suspend it at once.
+            **dict.fromkeys((signal.SIGTTIN, signal.SIGTTOU), signal.SIG_IGN),
         }
+        self._before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
         self._silence_keys()
         return self
 
@@ -79,16 +88,18 @@ class Operator:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
-        if self._modes is not None:
-            import termios
-
-            with suppress(termios.error):
-                termios.tcsetattr(self._keyboard.fileno(), termios.TCSANOW, self._modes)
+        self._show_keys()
 
     def poll(self) -> str | None:
-        """What the operator wants now: "pause", "resume", "abort", or None. Never waits."""
+        """What the operator wants now: "pause", "suspend", "resume", "abort", or None. Never waits."""
         if self._abort:
             return "abort"
+        if self._suspend:
+            self._suspend, self._pause, self._paused = False, False, True
+            return "suspend"
+        if self._go_on:
+            self._go_on = self._paused = False
+            return "resume"
         if self._pause:
             self._pause, self._paused = False, True
             self._forget_keys()
@@ -99,6 +110,15 @@ class Operator:
             self._paused = False
             return "resume"
         return None
+
+    def suspend(self) -> None:
+        """Suspend the program until somebody lets it go on; nothing may be moving."""
+        self._show_keys()
+        # this thread's own signal: it goes no instruction farther
+        signal.pthread_kill(get_ident(), signal.SIGSTOP)
+        self._silence_keys()
+        self._forget_keys()
+        self._go_on = not self._interactive
 
     @property
     def question(self) -> Question | None:
@@ -112,6 +132,13 @@ class Operator:
         else:
             self._abort = True
 
+    def _suspended(self, number: int, frame: FrameType | None) -> None:
+        self._suspend = True
+
+    def _continued(self, number: int, frame: FrameType | None) -> None:
+        """From the background into the foreground as well: the shell has set the terminal as it likes it."""
+        self._silence_keys()
+
     def _ended(self, number: int, frame: FrameType | None) -> None:
         self._abort = True
 
@@ -120,28 +147,56 @@ class Operator:
 
         Nothing is drained: a terminal that takes nothing would be waited for.
         """
-        if not self._interactive:
+        if not self._in_foreground():
             return
         import termios
 
-        self._modes = termios.tcgetattr(self._keyboard.fileno())
-        silent = list(self._modes)
-        silent[0] &= ~termios.IXON
-        silent[3] &= ~termios.ECHO
-        termios.tcsetattr(self._keyboard.fileno(), termios.TCSANOW, silent)
+        with suppress(termios.error):
+            modes = termios.tcgetattr(self._keyboard.fileno())
+            self._modes = self._modes or modes
+            silent = list(modes)
+            silent[0] &= ~termios.IXON
+            silent[3] &= ~termios.ECHO
+            termios.tcsetattr(self._keyboard.fileno(), termios.TCSANOW, silent)
+
+    def _show_keys(self) -> None:
+        """The terminal as it was."""
+        if self._modes is not None and self._in_foreground():
+            import termios
+
+            with suppress(termios.error):
+                termios.tcsetattr(self._keyboard.fileno(), termios.TCSANOW, self._modes)
+
+    def _in_foreground(self) -> bool:
+        """Whether there is a terminal whose keys are meant for this program."""
+        if not self._interactive:
+            return False
+        try:
+            return os.tcgetpgrp(self._keyboard.fileno()) == os.getpgrp()
+        except (
+            OSError
+        ):  # not the terminal of this session, so that no shell has its jobs there; or it has hung up
+            return True
 
     def _forget_keys(self) -> None:
         """An Enter from before the pause is no word to go on."""
-        import termios
+        if self._in_foreground():
+            import termios
 
-        termios.tcflush(self._keyboard.fileno(), termios.TCIFLUSH)
+            with suppress(termios.error):
+                termios.tcflush(self._keyboard.fileno(), termios.TCIFLUSH)
 
     def _line_typed(self) -> str | None:
         """What was typed before Enter, or None where Enter was not pressed."""
+        if not self._in_foreground():
+            return None
         descriptor = self._keyboard.fileno()
         if not select.select([descriptor], [], [], 0.0)[0]:
             return None
-        typed = os.read(descriptor, 1024)
+        try:
+            typed = os.read(descriptor, 1024)
+        except OSError:
+            typed = b""
         if not typed:
             self._abort = True  # The terminal is gone, and with it whoever could go on.
             return None
@@ -223,6 +278,10 @@ class PlainConsole:
             if question is not None:
                 self._say(question.text)
         return self._operator.poll()
+
+    def suspend(self) -> None:
+        """Suspends the program."""
+        self._operator.suspend()
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Says what is run, and where it goes."""

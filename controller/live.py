@@ -118,6 +118,14 @@ class LiveConsole:
             self._refresh()
         return self._operator.poll()
 
+    def suspend(self) -> None:
+        """Leaves the terminal to the shell meanwhile."""
+        if self._drawer is not None:
+            self._drawer.end(self._picture())
+        self._operator.suspend()
+        if self._drawer is not None:
+            self._drawer = _Drawer(self._terminal)
+
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Adds a row."""
         self._counts[outcome] += 1

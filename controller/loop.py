@@ -75,7 +75,11 @@ class Operator(Protocol):
     """The person at the bench."""
 
     def poll(self) -> str | None:
-        """Returns "pause", "resume", "abort" or None; never waits."""
+        """Returns "pause", "suspend" (pause, and call `suspend` once nothing moves), "resume", "abort" or None; never
+        waits."""
+
+    def suspend(self) -> None:
+        """Suspend the program until somebody lets it go on."""
 
     def state(self, name: str, t_s: float) -> None:
         """Show the state that the trial is in."""
@@ -173,7 +177,8 @@ class Loop:
         self._newest: dict[str, int] = {}  # of the commands that are answered, by device
         self._moving: set[str] = set()
         self._paused_s: float | None = None
-        self._resuming = False
+        self._resuming = self._suspending = False
+        self._turns = 0
         self._guard.reset(behavior.range_streams)
         try:
             self._guard.fit(self._streams | {signal.info.name: signal.info for signal in signals})
@@ -181,9 +186,8 @@ class Loop:
                 raise UnfitStreamError(line)
             self._hear_operator_first()
             self._begin()
-            turn = 0
             while not behavior.done:
-                turn, late_s = self._wait(self._next(turn))
+                self._turns, late_s = self._wait(self._next(self._turns))
                 self._turn(self._clock.now(), late_s)
         finally:
             self.halt()
@@ -251,9 +255,11 @@ class Loop:
     def _hear_operator_first(self) -> None:
         """A word from before the trial counts before anything moves."""
         word = self._operator.poll()
-        if word == "pause":
+        if word in ("pause", "suspend"):
             self._operator.state("PAUSED", self._clock.now())
             while word not in ("resume", "abort"):
+                if word == "suspend":
+                    self._operator.suspend()
                 rest(KEY_INTERVAL_S)
                 word = self._operator.poll()
         if word == "abort":
@@ -340,7 +346,6 @@ class Loop:
                         found += detector.push(block)
                     except ValueError as error:
                         raise UnfitStreamError(f"{detector.name}: {error}") from error
-        found.sort(key=lambda event: event.t_s)
         return found
 
     def _handle(self, event: Event) -> None:
@@ -440,7 +445,7 @@ class Loop:
         word = self._operator.poll()
         if word == "abort":
             raise Aborted
-        if word == "pause" and self._paused_s is None:
+        if word in ("pause", "suspend") and self._paused_s is None:
             self._paused_s = t_s
             self._resuming = False
             self._stop_all()
@@ -450,6 +455,16 @@ class Loop:
             self._operator.state("PAUSED", t_s)
         elif word == "resume":
             self._resuming = True
+        self._suspending |= word == "suspend"
+        if self._suspending and not self._moving:
+            self._suspend()
+
+    def _suspend(self) -> None:
+        """Suspend the program, now that every mover is seen standing still."""
+        self._suspending = False
+        self._operator.suspend()
+        rest(KEY_INTERVAL_S)  # the drivers' threads were suspended too, and take now what came meanwhile
+        self._turns = math.floor(self._clock.now() * self._settings.rate_hz)  # no turn was late
 
     def _go_on(self, t_s: float) -> None:
         """End a pause, once what the movers say of it has been passed over.

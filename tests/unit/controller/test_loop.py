@@ -573,15 +573,31 @@ def test_a_stream_that_nobody_sends_is_refused_before_anything_moves(bench):
     assert bench.told(MoveTo) == []
 
 
-def test_a_signal_is_recorded_in_the_place_of_what_it_is_made_of_to_the_last_block(bench):
-    """The last samples come while the bench is being stopped."""
-    bench.signals, bench.ear = (Doubled(),), Ear("signals.double")
-    bench.behavior.plans[Approach.States.APPROACH] = StatePlan(1.0, detectors=frozenset({"contact"}))
-    bench.other.brake_s = 0.1
+def test_what_is_listened_to_is_recorded(bench):
     bench.run()
-    assert {block.stream for block in bench.recorded} == {"signals.double", "board.load"} or {
-        block.stream for block in bench.recorded
-    } == {"signals.double"}
+    assert {block.stream for block in bench.recorded} == {"board.force", "board.load"}
+    assert sum(len(block) for block in bench.recorded if block.stream == "board.force") == 100
+
+
+def test_a_signal_is_recorded_in_the_place_of_what_it_is_made_of_to_the_last_block(bench):
+    """The last samples come while the bench is being stopped, by an abort in the middle."""
+    bench.signals, bench.ear = (Doubled(),), Ear("signals.double")
+    bench.words, bench.other.brake_s = [("abort", 0.15)], 0.1
+    with pytest.raises(Aborted):
+        bench.run()
+    assert {block.stream for block in bench.recorded} == {"signals.double", "board.load"}
+    for stream in ("signals.double", "board.load"):
+        assert bench.recorded[-1].last_s == pytest.approx(0.25, abs=2 * TURN_S)
+        assert sum(len(block) for block in bench.recorded if block.stream == stream) == pytest.approx(
+            150, abs=10
+        )
+
+
+def test_streams_that_a_trial_has_watched_for_their_range_are_listened_to_in_motion(bench):
+    bench.behavior.range_streams = frozenset({"board.force"})
+    bench.behavior.plans[Approach.States.APPROACH] = StatePlan(1.0)
+    bench.run()
+    assert bench.told(Listen)[0][1] == Listen("board", frozenset({"board.force", "board.load"}))
 
 
 # --- time -----------------------------------------------------------------------------------------
@@ -656,14 +672,12 @@ def test_on_the_wall_clock_a_rest_turns_at_the_idle_rate(bench):
 # --- events ---------------------------------------------------------------------------------------
 
 
-def test_events_of_a_turn_are_told_in_the_order_of_their_times(bench):
-    bench.ear.above = 0.15
-    bench.board.say(Lost, "board.force", 1, at_s=0.1505)
+@pytest.mark.parametrize(("lost_s", "order"), [(0.1505, ["Lost", "Contact"]), (0.153, ["Contact", "Lost"])])
+def test_events_of_a_turn_are_told_in_the_order_of_their_times(bench, lost_s, order):
+    bench.ear.above = 0.1505  # the sample at 0.151 s
+    bench.board.say(Lost, "board.force", 1, at_s=lost_s)
     bench.run()
-    names = [name for name, *_ in bench.kept]
-    assert names.index("Lost") < names.index("Contact"), (
-        "0.1505 s is before the sample above 0.15, at 0.151 s"
-    )
+    assert [name for name, *_ in bench.kept if name in order] == order
 
 
 def test_an_event_is_kept_with_the_state_before_the_state_after_and_the_commands(bench):

@@ -1,0 +1,166 @@
+"""Signals to a run whose stage moves, on an emulated bench that outlives it: the stage stands still first."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from config.assemble import Table, start_emulator
+from config.profile import load_profile
+from controller.recording.reader import open_run
+from tests.wire.wire_campaign import QUICK
+
+ROOT = Path(__file__).resolve().parents[2]
+
+SETTINGS = [option for key, value in QUICK.items() for option in ("--set", f"{key}={value}")]
+
+PATIENCE_S = 60.0
+"""How long a machine that is busy with others may take for what takes some seconds."""
+
+
+class Started:
+    """A run as a process of its own, at a terminal or without one, on an emulator that lives on."""
+
+    def __init__(self, folder: Path, terminal: bool) -> None:
+        profile = load_profile("emulated/transient", QUICK, table=Table())
+        self.emulator = start_emulator(profile)
+        self.out = folder / "runs"
+        (folder / "bench.json").write_text(json.dumps(self.emulator.endpoints))
+        (folder / "trials.csv").write_text("location,speed_m_s\nf,0.0025\n")
+        self.hand, keyboard = os.openpty() if terminal else (-1, os.open(os.devnull, os.O_RDONLY))
+        options = ["--endpoints", folder / "bench.json", "--trials", folder / "trials.csv", "--out", self.out]
+        self.process = subprocess.Popen(
+            [
+                sys.executable,
+                "run.py",
+                "run",
+                "emulated/transient",
+                "--no-report",
+                *SETTINGS,
+                *map(str, options),
+            ],
+            cwd=ROOT,
+            stdin=keyboard,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        os.close(keyboard)
+
+    def close(self) -> None:
+        """End everything."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+        if self.hand >= 0:
+            os.close(self.hand)
+        self.emulator.close()
+
+    def moves(self) -> bool:
+        """Whether the stage moves."""
+        return self.emulator.scene()["probe_m_s"] != 0.0
+
+    def suspended(self) -> bool:
+        """Whether the process does nothing at all."""
+        stat = Path(f"/proc/{self.process.pid}/stat").read_text()
+        return stat.rpartition(") ")[2][0] == "T"
+
+    def approaches(self) -> bool:
+        """Whether the trial has come as far as its approach."""
+        return any(event["next"] == "APPROACH" for event in self.events()) and self.moves()
+
+    def events(self) -> list[Any]:
+        """What is in the record by now."""
+        files = list(self.out.glob("*/events.jsonl"))
+        lines = files[0].read_text().splitlines(keepends=True) if files else []
+        return [json.loads(line) for line in lines if line.endswith("\n")]
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        """Wait for something that must come."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            if self.process.poll() is not None:
+                raise AssertionError(self.process.communicate()[1])
+            assert time.monotonic() < end_s, [event["event"] for event in self.events()][-5:]
+            time.sleep(0.01)
+
+    def ended(self) -> tuple[int, str]:
+        """Exit code and what it complained of."""
+        errors = self.process.communicate(timeout=PATIENCE_S)[1]
+        return self.process.returncode, errors
+
+
+@pytest.fixture
+def started(tmp_path: Path) -> Iterator[Callable[..., Started]]:
+    runs: list[Started] = []
+
+    def start(*, terminal: bool = True) -> Started:
+        runs.append(Started(tmp_path, terminal))
+        return runs[-1]
+
+    yield start
+    for run in runs:
+        run.close()
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_ctrl_z_suspends_the_program_once_the_stage_stands_and_a_person_lets_it_go_on(
+    started: Callable[..., Started], terminal: bool
+) -> None:
+    run = started(terminal=terminal)
+    run.until(run.approaches)
+    run.process.send_signal(signal.SIGTSTP)
+    run.until(run.suspended)
+    assert not run.moves()
+    time.sleep(0.5)  # whatever was still on its way
+    assert not run.moves()
+    run.process.send_signal(signal.SIGCONT)
+    if terminal:
+        run.until(lambda: not run.suspended())
+        time.sleep(0.5)
+        assert not run.moves(), "it waits for Enter"
+        os.write(run.hand, b"\n")
+    assert run.ended() == (0, "")
+    names = [event["event"] for event in run.events()]
+    paused = names.index("Paused")
+    assert "Standstill" in names[paused:]
+    assert names.index("Resumed") > names.index("Standstill", paused)
+    assert "BaselineReady" in names[names.index("Resumed") :], "a new baseline"
+    (folder,) = run.out.iterdir()
+    assert [row["outcome"] for row in open_run(folder).trials] == ["contact"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM])
+def test_a_signal_that_ends_the_run_stops_the_stage_first(
+    started: Callable[..., Started], number: signal.Signals
+) -> None:
+    run = started()
+    run.until(run.approaches)
+    run.process.send_signal(number)
+    code, errors = run.ended()
+    assert (code, errors) == (130, "interrupted: the bench is still\n")
+    assert not run.moves()
+    (folder,) = run.out.iterdir()
+    told = open_run(folder)
+    assert told.manifest["exit"]["status"] == "aborted"
+    assert [row["outcome"] for row in told.trials] == ["aborted"]
+    assert told.events[-1]["event"] == "Standstill"
+
+
+def test_what_a_terminal_sends_to_a_program_in_the_background_suspends_nothing_that_moves(
+    started: Callable[..., Started],
+) -> None:
+    run = started()
+    run.until(run.approaches)
+    for number in (signal.SIGTTIN, signal.SIGTTOU):
+        run.process.send_signal(number)
+    assert run.ended() == (0, "")
