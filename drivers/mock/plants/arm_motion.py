@@ -150,7 +150,13 @@ class Arm:
         return not (self.planned_speeds_rad_s.any() or self.planned_twist.any())
 
     def mount(self, tool: Array) -> None:
-        """Take another point as the tool's."""
+        """Take another point as the tool's.
+
+        Raises:
+            ValueError: it is not finite.
+        """
+        if not np.isfinite(tool).all():
+            raise ValueError("a tool's point that is not finite")
         self.tool = tool
         self.transform = arm.forward(self.joints_rad, tool)
 
@@ -193,11 +199,12 @@ class Arm:
 
 
 def _check(joints: Array, speeds: Array, twist: Array) -> None:
-    if float(np.abs(joints).max()) > arm.JOINT_LIMIT_RAD:
+    # not a number is beyond every limit
+    if not float(np.abs(joints).max()) <= arm.JOINT_LIMIT_RAD:
         raise LimitError("a joint is at its limit")
-    if float(np.abs(speeds).max()) > arm.JOINT_SPEED_RAD_S * _SPEED_SLACK:
+    if not float(np.abs(speeds).max()) <= arm.JOINT_SPEED_RAD_S * _SPEED_SLACK:
         raise LimitError("a joint is too fast")
-    if float(np.linalg.norm(twist[:3])) > TOOL_SPEED_M_S * _SPEED_SLACK:
+    if not float(np.linalg.norm(twist[:3])) <= TOOL_SPEED_M_S * _SPEED_SLACK:
         raise LimitError("the tool is too fast")
 
 

@@ -150,11 +150,7 @@ class ControlScript:
         }
 
     def step(self) -> bool:
-        """Run every thread to its next `sync`; False when the script has ended.
-
-        Raises:
-            ScriptError: the program is at fault.
-        """
+        """Run every thread to its next `sync`; False when the script has ended. See `Program.step`."""
         ran: set[str] = set()
         while pending := [name for name in self._threads if name not in ran]:
             ran.add(pending[0])
@@ -162,8 +158,6 @@ class ControlScript:
                 next(self._threads[pending[0]])
             except StopIteration:
                 self._threads.pop(pending[0], None)
-            except (ArithmeticError, LookupError, ValueError) as error:
-                raise ScriptError(str(error)) from error
         return "main" in self._threads
 
     # --- the main loop -------------------------------------------------------------------------------

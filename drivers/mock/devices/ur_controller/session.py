@@ -171,6 +171,6 @@ class ScriptSession:
         heads = [after for line, after in pairwise(lines) if line.endswith("# int register offset")]
         digits = heads[0].split()[0] if heads and heads[0].split() else ""
         if lines[0] != "def rtde_control():" or digits not in ("0", "24"):
-            self._controller.log.append(f"program not emulated: {lines[0][:60]!r}")
+            self._controller.start_custom(lines)
             return
         self._controller.start_program(int(digits))
