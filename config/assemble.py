@@ -291,18 +291,19 @@ def _settings(name: str) -> type[Settings]:
 # --- the bench -----------------------------------------------------------------------------------
 
 
-def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None) -> Rig:
+def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, realtime: bool = False) -> Rig:
     """The profile's bench, its devices still closed.
 
     Args:
         profile: Which devices, where.
         endpoints: What an emulator that runs already has printed; where there are none, an emulated bench starts
             its own, which ends with the rig.
+        realtime: Whether time on an emulated bench of its own passes with the wall's, whoever is late.
     """
     if profile.bench == "mock":
         return _mock_rig(profile)
     if profile.bench == "emulated":
-        return _emulated_rig(profile, endpoints)
+        return _emulated_rig(profile, endpoints, realtime)
     from controller.rig import Rig
     from drivers.clock import WallClock
 
@@ -322,13 +323,13 @@ def _wire_devices(
     return devices
 
 
-def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None) -> Rig:
+def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
     from controller.rig import Rig, TrialScene
-    from drivers.clock import WallClock
+    from drivers.bench_clock import BenchClock, ClockPage
     from drivers.mock.emulator_process import EmulatorControl
 
-    emulator = start_emulator(profile) if endpoints is None else EmulatorControl(endpoints)
-    clock = WallClock()
+    emulator = start_emulator(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
+    clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
 
     def begin_trial(scene: TrialScene) -> None:
         emulator.begin_trial(scene.trial, scene.seed, scene.factors, scene.plant)
@@ -343,11 +344,16 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None) -> Rig:
     )
 
 
-def start_emulator(profile: Profile) -> EmulatorProcess:
-    """Start the process that holds the profile's plant and emulated devices; its `endpoints` say where they are."""
+def start_emulator(profile: Profile, realtime: bool = False) -> EmulatorProcess:
+    """Start the process that holds the profile's plant and emulated devices; its `endpoints` say where they are.
+
+    Args:
+        profile: Which devices, on which plant.
+        realtime: Whether time passes with the wall's, whoever is late.
+    """
     from drivers.mock.emulator_process import EmulatorProcess
 
-    return EmulatorProcess(emulator_scene(profile))
+    return EmulatorProcess({**emulator_scene(profile), "realtime": realtime})
 
 
 def emulator_scene(profile: Profile) -> dict[str, Any]:

@@ -196,6 +196,7 @@ class Campaign:
             # while no device is open whose own watchdog would wait for it: a program with much in memory takes seconds
             self._settle_memory()
             infos = {name: device.open() for name, device in self._rig.devices.items()}
+            self._rig.clock.leave()
             self._manifest["devices"] = {name: _described(info) for name, info in infos.items()}
             folder.write_manifest(self._manifest)
             recorder = Recorder(

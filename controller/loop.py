@@ -191,6 +191,7 @@ class Loop:
                 self._turn(self._clock.now(), late_s)
         finally:
             self.halt()
+            self._clock.leave()
         return self.account
 
     def halt(self) -> None:

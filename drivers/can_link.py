@@ -219,10 +219,12 @@ class CanLink:
             self.send(beat.frame)
             waiting = set(beat.answers)
             until_s = self._clock.monotonic_s() + beat.answer_s
+            self._clock.hold(until_s)  # an answer needs its time
             while waiting and self.fault is None and (left_s := until_s - self._clock.monotonic_s()) > 0.0:
                 for heard in self._hear(left_s, waiting, number, due_s):
                     waiting.discard(heard.frame.id)
             number = max(number + 1, math.ceil((self._clock.monotonic_s() - origin_s) / beat.period_s - 0.5))
+        self._clock.leave()
 
     def _hear_out(self, limit_s: float) -> None:
         """Hear all that has come already, at most for a while."""

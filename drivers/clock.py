@@ -18,6 +18,9 @@ class Clock(Protocol):
     virtual: bool
     """True where nothing happens unless the loop says so, and waiting costs nothing."""
 
+    path: str
+    """Where another process joins this clock (`drivers.bench_clock`); "" where it is the host's own, or no one's."""
+
     def now(self) -> float:
         """Bench time: seconds since the present trial began."""
 
@@ -36,11 +39,22 @@ class Clock(Protocol):
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
 
+    def hold(self, t_s: float) -> None:
+        """Where the bench is emulated, let time go no further than monotonic `t_s` before this thread is heard again.
+
+        To wait is to be heard: `wait_until` and `rest` say as much by themselves, for a few milliseconds beyond. This
+        is for a thread that waits for something else, or whose own work needs bench time to pass.
+        """
+
+    def leave(self) -> None:
+        """Time may go on without this thread, until it waits or holds again."""
+
 
 class WallClock:
     """The host's monotonic clock."""
 
     virtual = False
+    path = ""
 
     def __init__(self) -> None:
         self._origin_s = time.monotonic()
@@ -70,11 +84,18 @@ class WallClock:
         """See `Clock.restart`."""
         self._origin_s = time.monotonic()
 
+    def hold(self, t_s: float) -> None:
+        """See `Clock.hold`: nothing holds this time."""
+
+    def leave(self) -> None:
+        """See `Clock.leave`."""
+
 
 class VirtualClock:
     """Time that jumps: waiting sets the clock."""
 
     virtual = True
+    path = ""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -104,6 +125,12 @@ class VirtualClock:
         """See `Clock.restart`."""
         self._origin_s += self._now_s
         self._now_s = 0.0
+
+    def hold(self, t_s: float) -> None:
+        """See `Clock.hold`: nothing holds this time."""
+
+    def leave(self) -> None:
+        """See `Clock.leave`."""
 
 
 def utc_now() -> datetime:

@@ -1,11 +1,11 @@
-"""One process that holds a profile's plant and all its emulated devices, in real time.
+"""One process that holds a profile's plant and all its emulated devices, and writes the bench's time.
 
 Run as `python -m drivers.mock.emulator` it reads its scene as one line of JSON on standard input, answers
 with one line of JSON that says where the devices are, or why there are none ({"refused": …}), and ends when that
 input ends. A control port on
 loopback takes one JSON line a request: {"trial": …} puts the plant into a trial's scene, {"account": true} asks
-what the plant did, {"fault": …} injects one now; each answer has the plant's account and where things stand, or says
-why the request was {"refused": …}.
+what the plant did, {"fault": …} injects one, whose at_s counts from now; each answer has the plant's account and where
+things stand, or says why the request was {"refused": …}.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from __future__ import annotations
 import contextlib
 import gc
 import json
-import os
 import select
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from drivers.clock import WallClock
+from drivers.bench_clock import BenchClock
 from drivers.errors import DeviceError
 from drivers.mock.control_port import ControlPort, Request
-from drivers.mock.far_ends import FarEnd, Network
+from drivers.mock.far_ends import FarEnd
 from drivers.mock.faults import Fault, FaultSchedule
+from drivers.mock.pace import Pace
 
-STEP_S = 0.001
-"""How often plants and devices are stepped: a tenth of the shortest frame period of the board."""
+STEP_S = 0.002
+"""How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
 
 PASS_S = 0.02
 """How much time may pass at once: an emulator that was held up lives through what it missed in small steps, all of its
@@ -36,24 +36,22 @@ devices together. Otherwise an arm would obey in a past that the sensors have le
 BACKLOG_S = 2.0
 """How much time is made up for (assumption: longer than a busy machine holds up a process)."""
 
-REALTIME_PRIORITY = 5
-"""SCHED_FIFO priority for a controller that keeps its time, where the system allows it: below the arm's process, which
-a busy emulator would keep from its watchdog (measured with two pairs on two cores)."""
-
 
 class Emulator:
     """Plant, devices and their far ends of one profile.
 
     Args:
         scene: `{"plant": {"made": "module:Class", "settings": {…}}, "devices": {name: {"made": "module:function",
-            "settings": {…}}}, "faults": […]}`; a far end is made by calling its function with settings and bench.
+            "settings": {…}}}, "faults": […], "realtime": false}`; a far end is made by calling its function with
+            settings and bench.
 
     Raises:
         DeviceError: the devices do not go together.
     """
 
     def __init__(self, scene: Mapping[str, Any]) -> None:
-        self._clock = WallClock()
+        self._pace = Pace(free=scene.get("realtime", False))
+        clock = BenchClock(self._pace.page)
         plant = scene["plant"]
         made = _found(plant["made"])
         self._bench = made(_found(plant["settings_class"]).model_validate(plant["settings"]))
@@ -67,8 +65,8 @@ class Emulator:
             name: FaultSchedule([fault for fault in faults if fault.device == name]) for name in self._ends
         }
         for name, end in self._ends.items():
-            end.open(self._faults[name], self._clock)
-        self._t_s = self._clock.now()
+            end.open(self._faults[name], clock)
+        self._t_s = clock.monotonic_s()
         self._trial_origin_s = 0.0
         self._control = ControlPort(self._answer)
 
@@ -78,6 +76,7 @@ class Emulator:
         return {
             "devices": {name: dict(end.endpoint) for name, end in self._ends.items()},
             "control": self._control.endpoint,
+            "clock": self._pace.page.path,
         }
 
     def serve(self, ended: Callable[[], bool]) -> None:
@@ -86,16 +85,14 @@ class Emulator:
         # what is there stays there: a full collection in the middle of a motion would hold all devices up
         gc.collect()
         gc.freeze()
-        if any(isinstance(end, Network) and end.realtime for end in ends):
-            with contextlib.suppress(OSError):
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
         try:
             while not ended():
                 waited = [one for end in ends for one in end.waited()]
                 due_s = min(self._t_s + STEP_S, *(end.due_s() for end in ends))
-                wait_s = max(0.0, due_s - self._clock.now())
-                ready, _, _ = select.select([*waited, *self._control.sockets], [], [], wait_s)
-                now_s = self._clock.now()
+                ready, _, _ = select.select(
+                    [*waited, *self._control.sockets], [], [], self._pace.wait_s(due_s)
+                )
+                now_s = self._pace.turn(frozenset(name for name, end in self._ends.items() if end.unread()))
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
                 self._control.attend(ready)
                 for end in ends:
@@ -116,7 +113,8 @@ class Emulator:
             for faults in self._faults.values():
                 faults.restart(request.trial)
         if fault is not None:
-            self._faults[fault.device].add(fault)
+            at_s = t_s - self._trial_origin_s + fault.at_s
+            self._faults[fault.device].add(fault.model_copy(update={"at_s": at_s}))
         return {"account": dict(self._bench.account()), "scene": dict(self._bench.scene(t_s))}
 
 

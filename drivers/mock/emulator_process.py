@@ -116,9 +116,9 @@ class EmulatorControl:
         """Put the plant into a trial's scene."""
         self._ask({"trial": trial, "seed": seed, "factors": dict(factors), "plant": dict(plant)})
 
-    def inject(self, device: str, kind: str) -> None:
-        """Let a fault begin now."""
-        self._ask({"fault": {"device": device, "kind": kind, "at_s": 0.0}})
+    def inject(self, device: str, kind: str, after_s: float = 0.0) -> None:
+        """Let a fault begin, now or after so many seconds of the bench."""
+        self._ask({"fault": {"device": device, "kind": kind, "at_s": after_s}})
 
     def account(self) -> Mapping[str, Any]:
         """What the plant did so far; what was last heard where the emulator is gone."""

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import math
 import os
 import pty
+import struct
+import termios
 import tty
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
-from drivers.clock import Clock, WallClock
+from drivers.clock import Clock
 from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.faults import FaultSchedule
 
 READ_BYTES = 4096
+
+_NONE = struct.pack("i", 0)
 
 HOSTS = tuple(f"127.0.0.{number}" for number in range(2, 255))
 """Loopback addresses for networked devices: the first that is free. The ports of a controller are fixed."""
@@ -63,6 +68,9 @@ class FarEnd(Protocol):
             trial_s: Present time since the trial began, as faults count it.
         """
 
+    def unread(self) -> bool:
+        """Whether the host has bytes before it that it has not read."""
+
     def unplug(self) -> None:
         """Be gone; may be called twice."""
 
@@ -109,6 +117,10 @@ class Line:
         if out and not self._faults.active(trial_s, "silent"):
             self._write(self._corrupted(out, trial_s))
 
+    def unread(self) -> bool:
+        """See `FarEnd.unread`."""
+        return self._near is not None and fcntl.ioctl(self._near, termios.FIONREAD, _NONE) != _NONE
+
     def unplug(self) -> None:
         """See `FarEnd.unplug`: the host sees its port vanish."""
         if self._near is not None:
@@ -148,17 +160,11 @@ class Network:
 
     Args:
         server: What answers.
-        realtime: Whether its host asks for real-time scheduling, and so it does too.
-
-    Attributes:
-        realtime: The same.
     """
 
-    def __init__(self, server: UrServer, realtime: bool) -> None:
-        self.realtime = realtime
+    def __init__(self, server: UrServer) -> None:
         self._server = server
         self._faults = FaultSchedule()
-        self._clock: Clock = WallClock()
 
     @property
     def endpoint(self) -> Mapping[str, str]:
@@ -172,9 +178,7 @@ class Network:
             OSError: no address is free.
         """
         self._faults = faults
-        self._clock = clock
         self._server.clock = clock
-        self._server.bench_s = clock.from_monotonic
         self._server.open(HOSTS)
 
     def waited(self) -> Sequence[Any]:
@@ -183,7 +187,7 @@ class Network:
 
     def due_s(self) -> float:
         """See `FarEnd.due_s`: the controller's next cycle."""
-        return self._clock.from_monotonic(self._server.next_s)
+        return self._server.next_s
 
     def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
         """See `FarEnd.exchange`."""
@@ -193,7 +197,11 @@ class Network:
         self._server.streams = not (
             silent or self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
         )
-        self._server.turn(now_s=t_s - self._clock.from_monotonic(0.0))
+        self._server.turn(now_s=t_s)
+
+    def unread(self) -> bool:
+        """See `FarEnd.unread`: the arm's process says itself which row it has seen."""
+        return False
 
     def unplug(self) -> None:
         """See `FarEnd.unplug`: the host sees its connections end, and nobody answers any more."""

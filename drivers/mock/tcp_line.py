@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
+import struct
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -61,6 +62,7 @@ class TcpLine:
         host, port = self._listener.getsockname()
         self.endpoint: Mapping[str, str] = {"port": f"{scheme}:{host}:{port}"}
         self._host: socket.socket | None = None
+        self._kernel = _Kernel()
         self._unsent = bytearray()
 
     def open(self, faults: FaultSchedule, clock: Clock) -> None:
@@ -93,6 +95,10 @@ class TcpLine:
         out += self._device.step(t_s)
         if self._host is not None and not silent:
             self._send(self._host, out, t_s)
+
+    def unread(self) -> bool:
+        """See `FarEnd.unread`; False where the kernel does not say."""
+        return self._host is not None and self._kernel.unread(self._host)
 
     def unplug(self) -> None:
         """See `FarEnd.unplug`: the host sees its connection end, and nobody answers any more."""
@@ -139,3 +145,24 @@ class TcpLine:
         self._host = None
         self._unsent.clear()
         self._device.hang_up(t_s)
+
+
+class _Kernel:
+    """Asks Linux what a connection's other end, on the same machine, has not read yet (`sock_diag(7)`)."""
+
+    SOCK_DIAG, BY_FAMILY, REQUEST = 4, 20, 1  # netlink's protocol, its message, its flag (linux/sock_diag.h)
+    ANY = 0xFFFFFFFF
+
+    def __init__(self) -> None:
+        self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, self.SOCK_DIAG)
+
+    def unread(self, connection: socket.socket) -> bool:
+        """Whether bytes lie in the other end's queue; False where the kernel does not say."""
+        (here, here_port), (there, there_port) = connection.getsockname(), connection.getpeername()
+        which = struct.pack("!HH4s12x4s12x", there_port, here_port, *map(socket.inet_aton, (there, here)))
+        body = struct.pack("=BBBxI", socket.AF_INET, socket.IPPROTO_TCP, 0, self.ANY) + which
+        body += struct.pack("=III", 0, self.ANY, self.ANY)
+        self._netlink.send(struct.pack("=IHHII", 16 + len(body), self.BY_FAMILY, self.REQUEST, 0, 0) + body)
+        answer = self._netlink.recv(4096)
+        kind = struct.unpack_from("=4xH", answer)[0]
+        return bool(kind == self.BY_FAMILY and struct.unpack_from("=I", answer, 16 + 56)[0])

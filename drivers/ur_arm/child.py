@@ -1,30 +1,34 @@
 """The arm's process: `python -m drivers.ur_arm.child FD`. It may hang, crash or be killed; the program may not.
 
 Two threads, each with the ur_rtde object that it alone uses: this one the control interface, and the listener the
-receive interface, so that no sample is missed while a command is under way. A third hands over what they have to say: a
-program that is slow to read must not keep the controller from its watchdog. The process ends without destroying
-those objects, for their destructors wait, and some abort.
+receive interface, so that no sample is missed while a command is under way. What they have to say waits where the pipe
+is full: a program that is slow to read must not keep the controller from its watchdog. The process ends without
+destroying those objects, for their destructors wait, and some abort.
+
+On an emulated bench both threads take part in its time (`drivers.bench_clock`).
 """
 
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
-from multiprocessing.connection import Connection
-from queue import SimpleQueue
 
-from drivers.clock import Clock, WallClock
-from drivers.messages import Home, Status, Stop
+from drivers.bench_clock import LOOK_S as BENCH_LOOK_S
+from drivers.bench_clock import BenchClock, ClockPage
+from drivers.clock import Clock, WallClock, rest
+from drivers.messages import Command, Home, Status, Stop
 from drivers.ur_arm.client import CONTROL_GONE, RtdeClient
 from drivers.ur_arm.controller import PLAYING, Seen, still, trouble
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.guidance import CYCLE_S
 from drivers.ur_arm.motion import Conductor, State
-from drivers.ur_arm.pipe import Broken, BrokenError, Opened, Row
+from drivers.ur_arm.pipe import Broken, BrokenError, Opened, Pipe, Row, Start
 from drivers.ur_arm.settings import UrArmSettings
 
 VARIABLES = [
@@ -41,7 +45,18 @@ RATE_HZ = 500.0
 """An e-Series controller's cycle (RTDE guide)."""
 
 LOOK_S = 0.0004
-"""Time between two looks for a new row: a fifth of the controller's cycle."""
+"""Time between two looks for a new row that is due: a fifth of the controller's cycle."""
+
+PAUSE_S = 0.0014
+"""Pause after a row: the next one is not due before 2 ms, but the last look may have been late by `LOOK_S`."""
+
+NEXT_ROW_S = 0.00225
+"""How far an emulated bench's time may go after a row, before the next one was seen: a cycle, and an eighth of one. So
+none is lost, for the client keeps the latest alone."""
+
+CALLS_S = 0.04
+"""How far it may go after a cycle of commands was due: more than the client's calls need of the controller's cycles
+(`zeroFtSensor` 20 ms, measured), less than half of the watchdog's usual 0.1 s."""
 
 STUCK_S = 1.0
 """How long one command may take before the client counts as blocked: a hundred times the longest (measured)."""
@@ -56,6 +71,9 @@ BACKLOG = 2500
 LAST_WORD_S = 0.1
 """How long the last message may wait for its turn (assumption)."""
 
+START_S = 10.0
+"""Longest wait for what the program sends first, at once (assumption)."""
+
 LEAVE_S = 2.0
 """How long the arm may take to stand when the host is gone (assumption)."""
 
@@ -64,24 +82,21 @@ class ArmProcess:
     """Both threads' common ground.
 
     Args:
-        connection: To the program.
+        pipe: To the program.
         turns: Counts the turns of the program's loop: an `eventfd` that does not block.
         name: Of the device.
         settings: Of the arm.
         clock: Whose monotonic times go through the pipe.
     """
 
-    def __init__(
-        self, connection: Connection, turns: int, name: str, settings: UrArmSettings, clock: Clock
-    ) -> None:
-        self._connection = connection
+    def __init__(self, pipe: Pipe, turns: int, name: str, settings: UrArmSettings, clock: Clock) -> None:
+        self._pipe = pipe
         self._clock = clock
         self._turns = turns
         self._name = name
         self._settings = settings
-        self._outbox: SimpleQueue[Status | Row | Opened | Broken | None] = SimpleQueue()
-        self._sender = threading.Thread(target=self._hand_over, name="sender", daemon=True)
-        self._sender.start()
+        self._outbox: deque[Status | Row | Opened | Broken] = deque()
+        self._sending = threading.Lock()
         self._beat_s = self._clock.monotonic_s()
         self._patience_s = STUCK_S
         self._row = Row(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, 0, 0)
@@ -97,7 +112,8 @@ class ArmProcess:
             BrokenError: something is beyond repair.
         """
         settings = self._settings
-        realtime = _ask_for_realtime(settings.realtime_priority)
+        # An emulated bench waits for this process: nothing is to be scheduled before the loop there.
+        realtime = not self._clock.path and _ask_for_realtime(settings.realtime_priority)
         dashboard = Dashboard(settings.host)
         polyscope = _checked_version(dashboard)
         self._connect_receive()
@@ -127,13 +143,11 @@ class ArmProcess:
             due_s = max(due_s + CYCLE_S, self._clock.monotonic_s())
             self._beat_s = self._clock.monotonic_s()
             try:
-                while (wait_s := due_s - self._clock.monotonic_s()) > 0.0 and self._connection.poll(wait_s):
-                    command = self._connection.recv()
-                    # A recovery takes its time, within its own deadline.
-                    self._patience_s = STUCK_S + self._settings.recover_s * isinstance(command, Home)
-                    conductor.order(command)
-                    self._patience_s, self._beat_s = STUCK_S, self._clock.monotonic_s()
-            except (EOFError, OSError):
+                # However late the cycle is, the program is heard in it.
+                self._take(conductor)
+                while self._await_command(due_s):
+                    self._take(conductor)
+            except EOFError:
                 self._leave(client, conductor)
                 return
             if self._clock.monotonic_s() - self._row.arrival_s > 2.0 * self._settings.link_timeout_s:
@@ -142,6 +156,32 @@ class ArmProcess:
                 os.eventfd_read(self._turns)
                 conductor.lead()
             conductor.step(self._seen())
+
+    def _await_command(self, due_s: float) -> bool:
+        """Wait for the program until the cycle is due; whether it has something to say."""
+        self._clock.hold(due_s + CALLS_S)
+        while (wait_s := due_s - self._clock.monotonic_s()) > 0.0:
+            if self._pipe.wait(max(wait_s, BENCH_LOOK_S)):
+                return True
+        return False
+
+    def _take(self, conductor: Conductor) -> None:
+        """Carry out what the program has sent; a stop overtakes what it finds waiting."""
+        waiting: deque[Command] = deque()
+        while True:
+            while (message := self._pipe.receive()) is not None:
+                assert isinstance(message, Command)
+                waiting.append(message)
+            if not waiting:
+                return
+            command = waiting.popleft()
+            if not isinstance(command, Stop) and any(isinstance(later, Stop) for later in waiting):
+                conductor.pass_over(command)
+                continue
+            # A recovery takes its time, within its own deadline.
+            self._patience_s = STUCK_S + self._settings.recover_s * isinstance(command, Home)
+            conductor.order(command)
+            self._patience_s, self._beat_s = STUCK_S, self._clock.monotonic_s()
 
     def _leave(self, client: RtdeClient, conductor: Conductor) -> None:
         """The program is gone: stop, see that the arm stands, end the controller's program."""
@@ -152,7 +192,8 @@ class ArmProcess:
         ):
             self._beat_s = self._clock.monotonic_s()
             conductor.step(self._seen())
-            self._clock.rest(CYCLE_S)
+            self._clock.hold(self._clock.monotonic_s() + CALLS_S)
+            rest(CYCLE_S)
         client.leave()
 
     def _seen(self) -> Seen:
@@ -197,7 +238,7 @@ class ArmProcess:
         while not (self._read_row() and wanted(self._row)):
             if self._clock.monotonic_s() > deadline_s:
                 return False
-            self._clock.rest(LOOK_S)
+            rest(LOOK_S)
         return True
 
     # --- listening -------------------------------------------------------------------------------------
@@ -207,14 +248,16 @@ class ArmProcess:
         try:
             while True:
                 if self._read_row():
+                    self._clock.hold(self._row.arrival_s + NEXT_ROW_S)
                     self._send(self._row)
-                    if self._outbox.qsize() > BACKLOG:
+                    if len(self._outbox) > BACKLOG:
                         raise BrokenError(
                             "silent", "nobody reads what it sends", "is this machine overloaded?"
                         )
+                    rest(PAUSE_S)
                 else:
                     self._check_progress(client)
-                    self._clock.rest(LOOK_S)
+                    rest(LOOK_S)
         except BrokenError as error:
             self.end(error.broken)
 
@@ -259,20 +302,20 @@ class ArmProcess:
                 "silent", "the client is blocked in a command", "restart the controller's program"
             )
 
-    def _send(self, message: Status | Row | Opened) -> None:
-        self._outbox.put(message)
-
-    def _hand_over(self) -> None:
-        # A program that is gone shows in the control thread, which has an arm to stop yet.
-        with suppress(OSError):
-            while (message := self._outbox.get()) is not None:
-                self._connection.send(message)
+    def _send(self, message: Status | Row | Opened | Broken) -> None:
+        """Hand a message over, after those that wait; where the pipe is full, it waits for the next one."""
+        with self._sending:
+            self._outbox.append(message)
+            # A program that is gone shows in the control thread, which has an arm to stop yet.
+            with suppress(OSError):
+                while self._outbox and self._pipe.send(self._outbox[0]):
+                    self._outbox.popleft()
 
     def end(self, broken: Broken) -> None:
         """Say why, and be gone; where nobody reads, unheard."""
-        self._outbox.put(broken)
-        self._outbox.put(None)
-        self._sender.join(LAST_WORD_S)
+        self._clock.leave()
+        self._pipe.drain(LAST_WORD_S)
+        self._send(broken)
         os._exit(1)
 
 
@@ -303,11 +346,15 @@ def _ask_for_realtime(priority: int) -> bool:
 
 def main() -> None:
     """Serve the program at the other end of the file descriptor that the command line names."""
-    connection = Connection(int(sys.argv[1]))
-    name, settings, again, turns = connection.recv()
-    process = ArmProcess(connection, turns, name, UrArmSettings.model_validate_json(settings), WallClock())
+    pipe = Pipe(socket.socket(fileno=int(sys.argv[1])))
+    pipe.wait(START_S)
+    start = pipe.receive()
+    assert isinstance(start, Start)
+    clock = BenchClock(ClockPage(start.clock)) if start.clock else WallClock()
+    settings = UrArmSettings.model_validate_json(start.settings)
+    process = ArmProcess(pipe, start.turns, start.name, settings, clock)
     try:
-        process.run(again)
+        process.run(start.again)
     except BrokenError as error:
         process.end(error.broken)
     except ImportError as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.clock import Clock
+from drivers.clock import Clock, rest
 from drivers.ur_arm.controller import PLAYING, PROTECTIVE_STOP, trouble
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.pipe import BrokenError, Row
@@ -102,6 +102,7 @@ class RtdeClient:
     def recover(self) -> str:
         """See `Client.recover`."""
         self._check_link()
+        self._clock.leave()  # it takes as long as it takes
         self._speeds = False
         deadline_s = self._clock.monotonic_s() + self._settings.recover_s
         if reason := self._unlock(deadline_s):
@@ -115,7 +116,7 @@ class RtdeClient:
         while self._latest().runtime != PLAYING:
             if self._clock.monotonic_s() > deadline_s:
                 return trouble(self._latest()) or "the controller does not run the script"
-            self._clock.rest(LOOK_S)
+            rest(LOOK_S)
         self._watch()
         return ""
 
@@ -137,7 +138,7 @@ class RtdeClient:
                 return reason
             self._dashboard.ask("close safety popup")
             self._dashboard.ask("unlock protective stop")
-            self._clock.rest(LOOK_S)
+            rest(LOOK_S)
         return ""
 
     def _watch(self) -> None:

@@ -1,4 +1,4 @@
-"""The program's side of the arm's process: starts it, hears it, kills it."""
+"""The program's side of the arm's process: starts it, hears it, kills it. No thread: the loop reads the pipe."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-from collections import deque
 from contextlib import suppress
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 from drivers.clock import Clock
 from drivers.messages import Command
+from drivers.ur_arm.pipe import Pipe, Start
 from drivers.ur_arm.settings import UrArmSettings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,9 +24,8 @@ LEAVE_S = 4.0
 EXIT_S = 0.2
 """How long a process that has closed its end may take to exit (assumption: a core dump of a busy machine)."""
 
-READER_S = 1.0
-"""Longest wait for a killed process, and for the reader thread that ends with it (assumption)."""
-
+KILLED_S = 1.0
+"""Longest wait for a killed process (assumption)."""
 
 GAVE_UP = 1
 """Exit code of a process that is beyond repair (`child.ArmProcess.end`)."""
@@ -50,10 +47,9 @@ class ArmHost:
     def __init__(self, name: str, settings: UrArmSettings, clock: Clock, again: bool) -> None:
         self._clock = clock
         self.heard_s = self._clock.monotonic_s()
-        self._queue: deque[object] = deque()
-        # The socket is kept beside the connection: shutting it down is what the child takes for our end.
-        self._socket, theirs = socket.socketpair()
-        self._connection = Connection(os.dup(self._socket.fileno()))
+        # The socket is kept beside the pipe: shutting it down is what the child takes for our end.
+        self._socket, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+        self._pipe = Pipe(self._socket)
         # Beside the pipe: a process that is busy recovering reads no pipe, and a full one would hold the loop up.
         self._turns = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._process = subprocess.Popen(
@@ -67,14 +63,12 @@ class ArmHost:
         )
         theirs.close()
         self._ended_s = math.inf
-        self._connection.send((name, settings.model_dump_json(), again, self._turns))
-        self._reader = threading.Thread(target=self._fill, name=f"{name}-reader", daemon=True)
-        self._reader.start()
+        self._pipe.send(Start(name, settings.model_dump_json(), again, self._turns, clock.path))
 
     def send(self, command: Command) -> None:
         """Hand a command over; a process that is gone shows in `fate`."""
         with suppress(OSError):
-            self._connection.send(command)
+            self._pipe.send(command)
 
     def turned(self) -> None:
         """The program's loop has turned: it leads the arm yet. Never waits."""
@@ -83,14 +77,18 @@ class ArmHost:
     def receive(self) -> list[object]:
         """What has come since the last call, in order; see `drivers.ur_arm.pipe`."""
         messages = []
-        with suppress(IndexError):
-            while True:
-                messages.append(self._queue.popleft())
+        try:
+            while (message := self._pipe.receive()) is not None:
+                messages.append(message)
+        except EOFError:
+            self._ended_s = min(self._ended_s, self._clock.monotonic_s())
+        if messages:
+            self.heard_s = self._clock.monotonic_s()
         return messages
 
     def fate(self) -> str:
         """How the process ended, or "" while it lives or has left things to be received."""
-        if self._ended_s == math.inf or self._queue:
+        if self._ended_s == math.inf:
             return ""
         code = self._process.poll()
         if code is None:
@@ -111,25 +109,15 @@ class ArmHost:
         """End the process at once."""
         self._process.kill()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(READER_S)
-        self._reader.join(READER_S)
-        self._connection.close()
-        self._socket.close()
+            self._process.wait(KILLED_S)
+        self._pipe.close()
         os.close(self._turns)
 
     def close(self) -> None:
         """Let the process stop the arm and end; kill it where it does not. Never raises."""
+        self._clock.leave()  # stopping takes time
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(LEAVE_S)
         self.kill()
-
-    def _fill(self) -> None:
-        try:
-            while True:
-                message = self._connection.recv()
-                self.heard_s = self._clock.monotonic_s()
-                self._queue.append(message)
-        except (EOFError, OSError):
-            self._ended_s = self._clock.monotonic_s()

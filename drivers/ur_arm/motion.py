@@ -132,6 +132,10 @@ class Conductor:
             elif self.state is State.TRAVELLING:
                 self._stop_travel(None)
 
+    def pass_over(self, command: Command) -> None:
+        """Refuse a command that a stop has overtaken."""
+        self._refuse(command, "a stop came before it was begun")
+
     def step(self, seen: Seen) -> None:
         """One cycle: look at the arm, keep it going."""
         self._seen = seen

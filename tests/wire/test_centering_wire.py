@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from threading import Timer
 
 import pytest
 
@@ -13,15 +12,11 @@ from controller.campaign import EXIT_DEVICE, EXIT_DONE, Campaign
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
-from tests.wire.wire_campaign import PATIENT, Hand
+from tests.wire.wire_campaign import Hand
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
 
 SHORT = {
-    # Two busy cores starve a turn now and then; what is late here is the machine, not the bench.
-    "limits.late_s": "2.0",
-    "limits.stale_s": "1.0",
-    "devices.gripper.watchdog_s": "5.0",
     "behavior.run_up": "false",
     "behavior.baseline_s": "0.8",
     "trials.list": "[{ object_x_m = 0.001 }]",
@@ -36,7 +31,7 @@ def centering(tmp_path):
     emulators = []
 
     def call(deeds=None, **settings):
-        profile = load_profile("emulated/centering", {**PATIENT, **SHORT, **settings}, table=Table())
+        profile = load_profile("emulated/centering", {**SHORT, **settings}, table=Table())
         emulator = start_emulator(profile)
         emulators.append(emulator)
         hand = Hand({state: lambda deed=deed: deed(emulator) for state, deed in (deeds or {}).items()})
@@ -84,7 +79,7 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_let_go(centering):
 def test_sound_that_is_unplugged_in_the_search_stops_the_arm_in_one_line(centering):
     # under way: the state is told before its command is given
     outcome, done, _, emulator = centering(
-        {"SEEKING_FORWARD": lambda emulator: Timer(0.3, emulator.inject, ("audio", "unplug")).start()}
+        {"SEEKING_FORWARD": lambda emulator: emulator.inject("audio", "unplug", after_s=0.3)}
     )
     assert outcome.exit_code == EXIT_DEVICE
     assert "the recorder has hung up" in outcome.line
@@ -120,7 +115,7 @@ def test_packets_of_sound_that_are_lost_are_counted_and_are_no_contact(centering
 
 
 def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing():
-    profile = load_profile("emulated/centering", {**PATIENT, **SHORT}, table=Table())
+    profile = load_profile("emulated/centering", SHORT, table=Table())
     emulator = start_emulator(profile)
     try:
         rig = build_rig(profile, emulator.endpoints)

@@ -12,6 +12,7 @@ from typing import Any
 from drivers.clock import WallClock
 from drivers.mock.emulator import PASS_S, Emulator
 from drivers.mock.faults import FaultSchedule
+from drivers.mock.pace import AHEAD_S
 from drivers.settings import Settings
 
 HELD_UP_S = 0.2
@@ -59,10 +60,13 @@ class Witness:
         if self._holds_up and len(self.times_s) == 5:
             time.sleep(HELD_UP_S)
 
+    def unread(self) -> bool:
+        return False
+
     def unplug(self) -> None: ...
 
 
-def emulator() -> tuple[Emulator, Callable[[], list[list[float]]]]:
+def emulator(realtime: bool = False) -> tuple[Emulator, Callable[[], list[list[float]]]]:
     here = "test_emulator_wire"
     made = Emulator(
         {
@@ -71,13 +75,22 @@ def emulator() -> tuple[Emulator, Callable[[], list[list[float]]]]:
                 "first": {"made": f"{here}:Witness", "settings": {"holds_up": True}},
                 "second": {"made": f"{here}:Witness", "settings": {"holds_up": False}},
             },
+            "realtime": realtime,
         }
     )
     return made, lambda: [end.times_s for end in made._ends.values()]  # type: ignore[attr-defined]
 
 
-def test_what_was_missed_is_lived_through_in_small_steps_by_all_devices_together() -> None:
+def test_time_stands_still_while_the_emulator_is_held_up() -> None:
     made, lives = emulator()
+    made.serve(lambda: len(lives()[0]) >= 8)
+    first, second = lives()
+    assert first == second
+    assert max(after - before for before, after in pairwise(first)) <= AHEAD_S + 1e-9
+
+
+def test_in_real_time_what_was_missed_is_lived_through_in_small_steps_by_all_devices_together() -> None:
+    made, lives = emulator(realtime=True)
     deadline_s = time.monotonic() + DEADLINE_S
 
     def caught_up() -> bool:

@@ -2,12 +2,7 @@
 
 import pytest
 
-from tests.wire.wire_campaign import PATIENT
-
 SHORT = {
-    **PATIENT,
-    "limits.late_s": "2.0",
-    "limits.stale_s": "1.0",
     "behavior.angles_rad": "[-0.6, 0.6]",
     "behavior.rest_s": "0.1",
     "behavior.record_s": "0.2",

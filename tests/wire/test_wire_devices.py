@@ -1,23 +1,19 @@
 """The real drivers keep the devices' promises, over ptys and loopback to emulated devices in another process."""
 
-from typing import ClassVar
-
 import pytest
 
 from config.assemble import Table, build_rig
 from config.profile import load_profile
 from controller.rig import TrialScene
 from tests.contracts.device_suite import Bench, DeviceContract
-from tests.wire.wire_campaign import PATIENT
 
 
 class _WireBench:
     profile = "emulated/transient"
-    settings: ClassVar[dict[str, str]] = {}
 
     @pytest.fixture
     def bench(self):
-        profile = load_profile(self.profile, self.settings, table=Table())
+        profile = load_profile(self.profile, table=Table())
         rig = build_rig(profile)
         try:
             rig.clock.restart()
@@ -37,6 +33,5 @@ class TestWireDevices(_WireBench, DeviceContract):
 @pytest.mark.alone
 class TestWireArm(_WireBench, DeviceContract):
     profile = "emulated/transient_arm"
-    settings = PATIENT
     mover = "arm"
     reach_m = 1e-4  # `MoveAt` is content 50 um before its limit

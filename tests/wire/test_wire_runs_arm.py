@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from threading import Timer
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from controller.recording.reader import open_run
 from controller.rig import TrialScene
 from drivers.messages import Home, Listen, MoveTo, Reached
 from tests.contracts.device_suite import Bench
-from tests.wire.wire_campaign import PATIENT, QUICK, run
+from tests.wire.wire_campaign import QUICK, run
 
 pytestmark = pytest.mark.alone
 
@@ -23,7 +21,7 @@ pytestmark = pytest.mark.alone
 @pytest.fixture
 def emulated():
     """A profile and an emulator of it that outlives the run, so that one can look at the bench afterwards."""
-    profile = load_profile("emulated/transient_arm", {**QUICK, **PATIENT}, table=Table())
+    profile = load_profile("emulated/transient_arm", QUICK, table=Table())
     emulator = start_emulator(profile)
     yield profile, emulator
     emulator.close()
@@ -67,8 +65,8 @@ def test_a_pulled_plug_stops_the_arm_and_says_which(emulated, tmp_path, device):
 def test_a_stall_is_a_protective_stop_and_ends_the_run(emulated, tmp_path):
     profile, emulator = emulated
     # Under way: the state is told before its command is given.
-    later = Timer(0.2, emulator.inject, ("arm", "stall"))
-    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": later.start})
+    stall = {"APPROACH": lambda: emulator.inject("arm", "stall", after_s=0.2)}
+    outcome, _ = run(profile, emulator, tmp_path, stall)
     assert outcome.exit_code == EXIT_DEVICE
     assert "protective stop" in outcome.line
     assert emulator.scene()["probe_m_s"] == 0.0

@@ -9,12 +9,9 @@ from config.assemble import Table, build_rig, plan_campaign, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DONE, EXIT_GUARD, Campaign
 from controller.recording.reader import open_run
-from tests.wire.wire_campaign import PATIENT, Hand
+from tests.wire.wire_campaign import Hand
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
-
-TOLERANT = {"limits.late_s": "2.0", "limits.stale_s": "1.0"}
-"""Two busy cores starve a turn now and then; what is late here is the machine, not the bench."""
 
 SHORT = {
     "behavior.sensors.fingertip.steps": "["
@@ -27,7 +24,7 @@ SHORT = {
 
 
 def run(tmp_path, **settings):
-    profile = load_profile("emulated/slip", {**PATIENT, **TOLERANT, **SHORT, **settings}, table=Table())
+    profile = load_profile("emulated/slip", {**SHORT, **settings}, table=Table())
     emulator = start_emulator(profile)
     hand = Hand({})
     try:

@@ -11,18 +11,6 @@ from controller.campaign import Campaign, Outcome
 QUICK = {
     "behavior.settle_s": "1.0",
     "detectors.contact.threshold_sigma": "8.0",  # the paper's three would end a third of the trials falsely
-    # Two busy cores starve a turn now and then; what is late here is the machine, not the bench.
-    "limits.late_s": "1.0",
-    "limits.stale_s": "0.5",
-}
-
-
-PATIENT = {
-    # A real controller is a computer of its own. Here arm and controller leave the cores to the other tests as well.
-    "devices.arm.realtime_priority": "0",
-    "devices.arm.watchdog_hz": "5.0",
-    "devices.arm.link_timeout_s": "0.5",
-    "devices.arm.loop_timeout_s": "2.0",  # more than limits.late_s, as ever
 }
 
 

@@ -63,7 +63,7 @@ def ur_arm(settings: Mapping[str, Any], bench: ToolBench) -> Network:
     carrier = ArmCarrier(axis, bench)
     bench.mount(carrier)
     there = usual.model_copy(update={"joints_rad": tuple(joints_rad.tolist())})
-    return Network(UrServer(UrController(there, carrier)), realtime=host.realtime_priority > 0)
+    return Network(UrServer(UrController(there, carrier)))
 
 
 def can_gripper(settings: Mapping[str, Any], bench: object) -> Line:

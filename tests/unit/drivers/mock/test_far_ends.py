@@ -105,7 +105,7 @@ def network():
 
     def make(*faults: Fault) -> tuple[Network, UrServer]:
         server = UrServer(UrController(UrControllerSettings()))
-        made.append(Network(server, realtime=False))
+        made.append(Network(server))
         made[-1].open(FaultSchedule(faults), WallClock())
         return made[-1], server
 

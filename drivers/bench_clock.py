@@ -1,0 +1,187 @@
+"""The clock of an emulated bench: a page of memory that the program, the arm's process and the emulator share.
+
+The emulator lets bench time pass with the wall (`drivers.mock.pace`), and no further than everybody who takes part
+says that it may. So a machine that holds a process or a thread up slows the bench down, and no watchdog, timeout or
+limit counts what the machine did.
+
+Who waits on the clock takes part from then on: each thread says how far time may go before it is heard again. One that
+says nothing for `PATIENCE_S` of the wall is waited for no longer, until it speaks again: a loop that hangs is caught
+by the guard and by the devices' watchdogs as on a real bench.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import mmap
+import os
+import threading
+
+from drivers.clock import monotonic_s, rest
+
+SLACK_S = 0.004
+"""How far bench time may go beyond the instant for which a thread waits, or at which it came back. Assumption: less
+than a turn of a loop of 200 Hz, more than a thread needs to wake up on a machine that is not busy."""
+
+PATIENCE_S = 1.0
+"""How long of the wall's time the bench waits for one that does not turn. Assumption: longer than a busy machine holds
+a process up, and short enough for a person who watches."""
+
+ABSENCE_S = 5.0
+"""How long time stands still for an emulator that is away: one that is dead must not hold the loop for ever, one that
+makes a plant anew (1 s, measured) has lost no time."""
+
+FORGOTTEN_S = 10.0
+"""A place whose thread has said nothing for so long is given to another (assumption)."""
+
+LOOK_S = 0.0005
+"""Time between two looks at a bench time that is behind the wall's (assumption: a tenth of a turn at 200 Hz)."""
+
+SPEAK_S = 0.25
+"""A thread that waits for longer says so again after this time: a quarter of the patience."""
+
+PLACES = 32
+"""How many threads may take part (assumption: four times what the largest profile has)."""
+
+_FIRST = 8  # doubles before the first place: count, then two copies of (bench time, wall time, limit)
+
+
+class ClockPage:
+    """Bench time as a function of the wall's, and what the threads that take part have said.
+
+    One process writes the time, each thread writes its own place. The time is written beside the copy that is read,
+    and then the count that says which copy it is: no reader waits, and a writer that was killed leaves the page whole.
+
+    Args:
+        path: Of a page that another process has made; "" makes one, which lives as long as its maker.
+
+    Attributes:
+        path: Where another process finds it.
+
+    Raises:
+        OSError: it is not there.
+    """
+
+    def __init__(self, path: str = "") -> None:
+        if path:
+            self._file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            self.path = path
+        else:
+            self._file = os.memfd_create("touchbench-clock")
+            os.ftruncate(self._file, mmap.PAGESIZE)
+            self.path = f"/proc/{os.getpid()}/fd/{self._file}"
+        # Eight bytes are written at once where they are aligned: nobody reads half a number.
+        self._words = memoryview(mmap.mmap(self._file, mmap.PAGESIZE)).cast("d")
+        if not path:
+            self.write(0.0, monotonic_s(), 0.0)
+            for place in range(PLACES):
+                self.say(place, math.inf)
+
+    def time_s(self, wall_s: float) -> float:
+        """Bench time at a time of the wall's."""
+        words = self._words
+        while True:
+            count = words[0]
+            at = 1 + 3 * (int(count) & 1)
+            t_s, written_s, limit_s = words[at], words[at + 1], words[at + 2]
+            if words[0] == count:
+                passed_s = wall_s - written_s
+                return min(t_s + passed_s, limit_s + max(0.0, passed_s - ABSENCE_S))
+
+    def write(self, t_s: float, wall_s: float, limit_s: float) -> None:
+        """It is bench time `t_s`, and time passes with the wall as far as `limit_s`."""
+        words, count = self._words, self._words[0] + 1.0
+        at = 1 + 3 * (int(count) & 1)
+        words[at], words[at + 1], words[at + 2] = t_s, wall_s, limit_s
+        words[0] = count
+
+    def limit_s(self, wall_s: float) -> float:
+        """How far everybody who takes part lets bench time go; infinity where nobody does."""
+        said = self._words[_FIRST : _FIRST + 2 * PLACES].tolist()
+        oldest_s = wall_s - PATIENCE_S
+        return min(
+            (said[k] for k in range(0, 2 * PLACES, 2) if said[k] < math.inf and said[k + 1] > oldest_s),
+            default=math.inf,
+        )
+
+    def take(self) -> int:
+        """A place of one's own."""
+        fcntl.flock(self._file, fcntl.LOCK_EX)
+        try:
+            wall_s = monotonic_s()
+            for place in range(PLACES):
+                at = _FIRST + 2 * place
+                if self._words[at] == math.inf or self._words[at + 1] < wall_s - FORGOTTEN_S:
+                    self.say(place, wall_s)
+                    return place
+        finally:
+            fcntl.flock(self._file, fcntl.LOCK_UN)
+        raise RuntimeError(f"more than {PLACES} threads wait on this bench")
+
+    def say(self, place: int, horizon_s: float) -> None:
+        """Let bench time go as far as `horizon_s`, and no further before the next word; infinity leaves the place."""
+        at = _FIRST + 2 * place
+        self._words[at + 1] = monotonic_s()
+        self._words[at] = horizon_s
+
+
+class BenchClock:
+    """Bench time of an emulated bench; implements `drivers.clock.Clock`.
+
+    Args:
+        page: The bench's.
+    """
+
+    virtual = False
+
+    def __init__(self, page: ClockPage) -> None:
+        self.path = page.path
+        self._page = page
+        self._mine = threading.local()
+        self._taking = threading.Lock()
+        self._origin_s = self.monotonic_s()
+
+    def now(self) -> float:
+        """See `Clock.now`."""
+        return self.monotonic_s() - self._origin_s
+
+    def monotonic_s(self) -> float:
+        """See `Clock.monotonic_s`."""
+        return self._page.time_s(monotonic_s())
+
+    def from_monotonic(self, monotonic_s: float) -> float:
+        """See `Clock.from_monotonic`."""
+        return monotonic_s - self._origin_s
+
+    def wait_until(self, t_s: float) -> None:
+        """See `Clock.wait_until`."""
+        self._wait(self._origin_s + t_s)
+
+    def rest(self, seconds: float) -> None:
+        """See `Clock.rest`."""
+        self._wait(self.monotonic_s() + seconds)
+
+    def restart(self) -> None:
+        """See `Clock.restart`."""
+        self._origin_s = self.monotonic_s()
+
+    def hold(self, t_s: float) -> None:
+        """See `Clock.hold`."""
+        place = getattr(self._mine, "place", None)
+        if place is None:
+            with self._taking:  # the lock on the page is between processes
+                place = self._mine.place = self._page.take()
+        self._page.say(place, t_s)
+
+    def leave(self) -> None:
+        """See `Clock.leave`."""
+        place = getattr(self._mine, "place", None)
+        if place is not None:
+            self._page.say(place, math.inf)
+            self._mine.place = None
+
+    def _wait(self, until_s: float) -> None:
+        while (remaining_s := until_s - self.monotonic_s()) > 0.0:
+            self.hold(until_s + SLACK_S)
+            rest(min(max(remaining_s, LOOK_S), SPEAK_S))
+        self.hold(self.monotonic_s() + SLACK_S)
