@@ -9,6 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# An example takes as long as the machine lets it, and the examples are the same on every machine: what is searched at
+# random belongs to a search, not to a verdict.
+settings.register_profile(
+    "touchbench", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("touchbench")
 
 LOCKS = Path(tempfile.gettempdir()) / f"touchbench-tests-{os.getuid()}"
 """Shared by all workers and runs of this user, for it is the same machine that they share."""
