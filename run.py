@@ -348,16 +348,19 @@ def report(runs: Sequence[str], out: Path) -> None:
     """Write the report of a RUN, or of several together, from the recordings alone.
 
     RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`. The page goes into the last one's folder. A
-    run that was cut off is reported as far as it came.
+    run that was cut off is reported as far as it came, and its recording closed, so that Foxglove reads it as well.
 
     \b
     Example:
       run.py report latest
       run.py report latest:mock/transient_study latest:mock/transient
     """
-    from controller.recording.reader import open_run
+    from controller.recording.reader import close_recordings, open_run
 
-    _report([open_run(name, out).folder.path for name in runs])
+    folders = [open_run(name, out).folder for name in runs]
+    for folder in folders:
+        close_recordings(folder)
+    _report([folder.path for folder in folders])
 
 
 # --- what the verbs share ------------------------------------------------------------------------

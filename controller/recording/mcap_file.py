@@ -6,11 +6,14 @@ Python object (6 us each); equally long samples go through one NumPy record arra
 
 from __future__ import annotations
 
+import fcntl
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from io import BytesIO
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +29,7 @@ from mcap.records import (
     Footer,
     Header,
     McapRecord,
+    MessageIndex,
     Metadata,
     MetadataIndex,
     Schema,
@@ -43,7 +47,9 @@ CHUNK_BYTES = 1 << 20
 LARGEST_CHUNK_BYTES = 64 * CHUNK_BYTES
 """Largest chunk that is unpacked (assumption): a chunk ends with the block that fills it, and no block is so large."""
 
-_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+RECORD = struct.Struct("<BQ")
+"""Head of a record: opcode, length of what follows."""
+
 _MESSAGE_HEAD = [
     ("opcode", "u1"),
     ("length", "<u8"),
@@ -52,7 +58,7 @@ _MESSAGE_HEAD = [
     ("log_time", "<u8"),
     ("publish_time", "<u8"),
 ]
-_MESSAGE = struct.Struct("<BQHIQQ")
+MESSAGE = struct.Struct("<BQHIQQ")
 _ENTRY = struct.Struct("<QQ")  # log time, offset in the uncompressed chunk
 _INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 
@@ -67,6 +73,10 @@ class McapWriter:
 
     def __init__(self, path: Path, library: str) -> None:
         self._file = path.open("wb", buffering=0)
+        with suppress(OSError):  # not every file system knows locks
+            fcntl.flock(
+                self._file, fcntl.LOCK_EX | fcntl.LOCK_NB
+            )  # as long as it is written: see `mcap_repair`
         self._offset = 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
@@ -107,7 +117,7 @@ class McapWriter:
 
     def add_message(self, channel: int, log_time_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one message to the present chunk."""
-        head = _MESSAGE.pack(
+        head = MESSAGE.pack(
             Opcode.MESSAGE, len(data) + 22, channel, sequence & 0xFFFFFFFF, log_time_ns, log_time_ns
         )
         self._add(channel, head + data, _ENTRY.pack(log_time_ns, self._size), log_time_ns, log_time_ns)
@@ -123,7 +133,7 @@ class McapWriter:
         count, length = data.shape
         records = np.empty(count, np.dtype([*_MESSAGE_HEAD, ("data", "u1", (length,))]))
         records["opcode"] = Opcode.MESSAGE
-        records["length"] = records.itemsize - _RECORD.size
+        records["length"] = records.itemsize - RECORD.size
         records["channel"] = channel
         records["sequence"] = sequence & 0xFFFFFFFF
         records["log_time"] = records["publish_time"] = log_times_ns
@@ -157,7 +167,7 @@ class McapWriter:
         tail = b""
         for channel, index in indices.items():
             offsets[channel] = self._offset + len(chunk) + len(tail)
-            tail += _RECORD.pack(Opcode.MESSAGE_INDEX, 6 + len(index))
+            tail += RECORD.pack(Opcode.MESSAGE_INDEX, 6 + len(index))
             tail += struct.pack("<HI", channel, len(index)) + index
         self._chunks.append(
             ChunkIndex(
@@ -175,6 +185,39 @@ class McapWriter:
         self._write(chunk + tail)
         for channel, index in indices.items():
             self._counts[channel] = self._counts.get(channel, 0) + len(index) // _ENTRY.size
+
+    def adopt(self, opcode: int, record: bytes) -> None:
+        """Take a schema, a channel or a metadata record of another file as it stands there."""
+        stream = ReadDataStream(BytesIO(record[RECORD.size :]))
+        if opcode == Opcode.SCHEMA:
+            self._schemas.append(Schema.read(stream))
+        elif opcode == Opcode.CHANNEL:
+            self._channels.append(Channel.read(stream))
+        else:
+            self._metadata.append(MetadataIndex(self._offset, len(record), Metadata.read(stream).name))
+        self._write(record)
+
+    def adopt_chunk(self, record: bytes, index: Sequence[bytes]) -> None:
+        """Take a chunk of another file, and the index that follows it, as they stand there."""
+        chunk = Chunk.read(ReadDataStream(BytesIO(record[RECORD.size :])))
+        parts = [MessageIndex.read(ReadDataStream(BytesIO(part[RECORD.size :]))) for part in index]
+        starts = accumulate(map(len, index), initial=self._offset + len(record))
+        self._chunks.append(
+            ChunkIndex(
+                chunk_length=len(record),
+                chunk_start_offset=self._offset,
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
+                message_end_time=chunk.message_end_time,
+                message_index_length=sum(map(len, index)),
+                message_index_offsets={part.channel_id: at for part, at in zip(parts, starts, strict=False)},
+                message_start_time=chunk.message_start_time,
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
+        self._write(record + b"".join(index))
+        for part in parts:
+            self._counts[part.channel_id] = self._counts.get(part.channel_id, 0) + len(part.records)
 
     def sync(self) -> None:
         """End the chunk and see it on the disk."""
@@ -221,7 +264,7 @@ class McapWriter:
             summary += data
         offset_start = start + len(summary)
         summary += offsets
-        footer_head = _RECORD.pack(Opcode.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
+        footer_head = RECORD.pack(Opcode.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
         crc = zlib.crc32(summary + footer_head)
         self._write(summary + _encoded(Footer(start, offset_start, crc)) + MAGIC)
 
@@ -248,26 +291,30 @@ def records(path: Path) -> Iterator[Channel | Metadata | tuple[int, int] | Foote
     Raises:
         ValueError: not an MCAP file.
     """
+    with path.open("rb") as file:
+        for opcode, body, length in walk(path):
+            if opcode == Opcode.CHUNK:
+                yield body, length
+            elif opcode in (Opcode.CHANNEL, Opcode.METADATA, Opcode.FOOTER):
+                kind: Any = {Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}.get(Opcode(opcode), Footer)
+                file.seek(body)
+                yield kind.read(ReadDataStream(BytesIO(file.read(length))))
+
+
+def walk(path: Path) -> Iterator[tuple[int, int, int]]:
+    """Each whole record up to the footer: opcode, where its body begins, and the body's length."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise ValueError(f"{path}: not an MCAP recording")
-        offset = len(MAGIC)
-        while offset + _RECORD.size <= size:
+        offset, opcode = len(MAGIC), 0
+        while offset + RECORD.size <= size and opcode != Opcode.FOOTER:
             file.seek(offset)
-            opcode, length = _RECORD.unpack(file.read(_RECORD.size))
-            body = offset + _RECORD.size
+            opcode, length = RECORD.unpack(file.read(RECORD.size))
+            body = offset + RECORD.size
             offset = body + length
-            if offset > size:
-                return
-            if opcode == Opcode.CHUNK:
-                yield body, length
-            elif opcode in (Opcode.CHANNEL, Opcode.METADATA):
-                kind = Channel if opcode == Opcode.CHANNEL else Metadata
-                yield kind.read(ReadDataStream(BytesIO(file.read(length))))
-            elif opcode == Opcode.FOOTER:
-                yield Footer.read(ReadDataStream(BytesIO(file.read(length))))
-                return
+            if offset <= size:
+                yield opcode, body, length
 
 
 def messages(path: Path, body: int, length: int, channels: frozenset[int]) -> Iterator[tuple[int, bytes]]:
@@ -278,17 +325,28 @@ def messages(path: Path, body: int, length: int, channels: frozenset[int]) -> It
     """
     with path.open("rb") as file:
         file.seek(body)
-        chunk = Chunk.read(ReadDataStream(BytesIO(file.read(length))))
+        plain = unpacked(file.read(length))
+    for offset, (_, record_length, channel, *_) in message_heads(plain):
+        if channel in channels:
+            yield channel, plain[offset + MESSAGE.size : offset + RECORD.size + record_length]
+
+
+def unpacked(body: bytes) -> bytes:
+    """The messages of a chunk's body, one after the other."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
     size = zstandard.get_frame_parameters(chunk.data).content_size
     if not size == chunk.uncompressed_size <= LARGEST_CHUNK_BYTES:
         raise ValueError(f"it unpacks to {size} bytes where {chunk.uncompressed_size} are told")
     plain = zstandard.ZstdDecompressor().decompress(chunk.data)
     if zlib.crc32(plain) != chunk.uncompressed_crc:
         raise ValueError("its checksum is another")
-    offset, head = 0, struct.Struct("<BQH")
+    return plain
+
+
+def message_heads(plain: bytes) -> Iterator[tuple[int, tuple[Any, ...]]]:
+    """Where each message begins, and its head: opcode, length, channel, sequence and two times."""
+    offset = 0
     while offset < len(plain):
-        _, record_length, channel = head.unpack_from(plain, offset)
-        end = offset + _RECORD.size + record_length
-        if channel in channels:
-            yield channel, plain[offset + _RECORD.size + 22 : end]  # 22: channel, sequence and two times
-        offset = end
+        head = MESSAGE.unpack_from(plain, offset)
+        yield offset, head
+        offset += RECORD.size + head[1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from mcap.records import Channel, Footer, Metadata
 
 from controller.recording.ledger import Cell, read_ledger
 from controller.recording.mcap_file import messages, records
+from controller.recording.mcap_repair import CLOSED_AFTERWARDS, close_cut
 from controller.recording.run_folder import RunFolder, RunFolderError
 from controller.recording.schemas import block_schema, decode_block, skipped_schema
 from controller.recording.series import TrialRecording
@@ -82,6 +83,13 @@ class Run:
         return _Index(self.folder.recordings)
 
 
+def close_recordings(folder: RunFolder) -> None:
+    """Close what a killed run left open, for other programs; a file that cannot be closed stays as it is."""
+    for path in folder.recordings:
+        with suppress(Exception):  # what is damaged, `open_run` tells of
+            close_cut(path)
+
+
 def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
     """Open a run: a folder, a part of its name under `root`, or `latest`.
 
@@ -109,7 +117,9 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
         run.notes.append(f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.")
     if event_cut:
         run.notes.append("The last line of events.jsonl is incomplete and was left out.")
-    if index.cut:
+    if index.closed:
+        run.notes.append("The recording was cut off, and closed afterwards behind its last whole chunk.")
+    elif index.cut:
         run.notes.append("The recording has no footer; it was read up to its last whole chunk.")
     run.notes.extend(index.damage)
     return run
@@ -148,7 +158,7 @@ class _Index:
     """Which chunks of which file belong to which trial; nothing is decompressed before it is asked for."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self.cut = False
+        self.cut = self.closed = False
         self.damage: list[str] = []
         self.chunks: dict[int, list[tuple[Path, int, int]]] = {}
         self.factors: dict[int, dict[str, object]] = {}
@@ -171,6 +181,8 @@ class _Index:
                 present = int(record.metadata["trial"])
                 self.factors[present] = dict(json.loads(record.metadata["factors"]))
                 self.chunks[present] = []  # a trial that was run again replaces its first attempt
+            elif isinstance(record, Metadata) and record.name == CLOSED_AFTERWARDS:
+                self.cut = self.closed = True
             elif isinstance(record, tuple):
                 self.chunks.setdefault(present, []).append((path, *record))
             whole = isinstance(record, Footer)

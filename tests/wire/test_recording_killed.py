@@ -5,8 +5,9 @@ import time
 from pathlib import Path
 
 import pytest
+from mcap.reader import NonSeekingReader, make_reader
 
-from controller.recording.reader import open_run
+from controller.recording.reader import close_recordings, open_run
 
 RECORD_FOR_EVER = """
 import sys, time
@@ -52,3 +53,21 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
     assert [row["trial"] for row in run.trials] == [0]
     last_s = run.recording(1).stream("board.load_cell").times_s[-1]
     assert last_s > killed_s - start_s - 1.0
+    if lived_s < 2.0:
+        return
+    (path,) = run.folder.recordings
+    close_recordings(run.folder)
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        (raw,) = (
+            each.id for each in reader.get_summary().channels.values() if each.topic == "/raw/board/load_cell"
+        )
+        counted = sum(1 for _ in reader.iter_messages(topics="/raw/board/load_cell"))
+        assert reader.get_summary().statistics.channel_message_counts[raw] == counted > 10
+    with path.open("rb") as file:
+        streamed = NonSeekingReader(file, validate_crcs=True).iter_messages(topics="/raw/board/load_cell")
+        assert sum(1 for _ in streamed) == counted
+    closed = open_run(run.folder.path)
+    assert closed.cut_off
+    assert closed.recording(1).stream("board.load_cell").times_s[-1] == last_s
+    assert "The recording was cut off, and closed afterwards behind its last whole chunk." in closed.notes

@@ -440,6 +440,14 @@ def test_a_signal_that_leaves_its_range_is_shown_to_the_guard(bench):
     assert any("signals.double" in streams for _, streams, *_ in bench.guard.seen)
 
 
+def test_a_motion_that_a_detector_ends_stops_where_the_detectors_stream_falls_silent(bench):
+    bench.guard.real, bench.stage.travel_s = True, 0.5
+    read = bench.board.read
+    bench.board.read = lambda: [block for block in read() if block.stream != "board.force"]
+    bench.run()
+    assert bench.behavior.reason.startswith("board.force is silent for 0.1")
+
+
 def test_a_command_beyond_a_limit_is_refused_and_nothing_is_sent(bench):
     bench.behavior.enter_APPROACH = lambda: bench.behavior.command(MoveTo("stage", 0.02, 0.01))
     with pytest.raises(GuardRefusal):
