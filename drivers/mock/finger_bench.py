@@ -115,7 +115,7 @@ class FingerBench:
     def begin(
         self, t_s: float, seed: int, trial: int, factors: Mapping[str, Any], plant: Mapping[str, Any]
     ) -> None:
-        """Put the bench into a trial's scene at time `t_s`: the finger at rest, the probe where it is.
+        """Put the bench into a trial's scene at time `t_s`: the probe where it is, the finger at rest, perhaps on it.
 
         Args:
             t_s: Present time of the devices.
@@ -131,6 +131,7 @@ class FingerBench:
         self._origin_s = t_s
         self._begin((seed, trial), str(factors.get("location", "f")))
         self.on_plan(t_s)
+        self._plant.rest_against_probe()
 
     def _begin(self, key: tuple[int, int], location: str) -> None:
         self._plant.begin(key=key, location=location, gap_m=self._settings.surface_m)

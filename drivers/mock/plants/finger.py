@@ -115,6 +115,13 @@ class FingerPlant:
         self._settle()
         self._course.follow(table)
 
+    def rest_against_probe(self) -> None:
+        """Let the finger rest where a probe that reaches into it holds it, base and joint deflected; else nothing.
+
+        For the start of a trial: the finger was touched before, and all has come to rest since.
+        """
+        self._course.rest_against_probe()
+
     # time
 
     @property

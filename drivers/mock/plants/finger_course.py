@@ -58,6 +58,21 @@ class Course:
         self.moment.flags[scene.PIECE] = 0
         self.moment.depth[0] = math.nan
 
+    def rest_against_probe(self) -> None:
+        """Rest in contact where the probe's plan begins inside the finger: forces balance, nothing moves."""
+        finger, x = self.finger, self.moment.x
+        overlap_m = float(self.motion.position[0]) - finger.gap
+        if overlap_m <= 0.0:
+            return
+        # The contact's torque bends base and joint by as much as their stiffness says, and gives way by that.
+        give_rad_n_m = 1.0 / finger.joint + 1.0 / finger.base
+        force_n = finger.contact * overlap_m / (1.0 + finger.contact * finger.arm**2 * give_rad_n_m)
+        x[scene.BASE] = finger.arm * force_n / finger.base
+        x[scene.THETA] = finger.arm * force_n * give_rad_n_m
+        self.moment.flags[scene.MODE] = scene.TOUCHING
+        self.moment.depth[0] = math.nan
+        self._contacts.append((self.moment.t_s, True))
+
     def begin_span(self) -> None:
         """What was recorded becomes the span before; what was recorded before that is forgotten."""
         self._books, self._books_before = self._books_before, self._books
