@@ -228,9 +228,14 @@ class Sections:
             self._say(("behavior",), REST, said)
 
     def check_home(self, devices: Mapping[str, DeviceEntry], limits: Settings | None) -> None:
-        """`Home` is a motion like any other: it must not be faster than the guard lets others be."""
-        most_m_s = getattr(limits, "speed_m_s", None)
+        """Limits are of movers that there are; `Home` must not be faster than the guard lets its other motions be."""
+        movers = getattr(limits, "movers", {})
+        for name in movers.keys() - devices.keys():
+            self._say(
+                ("limits", "movers"), name, f" is no device of this bench; {near_or_all(name, devices)}"
+            )
         for name, entry in devices.items():
+            most_m_s = getattr(movers.get(name, limits), "speed_m_s", None)
             home_m_s = getattr(entry.settings, HOME_SPEED, None)
             if most_m_s is not None and home_m_s is not None and home_m_s > most_m_s:
                 said = f" = {shown(home_m_s)}: faster than [limits] speed_m_s = {shown(most_m_s)}; lower it to that"

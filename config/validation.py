@@ -64,7 +64,17 @@ def validated(
 
 def as_table(settings: BaseModel) -> dict[str, Any]:
     """The other way: keys and values as TOML and JSON hold them, defaults included."""
-    return {key: NONE if value is None else value for key, value in settings.model_dump(mode="json").items()}
+    return {
+        key: NONE if value is None else _without_none(value)
+        for key, value in settings.model_dump(mode="json").items()
+    }
+
+
+def _without_none(value: Any) -> Any:
+    """A table in a table leaves out what is None: there it is the default, and TOML has no word for it."""
+    if not isinstance(value, dict):
+        return value
+    return {key: _without_none(leaf) for key, leaf in value.items() if leaf is not None}
 
 
 def _may_be_none(model: type[BaseModel], key: str) -> bool:

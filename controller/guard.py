@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
-from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, Strict, model_validator
 
+from controller.limits import Bounds, GuardRefusal, GuardSettings, first_outside
 from drivers.messages import (
     MOTION,
     Command,
@@ -24,89 +23,18 @@ from drivers.messages import (
     StreamInfo,
     Twist,
 )
-from drivers.settings import Settings
 
-Place = Annotated[tuple[float, float, float], Strict(False)]
-"""x, y, z in m; a list in a profile."""
-
-
-class GuardSettings(Settings):
-    """Limits of the bench. The devices' own limits are set as well: this is never the last layer."""
-
-    force_n: float | None = Field(default=None, gt=0.0, le=1000.0)
-    """Largest force, of either sign, after the median filter; None on a bench without a force stream."""
-
-    force_stream: str | None = "board.load_cell"
-    """Where the force comes from (N); None on a bench without one."""
-
-    force_channels: Annotated[
-        tuple[Annotated[int, Field(ge=0, le=63)], ...], Strict(False), Field(min_length=1)
-    ] = (0,)
-    """Which of its channels; of several the size of the force that they make together."""
-
-    force_median_s: float = Field(default=0.010, gt=0.0, le=1.0)
-    """Length of the running median that the force is seen through: a single spike stops nothing."""
-
-    travel_m: float = Field(gt=0.0, le=2.0)
-    """Farthest position on the approach axis, from its zero."""
-
-    travel_min_m: float = Field(default=-0.0005, ge=-2.0, le=0.0)
-    """Nearest position on the approach axis. Assumption: half a millimetre behind zero for overshoot."""
-
-    position_stream: str | None = "stage.position"
-    """Where the mover's position comes from (m); None where travel is held by commands and device alone."""
-
-    workspace_min_m: Place | None = None
-    """Corner of the box that the tool's point must stay in, base frame; None without such a box."""
-
-    workspace_max_m: Place | None = None
-    """The opposite corner."""
-
-    pose_stream: str | None = None
-    """Where the tool's pose comes from (x, y, z in m first); needed for the box."""
-
-    range_streams: Annotated[tuple[str, ...], Strict(False)] = ()
-    """Streams that must stay within the range in which they tell the truth, a fingertip's forces for example: heard and
-    watched in every motion. What they say of their range (`Saturated`) stops it, as does their silence."""
-
-    reach_m: float = Field(default=0.0, ge=0.0, le=2.0)
-    """Farthest that a free motion (`Twist`, `MovePose`) may lead from where it begins, or from the start pose. None may
-    be made unless this is given, one that only turns included."""
-
-    reach_rad: float = Field(default=0.0, ge=0.0, le=math.tau)
-    """Farthest that a free motion may turn the tool, likewise. None may turn it unless this is given."""
-
-    speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
-    """Fastest motion that may be asked for; a device's own `home_speed_m_s` is held against it in the profile."""
-
-    turn_rad_s: float = Field(default=1.0, gt=0.0, le=10.0)
-    """Fastest turn of the tool that may be asked for. Assumption: a UR's own reduced mode is of this order."""
-
-    grip_n: float = Field(default=80.0, gt=0.0, le=500.0)
-    """Hardest grip that may be asked for. Source: the SSG-48's own range ends at 80 N."""
-
-    stale_s: float = Field(default=0.1, gt=0.0, le=10.0)
-    """A watched stream silent for longer than this, while something moves, stops it."""
-
-    late_s: float = Field(default=0.1, gt=0.0, le=10.0)
-    """A turn of the loop later than this, while something moves, stops it."""
-
-    @model_validator(mode="after")
-    def _whole_box(self) -> Self:
-        given = [self.workspace_min_m is None, self.workspace_max_m is None, self.pose_stream is None]
-        if any(given) and not all(given):
-            raise ValueError(
-                "workspace_min_m, workspace_max_m and pose_stream belong together: give all or none"
-            )
-        return self
-
-
-class GuardRefusal(Exception):  # noqa: N818 - it is a refusal, not a fault of the program
-    """The guard will not let a command through."""
+RELIEF = 0.1
+"""How much more than at its start a trial that begins in contact may press, as a share of the force limit. Assumption:
+above a force sensor's noise."""
 
 
 class Guard:
     """Watches force, travel, stale streams and a late loop; knows nothing of the experiment.
+
+    A trial may begin in contact: an earlier run died there. What presses beyond the limit from its first samples on may
+    not grow, the limit follows it down as it goes, and until then nothing but `Home` and motions back along the axis is
+    let through: so there is a way out, and none farther in.
 
     Args:
         settings: The limits.
@@ -114,11 +42,21 @@ class Guard:
 
     def __init__(self, settings: GuardSettings) -> None:
         self.settings = settings
+        self._first = Bounds(settings, "limits")
+        self._others = {
+            name: Bounds(limits, f"limits.movers.{name}") for name, limits in settings.movers.items()
+        }
+        streams = (settings.position_stream, settings.pose_stream)
+        owners = [stream.partition(".")[0] for stream in streams if stream is not None]
+        self._carrier = owners[0] if owners else ""
         looks: list[tuple[str | None, bool, Callable[[SampleBlock], Sequence[str]]]] = [
-            (settings.force_stream, settings.force_n is not None, self._force),
-            (settings.position_stream, True, self._position),
-            (settings.pose_stream, settings.workspace_min_m is not None, self._pose),
+            (settings.force_stream, settings.force_n is not None, self._force)
         ]
+        for bounds in (self._first, *self._others.values()):
+            looks += [
+                (bounds.limits.position_stream, True, bounds.position),
+                (bounds.limits.pose_stream, True, bounds.pose),
+            ]
         self._looks: dict[str, list[Callable[[SampleBlock], Sequence[str]]]] = {}
         for stream, wanted, look in looks:
             if stream is not None and wanted:
@@ -135,6 +73,8 @@ class Guard:
         """
         self.inputs = frozenset((*self._looks, *self.settings.range_streams, *range_streams))
         self._tail_n: list[float] = []
+        # What pressed beyond the limit ever since the trial began; infinite before anything was heard, then 0.
+        self._borne_n = math.inf
         self._seen_s: dict[str, float] = {}
         self.arm(frozenset())
 
@@ -157,26 +97,27 @@ class Guard:
             GuardRefusal: a stream that nobody sends, or one with too few channels.
         """
         settings = self.settings
-        needed = [
-            ("force_stream", settings.force_stream, max(settings.force_channels) + 1),
-            ("position_stream", settings.position_stream, 1),
-            ("pose_stream", settings.pose_stream, 3),
-            *(("range_streams", name, 1) for name in settings.range_streams),
-        ]
+        needed = [("limits.force_stream", settings.force_stream, max(settings.force_channels) + 1)]
+        for bounds in (self._first, *self._others.values()):
+            needed += [
+                (f"{bounds.where}.position_stream", bounds.limits.position_stream, 1),
+                (f"{bounds.where}.pose_stream", bounds.limits.pose_stream, 3),
+            ]
+        needed += [("limits.range_streams", name, 1) for name in settings.range_streams]
         for key, name, channels in needed:
             if name is None or name not in self.inputs:
                 continue
             if name not in streams:
                 known = ", ".join(sorted(streams))
-                raise GuardRefusal(f"limits.{key} = {name}: the bench has no such stream; it has {known}")
+                raise GuardRefusal(f"{key} = {name}: the bench has no such stream; it has {known}")
             if len(streams[name].channels) < channels:
                 raise GuardRefusal(
-                    f"limits.{key} = {name}: channel {channels - 1} is to be watched, but it has"
+                    f"{key} = {name}: channel {channels - 1} is to be watched, but it has"
                     f" {len(streams[name].channels)}; count from 0"
                 )
 
     def admit(self, command: Command) -> Command:
-        """Let a command through, or say why not.
+        """Let a command through, with the bound that its mover's device shall hold; or say why not.
 
         Raises:
             GuardRefusal: not finite, too fast, beyond the travel, or a motion that no limit is known for.
@@ -187,21 +128,11 @@ class Guard:
             for number in value if isinstance(value, tuple) else (value,):
                 if isinstance(number, float) and not math.isfinite(number):
                     raise GuardRefusal(f"{what}: {field.name} is {number}")
-        if isinstance(command, MoveAt):
-            self._admit_speed(what, abs(command.velocity_m_s))
-            self._admit_target(what, command.limit_m)
-        elif isinstance(command, MoveTo):
-            self._admit_speed(what, command.speed_m_s)
-            self._admit_target(what, command.position_m)
-        elif isinstance(command, Twist):
-            self._admit_twist(what, command)
-        elif isinstance(command, MovePose):
-            # What turns on the way, back to the start pose's orientation perhaps, takes the same number for rad/s.
-            self._admit_speed(what, command.speed_m_s)
-            self._admit_turn(what, command.speed_m_s)
-            self._admit_reach(what, math.hypot(*command.offset[:3]), math.hypot(*command.offset[3:]))
-        elif isinstance(command, Grip | Release):
-            self._admit_speed(what, command.speed_m_s)
+        if isinstance(command, MoveAt | MoveTo | Twist | MovePose):
+            self._admit_direction(what, command)
+            return self._bounds_of(what, command.device).admit(what, command)
+        if isinstance(command, Grip | Release):
+            self._others.get(command.device, self._first).admit_speed(what, command.speed_m_s)
             limit_n = self.settings.grip_n
             if isinstance(command, Grip) and not 0.0 < command.force_n <= limit_n:
                 raise GuardRefusal(
@@ -211,48 +142,27 @@ class Guard:
             raise GuardRefusal(f"{what}: no limit is known for this motion")
         return command
 
-    def _admit_twist(self, what: str, command: Twist) -> None:
-        speed_m_s, turn_rad_s = math.hypot(*command.twist[:3]), math.hypot(*command.twist[3:])
-        if command.duration_s <= 0.0:
-            raise GuardRefusal(f"{what}: {command.duration_s:.6g} s is no duration; it must be above 0")
-        if speed_m_s > 0.0:
-            self._admit_speed(what, speed_m_s)
-        self._admit_turn(what, turn_rad_s)
-        self._admit_reach(what, speed_m_s * command.duration_s, turn_rad_s * command.duration_s)
-
-    def _admit_speed(self, what: str, speed_m_s: float) -> None:
-        limit_m_s = self.settings.speed_m_s
-        if speed_m_s <= 0.0:
-            raise GuardRefusal(f"{what}: {speed_m_s:.6g} m/s is no speed; it must be above 0")
-        if speed_m_s > limit_m_s:
-            raise GuardRefusal(f"{what}: {speed_m_s:.6g} m/s is beyond limits.speed_m_s = {limit_m_s:.6g}")
-
-    def _admit_turn(self, what: str, turn_rad_s: float) -> None:
-        limit_rad_s = self.settings.turn_rad_s
-        if turn_rad_s > limit_rad_s:
+    def _admit_direction(self, what: str, command: Command) -> None:
+        """Where the trial began in contact, and still is: out of it alone."""
+        back = (isinstance(command, MoveAt) and command.velocity_m_s < 0.0) or (
+            isinstance(command, MoveTo) and command.position_m <= 0.0
+        )
+        if 0.0 < self._borne_n < math.inf and not back:
             raise GuardRefusal(
-                f"{what}: {turn_rad_s:.6g} rad/s is beyond limits.turn_rad_s = {limit_rad_s:.6g}"
+                f"{what}: the trial began in contact, at {self._borne_n:.3g} N still, beyond limits.force_n ="
+                f" {self.settings.force_n:g}; send Home first, or back along the axis"
             )
 
-    def _admit_reach(self, what: str, distance_m: float, angle_rad: float) -> None:
-        limit_m, limit_rad = self.settings.reach_m, self.settings.reach_rad
-        if limit_m == 0.0:
-            raise GuardRefusal(f"{what}: no free motion may be made without limits.reach_m; give it")
-        if distance_m > limit_m:
+    def _bounds_of(self, what: str, device: str) -> Bounds:
+        """A mover's own limits: another one's hold nothing of it."""
+        if device in self._others:
+            return self._others[device]
+        self._carrier = self._carrier or device
+        if device != self._carrier:
             raise GuardRefusal(
-                f"{what}: leads {distance_m:.6g} m away, beyond limits.reach_m = {limit_m:.6g}"
+                f"{what}: [limits] are those of {self._carrier}; give {device} its own in [limits.movers.{device}]"
             )
-        if angle_rad > limit_rad:
-            raise GuardRefusal(
-                f"{what}: turns by {angle_rad:.6g} rad, beyond limits.reach_rad = {limit_rad:.6g}"
-            )
-
-    def _admit_target(self, what: str, target_m: float) -> None:
-        least_m, most_m = self.settings.travel_min_m, self.settings.travel_m
-        if not least_m <= target_m <= most_m:
-            raise GuardRefusal(
-                f"{what}: {target_m:.6g} m is outside limits.travel_min_m .. travel_m = {least_m:.6g} .. {most_m:.6g}"
-            )
+        return self._first
 
     def watch(
         self,
@@ -322,7 +232,9 @@ class Guard:
         joined_n = self._tail_n + parts_n.tolist()
         self._tail_n = joined_n[max(0, len(joined_n) - keep) :] if keep else []
         # A median cannot exceed the largest, so this is all that a quiet turn costs.
-        if _first_outside(joined_n, -limit_n, limit_n) is None:
+        if first_outside(joined_n, -limit_n, limit_n) is None:
+            if joined_n:
+                self._borne_n = 0.0
             return ()
         joined = np.array(joined_n)
         if not np.isfinite(joined).all():
@@ -331,43 +243,19 @@ class Guard:
         if len(joined) <= keep:
             return ()
         windows = np.lib.stride_tricks.sliding_window_view(joined, keep + 1)
-        worst_n = float(np.abs(np.median(windows, axis=1)).max())
+        medians_n = np.abs(np.median(windows, axis=1))
+        worst_n = float(medians_n.max())
         if worst_n <= limit_n:
+            self._borne_n = 0.0
+            return ()
+        if self._borne_n > 0.0 and worst_n <= self._borne_n + RELIEF * limit_n:
+            least_n = min(self._borne_n, float(medians_n.min()))
+            self._borne_n = least_n if least_n > limit_n else 0.0
             return ()
         return (
             f"{block.stream} is at {worst_n:.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
             f" beyond limits.force_n = {limit_n:g}",
         )
 
-    def _position(self, block: SampleBlock) -> Sequence[str]:
-        settings = self.settings
-        positions_m = (block.values * block.scale).ravel().tolist()
-        position_m = _first_outside(positions_m, settings.travel_min_m, settings.travel_m)
-        if position_m is None:
-            return ()
-        return (
-            f"{block.stream} is at {position_m:.6f} m, outside limits.travel_min_m .. travel_m"
-            f" = {settings.travel_min_m:g} .. {settings.travel_m:g}",
-        )
 
-    def _pose(self, block: SampleBlock) -> Sequence[str]:
-        least_m, most_m = self.settings.workspace_min_m, self.settings.workspace_max_m
-        if least_m is None or most_m is None:
-            return ()
-        places_m = block.physical[:, :3]
-        inside = ((places_m >= least_m) & (places_m <= most_m)).all(axis=1)
-        if inside.all():
-            return ()
-        x_m, y_m, z_m = places_m[~inside][0].tolist()
-        return (
-            f"{block.stream} is at ({x_m:.4f}, {y_m:.4f}, {z_m:.4f}) m, outside limits.workspace_min_m"
-            " .. workspace_max_m",
-        )
-
-
-def _first_outside(values: Iterable[float], least: float, most: float) -> float | None:
-    """The first value that is not inside, NaN included; a turn's few samples are sooner seen here than by numpy."""
-    for value in values:
-        if not least <= value <= most:
-            return value
-    return None
+__all__ = ["Guard", "GuardRefusal", "GuardSettings"]

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from config.assemble import Table
-from config.profile import load_profile
+from config.profile import load_profile, load_resolved
 from config.source import PROFILES, ProfileError, read_source
 
 PRINTED_SLIP_S = {
@@ -107,3 +107,26 @@ def test_a_name_that_is_not_there_is_told_with_its_place(key, value, said):
         loaded(overrides={key: value})
     assert said in str(refusal.value)
     assert key.rpartition(".")[0] in str(refusal.value)
+
+
+LIFT = {"limits.movers.arm.travel_m": "0.1", "limits.movers.arm.speed_m_s": "0.03"}
+
+
+def test_limits_of_another_mover_are_in_the_resolved_profile_and_load_again():
+    profile = loaded(overrides=LIFT)
+    assert profile.limits.movers["arm"].speed_m_s == 0.03
+    assert "position_stream" not in profile.resolved["limits"]["movers"]["arm"]
+    again = load_resolved("again", profile.resolved, table=Table())
+    assert again.limits == profile.limits
+    assert again.hash == profile.hash
+
+
+def test_a_home_is_held_to_the_limits_of_its_own_mover():
+    with pytest.raises(ProfileError, match=r"home_speed_m_s = 0.031: faster than"):
+        loaded(overrides={**LIFT, "devices.arm.home_speed_m_s": "0.031"})
+    loaded(overrides={**LIFT, "devices.arm.home_speed_m_s": "0.029"})
+
+
+def test_limits_of_a_mover_that_is_not_there_are_refused_with_their_place():
+    with pytest.raises(ProfileError, match=r"\[limits.movers\] lift is no device of this bench"):
+        loaded(overrides={"limits.movers.lift.travel_m": "0.1"})

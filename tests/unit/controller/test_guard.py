@@ -1,11 +1,16 @@
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from drivers.messages import (
+    MOTION,
+    Command,
+    Excite,
     Grip,
+    Home,
     MoveAt,
     MovePose,
     MoveTo,
@@ -18,9 +23,20 @@ from drivers.messages import (
 )
 
 
-def guard(**changes):
+def guard(*, quiet=True, **changes):
+    """A guard that has heard a moment of no force, unless it is not `quiet`."""
     settings = {"force_n": 2.0, "travel_m": 0.012, "speed_m_s": 0.02}
-    return Guard(GuardSettings(**{**settings, **changes}))
+    made = Guard(GuardSettings(**{**settings, **changes}))
+    limits = made.settings
+    if quiet and limits.force_n is not None and limits.force_stream is not None:
+        width = max(limits.force_channels) + 1
+        block = SampleBlock(limits.force_stream, 0, 0.0, np.zeros((1, width)), rate_hz=1000.0, unit="N")
+        assert made.watch(0.0, [block], moving=False) is None
+    return made
+
+
+def arm(**changes):
+    return guard(position_stream="arm.position", **changes)
 
 
 def force(values_n, start=0, rate_hz=1000.0):
@@ -205,8 +221,9 @@ def test_travel_beyond_the_limit_stops_the_bench():
     ],
 )
 def test_what_is_unsafe_is_refused_with_the_reason(command, said):
+    limits = arm() if command.device == "arm" else guard()
     with pytest.raises(GuardRefusal, match=said):
-        guard().admit(command)
+        limits.admit(command)
 
 
 def test_stop_always_passes():
@@ -274,14 +291,14 @@ def test_a_sensor_beyond_its_range_stops_the_bench():
 )
 def test_a_free_motion_is_held_to_speed_turn_and_reach(command, said):
     with pytest.raises(GuardRefusal, match=said):
-        guard(reach_m=0.1, reach_rad=1.5).admit(command)
+        arm(reach_m=0.1, reach_rad=1.5).admit(command)
 
 
 def test_a_move_that_turns_is_held_to_the_turn_by_the_same_number():
     turning = MovePose("arm", (0.0, 0.0, 0.0, 0.0, 0.5, 0.0), 0.015)
-    assert guard(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.015).admit(turning) is turning
+    assert arm(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.015).admit(turning) is turning
     with pytest.raises(GuardRefusal, match=r"0.015 rad/s is beyond limits.turn_rad_s = 0.01"):
-        guard(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.01).admit(turning)
+        arm(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.01).admit(turning)
 
 
 @pytest.mark.parametrize(
@@ -296,13 +313,13 @@ def test_a_move_that_turns_is_held_to_the_turn_by_the_same_number():
 )
 def test_no_free_motion_without_a_reach_one_that_only_turns_included(command):
     with pytest.raises(GuardRefusal, match=r"without limits.reach_m"):
-        guard(reach_rad=1.5).admit(command)
-    assert guard(reach_m=0.1, reach_rad=1.5).admit(command) is command
+        arm(reach_rad=1.5).admit(command)
+    assert arm(reach_m=0.1, reach_rad=1.5).admit(command) is command
 
 
 def test_no_turn_without_a_reach_in_radians():
     with pytest.raises(GuardRefusal, match=r"limits.reach_rad = 0"):
-        guard(reach_m=0.1).admit(Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.1, 0.0), 5.0))
+        arm(reach_m=0.1).admit(Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.1, 0.0), 5.0))
 
 
 def test_of_several_channels_the_size_of_the_force_counts():
@@ -311,3 +328,272 @@ def test_of_several_channels_the_size_of_the_force_counts():
     watching = {"force_stream": "arm.force", "force_channels": (0, 1, 2)}
     assert guard(**watching, force_n=2.01).watch(0.02, [block], moving=False) is None
     assert "2.000 N" in guard(**watching, force_n=1.99).watch(0.02, [block], moving=False)
+
+
+# --- scales, ages, places, in every sample
+
+
+def test_a_force_is_in_newtons_and_not_in_counts():
+    counts = np.full((20, 1), 150_000)
+    block = SampleBlock("board.load_cell", 0, 0.0, counts, rate_hz=1000.0, unit="N", scale=1e-5)
+    assert guard().watch(0.02, [block], moving=True) is None, "1.5 N"
+    heavy = SampleBlock("board.load_cell", 0, 0.0, 2 * counts, rate_hz=1000.0, unit="N", scale=1e-5)
+    assert "3.000 N" in guard().watch(0.02, [heavy], moving=True)
+
+
+def test_several_channels_of_force_are_in_newtons_too():
+    counts = np.tile([1500, 2000], (20, 1))  # 2.5 N
+    block = SampleBlock("arm.force", 0, 0.0, counts, rate_hz=1000.0, unit="N", scale=1e-3)
+    watching = {"force_stream": "arm.force", "force_channels": (0, 1)}
+    assert guard(**watching, force_n=2.6).watch(0.02, [block], moving=True) is None
+    assert "2.500 N" in guard(**watching, force_n=2.4).watch(0.02, [block], moving=True)
+
+
+def test_a_position_is_in_metres_and_not_in_counts():
+    counts = np.array([[20_000], [24_000]])
+    block = SampleBlock("stage.position", 0, 0.0, counts, times_s=np.zeros(2), unit="m", scale=0.5e-6)
+    assert guard().watch(0.0, [block], moving=True) is None
+    far = SampleBlock("stage.position", 0, 0.0, counts + 200, times_s=np.zeros(2), unit="m", scale=0.5e-6)
+    assert "0.012100 m" in guard().watch(0.0, [far], moving=True)
+
+
+def test_a_pose_is_in_metres_and_not_in_counts():
+    block = SampleBlock("arm.pose", 0, 0.0, np.full((1, 6), 90), rate_hz=500.0, unit="m", scale=1e-3)
+    assert boxed().watch(0.0, [block], moving=True) is None
+    far = SampleBlock("arm.pose", 0, 0.0, np.full((1, 6), 110), rate_hz=500.0, unit="m", scale=1e-3)
+    assert "(0.1100, 0.1100, 0.1100) m" in boxed().watch(0.0, [far], moving=True)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_every_position_of_a_block_counts(number):
+    places_m = [0.005, 0.005, 0.005]
+    places_m[number] = 0.0121
+    assert "0.012100 m" in guard().watch(0.0, [position(places_m)], moving=True)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_every_pose_of_a_block_counts(number):
+    places_m = [(0.0, 0.0, 0.1)] * 3
+    places_m[number] = (0.0, 0.0, 0.31)
+    assert "0.3100" in boxed().watch(0.0, [pose(*places_m)], moving=True)
+
+
+@pytest.mark.parametrize("place_m", [(-0.11, 0, 0.1), (0.11, 0, 0.1), (0, -0.11, 0.1), (0, 0, -0.01)])
+def test_each_side_of_the_box_holds(place_m):
+    assert boxed().watch(0.0, [pose(place_m)], moving=True)
+
+
+@pytest.mark.parametrize(("position_m", "stops"), [(-0.0005, False), (-0.00051, True), (0.012, False)])
+def test_the_ends_of_the_travel_are_inside(position_m, stops):
+    assert bool(guard().watch(0.0, [position([position_m])], moving=True)) == stops
+
+
+def test_an_age_does_not_run_backwards():
+    watched = guard(force_n=None)
+    watched.watch(0.0, [position([0.0])], moving=True)
+    watched.watch(0.1, [position([0.0], t0_s=0.1)], moving=True)
+    # A block that comes late with older samples makes nothing older than it is.
+    assert watched.watch(0.19, [position([0.0], t0_s=0.02)], moving=True) is None
+    assert "silent for 0.101 s" in watched.watch(0.201, [], moving=True)
+
+
+def test_a_stream_may_be_exactly_as_old_as_its_limit():
+    watched = guard(force_n=None, stale_s=0.125)
+    watched.watch(0.0, [position([0.0])], moving=True)
+    assert watched.watch(0.125, [], moving=True) is None
+    assert watched.watch(0.126, [], moving=True)
+
+
+def test_an_empty_block_keeps_no_stream_alive():
+    watched = guard(force_n=None)
+    watched.watch(0.0, [position([0.0])], moving=True)
+    assert "silent" in watched.watch(0.2, [position([])], moving=True)
+
+
+def test_a_loop_may_be_exactly_as_late_as_its_limit():
+    assert guard(late_s=0.125).watch(0.0, [], moving=True, late_s=0.125) is None
+
+
+def test_the_first_of_several_reasons_is_told():
+    saturated = Saturated(0.0, "signals", "signals.fingertip", 1.62)
+    reason = guard().watch(0.0, [position([0.02])], moving=True, late_s=1.0, saturated=[saturated])
+    assert reason.startswith("signals.fingertip is beyond its range")
+
+
+def test_a_median_over_less_than_two_samples_is_the_sample():
+    watched = guard(force_median_s=0.001)
+    assert "2.500 N" in watched.watch(0.001, [force([2.5])], moving=True)
+
+
+def test_a_window_begins_anew_with_a_trial():
+    watched = guard()
+    watched.watch(0.005, [force(np.full(5, 9.0))], moving=True)
+    watched.reset()
+    assert watched.watch(0.01, [force(np.full(6, 0.1))], moving=True) is None
+
+
+def test_what_is_no_number_is_forgotten_once_it_has_been_told():
+    watched = guard()
+    assert "reads nan" in watched.watch(0.001, [force([math.nan])], moving=True)
+    assert watched.watch(0.02, [force(np.zeros(20))], moving=True) is None
+
+
+@pytest.mark.parametrize("grip_n", [0.0, -5.0, 80.1])
+def test_a_grip_needs_a_force_above_nothing_and_within_its_limit(grip_n):
+    with pytest.raises(GuardRefusal, match=r"is outside 0 .. limits.grip_n = 80"):
+        guard().admit(Grip("gripper", 0.01, 0.01, grip_n))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Grip("gripper", 0.01, 0.02, 80.0),
+        Release("gripper", 0.02),
+        MoveAt("stage", 0.02, 0.012),
+        MoveAt("stage", -0.02, -0.0005),
+        MoveTo("stage", 0.012, 0.02),
+        Home("stage"),
+        Excite("board", True),
+    ],
+)
+def test_what_is_just_within_its_limits_passes_as_it_is(command):
+    assert guard().admit(command) == command
+
+
+@dataclass(frozen=True, slots=True)
+class _Jump(Command):
+    height_m: float
+
+
+def test_a_motion_that_no_limit_is_known_for_is_refused(monkeypatch):
+    monkeypatch.setattr("controller.guard.MOTION", (*MOTION, _Jump))
+    with pytest.raises(GuardRefusal, match=r"Jump\(stage\): no limit is known for this motion"):
+        guard().admit(_Jump("stage", 0.1))
+
+
+@pytest.mark.parametrize(
+    ("streams", "said"),
+    [
+        ({"stage.position": 1}, "limits.force_stream = board.load_cell: the bench has no such stream"),
+        ({"board.load_cell": 1}, "limits.position_stream = stage.position: the bench has no such stream"),
+        ({"board.load_cell": 0, "stage.position": 1}, "channel 0 is to be watched, but it has 0"),
+        ({"board.load_cell": 1, "stage.position": 1}, "limits.pose_stream = arm.pose: the bench has no"),
+        (
+            {"board.load_cell": 1, "stage.position": 1, "arm.pose": 2},
+            "channel 2 is to be watched, but it has 2",
+        ),
+    ],
+)
+def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, said):
+    there = {name: StreamInfo(name, tuple("xyz"[:n]), "N") for name, n in streams.items()}
+    with pytest.raises(GuardRefusal, match=said):
+        boxed().fit(there)
+
+
+# --- limits of each mover
+
+
+def two_movers():
+    other = {"travel_m": 0.1, "speed_m_s": 0.3, "position_stream": "lift.position", "blind_travel_m": 0.01}
+    return guard(movers={"lift": other})
+
+
+def test_a_second_mover_is_not_admitted_under_the_first_ones_limits():
+    with pytest.raises(
+        GuardRefusal, match=r"\[limits\] are those of stage; give lift its own in \[limits.movers.lift\]"
+    ):
+        guard().admit(MoveTo("lift", 0.01, 0.01))
+
+
+def test_where_no_stream_says_whose_the_limits_are_they_are_the_first_ones_that_moves():
+    limits = guard(position_stream=None)
+    limits.admit(MoveTo("stage", 0.01, 0.01))
+    with pytest.raises(GuardRefusal, match=r"those of stage"):
+        limits.admit(MoveTo("lift", 0.01, 0.01))
+
+
+def test_each_mover_is_held_to_its_own_travel_and_speed():
+    limits = two_movers()
+    assert limits.admit(MoveTo("lift", 0.1, 0.3)) == MoveTo("lift", 0.1, 0.3, blind_travel_m=0.01)
+    assert limits.admit(MoveTo("stage", 0.012, 0.02)) == MoveTo("stage", 0.012, 0.02)
+    with pytest.raises(
+        GuardRefusal, match=r"outside limits.movers.lift.travel_min_m .. travel_m = -0.0005 .. 0.1"
+    ):
+        limits.admit(MoveTo("lift", 0.11, 0.3))
+    with pytest.raises(GuardRefusal, match=r"beyond limits.movers.lift.speed_m_s = 0.3"):
+        limits.admit(MoveAt("lift", -0.31, 0.1))
+    with pytest.raises(GuardRefusal, match=r"outside limits.travel_min_m"):
+        limits.admit(MoveTo("stage", 0.1, 0.02))
+
+
+def test_each_movers_position_is_watched():
+    limits = two_movers()
+    assert limits.inputs == {"board.load_cell", "stage.position", "lift.position"}
+    block = SampleBlock("lift.position", 0, 0.0, np.array([[0.05]]), times_s=np.zeros(1), unit="m")
+    assert limits.watch(0.0, [block], moving=True) is None
+    far = SampleBlock("lift.position", 0, 0.0, np.array([[0.11]]), times_s=np.zeros(1), unit="m")
+    assert "outside limits.movers.lift.travel_min_m" in limits.watch(0.0, [far], moving=True)
+
+
+def test_a_motion_takes_the_blind_travel_of_its_mover_along():
+    admitted = guard(blind_travel_m=0.004).admit(MoveAt("stage", 0.01, 0.01))
+    assert admitted.blind_travel_m == 0.004
+    admitted = guard(blind_travel_m=0.004).admit(MoveTo("stage", 0.01, 0.01))
+    assert admitted.blind_travel_m == 0.004
+
+
+# --- a way out of contact
+
+
+def pressed(force_n=6.0):
+    """A guard whose trial begins in contact."""
+    watched = guard(quiet=False)
+    assert watched.watch(0.02, [force(np.full(20, force_n)), position([0.01])], moving=True) is None
+    return watched
+
+
+def test_a_trial_that_begins_in_contact_may_go_home_and_back():
+    watched = pressed()
+    for command in (Home("stage"), MoveAt("stage", -0.01, 0.0), MoveTo("stage", 0.0, 0.01), Stop("stage")):
+        assert watched.admit(command) == command
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        MoveAt("stage", 0.01, 0.012),
+        MoveTo("stage", 0.005, 0.01),
+        Twist("stage", (-0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1),
+        MovePose("stage", (0.0,) * 6, 0.01),
+    ],
+)
+def test_a_trial_that_begins_in_contact_goes_nowhere_else(command):
+    with pytest.raises(GuardRefusal, match=r"the trial began in contact, at 6 N still"):
+        pressed().admit(command)
+
+
+def test_what_pressed_at_the_start_may_not_grow():
+    assert pressed().watch(0.04, [force(np.full(20, 6.19), 20)], moving=True) is None
+    assert "6.210 N" in pressed().watch(0.04, [force(np.full(20, 6.21), 20)], moving=True)
+
+
+def test_the_limit_follows_the_force_down_and_is_the_settings_again_below_it():
+    watched = pressed()
+    assert watched.watch(0.04, [force(np.full(20, 3.0), 20)], moving=True) is None
+    assert "3.300 N" in watched.watch(0.06, [force(np.full(20, 3.3), 40)], moving=True)
+    watched = pressed()
+    assert watched.watch(0.04, [force(np.full(20, 1.9), 20)], moving=True) is None
+    watched.admit(MoveAt("stage", 0.01, 0.012))
+    assert "2.050 N" in watched.watch(0.06, [force(np.full(20, 2.05), 40)], moving=True)
+
+
+def test_a_contact_that_comes_later_is_none_that_was_there():
+    watched = guard(quiet=False)
+    watched.watch(0.02, [force(np.full(20, 0.1))], moving=True)
+    assert "2.100 N" in watched.watch(0.04, [force(np.full(20, 2.1), 20)], moving=True)
+
+
+def test_the_next_trial_may_begin_in_contact_again():
+    watched = guard()
+    watched.reset()
+    assert watched.watch(0.02, [force(np.full(20, 6.0))], moving=True) is None

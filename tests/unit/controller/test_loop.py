@@ -464,12 +464,9 @@ def test_a_refused_command_is_in_the_record_with_the_state_that_gave_it(bench):
 
 
 def test_what_the_guard_is_to_watch_and_nobody_sends_is_refused_before_anything_moves(bench):
-    bench.guard = Told()
-    bench.guard.settings = GuardSettings(
-        travel_m=0.01, force_stream="board.load", force_n=1.0, position_stream="x.y"
+    bench.guard = Guard(
+        GuardSettings(travel_m=0.01, force_stream="board.load", force_n=1.0, position_stream="x.y")
     )
-    bench.guard.inputs |= {"x.y"}
-    bench.guard.reset = lambda streams: None
     with pytest.raises(GuardRefusal, match=r"x\.y"):
         bench.run()
     assert bench.told(MoveTo) == []

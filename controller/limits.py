@@ -1,0 +1,240 @@
+"""What each mover of a bench may do, and which of its commands that lets through. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated, Self
+
+from pydantic import Field, Strict, model_validator
+
+from drivers.messages import (
+    BLIND_TRAVEL_M,
+    Command,
+    MoveAt,
+    MovePose,
+    MoveTo,
+    SampleBlock,
+    Twist,
+)
+from drivers.settings import Settings
+
+Place = Annotated[tuple[float, float, float], Strict(False)]
+"""x, y, z in m; a list in a profile."""
+
+
+class GuardRefusal(Exception):  # noqa: N818 - it is a refusal, not a fault of the program
+    """The guard will not let a command through."""
+
+
+class MoverLimits(Settings):
+    """Limits of one mover."""
+
+    travel_m: float = Field(gt=0.0, le=2.0)
+    """Farthest position on the approach axis, from its zero."""
+
+    travel_min_m: float = Field(default=-0.0005, ge=-2.0, le=0.0)
+    """Nearest position on the approach axis. Assumption: half a millimetre behind zero for overshoot."""
+
+    blind_travel_m: float = Field(default=BLIND_TRAVEL_M, gt=0.0, le=2.0)
+    """How far it may go that nobody looks at any more: what its device itself holds it to, where the program dies or is
+    stopped. A mover whose controller has a watchdog is held by that (`drivers.messages.BLIND_TRAVEL_M`)."""
+
+    position_stream: str | None = None
+    """Where its position comes from (m); None where travel is held by commands and device alone."""
+
+    workspace_min_m: Place | None = None
+    """Corner of the box that the tool's point must stay in, base frame; None without such a box."""
+
+    workspace_max_m: Place | None = None
+    """The opposite corner."""
+
+    pose_stream: str | None = None
+    """Where the tool's pose comes from (x, y, z in m first); needed for the box."""
+
+    reach_m: float = Field(default=0.0, ge=0.0, le=2.0)
+    """Farthest that a free motion (`Twist`, `MovePose`) may lead from where it begins, or from the start pose. None may
+    be made unless this is given, one that only turns included."""
+
+    reach_rad: float = Field(default=0.0, ge=0.0, le=math.tau)
+    """Farthest that a free motion may turn the tool, likewise. None may turn it unless this is given."""
+
+    speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
+    """Fastest motion that may be asked for; a device's own `home_speed_m_s` is held against it in the profile."""
+
+    turn_rad_s: float = Field(default=1.0, gt=0.0, le=10.0)
+    """Fastest turn of the tool that may be asked for. Assumption: a UR's own reduced mode is of this order."""
+
+    @model_validator(mode="after")
+    def _whole_box(self) -> Self:
+        given = [self.workspace_min_m is None, self.workspace_max_m is None, self.pose_stream is None]
+        if any(given) and not all(given):
+            raise ValueError(
+                "workspace_min_m, workspace_max_m and pose_stream belong together: give all or none"
+            )
+        return self
+
+
+class GuardSettings(MoverLimits):
+    """Limits of the bench. The devices' own limits are set as well: this is never the last layer.
+
+    What is a mover's own is here that of the mover whose position or pose is watched, of the first one that moves where
+    neither is. Others that travel have theirs in `movers`.
+    """
+
+    position_stream: str | None = "stage.position"
+    """Where the mover's position comes from (m); None where travel is held by commands and device alone."""
+
+    movers: Mapping[str, MoverLimits] = Field(default_factory=dict)
+    """Limits of further movers, by device: `[limits.movers.NAME]`."""
+
+    force_n: float | None = Field(default=None, gt=0.0, le=1000.0)
+    """Largest force, of either sign, after the median filter; None on a bench without a force stream."""
+
+    force_stream: str | None = "board.load_cell"
+    """Where the force comes from (N); None on a bench without one."""
+
+    force_channels: Annotated[
+        tuple[Annotated[int, Field(ge=0, le=63)], ...], Strict(False), Field(min_length=1)
+    ] = (0,)
+    """Which of its channels; of several the size of the force that they make together."""
+
+    force_median_s: float = Field(default=0.010, gt=0.0, le=1.0)
+    """Length of the running median that the force is seen through: a single spike stops nothing."""
+
+    range_streams: Annotated[tuple[str, ...], Strict(False)] = ()
+    """Streams that must stay within the range in which they tell the truth, a fingertip's forces for example: heard and
+    watched in every motion. What they say of their range (`Saturated`) stops it, as does their silence."""
+
+    grip_n: float = Field(default=80.0, gt=0.0, le=500.0)
+    """Hardest grip that may be asked for. Source: the SSG-48's own range ends at 80 N."""
+
+    stale_s: float = Field(default=0.1, gt=0.0, le=10.0)
+    """A watched stream silent for longer than this, while something moves, stops it."""
+
+    late_s: float = Field(default=0.1, gt=0.0, le=10.0)
+    """A turn of the loop later than this, while something moves, stops it."""
+
+
+class Bounds:
+    """Holds one mover's commands and places against its limits.
+
+    Args:
+        limits: Of the mover.
+        where: Where they stand in a profile: "limits", or "limits.movers.NAME".
+    """
+
+    def __init__(self, limits: MoverLimits, where: str) -> None:
+        self.limits = limits
+        self.where = where
+
+    def admit(self, what: str, command: Command) -> Command:
+        """A motion along the axis or a free one, as it may go to the device; other commands pass as they are.
+
+        Raises:
+            GuardRefusal: too fast, too far, or beyond the travel.
+        """
+        limits = self.limits
+        match command:
+            case MoveAt():
+                self.admit_speed(what, abs(command.velocity_m_s))
+                self._admit_target(what, command.limit_m)
+                return replace(command, blind_travel_m=limits.blind_travel_m)
+            case MoveTo():
+                self.admit_speed(what, command.speed_m_s)
+                self._admit_target(what, command.position_m)
+                return replace(command, blind_travel_m=limits.blind_travel_m)
+            case Twist():
+                self._admit_twist(what, command)
+            case MovePose():
+                # What turns on the way, back to the start pose's orientation perhaps, takes the same number for rad/s.
+                self.admit_speed(what, command.speed_m_s)
+                self._admit_turn(what, command.speed_m_s)
+                self._admit_reach(what, math.hypot(*command.offset[:3]), math.hypot(*command.offset[3:]))
+        return command
+
+    def admit_speed(self, what: str, speed_m_s: float) -> None:
+        """See that a speed is one, and not too great.
+
+        Raises:
+            GuardRefusal: it is not.
+        """
+        limit_m_s = self.limits.speed_m_s
+        if speed_m_s <= 0.0:
+            raise GuardRefusal(f"{what}: {speed_m_s:.6g} m/s is no speed; it must be above 0")
+        if speed_m_s > limit_m_s:
+            raise GuardRefusal(
+                f"{what}: {speed_m_s:.6g} m/s is beyond {self.where}.speed_m_s = {limit_m_s:.6g}"
+            )
+
+    def position(self, block: SampleBlock) -> Sequence[str]:
+        """Why the positions of a block are not to be borne."""
+        least_m, most_m = self.limits.travel_min_m, self.limits.travel_m
+        position_m = first_outside((block.values * block.scale).ravel().tolist(), least_m, most_m)
+        if position_m is None:
+            return ()
+        return (
+            f"{block.stream} is at {position_m:.6f} m, outside {self.where}.travel_min_m .. travel_m"
+            f" = {least_m:g} .. {most_m:g}",
+        )
+
+    def pose(self, block: SampleBlock) -> Sequence[str]:
+        """Likewise, of the poses."""
+        least_m, most_m = self.limits.workspace_min_m, self.limits.workspace_max_m
+        assert least_m is not None
+        assert most_m is not None
+        places_m = block.physical[:, :3]
+        inside = ((places_m >= least_m) & (places_m <= most_m)).all(axis=1)
+        if inside.all():
+            return ()
+        x_m, y_m, z_m = places_m[~inside][0].tolist()
+        return (
+            f"{block.stream} is at ({x_m:.4f}, {y_m:.4f}, {z_m:.4f}) m, outside {self.where}.workspace_min_m"
+            " .. workspace_max_m",
+        )
+
+    def _admit_twist(self, what: str, command: Twist) -> None:
+        speed_m_s, turn_rad_s = math.hypot(*command.twist[:3]), math.hypot(*command.twist[3:])
+        if command.duration_s <= 0.0:
+            raise GuardRefusal(f"{what}: {command.duration_s:.6g} s is no duration; it must be above 0")
+        if speed_m_s > 0.0:
+            self.admit_speed(what, speed_m_s)
+        self._admit_turn(what, turn_rad_s)
+        self._admit_reach(what, speed_m_s * command.duration_s, turn_rad_s * command.duration_s)
+
+    def _admit_turn(self, what: str, turn_rad_s: float) -> None:
+        limit_rad_s = self.limits.turn_rad_s
+        if turn_rad_s > limit_rad_s:
+            raise GuardRefusal(
+                f"{what}: {turn_rad_s:.6g} rad/s is beyond {self.where}.turn_rad_s = {limit_rad_s:.6g}"
+            )
+
+    def _admit_reach(self, what: str, distance_m: float, angle_rad: float) -> None:
+        limit_m, limit_rad = self.limits.reach_m, self.limits.reach_rad
+        if limit_m == 0.0:
+            raise GuardRefusal(f"{what}: no free motion may be made without {self.where}.reach_m; give it")
+        if distance_m > limit_m:
+            raise GuardRefusal(
+                f"{what}: leads {distance_m:.6g} m away, beyond {self.where}.reach_m = {limit_m:.6g}"
+            )
+        if angle_rad > limit_rad:
+            raise GuardRefusal(
+                f"{what}: turns by {angle_rad:.6g} rad, beyond {self.where}.reach_rad = {limit_rad:.6g}"
+            )
+
+    def _admit_target(self, what: str, target_m: float) -> None:
+        least_m, most_m = self.limits.travel_min_m, self.limits.travel_m
+        if not least_m <= target_m <= most_m:
+            raise GuardRefusal(
+                f"{what}: {target_m:.6g} m is outside {self.where}.travel_min_m .. travel_m"
+                f" = {least_m:.6g} .. {most_m:.6g}"
+            )
+
+
+def first_outside(values: Iterable[float], least: float, most: float) -> float | None:
+    """The first value that is not inside, NaN included; a turn's few samples are sooner seen here than by numpy."""
+    for value in values:
+        if not least <= value <= most:
+            return value
+    return None
