@@ -21,9 +21,11 @@ from config.verbs import (
     Verb,
     all_spans,
     complain,
+    endpoints_option,
     explained,
     out_option,
     recording_options,
+    report_option,
     say,
     say_at_once,
     set_option,
@@ -32,8 +34,9 @@ from config.verbs import (
 
 if TYPE_CHECKING:
     from config.profile import Profile
-    from controller.campaign import Console
+    from controller.campaign import CampaignPlan, Console
     from controller.console import Operator
+    from controller.recording.resuming import Resumed
 
 
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
@@ -133,14 +136,8 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
     "--only", "numbers", type=int, multiple=True, metavar="TRIAL", help="This trial alone; repeatable."
 )
 @out_option
-@click.option(
-    "--report/--no-report", "reported", default=True, help="Write the report as well.", show_default=True
-)
-@click.option(
-    "--endpoints",
-    type=click.Path(path_type=Path),
-    help="Join the emulator whose line `run.py emulate` printed into this file.",
-)
+@report_option
+@endpoints_option
 def run(
     profile: str,
     overrides: Mapping[str, str],
@@ -165,16 +162,71 @@ def run(
     Exit codes: 0 done, 1 the experiment failed, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130
     interrupted.
     """
-    from config.assemble import build_rig, plan_campaign
+    from config.assemble import plan_campaign
     from config.trials import only
-    from controller.campaign import Campaign
-    from controller.console import Operator
 
     loaded = _loaded(profile, overrides, csv)
     trials = loaded.trials(seed)
-    plan = plan_campaign(loaded, only(trials, numbers) if numbers else trials, seed)
+    asked = {
+        "profile": profile,
+        "set": dict(overrides),
+        "trials": str(csv.resolve()) if csv else None,
+        "only": list(numbers),
+    }
+    plan = plan_campaign(loaded, only(trials, numbers) if numbers else trials, seed, asked=asked)
+    return _carried_out(loaded, plan, out, endpoints, reported)
+
+
+@cli.command(cls=Verb, short_help="Go on with a run that broke off.")
+@click.argument("run", metavar="RUN")
+@out_option
+@report_option
+@endpoints_option
+def resume(run: str, out: Path, reported: bool, endpoints: Path | None) -> int:
+    """Go on with a RUN where it stopped, in its own folder.
+
+    Trials that are done stay. One that was torn, or that ended the run by a fault, the guard or the operator, is run
+    again from its beginning. It is refused where profile, devices or program are not those that the run began with.
+
+    \b
+    Example:
+      run.py resume latest
+      run.py resume runs/2026-11-20T12-00-00Z_mock-transient_ab12
+
+    Exit codes: as of `run`.
+    """
+    from config.assemble import plan_campaign
+    from config.resuming import profile_of
+    from controller.recording.resuming import broken_off
+    from controller.recording.run_folder import RunFolder
+
+    resumed = broken_off(RunFolder.find(run, out))
+    loaded, trials = profile_of(resumed.manifest, resumed.folder.path.name)
+    seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
+    plan = plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked)
+    if plan.count == 0:
+        say(
+            f"{resumed.folder.path.name}: all {len(trials)} trials are done; `run.py report {run}` shows them"
+        )
+        return DONE
+    return _carried_out(loaded, plan, out, endpoints, reported, resumed)
+
+
+def _carried_out(
+    loaded: Profile,
+    plan: CampaignPlan,
+    out: Path,
+    endpoints: Path | None,
+    reported: bool,
+    resumed: Resumed | None = None,
+) -> int:
+    """Run a campaign and report it; returns the exit code."""
+    from config.assemble import build_rig
+    from controller.campaign import Campaign
+    from controller.console import Operator
+
     with closing(build_rig(loaded, _endpoints(endpoints))) as rig, Operator(asking=rig.asking) as operator:
-        outcome = Campaign(plan, rig, _console(operator), out).run()
+        outcome = Campaign(plan, rig, _console(operator), out, resumed).run()
     if outcome.error is None:
         (complain if outcome.exit_code else say)(outcome.line)
     try:

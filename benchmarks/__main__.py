@@ -6,6 +6,7 @@ from importlib import import_module
 BENCHMARKS = {
     "loop": "benchmarks.loop",
     "stop": "benchmarks.stop_latency",
+    "resume": "benchmarks.resume_kills",
     "physics": "benchmarks.physics.run",
     "chain": "benchmarks.chain.run",
     "slip": "benchmarks.slip.run",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -429,13 +429,22 @@ def _mock_rig(profile: Profile) -> Rig:
 # --- what is run on it ---------------------------------------------------------------------------
 
 
-def plan_campaign(profile: Profile, trials: Sequence[Trial], seed: int) -> CampaignPlan:
+def plan_campaign(
+    profile: Profile,
+    trials: Sequence[Trial],
+    seed: int,
+    *,
+    done: Collection[int] = (),
+    asked: Mapping[str, Any] | None = None,
+) -> CampaignPlan:
     """What is to be run, trial by trial.
 
     Args:
         profile: The bench and the experiment.
         trials: In the order of running.
         seed: Of order and noise.
+        done: Numbers of trials that were run before.
+        asked: What the command line said, for the manifest.
 
     Raises:
         ProfileError: a trial that its behavior cannot run, or a detector that it listens to and the profile has not.
@@ -447,6 +456,7 @@ def plan_campaign(profile: Profile, trials: Sequence[Trial], seed: int) -> Campa
     names: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.id):
         names.update(dict.fromkeys(trial.factors))
+    left = [trial for trial in trials if trial.id not in done]
     roles = {
         role: device
         for role in ("mover", "exciter")
@@ -458,13 +468,14 @@ def plan_campaign(profile: Profile, trials: Sequence[Trial], seed: int) -> Campa
         profile_hash=profile.hash,
         experiment=profile.experiment,
         seed=seed,
-        trials=_trial_plans(profile, trials, seed),
-        count=len(trials),
+        trials=_trial_plans(profile, left, seed),
+        count=len(left),
         factors=tuple(names),
         columns=measures.COLUMNS,
         loop=profile.loop,  # type: ignore[arg-type]
         roles=roles,
         signals={signal.info.name: signal.info for signal in make_signals(profile)},
+        asked=asked or {},
     )
 
 

@@ -181,6 +181,16 @@ out_option = click.option(
 )
 
 
+report_option = click.option(
+    "--report/--no-report", "reported", default=True, help="Write the report as well.", show_default=True
+)
+endpoints_option = click.option(
+    "--endpoints",
+    type=click.Path(path_type=Path),
+    help="Join the emulator whose line `run.py emulate` printed into this file.",
+)
+
+
 def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
     """What `replay` and `calibrate` ask of a recording and of the detector that hears it."""
     for decorate in reversed(

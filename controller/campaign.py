@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import gc
+import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -22,11 +23,12 @@ from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.loop import Operator as LoopOperator
 from controller.measures.trial import TrialEvidence
 from controller.recording.recorder import Recorder
+from controller.recording.resuming import Resumed, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.rig import Rig, TrialScene
 from controller.signals.protocol import Accountable, Signal
 from drivers.clock import utc_now
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, RefusedError
 from drivers.messages import DeviceInfo, StreamInfo
 
 EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_DEVICE, EXIT_GUARD, EXIT_INTERRUPTED = 0, 1, 2, 3, 4, 130
@@ -79,6 +81,7 @@ class CampaignPlan:
         loop: Rates.
         roles: Which device does what, for reports.
         signals: What comes out of the signals, by stream.
+        asked: What the command line said: the profile, `set`, `trials` and `only`, for who resumes the run.
     """
 
     profile: str
@@ -93,6 +96,7 @@ class CampaignPlan:
     loop: LoopSettings
     roles: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, StreamInfo] = field(default_factory=dict)
+    asked: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Console(LoopOperator, Protocol):
@@ -136,10 +140,14 @@ class Campaign:
         rig: The bench, closed.
         console: The person's side.
         runs: Folder under which the run's own folder is made.
+        resumed: A run that goes on; None begins one.
     """
 
-    def __init__(self, plan: CampaignPlan, rig: Rig, console: Console, runs: Path) -> None:
+    def __init__(
+        self, plan: CampaignPlan, rig: Rig, console: Console, runs: Path, resumed: Resumed | None = None
+    ) -> None:
         self._plan = plan
+        self._resumed = resumed
         self._rig = rig
         self._console = console
         self._runs = runs
@@ -154,10 +162,24 @@ class Campaign:
 
         Raises:
             RecordingError: no run folder can be made.
+            RunFolderError: the run that is to be resumed goes on in another program.
         """
         started = utc_now()
-        folder = RunFolder.create(self._runs, self._plan.profile, started)
+        if self._resumed is None:
+            folder = RunFolder.create(self._runs, self._plan.profile, started)
+        else:
+            folder = self._resumed.folder
+        held = hold(folder)
+        try:
+            return self._run(folder, started)
+        finally:
+            os.close(held)
+
+    def _run(self, folder: RunFolder, started: datetime) -> Outcome:
         self._manifest = self._first_manifest(started)
+        if self._resumed is not None:
+            clear(self._resumed)
+            self._manifest = _going_on(self._resumed, started)
         folder.write_manifest(self._manifest)
         folder.keep_room()
         fault: Exception | None = None
@@ -197,6 +219,8 @@ class Campaign:
             self._settle_memory()
             infos = {name: device.open() for name, device in self._rig.devices.items()}
             self._rig.clock.leave()
+            if self._resumed is not None:
+                _check_devices(self._resumed.manifest["devices"], infos)
             self._manifest["devices"] = {name: _described(info) for name, info in infos.items()}
             folder.write_manifest(self._manifest)
             recorder = Recorder(
@@ -351,13 +375,17 @@ class Campaign:
         plan = self._plan
         return {
             "format": 1,
-            "profile": {"name": plan.profile, "hash": plan.profile_hash, "resolved": dict(plan.resolved)},
+            "profile": {
+                "name": plan.profile,
+                "hash": plan.profile_hash,
+                "resolved": dict(plan.resolved),
+                "asked": dict(plan.asked),
+            },
             "experiment": plan.experiment,
             "bench": self._rig.kind,
             "seed": plan.seed,
             "trials": plan.count,
-            "versions": _versions(),
-            "commit": _commit(),
+            **program(),
             "started_utc": started.isoformat(),
             "clock": "virtual" if self._rig.clock.virtual else "wall",
             "devices": {},
@@ -371,6 +399,32 @@ class Campaign:
         }
 
 
+def _going_on(resumed: Resumed, started: datetime) -> dict[str, Any]:
+    """The manifest of a run that goes on: of what was done its outcomes, and when it was resumed."""
+    before = resumed.manifest
+    since = [*before.get("resumed_utc", ()), started.isoformat()]
+    running = {"status": "running", "code": None, "reason": ""}
+    return {**before, "outcomes": dict(resumed.outcomes), "resumed_utc": since, "exit": running}
+
+
+def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -> None:
+    """See that a run goes on with the devices that it began with, before anything moves.
+
+    Raises:
+        RefusedError: another device; the run's own where it never came to open one says nothing.
+    """
+    for name, info in infos.items():
+        for key in ("model", "serial", "version") if name in before else ():
+            old, new = before[name].get(key), getattr(info, key)
+            if old != new:
+                raise RefusedError(
+                    name,
+                    "resuming",
+                    f"its {key} was {old} and is {new}",
+                    "connect the one before, or run it anew",
+                )
+
+
 def _described(info: DeviceInfo) -> dict[str, Any]:
     return {
         "model": info.model,
@@ -382,12 +436,21 @@ def _described(info: DeviceInfo) -> dict[str, Any]:
     }
 
 
-def _versions() -> dict[str, str]:
+PACKAGES = {"numpy": "numpy", "numba": "numba", "pyserial": "serial", "mcap": "mcap"}
+"""Packages whose versions a manifest tells, with the module that says whether one is used."""
+
+
+def program(packages: Collection[str] | None = None) -> dict[str, Any]:
+    """What runs: the program's own commit, and versions.
+
+    Args:
+        packages: Whose; None is those that are loaded.
+    """
+    if packages is None:
+        packages = [package for package, module in PACKAGES.items() if module in sys.modules]
     versions = {"python": platform.python_version(), "platform": platform.platform()}
-    for module, package in (("numpy", "numpy"), ("numba", "numba"), ("serial", "pyserial"), ("mcap", "mcap")):
-        if module in sys.modules:
-            versions[package] = metadata.version(package)
-    return versions
+    versions |= {package: metadata.version(package) for package in PACKAGES if package in packages}
+    return {"versions": versions, "commit": _commit()}
 
 
 def _commit() -> str:

@@ -38,6 +38,7 @@ class Ledger:
 
     def __init__(self, path: Path, factors: Sequence[str], measures: Sequence[str]) -> None:
         self.path = path
+        self._lines = ""
         self.columns = ("trial", "outcome", *factors, *measures)
         header = _line(self.columns)
         if path.exists() and path.stat().st_size:
@@ -82,14 +83,21 @@ class Ledger:
         except OSError as error:
             raise RecordingError(self.path, "appending to", error) from error
 
+    def add(self, line: str) -> None:
+        """Take a whole line for the next commit: what the row tells of is then written before it."""
+        self._lines += line
+
     def commit(self, sync: bool) -> None:
-        """Nothing waits: each line is on the disk when it is written."""
+        """Write the lines and see them on the disk."""
+        if self._lines:
+            lines, self._lines = self._lines, ""
+            self.append_line(lines)
 
     def finish(self) -> None:
-        """Nothing is open between two lines."""
+        """Nothing is open between two commits."""
 
     def abandon(self) -> None:
-        """Nothing is open between two lines."""
+        """Nothing is open between two commits."""
 
     def _drop_cut_line(self) -> None:
         data = self.path.read_bytes()

@@ -106,7 +106,7 @@ class Recorder:
             ValueError: a measure that has no column.
         """
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
-        self._disk.post(self._ledger, self._ledger.append_line, self._ledger.line(row))
+        self._disk.post(self._ledger, self._ledger.add, self._ledger.line(row))
         self._log(self._now_s, "trial", f"trial {self.trial.trial} ends: {outcome}", "INFO")
         self._disk.flush(sync=False)
         self._raise_failure()

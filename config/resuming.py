@@ -1,0 +1,59 @@
+"""Whether a run can go on: the same settings, the same program."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from config.assemble import Table
+from config.profile import Profile, load_profile, load_resolved
+from config.source import ProfileError, flatten
+from config.trials import Trial, only, read_csv
+from controller.campaign import program
+from controller.recording.run_folder import RunFolderError
+
+SHOWN = 5
+"""How many differences are named at once."""
+
+
+def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Trial]]:
+    """The profile of a run, and all its trials in the order in which they are run.
+
+    Args:
+        manifest: Of the run.
+        name: Of the run, for errors.
+
+    Raises:
+        RunFolderError: profile or program are not those that the run began with: what differs, and what to do.
+    """
+    began = {"versions": manifest["versions"], "commit": manifest["commit"]}
+    differing = _differing(began, program(began["versions"]))
+    if differing:
+        raise RunFolderError(
+            f"{name}: was run by another program ({differing}); go back to that, or run it anew"
+        )
+    kept = manifest["profile"]
+    asked = kept.get("asked") or {}
+    try:
+        rows, labels = read_csv(asked["trials"]) if asked.get("trials") else (None, None)
+        present = load_profile(
+            asked.get("profile", kept["name"]), asked.get("set"), table=Table(), rows=rows, labels=labels
+        )
+        loaded = load_resolved(kept["name"], kept["resolved"], table=Table())
+    except ProfileError as error:
+        raise RunFolderError(f"{name}: its profile can no longer be loaded: {error.problems[0]}") from None
+    differing = _differing(kept["resolved"], present.resolved)
+    if differing:
+        raise RunFolderError(
+            f"{name}: its profile was changed since ({differing}); change it back, or run it anew"
+        )
+    trials = loaded.trials(int(manifest["seed"]))
+    return loaded, only(trials, asked["only"]) if asked.get("only") else trials
+
+
+def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """Settings that are not the same, "key: before → after" each; "" where all are."""
+    old, new = dict(flatten(before)), dict(flatten(after))
+    keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+    said = [f"{key}: {old.get(key, 'absent')} → {new.get(key, 'absent')}" for key in keys[:SHOWN]]
+    return ", ".join([*said, *(["…"] if len(keys) > SHOWN else [])])

@@ -1,0 +1,154 @@
+"""A run that broke off goes on to the rows that it would have had."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from controller.recording.reader import open_run
+from controller.recording.resuming import hold
+from controller.recording.run_folder import RunFolder
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT = ("--set", "behavior.settle_s=2.0", "--set", "trials.repeats=1", "--no-report")
+"""Fourteen trials; the loop locks within a second."""
+
+PATIENCE_S = 60.0
+"""For a busy machine to start Python and run two trials: ten times what an idle one takes."""
+
+
+def run_of(folder):
+    return next(path.parent for path in Path(folder).glob("*/manifest.json"))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """An uninterrupted run, with its program in a process of its own, as those that are killed."""
+    out = tmp_path_factory.mktemp("whole")
+    command = [sys.executable, "run.py", "run", "mock/transient", *SHORT, "--out", str(out)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=PATIENCE_S)
+    return run_of(out)
+
+
+def cut(path, rng, least=0):
+    data = path.read_bytes()
+    path.write_bytes(data[: rng.randint(least, len(data))])
+
+
+def broken(whole, tmp_path, rows, rng=None):
+    """A copy of a run, as a kill leaves it in the middle of the trial after `rows`."""
+    run = tmp_path / whole.name
+    shutil.copytree(whole, run)
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["exit"] = {"status": "running", "code": None, "reason": ""}
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    lines = (run / "trials.csv").read_bytes().splitlines(keepends=True)
+    (run / "trials.csv").write_bytes(b"".join(lines[: rows + 1]) + lines[rows + 1][:7])
+    if rng is not None:
+        cut(run / "events.jsonl", rng)
+        cut(run / "recording.mcap", rng, least=100)
+    return run
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_run_cut_at_any_byte_goes_on_to_the_same_rows(verb, whole, tmp_path, seed):
+    rng = random.Random(seed)
+    run = broken(whole, tmp_path, rng.randint(0, 12), rng)
+    code, out, err = verb("resume", run, "--no-report")
+    assert (code, err) == (0, ""), out
+    assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    resumed = open_run(run)
+    assert resumed.manifest["exit"]["status"] == "done"
+    assert resumed.manifest["outcomes"] == open_run(whole).manifest["outcomes"]
+    assert len(resumed.manifest["resumed_utc"]) == 1
+
+
+def unnumbered(event):
+    """Commands are numbered within a process."""
+    return {key: value for key, value in event.items() if key != "command_id"}
+
+
+def test_a_killed_run_goes_on_to_the_same_rows_and_events(verb, whole, tmp_path):
+    command = [sys.executable, "run.py", "run", "mock/transient", *SHORT, "--out", str(tmp_path)]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not any(path.read_bytes().count(b"\n") > 2 for path in tmp_path.glob("*/trials.csv")):
+        assert process.poll() is None, process.stdout.read()
+        assert time.monotonic() < give_up_s, "no second trial ended"
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    run = run_of(tmp_path)
+    code, out, err = verb("resume", run, "--no-report")
+    assert (code, err) == (0, ""), out
+    assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    resumed, expected = open_run(run), open_run(whole)
+    assert [unnumbered(event) for event in resumed.events] == [unnumbered(event) for event in expected.events]
+    assert resumed.recorded_trials == expected.recorded_trials
+
+
+def test_a_trial_that_ended_the_run_is_run_again(verb, whole, tmp_path):
+    run = broken(whole, tmp_path, 5)
+    lines = (run / "trials.csv").read_bytes().splitlines(keepends=True)
+    number = lines[5].split(b",")[0]
+    lines[5] = number + b",guard" + lines[5][lines[5].index(b",", len(number) + 1) :]
+    (run / "trials.csv").write_bytes(b"".join(lines[:6]))
+    assert verb("resume", run, "--no-report")[0] == 0
+    assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    torn = [json.loads(line) for line in (run / "interrupted.jsonl").read_text().splitlines()]
+    assert int(number) in {event["trial"] for event in torn}
+
+
+def test_a_run_that_is_done_says_so(verb, whole):
+    before = (whole / "manifest.json").read_bytes()
+    code, out, _ = verb("resume", whole)
+    assert code == 0
+    assert "all 14 trials are done" in out
+    assert (whole / "manifest.json").read_bytes() == before
+
+
+def changed(run, change):
+    manifest = json.loads((run / "manifest.json").read_text())
+    change(manifest)
+    (run / "manifest.json").write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "said"),
+    [
+        (lambda m: m.update(commit="0123456789ab"), 2, "was run by another program (commit: 0123456789ab → "),
+        (lambda m: m["versions"].update(numpy="1.0"), 2, "another program (versions.numpy: 1.0 → "),
+        (
+            lambda m: m["profile"]["resolved"]["limits"].update(force_n=1.25),
+            2,
+            "its profile was changed since (limits.force_n: 1.25 → 2.0)",
+        ),
+        (lambda m: m["devices"]["stage"].update(serial="7"), 3, "its serial was 7 and is"),
+    ],
+)
+def test_another_program_profile_or_device_is_refused_by_name(verb, whole, tmp_path, change, code, said):
+    run = broken(whole, tmp_path, 3)
+    changed(run, change)
+    found, out, err = verb("resume", run, "--no-report")
+    assert found == code, out + err
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_run_that_goes_on_elsewhere_is_left_alone(verb, whole, tmp_path):
+    run = broken(whole, tmp_path, 3)
+    before = (run / "trials.csv").read_bytes()
+    held = hold(RunFolder(run))
+    try:
+        code, _, err = verb("resume", run, "--no-report")
+    finally:
+        os.close(held)
+    assert code == 2
+    assert "goes on in another program" in err
+    assert (run / "trials.csv").read_bytes() == before
