@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -12,14 +12,17 @@ from typing import Any
 from scipy.stats import spearmanr
 
 from controller.recording.reader import Run
-from controller.reports.paper import DELAY_BOUND_S, EXTENT_BOUND_M, FORCE_BOUND_N, TABLE_1, PaperRow
+from controller.reports.counts import Effect, effect
+from controller.reports.paper import COLUMNS, TABLE_1, Column, PaperRow
+from controller.reports.run_account import setting_of
+from controller.reports.settings import varied_of
 
 SPEED_TOLERANCE = 0.005
 """How near a trial's speed must be to a row's to belong to it, relative: half of Table I's last digit but one."""
 
 NOISE, SAMPLE_HZ = "plant.noise_scale", "detectors.contact.sample_hz"
 BASELINE_S = "detectors.contact.baseline_s"
-"""Factors of the study of what the paper does not print."""
+"""What the study of what the paper does not print varies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +47,28 @@ class Approach:
     stop_travel_m: float | None
     baseline_hz: float | None
     threshold_hz: float | None
-    noise_scale: float | None
-    sample_hz: float | None
-    baseline_s: float | None
+    varied: Mapping[str, Any]
+    """Settings of the profile that this trial had of its own, by path."""
 
     @property
     def detected(self) -> bool:
         """Whether it ended by a contact that was none before the touch."""
         return self.outcome == "contact" and self.delay_s is not None
 
+    def setting(self, *path: str) -> Any:
+        """A setting as this trial had it."""
+        own = self.varied.get(".".join(path))
+        return setting_of(self.run, *path) if own is None else own
+
+    @property
+    def acting(self) -> str:
+        """Name of the detector that ends it."""
+        return str(self.setting("behavior", "detector") or "contact")
+
     @property
     def plain(self) -> bool:
         """Whether nothing but speed and location was varied."""
-        return self.noise_scale is None and self.sample_hz is None and self.baseline_s is None
+        return not self.varied
 
 
 def read_approaches(runs: Iterable[Run]) -> list[Approach]:
@@ -67,14 +79,11 @@ def read_approaches(runs: Iterable[Run]) -> list[Approach]:
             cells = {**row, "noise_scale": row.get(NOISE), "sample_hz": row.get(SAMPLE_HZ)}
             cells["baseline_s"] = row.get(BASELINE_S)
             values: dict[str, Any] = {
-                name: cells.get(name) if isinstance(cells.get(name), int | float) else None
+                name: row.get(name) if isinstance(row.get(name), int | float) else None
                 for name in Approach.__dataclass_fields__
             }
-            values |= {
-                "run": run,
-                "outcome": str(row["outcome"]),
-                "location": str(row.get("location") or "f"),
-            }
+            values |= {"run": run, "varied": varied_of(row), "outcome": str(row["outcome"])}
+            values["location"] = str(row.get("location") or "f")
             values["speed_m_s"] = float(values["speed_m_s"] or math.nan)
             values["false_contacts"] = int(values["false_contacts"] or 0)
             approaches.append(Approach(**values))
@@ -148,35 +157,62 @@ def _belongs(approach: Approach, paper: PaperRow) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
-    """A bound of the paper, and how far this run is from it."""
+class Held:
+    """A column of Table I over all true contacts, beside the paper's bound and the paper's rows.
 
-    name: str
-    limit: float
+    Attributes:
+        column: Which.
+        value: What the bound is for: the largest, or the mean.
+        worst: The approach that has the largest; None where there is no contact.
+        effect: Our rows beside the paper's, without those that the simulated finger was fitted to; None where no row
+            has a contact.
+    """
+
+    column: Column
     value: float
     worst: Approach | None
+    effect: Effect | None
 
     @property
-    def met(self) -> bool:
-        """Whether it holds; False where there is nothing to hold it against."""
-        return self.value <= self.limit
+    def agrees(self) -> bool | None:
+        """Whether it is within the bound, and rows no farther from the paper's than they scatter; None where open."""
+        if self.worst is not None and self.value > self.column.bound:
+            return False
+        return self.effect.agrees if self.effect is not None else None
+
+    @property
+    def met(self) -> bool | None:
+        """Whether it is within the paper's bound, and its rows no farther from the paper's than they scatter.
+
+        A bound that is met because every row lies far below the paper's is no agreement: None.
+        """
+        if self.worst is None:
+            return None
+        return False if self.value > self.column.bound else self.agrees or None
 
 
-def bounds(approaches: Sequence[Approach]) -> list[Bound]:
-    """The paper's three bounds over all true contacts: largest force, largest extent, mean delay."""
+def held(approaches: Sequence[Approach], rows: Sequence[Row]) -> list[Held]:
+    """Each column of Table I beside what the paper has."""
     contacts = [approach for approach in approaches if approach.detected and approach.plain]
+    found = []
+    for column in COLUMNS:
+        known = [each for each in contacts if getattr(each, column.name) is not None]
+        values = [float(getattr(each, column.name)) for each in known]
+        worst = known[values.index(max(values))] if known else None
+        value = mean_of(values).mean if column.over == "mean" else max(values, default=math.nan)
+        pairs = [
+            (row.mean(column.name).mean, getattr(row.paper, column.name)[0])
+            for row in rows
+            if row.paper and not fitted(row, column)
+        ]
+        found.append(Held(column, value, worst, effect(pairs)))
+    return found
 
-    def largest(measure: str) -> tuple[float, Approach | None]:
-        known = [approach for approach in contacts if getattr(approach, measure) is not None]
-        worst = max(known, key=lambda approach: float(getattr(approach, measure)), default=None)
-        return (float(getattr(worst, measure)) if worst else math.nan), worst
 
-    delay = mean_of(approach.delay_s for approach in contacts)
-    return [
-        Bound("force", FORCE_BOUND_N, *largest("force_n")),
-        Bound("extent", EXTENT_BOUND_M, *largest("extent_m")),
-        Bound("delay", DELAY_BOUND_S, delay.mean, largest("delay_s")[1]),
-    ]
+def fitted(row: Row, column: Column) -> bool:
+    """Whether the simulated finger was fitted to this cell of Table I."""
+    simulated = any(approach.run.simulated for approach in row.approaches)
+    return bool(simulated and row.paper and row.paper.fitted and column.fitted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,27 +283,28 @@ def _trend(
 
 @dataclass(frozen=True, slots=True)
 class StudyCell:
-    """The trials of one noise scale, one rate of frequency samples and one length of the baseline."""
+    """The trials in which the same settings were varied to the same values."""
 
-    noise_scale: float
-    sample_hz: float
-    baseline_s: float
+    varied: Mapping[str, Any]
     delay_s: Mean
     false_contacts: int
     n: int
 
 
 def study_cells(approaches: Sequence[Approach]) -> list[StudyCell]:
-    """Delay and false contacts by baseline, noise and rate, sorted; empty where no run varied them."""
-    varied = [approach for approach in approaches if not approach.plain]
+    """Delay and false contacts by what was varied, sorted; empty where no run varied anything but speed and place."""
 
-    def key(approach: Approach) -> tuple[float, float, float]:
-        return approach.baseline_s or 1.0, approach.noise_scale or 1.0, approach.sample_hz or math.nan
+    def key(approach: Approach) -> list[tuple[Any, ...]]:
+        order = {BASELINE_S: 0, NOISE: 1, SAMPLE_HZ: 2}
+        return sorted(
+            (order.get(name, 3), name, value if isinstance(value, int | float) else math.inf, str(value))
+            for name, value in approach.varied.items()
+        )
 
     cells = []
-    for (baseline_s, noise_scale, sample_hz), group in groupby(sorted(varied, key=key), key=key):
+    for _, group in groupby(sorted((each for each in approaches if each.varied), key=key), key=key):
         members = list(group)
         delay = mean_of(member.delay_s for member in members if member.detected)
         false = sum(member.false_contacts for member in members)
-        cells.append(StudyCell(noise_scale, sample_hz, baseline_s, delay, false, len(members)))
+        cells.append(StudyCell(members[0].varied, delay, false, len(members)))
     return cells

@@ -14,13 +14,15 @@ from controller.recording.reader import Run
 from controller.reports.counts import percent, rate, total, values
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Section
+from controller.reports.section import Kind, Result, Section
 from controller.reports.sonicfinger import (
+    ASSUMED,
+    BEST_HZ,
     CITATION,
     CONTACT,
     METHOD_NAMES,
-    NOT_THE_PAPERS,
     PRE_TOUCH,
+    printed_of,
     rows_of,
 )
 from controller.reports.text import number, title
@@ -28,6 +30,9 @@ from controller.reports.text import number, title
 SIDES = ("normal", "back", "front", "top", "bottom")
 DEAF = "top"
 """The side with which the paper's finger feels nothing (IV.A.3)."""
+
+SOUND_M_S = 343.2
+"""Speed of sound in air of 20 °C, where no detector says what it takes it to be."""
 
 PIPE = "pipe"
 """What C2 and C4 approach; the paper's rates are those of its six objects."""
@@ -43,9 +48,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     nothing = [row for row in rows if factor(row, "object") == "none"]
     objects = sorted({factor(row, "object") for row in there})
     hard = _hard(there) or there
-    touching = rows_of([run for run in runs if setting_of(run, "behavior", "touch")])
+    touching = rows if setting_of(runs[0], "behavior", "touch") else []
     told = [row for row in touching if not _known(row)]
-    tables = [_sides_table(hard, bool(told))]
+    tables = [_sides_table(hard, bool(told), _half_wave_m(runs[0]))]
     if len(objects) > 1 or nothing:
         tables += [_pre_touch_table(there, nothing, objects), *_contact_table(there, nothing, objects)]
     felt = [row for row in touching if _known(row) and factor(row, "object") != "none"]
@@ -57,8 +62,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         title=_title(runs, objects),
         template="plain.html.j2",
         citation=CITATION,
-        summary=_summary(hard, nothing, told),
-        not_the_papers=[*NOT_THE_PAPERS, *_whence(rows)],
+        summary=_summary(hard, nothing, told, runs[0].simulated),
+        not_the_papers=[*(ASSUMED if runs[0].simulated else ()), *_whence(rows)],
+        printed=printed_of(runs[0]),
         context={
             "paragraphs": [
                 "One finger approaches an object with one of its sides, stays at the end of its way or "
@@ -75,10 +81,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 def _title(runs: Sequence[Run], objects: Sequence[str]) -> str:
     if len(objects) > 1:
         return "Objects (C5)"
-    touch = {bool(setting_of(run, "behavior", "touch")) for run in runs}
-    if len(touch) > 1:
-        return "Pre-touch and contact (C2, C4)"
-    return "Contact (C4)" if touch == {True} else "Pre-touch (C2)"
+    return "Contact (C4)" if setting_of(runs[0], "behavior", "touch") else "Pre-touch (C2)"
 
 
 def _hard(rows: Sequence[Any]) -> list[Any]:
@@ -129,7 +132,15 @@ def _median(numbers: Sequence[float], digits: int, scale: float = 1.0) -> str:
 # --- tables ------------------------------------------------------------------------------------------
 
 
-def _sides_table(rows: Sequence[Any], told: bool) -> Mapping[str, Any]:
+def _half_wave_m(run: Run) -> float:
+    """Half a wavelength of the drive: what the envelope undulates by, straight towards the object."""
+    drive_hz = float(setting_of(run, "behavior", "drive_hz") or BEST_HZ)
+    detectors = (setting_of(run, "detectors") or {}).values()
+    sound_m_s = next((table["sound_m_s"] for table in detectors if "sound_m_s" in table), SOUND_M_S)
+    return float(sound_m_s) / drive_hz / 2.0
+
+
+def _sides_table(rows: Sequence[Any], told: bool, half_wave_m: float) -> Mapping[str, Any]:
     body = []
     for (side, axis, speed), members in _groups(rows, "side", "axis", "speed_m_s").items():
         approaches = total(members, "approaches")
@@ -141,7 +152,8 @@ def _sides_table(rows: Sequence[Any], told: bool) -> Mapping[str, Any]:
         body.append(cells)
     caption = (
         "Pre-touch by side, axis and speed. Undulations are those of the whole approach, per cm of way; "
-        "half a wave is 0.43 cm, so 2.33 are expected where the finger goes straight at the object. “From” is "
+        f"half a wave is {number(half_wave_m, 2, 100.0)} cm, so {number(0.01 / half_wave_m, 2)} are expected where the "
+        "finger goes straight at the object. “From” is "
         "the way left to go (median): along x the distance to the object."
     )
     if any(factor(row, "object") != PIPE for row in rows):
@@ -279,13 +291,15 @@ def _said_table(rows: Sequence[Any]) -> Mapping[str, Any]:
 
 
 def _summary(
-    there: Sequence[Any], nothing: Sequence[Any], told: Sequence[Any]
-) -> list[tuple[bool | None, str]]:
-    said = [*_of_sides(there), *_of_objects(_papers(there)), *_of_touches(there)]
+    there: Sequence[Any], nothing: Sequence[Any], told: Sequence[Any], simulated: bool
+) -> list[Result]:
+    # sides, coupling and echo of the simulated finger are such that the paper's figures come out: no prediction
+    kind = Kind.ASSUMED if simulated else Kind.MEASURED
+    said = [*_of_sides(there, kind), *_of_objects(_papers(there), kind), *_of_touches(there, kind)]
     for method in METHODS if told else ():
         found, approaches = total(told, f"said_{method}"), total(told, "approaches")
         said.append(
-            (
+            Result(
                 None,
                 f"Contact, {METHOD_NAMES[method]}: said in {found} of {approaches} approaches; what touched "
                 "is not known on this bench.",
@@ -295,31 +309,31 @@ def _summary(
         alarms, empty = total(nothing, f"alarms_{method}"), total(nothing, "approaches")
         words = f"{alarms} alarms in {empty} approaches to nothing"
         said.append(
-            (
-                None,
-                f"Pre-touch, {METHOD_NAMES[method]}: {words}; the paper {percent(1.0 - PRE_TOUCH[1])}.",
+            Result(
+                Kind.FITTED if simulated and method == "paper" else None,
+                f"Pre-touch, {METHOD_NAMES[method]}: {words}; the paper {percent(1.0 - PRE_TOUCH[1])}"
+                + (", at which its threshold was set." if simulated and method == "paper" else "."),
             )
         )
     return said
 
 
-def _of_sides(there: Sequence[Any]) -> list[tuple[bool | None, str]]:
+def _of_sides(there: Sequence[Any], kind: Kind) -> list[Result]:
     """From which sides an object is seen at all (C2)."""
     sides = _groups(there, "side")
-    said: list[tuple[bool | None, str]] = []
+    said = []
     for method in METHODS if len(sides) > 1 else ():
         blind = [side for (side,), members in sides.items() if not total(members, f"seen_{method}")]
-        every = (
-            "every side" if len(sides) == len(SIDES) else f"each of the {len(sides)} sides that were tried"
-        )
-        words = f"sees from {every}" if not blind else f"sees nothing from {', '.join(blind)}"
-        said.append((not blind, f"Pre-touch, {METHOD_NAMES[method]}: {words}."))
+        words = f"sees from {len(sides) - len(blind)} of {len(sides)} sides; the paper from all {len(SIDES)}"
+        if blind:
+            words += f"; nothing from {', '.join(blind)}"
+        said.append(Result(kind, f"Pre-touch, {METHOD_NAMES[method]}: {words}.", not blind))
     return said
 
 
-def _of_objects(rows: Sequence[Any]) -> list[tuple[bool | None, str]]:
+def _of_objects(rows: Sequence[Any], kind: Kind) -> list[Result]:
     """Rates over objects beside the paper's over its six (C5)."""
-    said: list[tuple[bool | None, str]] = []
+    said = []
     for what, hits, of, bound in (
         ("Pre-touch", "seen", "approaches", PRE_TOUCH[0]),
         ("Contact", "felt", "touches", CONTACT[0]),
@@ -327,34 +341,27 @@ def _of_objects(rows: Sequence[Any]) -> list[tuple[bool | None, str]]:
         count = total(rows, of)
         for method in METHODS if count else ():
             found = total(rows, f"{hits}_{method}")
-            said.append(
-                (
-                    found / count >= bound,
-                    f"{what}, {METHOD_NAMES[method]}: {found} of {count} {of}, {rate(found, count)}; "
-                    f"the paper {percent(bound)} of its own.",
-                )
-            )
+            off = 100.0 * (found / count - bound)
+            words = f"{number(abs(off), 1)} points {'below' if off < 0.0 else 'above'} the paper's {percent(bound)}"
+            words += f" of its own objects: {found} of {count} {of}, {rate(found, count)}"
+            said.append(Result(kind, f"{what}, {METHOD_NAMES[method]}: {words}.", off >= 0.0))
     return said
 
 
-def _of_touches(there: Sequence[Any]) -> list[tuple[bool | None, str]]:
+def _of_touches(there: Sequence[Any], kind: Kind) -> list[Result]:
     """Whether every side but the deaf one feels the pipe each time (C4)."""
     pipe = [row for row in there if factor(row, "object") == PIPE]
     hearing = [row for row in pipe if factor(row, "side") != DEAF]
     deaf = [row for row in pipe if factor(row, "side") == DEAF]
     touches, others = total(hearing, "touches"), total(deaf, "touches")
-    said: list[tuple[bool | None, str]] = []
+    said = []
     for method in METHODS if touches else ():
         felt = total(hearing, f"felt_{method}")
         words = f"{felt} of {touches} touches felt with the other sides than the {DEAF}"
         if others:
             words += f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}"
-        said.append(
-            (
-                felt == touches,
-                f"Contact, {METHOD_NAMES[method]}: {words}; the paper felt all of the former.",
-            )
-        )
+        words = f"Contact, {METHOD_NAMES[method]}: {words}; the paper felt all of the former."
+        said.append(Result(kind, words, felt == touches))
     return said
 
 

@@ -13,8 +13,8 @@ from controller.measures.chirp import LATENCY_UNSURE_S, STEP_HZ, beginning, tran
 from controller.recording.reader import Run
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Section
-from controller.reports.sonicfinger import BEST_HZ, CITATION, NOT_THE_PAPERS
+from controller.reports.section import Kind, Result, Section
+from controller.reports.sonicfinger import ASSUMED, BEST_HZ, CITATION
 from controller.reports.text import number
 
 NEAR_HZ = 500.0
@@ -26,21 +26,33 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     rows = [row for run in runs for row in run.trials if row.get("best_hz") is not None]
     found = [float(row["best_hz"]) for row in rows]  # type: ignore[arg-type]
     met = bool(found) and max(abs(hz - BEST_HZ) for hz in found) <= NEAR_HZ
-    said = (
-        f"The sweep finds {number(float(np.median(found)), 2, 1e-3)} kHz as the frequency that transfers best; "
-        "the paper 40 kHz."
-        if found
-        else "No sweep came to its end."
-    )
+    said = "No sweep came to its end."
+    if found:
+        best_hz = float(np.median(found))
+        where = "below" if best_hz < BEST_HZ else "above"
+        said = (
+            f"{number(abs(best_hz - BEST_HZ), 2, 1e-3)} kHz {where} the paper's {BEST_HZ / 1e3:g} kHz: "
+            f"{number(best_hz, 2, 1e-3)} kHz transfers best in {len(found)} "
+            f"{'sweep' if len(found) == 1 else 'sweeps'} (median)."
+        )
+    put_in_hz = setting_of(runs[0], "plant", "resonance_hz")
+    simulated = runs[0].simulated
     svg = _draw(runs, figures)
     return Section(
         title="Chirp (C1)",
         template="plain.html.j2",
         citation=CITATION,
-        summary=[(met, said)],
+        summary=[Result(Kind.FITTED if simulated else Kind.MEASURED, said, met)],
         not_the_papers=[
-            *NOT_THE_PAPERS,
-            "The fingers' resonance near 40 kHz is put into the plant, not found by it.",
+            *(ASSUMED if simulated else []),
+            *(
+                [
+                    f"The fingers' resonance, {' and '.join(f'{hz / 1e3:g}' for hz in put_in_hz)} kHz, is put into "
+                    "the plant: the sweep finds it again."
+                ]
+                if put_in_hz
+                else []
+            ),
         ],
         context={
             "paragraphs": [
@@ -110,7 +122,13 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
                     power.T, ("right finger", "left finger"), (OURS, PAPER), strict=False
                 ):
                     axes.plot(frequencies_hz / 1e3, 10.0 * np.log10(column + 1e-20), color=color, label=name)
-                axes.axvline(BEST_HZ / 1e3, color=FALSE, lw=0.8, ls=(0, (4, 2)), label="the paper's 40 kHz")
+                axes.axvline(
+                    BEST_HZ / 1e3,
+                    color=FALSE,
+                    lw=0.8,
+                    ls=(0, (4, 2)),
+                    label=f"the paper's {BEST_HZ / 1e3:g} kHz",
+                )
                 axes.set_xlabel("frequency (kHz)")
                 axes.set_ylabel("received (dBFS)")
                 axes.grid(color=FAINT, lw=0.4, alpha=0.6)

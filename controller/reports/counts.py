@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from scipy.stats import binomtest
+from scipy.stats import t as student_t
 
 from controller.recording.reader import Run
 from controller.reports.text import NOTHING, number
@@ -45,8 +47,57 @@ def values(rows: Sequence[Any], column: str) -> list[float]:
     return [float(row[column]) for row in rows if isinstance(row.get(column), int | float)]
 
 
-def judged(runs: Sequence[Run], summary: Sequence[tuple[bool | None, str]]) -> list[tuple[bool | None, str]]:
-    """A section's summary, without its verdicts where trials are missing, and then with how many.
+class Effect(NamedTuple):
+    """How far rows lie from the paper's.
+
+    Attributes:
+        ratio: Mean of ours over mean of the paper's.
+        same: In how many rows ours lies on that side of the paper's.
+        n: How many rows there are.
+        low_high: 95 % interval of the mean difference, ours less the paper's (paired t); NaN for fewer than three rows.
+    """
+
+    ratio: float
+    same: int
+    n: int
+    low_high: tuple[float, float]
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the rows' own scatter explains the difference; None for fewer than three rows."""
+        low, high = self.low_high
+        return None if math.isnan(low) else low <= 0.0 <= high
+
+    def said(self, words: tuple[str, str], than: str) -> str:
+        """`2.5 times quicker than Table I in 14 of 14 rows`; words for less and for more than the paper's."""
+        times = f"{max(self.ratio, 1.0 / self.ratio):.1f} times"
+        return f"{times} {words[self.ratio > 1.0]} than {than} in {self.same} of {self.n} rows"
+
+
+def effect(pairs: Sequence[tuple[float, float]]) -> Effect | None:
+    """What rows, as (ours, the paper's), come to; None where there are none, or ours come to nothing."""
+    known = np.array([pair for pair in pairs if not any(map(math.isnan, pair))]).reshape(-1, 2)
+    if not len(known) or known.mean(axis=0).min() <= 0.0:
+        return None
+    ours, paper = known.mean(axis=0)
+    difference = known[:, 0] - known[:, 1]
+    same = int((np.sign(difference) == np.sign(ours - paper)).sum())
+    low, high = math.nan, math.nan
+    if len(known) > 2:
+        half = float(student_t.ppf(0.975, len(known) - 1) * difference.std(ddof=1) / math.sqrt(len(known)))
+        low, high = float(difference.mean()) - half, float(difference.mean()) + half
+    return Effect(float(ours / paper), same, len(known), (low, high))
+
+
+def factor(value: float, bound: float) -> str:
+    """`1.9 times below` or `1.2 times above`: a value beside a bound."""
+    if not value > 0.0:
+        return "below"
+    return f"{bound / value:.1f} times below" if value <= bound else f"{value / bound:.1f} times above"
+
+
+def missing(runs: Sequence[Run]) -> str:
+    """Where trials are missing, how many; "" where all that were planned were measured.
 
     A trial that never began, or that an error ended, may be the one that would have missed: what was measured of a plan
     is told, and not judged.
@@ -56,6 +107,5 @@ def judged(runs: Sequence[Run], summary: Sequence[tuple[bool | None, str]]) -> l
         len({row["trial"] for row in run.trials if row.get("outcome") not in _NOT_MEASURED}) for run in runs
     )
     if measured >= planned:
-        return list(summary)
-    missing = f"{measured} of {planned} planned trials were measured: no verdict in these lines."
-    return [(None, missing), *((None, sentence) for _, sentence in summary)]
+        return ""
+    return f"{measured} of {planned} planned trials were measured: no verdict in these lines."

@@ -14,7 +14,7 @@ from controller.measures.touches import Errors, Touch, errors_of, touches_of
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Section
+from controller.reports.section import Kind, Result, Section
 from controller.reports.text import number, signed
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         title="Angle of the contact (B7)",
         template="plain.html.j2",
         citation=CITATION,
-        summary=[(None, _sentence(sweeps))] if sweeps else [],
+        summary=[Result(Kind.ASSUMED if simulated else Kind.MEASURED, _sentence(sweeps))] if sweeps else [],
         not_the_papers=[_ARM, *([_SIMULATED] if simulated else []), *([_EMULATED] if emulated else [])],
         context={
             "paragraphs": paragraphs,

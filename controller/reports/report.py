@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
@@ -12,10 +12,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoes
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
-from controller.reports.counts import judged
+from controller.reports.counts import missing
 from controller.reports.figures import Figures
-from controller.reports.run_account import account_of, setting_of
-from controller.reports.section import Section
+from controller.reports.run_account import account_of, early_end, setting_of
+from controller.reports.section import Result, Section
+from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.text import title
 
 _SECTIONS = {
@@ -30,10 +31,17 @@ _SECTIONS = {
 }
 """Experiment → module whose `section(runs, figures)` tells of it; another one gets its bare table."""
 
-_OURS = (
-    "An arm on this bench is a Universal Robots one (the papers': Stäubli RX-90, Kinova Gen3), a gripper an SSG-48 "
-    "(theirs: BarrettHand, Robotiq 2F-85); stage, sensor board and this program stand in for theirs."
-)
+_TELLS_APART = frozenset({"pointer", "slip", "transient"})
+"""Experiments whose section tells trials apart in which a setting of the profile was varied."""
+
+_OURS = {
+    "ur_arm": "The arm is a Universal Robots one (the papers': Stäubli RX-90, Kinova Gen3).",
+    "can_gripper": "The gripper is an SSG-48 (the papers': BarrettHand, Robotiq 2F-85).",
+    "zaber_stage": "The stage is a Zaber one; the paper does not name its own.",
+    "sensor_board": "A sensor board digitises what the papers read with converters of their own.",
+}
+"""Driver → what stands in for the papers' device."""
+
 _SIMULATED = (
     "Numbers and figures from mock and emulated benches are simulated: they come from a model of finger and object, "
     "not from a finger."
@@ -44,7 +52,8 @@ def build_report(runs: Sequence[Run], out: Path | None = None) -> Path:
     """Write `report.html` and `figures/`.
 
     Args:
-        runs: What to tell of, one experiment or several; trials of one experiment on one kind of bench are pooled.
+        runs: What to tell of, one experiment or several; trials of one experiment on one kind of bench are pooled where
+            their settings are equal, and stand apart where they differ.
         out: Folder to write to; by default that of the last run.
 
     Returns:
@@ -56,6 +65,7 @@ def build_report(runs: Sequence[Run], out: Path | None = None) -> Path:
     if not runs:
         raise ValueError("a report needs at least one run")
     folder = out or runs[-1].folder.path
+    runs = list({run.folder.path: run for run in runs}.values())
     path = folder / "report.html"
     try:
         page = _page(runs, folder / "figures")
@@ -67,16 +77,49 @@ def build_report(runs: Sequence[Run], out: Path | None = None) -> Path:
     return path
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A section of the page and the runs that it tells of.
+
+    Attributes:
+        name: Of experiment and bench, and which of several of different settings.
+        runs: Of equal settings.
+        section: What is told of them.
+        results: The section's summary as it may be said of these runs.
+        judged: Whether every trial that was planned was measured.
+        settings: Detectors, behavior and limits beside the paper's.
+    """
+
+    name: str
+    runs: Sequence[Run]
+    section: Section
+    results: Sequence[Result]
+    judged: bool
+    settings: Sequence[tuple[str, str, str]]
+
+
 def _page(runs: Sequence[Run], figures_path: Path) -> str:
+    parts: list[Part] = []
+    apart: list[tuple[Sequence[str], Sequence[Sequence[str]]]] = []
+
     def kind(run: Run) -> tuple[str, str]:
         return str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
 
-    groups = [(key, list(group)) for key, group in groupby(sorted(runs, key=kind), key=kind)]
-    sections: list[tuple[str, Section]] = []
-    for (experiment, bench), members in groups:
-        folder = figures_path if len(groups) == 1 else figures_path / f"{experiment}_{bench}"
-        figures = Figures(folder, simulated=members[0].simulated, prefix=f"s{len(sections)}")
-        sections.append((bench, _section(experiment, members, figures)))
+    kinds = [(key, list(members)) for key, members in groupby(sorted(runs, key=kind), key=kind)]
+    for (experiment, bench), members in kinds:
+        groups = by_settings(members, experiment not in _TELLS_APART)
+        names = [f"{bench}, settings {n}" if len(groups) > 1 else bench for n in range(1, len(groups) + 1)]
+        for number, (name, group) in enumerate(zip(names, groups, strict=True), start=1):
+            folder = (
+                figures_path if len(kinds) == len(groups) == 1 else figures_path / f"{experiment}_{bench}"
+            )
+            folder = folder / str(number) if len(groups) > 1 else folder
+            figures = Figures(folder, simulated=group[0].simulated, prefix=f"s{len(parts)}")
+            whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
+            parts.append(_part(experiment, name, group, missing(whole), figures))
+        if len(groups) > 1:
+            told = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
+            apart.append((["setting", *names], [["runs", *told], *differences(groups)]))
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=select_autoescape(default=True, default_for_string=True),
@@ -85,21 +128,43 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    first = runs[0]
-    simulated = any(run.simulated for run in runs)
-    ours = [_OURS, *dict.fromkeys(text for _, section in sections for text in section.not_the_papers)]
-    heading = setting_of(first, "title") if len(runs) == 1 else None
+    sections = [part.section for part in parts]
+    drivers = [
+        str(table.get("driver")) for run in runs for table in (setting_of(run, "devices") or {}).values()
+    ]
+    ours = [_OURS[driver] for driver in dict.fromkeys(drivers) if driver in _OURS]
+    ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_otherwise(part))]
+    heading = setting_of(runs[0], "title") if len(runs) == 1 else None
     return environment.get_template("report.html.j2").render(
-        heading=heading or " and ".join(dict.fromkeys(section.title for _, section in sections)),
-        citations=list(dict.fromkeys(section.citation for _, section in sections if section.citation)),
-        simulated=simulated,
+        heading=heading or " and ".join(dict.fromkeys(section.title for section in sections)),
+        citations=list(dict.fromkeys(section.citation for section in sections if section.citation)),
+        simulated=any(run.simulated for run in runs),
         all_simulated=all(run.simulated for run in runs),
         simulated_says=_SIMULATED,
-        ours=ours,
-        sections=sections,
+        ours=list(dict.fromkeys(ours)),
+        parts=parts,
+        apart=apart,
+        ends=[end for run in runs if (end := early_end(run)) is not None],
         accounts=[account_of(run) for run in runs],
-        started=str(first.manifest.get("started_utc", "?"))[:19].replace("T", " "),
+        started=str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
     )
+
+
+def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: Figures) -> Part:
+    section = _section(experiment, runs, figures)
+    results = [Result(None, lost)] if lost else []
+    results += [each._replace(met=None) if lost else each for each in section.summary]
+    return Part(name, runs, section, results, not lost, settings_table(runs[0], section.printed))
+
+
+def _set_otherwise(part: Part) -> list[str]:
+    """What a profile sets otherwise than the paper prints it."""
+    ours = dict(flat(settings_of(part.runs[0])))
+    return [
+        f"{path} is {shown(ours[path])} where the paper has {shown(paper.value)} ({paper.source})."
+        for path, paper in part.section.printed.items()
+        if path in ours and isinstance(paper.value, int | float) and ours[path] != paper.value
+    ]
 
 
 def _typographic(value: object) -> object:
@@ -109,8 +174,7 @@ def _typographic(value: object) -> object:
 def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     if experiment in _SECTIONS:
         tell: Callable[[Sequence[Run], Figures], Section] = import_module(_SECTIONS[experiment]).section
-        told = tell(runs, figures)
-        return replace(told, summary=judged(runs, told.summary))
+        return tell(runs, figures)
     columns = list(dict.fromkeys(name for run in runs for row in run.trials for name in row))
     trials = [row for run in runs for row in run.trials]
     rows = [["" if row.get(name) is None else str(row[name]) for name in columns] for row in trials]

@@ -28,7 +28,6 @@ class RunAccount:
     name: str
     notes: Sequence[str]
     facts: Sequence[tuple[str, str]]
-    guard_trips: Sequence[tuple[int, float, str]]
 
 
 def account_of(run: Run) -> RunAccount:
@@ -49,12 +48,41 @@ def account_of(run: Run) -> RunAccount:
     ]
     rest = {name: value for name, value in manifest.items() if name not in _SHOWN_ELSEWHERE}
     facts += [(name, text) for name, text in _flat(rest) if text]
-    trips = [
-        (int(event["trial"]), float(event["t_s"]), str(event.get("reason", "")))
+    return RunAccount(run.folder.path.name, run.notes, facts)
+
+
+_ENDS = {
+    "guard": "The guard stopped every mover",
+    "fault": "A fault ended the run",
+    "aborted": "The run was interrupted",
+    "failed": "The run failed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class EarlyEnd:
+    """That a run did not come to its end: what happened, and where, when and why, one sentence each."""
+
+    name: str
+    what: str
+    stops: Sequence[str]
+    reason: str
+
+
+def early_end(run: Run) -> EarlyEnd | None:
+    """How a run ended before its end; None where it ended as planned, or was cut off without a word."""
+    exit_ = run.manifest.get("exit") or {}
+    status = str(exit_.get("status"))
+    stops = [
+        f"Trial {event['trial']}, {event['t_s']:.3f} s after it began, in {event.get('state') or 'no state'}: "
+        f"{event.get('reason') or 'no reason was recorded'}."
         for event in run.events
-        if event.get("event") == "GuardStopped"
+        if event["event"] == "GuardStopped"
     ]
-    return RunAccount(run.folder.path.name, run.notes, facts, trips)
+    if status not in _ENDS and not stops:
+        return None
+    status = "guard" if stops else status
+    return EarlyEnd(run.folder.path.name, _ENDS[status], stops, str(exit_.get("reason") or ""))
 
 
 def series_of(recording: TrialRecording, kind: str) -> Series:

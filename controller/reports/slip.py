@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from controller.reports.counts import values, wilson
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Section
+from controller.reports.section import Kind, Printed, Result, Section
 from controller.reports.slip_figures import draw_fingertip_spectra, draw_run
 from controller.reports.slip_scores import (
     METHODS,
@@ -36,12 +36,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     conditions = sorted(
         dict.fromkeys(score.condition for score in scores), key=lambda each: (each.nuisance != PLAIN, each)
     )
+    ids = [paper.id for name, paper in SENSORS.items() if any(score.sensor == name for score in scores)]
     return Section(
-        title="Slip with five sensors (B1 to B5, B8)",
+        title=f"Slip ({', '.join([*ids, 'B8'])})",
         template="plain.html.j2",
         citation=CITATION,
-        summary=_summary(scores),
-        not_the_papers=_not_the_papers(runs),
+        summary=_summary(scores, runs[0].simulated),
+        not_the_papers=_not_the_papers(runs[0], {score.sensor for score in scores}),
+        printed=_printed(runs[0]),
         context={
             "paragraphs": [
                 "A tip touches a table, rolls on it and slips. Both detectors hear the same samples of the same "
@@ -138,9 +140,8 @@ def _caption(condition: Condition) -> str:
         f"{1e3 * good['median_s']:g} ms; regular: {regular['missed']:.0%} and {1e3 * regular['median_s']:g} ms; "
         f"bad: the rest; fixed before the first run. Judged are slips told or missed, at least {LEAST} of them; "
         "those called early are a failure beside the verdict. Delays in ms of the slips that were told (of two "
-        "in one trial, their median). Intervals: Wilson. Not at equal false alarms: as shipped, the paper's "
-        "thresholds are the printed ones (B1, B2) or those for an hour of rolling, ours those for an hour with "
-        "bumps (B5: of rolling); the study in benchmarks/results/slip.md compares at equal ones."
+        "in one trial, their median). Intervals: Wilson. Not at equal false alarms, but at the thresholds in the table "
+        "of settings; the study in benchmarks/results/slip.md compares at equal ones."
     )
 
 
@@ -253,7 +254,7 @@ def _stops(runs: Sequence[Run]) -> list[Mapping[str, Any]]:
         {
             "caption": "Slip told, arm told to stop: from the time of the deciding sample to the command's "
             "last byte, ms; the tool's way "
-            "until it stood, mm; samples lost of the arm's 500 Hz stream. On the emulated bench the arm's "
+            "until it stood, mm; samples lost of the arm's force stream. On the emulated bench the arm's "
             "side of it is the "
             "emulated controller's behaviour, not a real controller's.",
             "head": ["bench", "stops", "p50", "p99", "max", "way, mm", "lost"],
@@ -263,9 +264,9 @@ def _stops(runs: Sequence[Run]) -> list[Mapping[str, Any]]:
     ]
 
 
-def _summary(scores: Sequence[Score]) -> list[tuple[bool | None, str]]:
+def _summary(scores: Sequence[Score], simulated: bool) -> list[Result]:
     plain = [score for score in scores if score.condition == TABLE_1 and score.slips]
-    said = [_held_against_the_paper(score) for score in plain if score.method == "paper"]
+    said = [_held_against_the_paper(score, simulated) for score in plain if score.method == "paper"]
     for condition in dict.fromkeys(score.condition for score in scores):
         if condition == TABLE_1:
             continue
@@ -277,35 +278,49 @@ def _summary(scores: Sequence[Score]) -> list[tuple[bool | None, str]]:
             other = next(METHODS[method] for method in METHODS if method != condition.reflex)
             if names:
                 stops = f"the arm stops when {METHODS[condition.reflex]} tells slip"
-                said.append((None, f"{names}: {stops}; {other} detector is not judged."))
+                said.append(Result(None, f"{names}: {stops}; {other} detector is not judged."))
             continue
         for sensor, paper in SENSORS.items():
-            if (sensor, "ours") not in found:
-                continue
-            ours, theirs = found[sensor, "ours"], found[sensor, "paper"]
-            said.append(
-                (
-                    None,
-                    f"{paper.id} with {condition.nuisance}: ours {_tally(ours)}; the paper's {_tally(theirs)}.",
-                )
-            )
+            if (sensor, "ours") in found:
+                ours, theirs = _tally(found[sensor, "ours"]), _tally(found[sensor, "paper"])
+                words = f"{paper.id} with {condition.nuisance}: ours {ours}; the paper's {theirs}."
+                said.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, words))
     return said
 
 
-def _held_against_the_paper(score: Score) -> tuple[bool | None, str]:
+def _held_against_the_paper(score: Score, simulated: bool) -> Result:
     """The verdict on the paper's detector beside the paper's own; good news only where it leaves nothing out."""
     paper = SENSORS[score.sensor]
+    kind = paper.kind if simulated else Kind.MEASURED
     early = f"{score.early} of {score.slips} slips were called before they began"
     if score.verdict == NOT_JUDGED:
         why = f"it told or missed {score.scored} of {score.slips} slips, and {LEAST} are the least"
-        return None, f"{paper.id} {paper.name}: the paper's detector is not judged: {why}" + (
-            f"; {early}." if score.early else "."
-        )
-    said = f"{paper.id} {paper.name}: the paper's detector comes out {score.verdict}; the paper says {paper.verdict}."
+        words = f"{paper.id} {paper.name}: the paper's detector is not judged: {why}"
+        return Result(kind, words + (f"; {early}." if score.early else "."))
+    median = (
+        f"median {number(1e3 * float(np.median(score.delays_s)), 0)} ms" if score.delays_s else "tells none"
+    )
+    words = (
+        f"{paper.id} {paper.name}: the paper's detector misses {score.missed} of {score.scored}, "
+        f"{median}: {score.verdict}; the paper says {paper.verdict}."
+    )
     agrees = score.verdict == paper.verdict
     if not score.early:
-        return agrees, said
-    return None if agrees else False, f"{said} Beside that, {early}."
+        return Result(kind, words, agrees)
+    return Result(kind, f"{words} Beside that, {early}.", None if agrees else False)
+
+
+def _printed(run: Run) -> Mapping[str, Printed]:
+    """What the paper prints of its detector on each sensor of a profile, by the path of the setting."""
+    found: dict[str, Printed] = {}
+    for sensor, table in (setting_of(run, "behavior", "sensors") or {}).items():
+        paper = SENSORS.get(sensor)
+        name = table.get("paper") if isinstance(table, Mapping) else None
+        if paper is not None and setting_of(run, "detectors", str(name)):
+            threshold = "not printed" if paper.threshold is None else paper.threshold
+            found[f"detectors.{name}.block_s"] = Printed(paper.block_s, paper.source)
+            found[f"detectors.{name}.threshold"] = Printed(threshold, paper.source)
+    return found
 
 
 def _tally(score: Score) -> str:
@@ -353,20 +368,23 @@ def _too_slow(scores: Sequence[Score], runs: Sequence[Run]) -> list[str]:
     return list(notes.values())
 
 
-def _not_the_papers(runs: Sequence[Run]) -> list[str]:
-    return [
-        "The arm's own tool force (500 Hz) is heard in the place of the JR3 wrist sensor (1 kHz).",
-        "Friction, roughness, damping and the noise of all but the fingertip are assumptions; rolling is "
-        "fitted to printed spectra.",
-        *(
-            [
-                "Contact and stop on the wire rest on behaviour of the arm's controller that was never "
-                "measured on a real one."
-            ]
-            if any(run.manifest.get("bench") == "emulated" for run in runs)
-            else []
-        ),
-    ]
+def _not_the_papers(run: Run, sensors: Set[str]) -> list[str]:
+    said = []
+    if "wrist" in sensors:
+        said.append(
+            "The arm's own tool force is heard in the place of the JR3 wrist sensor (the paper's, 1 kHz)."
+        )
+    if run.simulated:
+        said.append(
+            "Friction, roughness, damping and the noise of all but the fingertip are assumptions; rolling is "
+            "fitted to printed spectra."
+        )
+    if run.manifest.get("bench") == "emulated":
+        said.append(
+            "Contact and stop on the wire rest on behaviour of the arm's controller that was never measured on "
+            "a real one."
+        )
+    return said
 
 
 def _draw(runs: Sequence[Run], figures: Figures) -> list[Mapping[str, Any]]:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from controller.recording.reader import Run
 from controller.reports.counts import total, values
 from controller.reports.run_account import setting_of
+from controller.reports.section import Kind
 from controller.reports.slip_verdicts import NOT_JUDGED, VERDICTS, verdict_of
 from controller.reports.text import NOTHING
 
@@ -26,6 +27,11 @@ class PaperSensor:
         noise: The paper's word for it.
         verdict: The paper's word for its slip detection.
         dominant_hz: Frequency of the slip vibration, None where none stands out.
+        kind: What the verdict on a simulated sensor is: where its noise or its structure had to be assumed, the
+            verdict follows from that (docs/explanation/slip.md).
+        block_s: Length of the paper's block.
+        threshold: Of the paper's statistic, in the sensor's unit squared times Hz; None where it is not printed.
+        source: Section that prints them.
     """
 
     id: str
@@ -33,14 +39,22 @@ class PaperSensor:
     noise: str
     verdict: str
     dominant_hz: float | None
+    kind: Kind
+    block_s: float
+    threshold: float | None
+    source: str
 
 
 SENSORS: Mapping[str, PaperSensor] = {
-    "fingertip": PaperSensor("B1", "fingertip", "medium", "good", 180.0),
-    "flexible_finger": PaperSensor("B2", "flexible finger", "medium", "good", 125.0),
-    "barrett_finger": PaperSensor("B3", "BarrettHand", "high", "regular", 375.0),
-    "wrist": PaperSensor("B4", "wrist", "high", "bad", None),
-    "dsa": PaperSensor("B5", "DSA matrix", "low", "bad", None),
+    "fingertip": PaperSensor("B1", "fingertip", "medium", "good", 180.0, Kind.PREDICTED, 0.064, 10.0, "4.3"),
+    "flexible_finger": PaperSensor(
+        "B2", "flexible finger", "medium", "good", 125.0, Kind.ASSUMED, 0.064, 0.25, "5.1"
+    ),
+    "barrett_finger": PaperSensor(
+        "B3", "BarrettHand", "high", "regular", 375.0, Kind.ASSUMED, 0.064, None, "5.2"
+    ),
+    "wrist": PaperSensor("B4", "wrist", "high", "bad", None, Kind.ASSUMED, 0.064, None, "5.3"),
+    "dsa": PaperSensor("B5", "DSA matrix", "low", "bad", None, Kind.ASSUMED, 0.16, None, "5.4"),
 }
 """Table 1 and sections 4.3, 5.1 to 5.4."""
 

@@ -5,10 +5,12 @@ S. Rupavatharam et al., "SonicFinger: Pre-touch and Contact Detection Tactile Se
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from controller.recording.reader import Run
+from controller.reports.run_account import setting_of
+from controller.reports.section import Printed
 
 CITATION = (
     "S. Rupavatharam, C. Escobedo, D. Lee, C. Prepscius, L. Jackel, R. Howard and V. Isler, “SonicFinger: "
@@ -31,10 +33,20 @@ PRE_TOUCH = (0.924, 0.953)
 CONTACT = (0.937, 0.987)
 """The same of contact (IV.B.3)."""
 
-NOT_THE_PAPERS = (
+ASSUMED = (
     "Reflectivity, decay, absorption, noise and drift are assumptions: the paper prints none of them.",
-    "Alpha and gamma of the paper's detectors are not printed; their thresholds here are set on simulated recordings.",
 )
+"""What is assumed of a simulated finger."""
+
+DETECTORS: Mapping[str, Mapping[str, Printed]] = {
+    "pretouch.paper": {
+        "window_s": Printed("alpha, not printed", "III.D"),
+        "band_hz": Printed(100.0, "III.D"),
+        "threshold": Printed("gamma, not printed", "III.D"),
+    },
+    "level.paper": {"threshold": Printed("gamma, not printed", "III.E")},
+}
+"""What the paper prints of its detectors, by kind and setting."""
 
 METHOD_NAMES = {"paper": "the paper's", "ours": "ours"}
 
@@ -42,3 +54,12 @@ METHOD_NAMES = {"paper": "the paper's", "ours": "ours"}
 def rows_of(runs: Sequence[Run]) -> list[Any]:
     """All trials that were measured, of all runs."""
     return [row for run in runs for row in run.trials if row.get("outcome") in ("contact", "no_contact")]
+
+
+def printed_of(run: Run) -> Mapping[str, Printed]:
+    """What the paper prints of the detectors in a profile, by the path of the setting."""
+    return {
+        f"detectors.{name}.{setting}": printed
+        for name, table in (setting_of(run, "detectors") or {}).items()
+        for setting, printed in DETECTORS.get(str(table.get("kind")), {}).items()
+    }

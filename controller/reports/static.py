@@ -15,9 +15,9 @@ from controller.recording.reader import Run
 from controller.recording.series import Series
 from controller.reports.approaches import Mean, mean_of
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
-from controller.reports.paper import CITATION, SETTLE_S, STATIC_HZ, STATIC_TOLERANCE_HZ
+from controller.reports.paper import CITATION, SETTLE, STATIC_HZ, STATIC_KINDS, STATIC_TOLERANCE_HZ
 from controller.reports.run_account import series_of, setting_of
-from controller.reports.section import Section
+from controller.reports.section import Kind, Result, Section
 from controller.reports.text import NOTHING, number, signed, spread
 
 if TYPE_CHECKING:
@@ -85,27 +85,25 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     drawn = [(condition, series) for condition in conditions if (series := _waveform(condition)) is not None]
     falls = _falls([condition.amplitude_m for condition in conditions])
     falls_m_s2 = _falls([condition.amplitude_m_s2 for condition in conditions])
-    summary: list[tuple[bool | None, str]] = [
-        (
-            condition.met,
-            f"{NAMES[condition.name].capitalize()}: {number(condition.frequency_hz.mean, 1)} Hz, "
-            f"the paper {STATIC_HZ[condition.name]:g} Hz.",
-        )
-        for condition in conditions
+    simulated = runs[0].simulated
+    summary = [
+        Result(STATIC_KINDS[each.name] if simulated else Kind.MEASURED, _sentence(each), each.met)
+        for each in conditions
     ]
     if falls is not None:
-        summary.append(
-            (
-                falls,
-                f"The amplitude of motion {'falls' if falls else 'does not fall'} from none to full contact.",
-            )
-        )
+        ratio = number(conditions[0].amplitude_m.mean / conditions[-1].amplitude_m.mean, 1)
+        how = f"{ratio} times smaller with full contact than without"
+        said = f"Amplitude of motion {how}; it {'falls' if falls else 'does not fall'} from none over light to full."
+        summary.append(Result(Kind.PREDICTED if simulated else Kind.MEASURED, said, falls))
     return Section(
         title="Static contact (A1)",
         template="static.html.j2",
         citation=CITATION,
         summary=summary,
-        not_the_papers=_not_the_papers(runs),
+        not_the_papers=[
+            "The paper gives its static frequencies as “approximately”; what counts as reproduced is ours."
+        ],
+        printed=SETTLE,
         context={
             "rows": [_row(condition) for condition in conditions],
             "erratic": _erratic(conditions),
@@ -117,16 +115,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     )
 
 
-def _not_the_papers(runs: Sequence[Run]) -> list[str]:
-    said = ["The paper gives its static frequencies as “approximately”; what counts as reproduced is ours."]
-    for run in runs:
-        settle_s = setting_of(run, "behavior", "settle_s")
-        if isinstance(settle_s, int | float) and settle_s != SETTLE_S:
-            said.append(
-                f"{run.folder.path.name}: {number(settle_s, 1)} s of settling after power-on "
-                f"instead of the paper's {SETTLE_S:g} s."
-            )
-    return said
+def _sentence(condition: Condition) -> str:
+    """`0.1 Hz above the paper's 28 Hz without contact: 28.1 Hz, the probe at 0.0 mm.`"""
+    off, paper = condition.difference_hz, STATIC_HZ[condition.name]
+    shown = f"{number(abs(off), 1)} Hz {'below' if off < 0.0 else 'above'} the paper's {paper:g} Hz"
+    place_m = setting_of(condition.trials[0][0], "behavior", f"{condition.name}_m")
+    place = f", the probe at {number(place_m, 1, 1000.0)} mm" if isinstance(place_m, int | float) else ""
+    name = NAMES[condition.name].capitalize()
+    return f"{name}: {shown}, at {number(condition.frequency_hz.mean, 1)} Hz{place}."
 
 
 def _falls(amplitudes: Sequence[Mean]) -> bool | None:
@@ -157,6 +153,7 @@ def _row(condition: Condition) -> dict[str, Any]:
         "paper": f"{STATIC_HZ[condition.name]:g}",
         "difference": difference,
         "tolerance": f"± {STATIC_TOLERANCE_HZ[condition.name]:g}" if difference != NOTHING else NOTHING,
+        "kind": STATIC_KINDS[condition.name] if condition.trials[0][0].simulated else Kind.MEASURED,
         "met": condition.met,
         "sd": shown(condition.frequency_sd_hz, 2),
         "amplitude_m_s2": shown(condition.amplitude_m_s2, 2),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from controller.reports.approaches import Mean
+if TYPE_CHECKING:
+    from controller.reports.approaches import Mean
 
 NOTHING = "–"
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.recording.series import Series
-from controller.reports.approaches import Approach, Row, StudyCell, figure_rows
+from controller.reports.approaches import NOISE, SAMPLE_HZ, Approach, Row, StudyCell, figure_rows
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.paper import TABLE_1, PaperRow
-from controller.reports.run_account import series_of, setting_of
+from controller.reports.run_account import series_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,9 +56,9 @@ def trace_of(approach: Approach) -> Trace | None:
     if not len(force) or not len(period):
         return None
     mine = [event for event in run.events if event.get("trial") == approach.trial]
-    acting = str(setting_of(run, "behavior", "detector") or "contact")
-    rate_hz = approach.sample_hz or setting_of(run, "detectors", acting, "sample_hz")
-    samples = setting_of(run, "detectors", acting, "average_samples") or 10
+    acting = approach.acting
+    rate_hz = approach.setting("detectors", acting, "sample_hz")
+    samples = approach.setting("detectors", acting, "average_samples") or 1
     average_s, average_hz = moving_average(period.times_s, 1.0 / period.values[:, 0], rate_hz, int(samples))
     begun_s = next((event["t_s"] for event in mine if event.get("next") == "APPROACH"), force.times_s[-1])
     before = force.between(-math.inf, float(begun_s)).values
@@ -241,16 +241,14 @@ def _name_places(axes: Axes, papers: Sequence[PaperRow], along: Callable[[PaperR
 
 
 def draw_study(figures: Figures, cells: Sequence[StudyCell]) -> str:
-    """Delay and false contacts against noise, one line for each rate of frequency samples."""
-    shortest_s = min(cell.baseline_s for cell in cells)
-    cells = [cell for cell in cells if cell.baseline_s == shortest_s]
-    rates = sorted({cell.sample_hz for cell in cells})
+    """Delay and false contacts against noise, one line for each rate of frequency samples; all else alike."""
+    rates = sorted({cell.varied[SAMPLE_HZ] for cell in cells})
     colours = dict(zip(rates, (OURS, FALSE, GOOD, PAPER, INK), strict=False))
     with figures.figure(2.7, columns=2) as drawing:
         left, right = drawing.axes
         for index, rate in enumerate(rates):
-            mine = [cell for cell in cells if cell.sample_hz == rate]
-            x = np.array([cell.noise_scale for cell in mine]) * (
+            mine = [cell for cell in cells if cell.varied[SAMPLE_HZ] == rate]
+            x = np.array([cell.varied[NOISE] for cell in mine]) * (
                 1.0 + 0.03 * (index - (len(rates) - 1) / 2.0)
             )
             sigmas = np.nan_to_num([cell.delay_s.sigma for cell in mine])
@@ -263,7 +261,7 @@ def draw_study(figures: Figures, cells: Sequence[StudyCell]) -> str:
             right.plot(x, [100.0 * cell.false_contacts / cell.n for cell in mine], **style)
         for axes, label in ((left, "delay (s), mean ± σ"), (right, "false contacts (%)")):
             axes.set_xscale("log")
-            scales = sorted({cell.noise_scale for cell in cells})
+            scales = sorted({cell.varied[NOISE] for cell in cells})
             axes.set_xticks(scales, [f"{scale:g}" for scale in scales])
             axes.set_xticks([], minor=True)
             axes.set_xlabel("noise, relative to the plant's own")

@@ -13,7 +13,7 @@ from controller.measures.ladder import DETECTED_SIGMA, Calibration, Estimate, St
 from controller.reports.fernandez import BRIDGES, CITATION, Printed
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Section
+from controller.reports.section import Kind, Result, Section
 from controller.reports.text import number
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     simulated = all(run.simulated for run in runs)
     told = sum(len(run.trials) for run in runs)
     paragraphs = [
-        "Known weights hang on one bridge at a time, up to the paper's largest and down again. Each "
+        f"Known weights hang on one bridge at a time, up to {_tops(bridges)} and down again. Each "
         "voltage is the mean of a load that hung still, less that of the empty bridge before the first "
         "load; the line goes through zero and, by least squares, through the means over all cycles of "
         "each load and direction."
@@ -85,7 +85,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         title="Calibration with weights (B6)",
         template="plain.html.j2",
         citation=CITATION,
-        summary=[_sentence(bridge) for bridge in bridges],
+        summary=[_sentence(bridge, simulated) for bridge in bridges],
         not_the_papers=_not_the_papers(runs, simulated),
         context={
             "paragraphs": paragraphs,
@@ -94,6 +94,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "notes": _notes(bridges),
         },
     )
+
+
+def _tops(bridges: Sequence[Bridge]) -> str:
+    tops = [(bridge.calibration.top_n, BRIDGES[bridge.name]) for bridge in bridges]
+    said = [f"{top_n:g} N on {paper.force} (the paper {paper.top_n:g} N)" for top_n, paper in tops]
+    return " and ".join(said) or "the ladder's top"
 
 
 def _estimates(bridge: Bridge) -> Sequence[tuple[Estimate, Printed, float, int]]:
@@ -106,7 +112,7 @@ def _estimates(bridge: Bridge) -> Sequence[tuple[Estimate, Printed, float, int]]
     )
 
 
-def _sentence(bridge: Bridge) -> tuple[bool | None, str]:
+def _sentence(bridge: Bridge, simulated: bool) -> Result:
     gain, paper = bridge.calibration.gain_v_n, BRIDGES[bridge.name]
     held = [printed.meets(estimate.low, estimate.high) for estimate, printed, _, _ in _estimates(bridge)]
     missed = [name for name, good in zip(("gain", "hysteresis", "resolution"), held, strict=True) if not good]
@@ -116,10 +122,10 @@ def _sentence(bridge: Bridge) -> tuple[bool | None, str]:
         else f"the paper's {' and '.join(missed)} {'lies' if len(missed) == 1 else 'lie'} outside our 95 % interval"
         f"{'' if len(missed) == 1 else 's'}"
     )
-    return (
-        not missed,
-        f"{paper.force}: {number(gain.value, 4)} V/N, the paper {paper.gain_v_n.value:.4f} V/N; {verdict}.",
-    )
+    off = 100.0 * (gain.value / paper.gain_v_n.value - 1.0)
+    said = f"{paper.force}: gain {number(abs(off), 1)} % {'below' if off < 0.0 else 'above'} the paper's "
+    said += f"{paper.gain_v_n.value:.4f} V/N, {number(gain.value, 4)} V/N; {verdict}."
+    return Result(Kind.FITTED if simulated else Kind.MEASURED, said, not missed)
 
 
 def _table(bridges: Sequence[Bridge]) -> Mapping[str, Any]:

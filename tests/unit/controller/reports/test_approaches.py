@@ -3,8 +3,8 @@ import math
 import pytest
 
 from controller.reports.approaches import (
-    bounds,
     correlate,
+    held,
     mean_of,
     read_approaches,
     study_cells,
@@ -70,16 +70,40 @@ def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approach
         Given("h", 0.01, force_n=0.02, delay_s=0.382),
         Given(outcome="guard"),
     )
-    force, extent, delay = bounds(approaches)
-    assert (force.value, force.met, force.worst.trial) == (0.15, True, 1)
+    delay, extent, force = held(approaches, table_rows(approaches))
+    assert (force.value, force.met, force.worst.trial) == (0.15, None, 1), (
+        "one row is no evidence of agreement"
+    )
     assert (extent.value, extent.met, extent.worst.trial) == (pytest.approx(0.00382), False, 2)
-    assert (delay.value, delay.met) == (pytest.approx(0.241), True)
+    assert (delay.value, delay.met) == (pytest.approx(0.241), None)
+
+
+def test_a_bound_is_met_where_rows_agree_and_open_where_every_row_lies_far_below(approaches_of):
+    def delays(scale):
+        rows = [Given(row.location, row.speed_m_s[0], scale * row.delay_s[0]) for row in TABLE_1]
+        return held(approaches := approaches_of(*rows), table_rows(approaches))[0]
+
+    assert (delays(1.0).met, delays(1.0).agrees) == (True, True)
+    below = delays(0.4)
+    assert (below.met, below.agrees) == (None, False)
+    assert (
+        below.effect.said(("quicker", "slower"), "Table I")
+        == "2.5 times quicker than Table I in 14 of 14 rows"
+    )
+    assert delays(1.5).met is False, "0.45 s on average"
+
+
+def test_forces_that_the_simulated_finger_was_fitted_to_are_not_held_against_the_papers(approaches_of):
+    rows = [Given(row.location, row.speed_m_s[0], row.delay_s[0], row.force_n[0]) for row in TABLE_1]
+    for bench, counted in (("mock", 11), ("hardware", 14)):
+        approaches = approaches_of(*rows, bench=bench)
+        delay, _, force = held(approaches, table_rows(approaches))
+        assert (delay.effect.n, force.effect.n) == (14, counted)
 
 
 def test_without_a_contact_no_bound_is_called_met(approaches_of):
-    assert [bound.met for bound in bounds(approaches_of(Given(outcome="no_contact", delay_s=None)))] == [
-        False
-    ] * 3
+    approaches = approaches_of(Given(outcome="no_contact", delay_s=None))
+    assert [each.met for each in held(approaches, table_rows(approaches))] == [None] * 3
 
 
 def test_rank_correlation_sees_order_alone():
@@ -117,7 +141,7 @@ def test_our_trend_follows_our_forces_and_not_the_papers(approaches_of):
 def test_trials_with_other_noise_stay_out_of_table_and_bounds(approaches_of):
     approaches = approaches_of(Given(), Given(noise_scale=2.0, sample_hz=28.0, force_n=9.0))
     assert [len(row.approaches) for row in table_rows(approaches)] == [1]
-    assert bounds(approaches)[0].value == 0.05
+    assert held(approaches, table_rows(approaches))[2].value == 0.05
 
 
 def test_the_study_groups_by_noise_and_rate(approaches_of):
@@ -129,7 +153,7 @@ def test_the_study_groups_by_noise_and_rate(approaches_of):
             Given(noise_scale=2.0, sample_hz=10.0, delay_s=0.7),
         )
     )
-    found = [(cell.noise_scale, cell.sample_hz, cell.n, cell.false_contacts) for cell in cells]
+    found = [(*cell.varied.values(), cell.n, cell.false_contacts) for cell in cells]
     assert found == [(0.5, 28.0, 1, 0), (2.0, 10.0, 3, 1)]
     assert cells[1].delay_s.mean == pytest.approx(0.6)
 

@@ -112,7 +112,9 @@ def test_trials_of_one_bridge_are_pooled(tmp_path):
 def test_the_page_holds_ours_against_the_papers(tmp_path, undrawn):
     text = text_of(build_report([write_weights(tmp_path)]))
     assert "Fernandez" in text
-    assert re.search(r"Fx: 0\.069\d V/N, the paper 0\.0694 V/N; the paper's gain, hysteresis", text)
+    assert re.search(
+        r"Fx: gain 0\.\d % \w+ the paper's 0\.0694 V/N, 0\.069\d V/N; the paper's gain, hysteresis", text
+    )
     assert re.search(r"Fx gain, V/N 0\.069\d 0\.06\d\d to 0\.07\d\d 0\.0694 yes", text)
     assert (
         "Gain, hysteresis and noise of the simulated bridges were set from the figures that the paper prints"
@@ -122,7 +124,10 @@ def test_the_page_holds_ours_against_the_papers(tmp_path, undrawn):
 
 def test_a_bridge_of_another_gain_is_said_to_miss_the_papers(tmp_path, undrawn):
     text = text_of(build_report([write_weights(tmp_path, gains={"y": 0.05})]))
-    assert re.search(r"Fy: 0\.0[45]\d\d V/N, the paper 0\.0326 V/N; the paper's gain .*?outside", text)
+    assert re.search(
+        r"Fy: gain 5\d\.\d % above the paper's 0\.0326 V/N, 0\.0[45]\d\d V/N; the paper's gain .*?outside",
+        text,
+    )
     assert "agree with our 95 % intervals" in text, "the others do"
     assert re.search(r"Fy gain, V/N \S+ \S+ to \S+ 0\.0326 no", text)
 

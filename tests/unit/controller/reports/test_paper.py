@@ -1,6 +1,6 @@
 import pytest
 
-from controller.reports.paper import DELAY_BOUND_S, EXTENT_BOUND_M, FORCE_BOUND_N, TABLE_1
+from controller.reports.paper import COLUMNS, TABLE_1
 
 PRINTED = """
 a 19.05 3.785 0.33 1.372 0.111 | 0.159 0.15 0.599 0.017
@@ -38,9 +38,10 @@ def test_table_1_is_what_the_paper_prints():
 
 
 def test_the_papers_own_rows_keep_the_papers_own_bounds():
-    assert max(row.force_n[0] for row in TABLE_1) <= FORCE_BOUND_N
-    assert max(row.extent_m[0] for row in TABLE_1) <= EXTENT_BOUND_M
-    assert sum(row.delay_s[0] for row in TABLE_1) / 14 == pytest.approx(DELAY_BOUND_S, abs=0.02)
+    delay, extent, force = COLUMNS
+    assert max(row.force_n[0] for row in TABLE_1) <= force.bound
+    assert max(row.extent_m[0] for row in TABLE_1) <= extent.bound
+    assert sum(row.delay_s[0] for row in TABLE_1) / 14 == pytest.approx(delay.bound, abs=0.02)
 
 
 def test_extent_is_about_speed_times_time_in_every_row():

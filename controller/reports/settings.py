@@ -1,0 +1,101 @@
+"""The settings behind a page: which runs may be averaged, what differs between the others, what the paper has."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from controller.recording.reader import Run
+from controller.reports.section import Printed
+
+_SAY_NOTHING = ("title", "description", "trials")
+"""Parts of a profile that change no trial: two runs that differ in these alone may be averaged."""
+
+
+def settings_of(run: Run) -> Mapping[str, Any]:
+    """What of a run's resolved profile changes its trials."""
+    resolved = (run.manifest.get("profile") or {}).get("resolved") or {}
+    return {name: value for name, value in resolved.items() if name not in _SAY_NOTHING}
+
+
+def by_settings(runs: Sequence[Run], apart: bool) -> list[list[Run]]:
+    """Runs of equal settings together.
+
+    Args:
+        runs: Of one experiment on one kind of bench.
+        apart: Whether trials in which a setting was varied stand apart from the others as well; a section that tells
+            them apart by itself is given them together.
+    """
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        for varied, part in _parts(run) if apart else [("", run)]:
+            key = json.dumps(settings_of(run), sort_keys=True, default=str) + varied
+            groups.setdefault(key, []).append(part)
+    return list(groups.values())
+
+
+def varied_of(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of the profile that a trial had of its own, by path."""
+    return {name: value for name, value in row.items() if "." in name and value is not None}
+
+
+def _parts(run: Run) -> list[tuple[str, Run]]:
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for row in run.trials:
+        found.setdefault(json.dumps(varied_of(row), sort_keys=True), []).append(row)
+    if len(found) < 2:
+        return [(varied, run) for varied in found or ("",)]
+    return [(varied, replace(run, trials=rows)) for varied, rows in found.items()]
+
+
+def differences(groups: Sequence[Sequence[Run]]) -> list[list[str]]:
+    """One row a setting that differs between groups: its path, and each group's value."""
+    tables = []
+    for group in groups:
+        own = varied_of(group[0].trials[0]) if group[0].trials else {}
+        tables.append(dict(flat(settings_of(group[0]))) | own)
+    paths = sorted(set().union(*tables))
+    rows = [[path, *(shown(table.get(path)) for table in tables)] for path in paths]
+    return [row for row in rows if len(set(row[1:])) > 1]
+
+
+def settings_table(run: Run, printed: Mapping[str, Printed]) -> list[tuple[str, str, str]]:
+    """Detectors, behavior and limits as (what, ours, the paper's): what the paper prints first, the rest by table."""
+    settings = settings_of(run)
+    leaves = dict(flat(settings))
+    rows = [
+        (path, shown(leaves.get(path)), f"{shown(paper.value)} ({paper.source})")
+        for path, paper in printed.items()
+        if path in leaves
+    ]
+    tables = {f"detectors.{name}": table for name, table in (settings.get("detectors") or {}).items()}
+    tables |= {name: settings.get(name) or {} for name in ("behavior", "limits")}
+    for name, table in tables.items():
+        rest = [f"{path} {shown(value)}" for path, value in flat(table) if f"{name}.{path}" not in printed]
+        if rest:
+            rows.append((name, ", ".join(rest), "–"))
+    return rows
+
+
+def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every setting by its dotted path; a list of tables by the number of each."""
+    for name, item in value.items():
+        path = f"{prefix}{name}"
+        if isinstance(item, Mapping):
+            yield from flat(item, f"{path}.")
+        elif isinstance(item, list) and item and all(isinstance(each, Mapping) for each in item):
+            yield path, f"{len(item)} entries"
+            yield from flat({str(place): each for place, each in enumerate(item, start=1)}, f"{path}.")
+        else:
+            yield path, item
+
+
+def shown(value: object) -> str:
+    """A setting's value as it is read."""
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return ", ".join(map(shown, value)) or "none" if isinstance(value, list) else str(value)
