@@ -13,7 +13,7 @@ run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches
 
 test: .venv/dev.stamp           ## the tests; what they need is compiled before
 	$(BIN)/python -m config.precompile
-	$(BIN)/python -m pytest -n 2 --dist loadscope --durations=15
+	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder --durations=15
 
 check: .venv/dev.stamp          ## format, lint, types, import layers; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .

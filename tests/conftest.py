@@ -22,6 +22,15 @@ LOCKS = Path(tempfile.gettempdir()) / f"touchbench-tests-{os.getuid()}"
 """Shared by all workers and runs of this user, for it is the same machine that they share."""
 
 
+LONG = {"scenarios", "stability", "wire"}
+"""Folders whose modules take long."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long modules begin first, so that no worker is left with one when the others have ended."""
+    items.sort(key=lambda item: LONG.isdisjoint(item.path.parts))
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """All tests share the room, but for one that is alone in it, fixtures and all.

@@ -37,8 +37,13 @@ def run(tmp_path, **settings):
     return outcome, open_run(outcome.folder), hand
 
 
-def test_the_arm_stops_on_slip_and_the_row_says_how_fast(tmp_path):
-    outcome, done, hand = run(tmp_path)
+@pytest.fixture(scope="module")
+def slipped(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("runs"))
+
+
+def test_the_arm_stops_on_slip_and_the_row_says_how_fast(slipped):
+    outcome, done, hand = slipped
     assert outcome.exit_code == EXIT_DONE, outcome.line
     assert hand.seen[-1] == "DONE"
     (row,) = done.trials
@@ -55,8 +60,8 @@ def test_the_arm_stops_on_slip_and_the_row_says_how_fast(tmp_path):
     assert np.ptp(pose.values[after, 0]) < 0.009, "it was cut short"
 
 
-def test_every_device_talks_and_what_is_lost_is_counted(tmp_path):
-    outcome, done, _ = run(tmp_path)
+def test_every_device_talks_and_what_is_lost_is_counted(slipped):
+    outcome, done, _ = slipped
     assert outcome.exit_code == EXIT_DONE, outcome.line
     recording, manifest = done.recording(1), done.manifest
     assert {
