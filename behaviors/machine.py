@@ -66,6 +66,7 @@ class Behavior:
         self.outcome = UNDECIDED
         self.reason = ""
         self._entered_s = 0.0
+        self._came: dict[str, None] = {}
         self._commands: list[Command] = []
         self._event: Event = Tick(0.0)
         self._machine = Machine(
@@ -116,6 +117,7 @@ class Behavior:
             if event.t_s >= self.wake_s - 1e-9:
                 self._fire("deadline")
         else:
+            self._came[_told(event)] = None
             self._fire(trigger_of(event))
         return self._taken()
 
@@ -145,7 +147,21 @@ class Behavior:
     def say_late(self) -> None:
         """Before a transition on a deadline: what was waited for did not come, and nothing is wrong with the bench."""
         self.outcome = "aborted"
-        self.reason = f"{self.state.name} took longer than {self.plan.deadline_s:.6g} s"
+        came = ", ".join(self._came) or "nothing"
+        self.reason = (
+            f"{self.state.name} took longer than {self.plan.deadline_s:.6g} s:"
+            f" it waited for {self._awaited()}; {came} came"
+        )
+
+    def _awaited(self) -> str:
+        """What would have ended the present state in time, and who tells it."""
+        words: dict[str, None] = {}
+        for row in self.table:
+            sources = row["source"] if isinstance(row["source"], list | tuple) else [row["source"]]
+            if self.state in sources and row["trigger"] not in _NOT_AWAITED:
+                words[row["trigger"].replace("_", " ")] = None
+        who = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
+        return " or ".join(words) + (f" of {', '.join(who)}" if who else "")
 
     def say_stuck(self) -> None:
         """Before a transition on the deadline of a motion: a device did not do its part."""
@@ -158,6 +174,7 @@ class Behavior:
 
     def _entered(self) -> None:
         self._entered_s = self._event.t_s
+        self._came.clear()
         enter = getattr(self, f"enter_{self.state.name}", None)
         if enter is not None:
             enter()
@@ -175,6 +192,17 @@ def failures(states: Sequence[Enum], failed: Enum) -> Sequence[Mapping[str, Any]
     ]
     rows.append({"trigger": "guard_stopped", "source": list(states), "dest": failed, "before": "say_guard"})
     return rows
+
+
+_NOT_AWAITED = frozenset(
+    ("deadline", "resumed", "refused", "stalled", "failed", "guard_stopped", "baseline_refused")
+)
+
+
+def _told(event: Event) -> str:
+    """An event in a few words: what, of whom."""
+    who = getattr(event, "device", getattr(event, "detector", ""))
+    return f"{trigger_of(event).replace('_', ' ')}{f' of {who}' if who else ''}"
 
 
 def trigger_of(event: Event) -> str:

@@ -21,10 +21,11 @@ from controller.detectors.protocol import Compiled, Detector
 from controller.guard import Guard, GuardRefusal
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.loop import Operator as LoopOperator
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.recording.recorder import Recorder
 from controller.recording.resuming import Resumed, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder
+from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene
 from controller.signals.protocol import Accountable, Signal
 from drivers.clock import utc_now
@@ -293,8 +294,9 @@ class Campaign:
         self._rig.clock.restart()
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
-        evidence = TrialEvidence(trial.factors, recording, detectors=trial.detectors)
+        evidence = self._evidence(trial, recording, infos)
         verdict: str | None = None
+        reason = ""
         try:
             self._rig.begin_trial(trial.scene)
             loop.run(trial.behavior, trial.detectors, trial.signals)
@@ -317,12 +319,31 @@ class Campaign:
             outcome: str = verdict or trial.behavior.outcome
             row: dict[str, Any] = {}
             try:
-                outcome, row = trial.measure(evidence, outcome)
+                if not loop.account.missing:  # there is nothing to be measured of what did not arrive
+                    outcome, row = trial.measure(evidence, outcome)
+            except MissingDataError as error:
+                # What ended the trial otherwise stands; a row with numbers there is not either way.
+                if outcome not in _EXIT_OF_OUTCOME:
+                    outcome, reason = "fault", str(error)
             finally:
                 counts = self._manifest["outcomes"]
                 counts[outcome] = counts.get(outcome, 0) + 1
                 recorder.end_trial(outcome, row)
-        return outcome, trial.behavior.reason, row, self._rig.clock.now()
+        return outcome, reason or trial.behavior.reason, row, self._rig.clock.now()
+
+    def _evidence(
+        self, trial: TrialPlan, recording: TrialRecording, infos: Mapping[str, DeviceInfo]
+    ) -> TrialEvidence:
+        """What the trial will leave behind, and what is known of its streams."""
+        streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
+        made = {signal.info.name: signal for signal in trial.signals}
+        return TrialEvidence(
+            trial.factors,
+            recording,
+            detectors=trial.detectors,
+            streams=streams | {name: signal.info for name, signal in made.items()},
+            sources={name: signal.inputs for name, signal in made.items()},
+        )
 
     def _warmed(self) -> Iterable[TrialPlan]:
         """The trials, warmed up for the first one: no device is open yet whose own watchdog would wait for it."""

@@ -8,10 +8,12 @@ from dataclasses import fields
 
 import numpy as np
 
+from controller.arrivals import Arrivals
 from controller.limits import Bounds, GuardRefusal, GuardSettings, first_outside
 from drivers.messages import (
     MOTION,
     Command,
+    Failed,
     Grip,
     Home,
     MoveAt,
@@ -30,7 +32,7 @@ above a force sensor's noise."""
 
 
 class Guard:
-    """Watches force, travel, stale streams and a late loop; knows nothing of the experiment.
+    """Watches force, travel, streams that do not arrive and a late loop; knows nothing of the experiment.
 
     A trial may begin in contact: an earlier run died there. What presses beyond the limit from its first samples on may
     not grow, the limit follows it down as it goes, and until then nothing but `Home` and motions back along the axis is
@@ -63,6 +65,7 @@ class Guard:
                 self._looks.setdefault(stream, []).append(look)
         self.inputs: frozenset[str]
         """Streams that must be alive while anything moves."""
+        self._arrivals = Arrivals(settings.stale_s, settings.stuck_s)
         self.reset()
 
     def reset(self, range_streams: frozenset[str] = frozenset()) -> None:
@@ -75,7 +78,7 @@ class Guard:
         self._tail_n: list[float] = []
         # What pressed beyond the limit ever since the trial began; infinite before anything was heard, then 0.
         self._borne_n = math.inf
-        self._seen_s: dict[str, float] = {}
+        self._arrivals.begin()
         self.arm(frozenset())
 
     def arm(self, decisive: frozenset[str]) -> None:
@@ -84,18 +87,25 @@ class Guard:
         Args:
             decisive: Streams that the armed detectors hear: a motion that ends by them needs them alive.
         """
-        self._watched = sorted(self.inputs | decisive)
-        self._aligned = False
+        self._arrivals.depend(self.inputs | decisive)
 
-    def fit(self, streams: Mapping[str, StreamInfo]) -> None:
+    def expect(self, streams: frozenset[str], t_s: float) -> None:
+        """Take these streams as subscribed from `t_s` on, and no others."""
+        self._arrivals.expect(streams, t_s)
+
+    def fit(
+        self, streams: Mapping[str, StreamInfo], sources: Mapping[str, Sequence[str]] | None = None
+    ) -> None:
         """See that what is to be watched is there, before anything moves.
 
         Args:
             streams: All that can be heard, by name.
+            sources: Of which other streams each signal is made.
 
         Raises:
             GuardRefusal: a stream that nobody sends, or one with too few channels.
         """
+        self._arrivals.fit(streams, sources or {})
         settings = self.settings
         needed = [("limits.force_stream", settings.force_stream, max(settings.force_channels) + 1)]
         for bounds in (self._first, *self._others.values()):
@@ -175,8 +185,7 @@ class Guard:
         """See one turn of the loop.
 
         Force and travel count whether anything moves or not, wherever the loop listens to them: while anything
-        moves, in a pause, and in every state that listens to anything. A silent stream and a late loop count while
-        something moves.
+        moves, in a pause, and in every state that listens to anything. A late loop counts while something moves.
 
         Args:
             t_s: Bench time of the turn.
@@ -193,31 +202,19 @@ class Guard:
             f"{status.stream} is beyond its range, at {status.value:.4g}: it no longer tells the truth"
             for status in saturated
         ]
-        if not moving:
-            self._seen_s, self._aligned = {}, False
-        elif not self._aligned:
-            # A stream that was not watched before the motion began is not stale, it is about to start.
-            self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in self._watched}
-            self._aligned = True
-        seen_s = self._seen_s
         for block in blocks:
-            stream = block.stream
-            if not len(block):
-                continue
-            if stream in seen_s:
-                # A time stamp from the future keeps nothing alive.
-                seen_s[stream] = max(seen_s[stream], min(block.last_s, t_s))
-            for look in self._looks.get(stream, ()):
-                reasons += look(block)
-        for stream, last_s in seen_s.items():
-            silence_s = t_s - last_s
-            if silence_s > settings.stale_s:
-                reasons.append(
-                    f"{stream} is silent for {silence_s:.3f} s (limits.stale_s = {settings.stale_s:g})"
-                )
+            if len(block):
+                for look in self._looks.get(block.stream, ()):
+                    reasons += look(block)
         if moving and late_s > settings.late_s:
             reasons.append(f"the loop is {late_s:.3f} s late (limits.late_s = {settings.late_s:g})")
         return reasons[0] if reasons else None
+
+    def missing(
+        self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
+    ) -> Failed | None:
+        """See whether what is subscribed arrives, as `Arrivals.watch` does; where it does not every mover must stop."""
+        return self._arrivals.watch(t_s, blocks, moving, late_s)
 
     def _force(self, block: SampleBlock) -> Sequence[str]:
         """Running median over whole windows; a sample that is not finite is a reason by itself."""

@@ -111,7 +111,12 @@ class GuardSettings(MoverLimits):
     """Hardest grip that may be asked for. Source: the SSG-48's own range ends at 80 N."""
 
     stale_s: float = Field(default=0.1, gt=0.0, le=10.0)
-    """A watched stream silent for longer than this, while something moves, stops it."""
+    """Longest silence of a stream that a motion depends on (the guard's own, and those of the armed detectors) while
+    something moves. At rest every subscribed stream may be silent four times as long; then the trial ends."""
+
+    stuck_s: float | None = Field(default=0.2, gt=0.0, le=60.0)
+    """Longest time for which a sensor with noise may repeat one raw value; then the trial ends. "none" does not judge.
+    Assumption: 200 samples in a row at 1 kHz, one chance in 1e16 where the noise is a third of a count."""
 
     late_s: float = Field(default=0.1, gt=0.0, le=10.0)
     """A turn of the loop later than this, while something moves, stops it."""

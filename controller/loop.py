@@ -103,6 +103,7 @@ class LoopAccount:
         worst_late_s: The latest of them.
         lost: Samples lost, by stream.
         paused_s: Time spent paused.
+        missing: Which stream did not arrive and so ended the trial, in words; "" where all did.
         unstill: Movers that were not seen standing still at the end.
     """
 
@@ -110,6 +111,7 @@ class LoopAccount:
     overruns: int = 0
     worst_late_s: float = 0.0
     paused_s: float = 0.0
+    missing: str = ""
     lost: dict[str, int] = field(default_factory=dict)
     unstill: list[str] = field(default_factory=list)
 
@@ -181,7 +183,10 @@ class Loop:
         self._turns = 0
         self._guard.reset(behavior.range_streams)
         try:
-            self._guard.fit(self._streams | {signal.info.name: signal.info for signal in signals})
+            self._guard.fit(
+                self._streams | {signal.info.name: signal.info for signal in signals},
+                {signal.info.name: signal.inputs for signal in signals},
+            )
             for line in misfits(self._streams.keys(), behavior, detectors, signals):
                 raise UnfitStreamError(line)
             self._hear_operator_first()
@@ -288,10 +293,14 @@ class Loop:
         self._attend(t_s)
         beyond = [status for status in statuses if isinstance(status, Saturated)]
         reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s, beyond)
-        if reason is not None:
+        missing = self._guard.missing(t_s, blocks, bool(self._moving), late_s)
+        if reason is not None or missing is not None:
             self._stop_all()
         events: list[Event] = [*statuses, *self._detect(blocks)]
         events.sort(key=lambda event: event.t_s)
+        if missing is not None:
+            self.account.missing = missing.reason
+            events.insert(0, missing)
         if reason is not None:
             events.insert(0, GuardStopped(t_s, reason))
         for event in [*events, Tick(t_s)]:
@@ -406,6 +415,7 @@ class Loop:
             if wanted != present:
                 self._send(Listen(name, wanted))
         self._asked, self._behind = asked, asked - heard
+        self._guard.expect(asked | heard, now_s)
         for stream in sorted(heard - self._heard):
             self._witness.skip(stream, self._silent_since.pop(stream, now_s), now_s)
         for stream in self._heard - heard:

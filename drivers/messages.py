@@ -19,8 +19,16 @@ Values = NDArray[np.float64] | NDArray[np.int32] | NDArray[np.int64]
 class StreamInfo:
     """One stream that a device can send.
 
-    `name` is `device.stream`, as profiles write it. One raw count is `scale` times `unit`; `rate_hz`
-    is None where samples come at irregular times, each with its own.
+    Attributes:
+        name: `device.stream`, as profiles write it.
+        channels: Names.
+        unit: SI unit of `scale` times a raw count.
+        scale: Units per raw count.
+        rate_hz: Sample rate; None where samples come at irregular times, each with its own.
+        longest_s: Longest time between two samples while all is well; a longer one is a hole. By default one and a half
+            of the rate's intervals; None where samples come when something changes, so that silence tells nothing.
+        noisy: Whether the sensor's own noise moves its raw values all the time, so that one which stands still is
+            stuck. A position may stand for as long as it likes.
     """
 
     name: str
@@ -28,6 +36,12 @@ class StreamInfo:
     unit: str
     scale: float = 1.0
     rate_hz: float | None = None
+    longest_s: float | None = None
+    noisy: bool = False
+
+    def __post_init__(self) -> None:
+        if self.longest_s is None and self.rate_hz is not None:
+            object.__setattr__(self, "longest_s", 1.5 / self.rate_hz)
 
     def block(
         self,

@@ -81,7 +81,11 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
         return outcome, row
     there = evidence.factors.get("object", "pipe") != "none"
     contacts = None if evidence.truth is None else _spans(evidence.truth)
-    pose = evidence.recording.stream(settings.pose_stream)
+    for passage in passages:
+        pose = evidence.covered(settings.pose_stream, passage.rest_s, passage.over_s)
+        for method in settings.methods:
+            for what in ("pretouch", "contact"):
+                evidence.heard(f"{what}_{method}", passage.rest_s, passage.over_s)
     row["undulations_per_cm"] = _undulations(evidence, settings, passages[-1]) if there else None
     if contacts is not None:
         row["touches"] = len(contacts)
@@ -239,8 +243,8 @@ def _contact_columns(
 
 def _undulations(evidence: TrialEvidence, settings: AuraSettings, passage: Passage) -> float | None:
     """Dominant spatial frequency of the envelope along one approach, cycles per cm."""
-    envelope = evidence.recording.stream(settings.finger_stream).between(passage.begun_s, passage.arrived_s)
-    pose = evidence.recording.stream(settings.pose_stream).between(passage.rest_s, passage.over_s)
+    envelope = evidence.stream(settings.finger_stream, passage.begun_s, passage.arrived_s)
+    pose = evidence.stream(settings.pose_stream, passage.rest_s, passage.over_s)
     if len(envelope) < 64 or len(pose) < 2 or envelope.values.shape[1] < 2:
         return None
     places_m = np.column_stack(

@@ -46,7 +46,11 @@ def measure(evidence: TrialEvidence, settings: CenteringSettings, outcome: str) 
     over_s = ended_s if ended_s is not None else entered_s.get("LEAVING", math.inf)
     if evidence.truth is not None:
         row["touched"] = sum(made and begun_s <= t_s < over_s for t_s, made in evidence.truth)
-    for finger, state in (("left", "SEEKING_FORWARD"), ("right", "SEEKING_BACKWARD")):
+    method = evidence.factors.get("method", "ours")
+    seeking = (("left", "SEEKING_FORWARD", "TURNING"), ("right", "SEEKING_BACKWARD", "STOPPING"))
+    for finger, state, following in seeking:
+        if state in entered_s:
+            evidence.heard(f"{finger}_{method}", entered_s[state], entered_s.get(following, over_s))
         row[f"{finger}_m"] = _seen_at(evidence, settings, finger, entered_s.get(state))
     for finger, state in (("left", "TURNING"), ("right", "STOPPING")):
         row[f"seen_to_stop_{finger}_s"] = _stopped_after(evidence, settings, entered_s.get(state))
@@ -131,6 +135,7 @@ def _grasp(evidence: TrialEvidence, settings: CenteringSettings) -> Mapping[str,
     }
     until_s = evidence.entered_s.get("RELEASING", math.inf)
     for finger in ("left", "right"):
+        evidence.heard(f"{finger}_contact", closing_s, until_s)
         felt = next(
             (
                 event.t_s

@@ -41,10 +41,12 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     ended_s, asked_s = evidence.entered_s.get("RINGING"), evidence.entered_s.get("SWEEPING")
-    series = evidence.recording.stream(settings.fingers_stream)
-    if ended_s is None or asked_s is None or not len(series):
+    if ended_s is None or asked_s is None:
         return outcome, row
     begun_s = beginning(ended_s, settings)
+    # a sweep that was paused and begun again is not silence
+    silent_s = evidence.entered_s.get("SILENT", -np.inf)
+    series = evidence.covered(settings.fingers_stream, min(silent_s, begun_s), ended_s)
     frequencies_hz, power = transfer(series.times_s - begun_s, series.values, settings)
     if not len(frequencies_hz):
         return outcome, row
@@ -52,8 +54,6 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
     order = np.argsort(frequencies_hz)
     best = int(np.argmax(together))
     both = peak(frequencies_hz[order], together[order], 0.5)
-    # a sweep that was paused and begun again is not silence
-    silent_s = evidence.entered_s.get("SILENT", -np.inf)
     silence = series.values[(series.times_s >= silent_s) & (series.times_s < min(asked_s, begun_s))]
     noise = float((silence - silence.mean(axis=0)).var(axis=0).sum()) if len(silence) else 0.0
     per_finger = [peak(frequencies_hz[order], column[order], 0.5).frequency_hz for column in power.T]

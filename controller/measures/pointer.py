@@ -9,7 +9,7 @@ import numpy as np
 
 from behaviors.events import Resumed
 from behaviors.pointer import PointerSettings
-from controller.measures.touches import errors_of, touches_of
+from controller.measures.touches import RECORDED, ZERO, errors_of, spans_of, touches_of
 from controller.measures.trial import TrialEvidence
 
 COLUMNS = (
@@ -33,6 +33,11 @@ def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) ->
         going down; the mean standard deviation of the angle from sample to sample.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    for state in (ZERO, RECORDED):
+        for begin_s, end_s in spans_of(evidence.visits, state):
+            evidence.covered(settings.pose_stream, begin_s, end_s)
+            if state == RECORDED:
+                evidence.covered(settings.forces_stream, begin_s, end_s)
     touches = touches_of(
         evidence.recording,
         evidence.visits,

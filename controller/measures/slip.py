@@ -89,6 +89,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row["touch_s"] = None if touch is None else touch.t_s
     if evidence.truth is not None:
         row["touch_truth_s"] = next((t_s for t_s, made in evidence.truth if made), None)
+    _heard(evidence, run, row["touch_s"])
     commanded = _commanded(evidence)
     true_slips = None if evidence.slips is None else _spans(evidence.slips)
     slips = [Slip(t.begin_s, *t) for t in commanded] if true_slips is None else _true(commanded, true_slips)
@@ -117,6 +118,17 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row.update(_spectrum(evidence, run, slips, listen_s))
     row.update(_stop(evidence, settings, run))
     return outcome, row
+
+
+def _heard(evidence: TrialEvidence, run: SensorRunSettings, touch_s: float | None) -> None:
+    """What the detectors said, and what they did not, counts only where they heard."""
+    descending_s, listen_s = evidence.entered_s.get("RESTING"), _listen_s(evidence, run)
+    silent_s = _silent_s(evidence, run)
+    if descending_s is not None:
+        evidence.heard(run.touch, descending_s, silent_s if touch_s is None else touch_s)
+    if listen_s is not None:
+        for who in DETECTORS:
+            evidence.heard(getattr(run, who), listen_s, silent_s)
 
 
 # --- when it slipped ------------------------------------------------------------------------------
@@ -278,10 +290,9 @@ def _descent(evidence: TrialEvidence) -> Span:
 def _press(evidence: TrialEvidence, settings: RollSlipSettings) -> float | None:
     """Mean force along z that the table held against the arm, from the end of pressing to lifting."""
     pressed_s = _descent(evidence).end_s
-    series = evidence.recording.stream(settings.force_stream)
-    if not len(series.times_s):
-        return None
-    wanted = (series.times_s >= pressed_s) & (series.times_s <= evidence.entered_s.get("LIFTING", math.inf))
+    lifted_s = evidence.entered_s.get("LIFTING", math.inf)
+    series = evidence.covered(settings.force_stream, pressed_s, lifted_s)
+    wanted = (series.times_s >= pressed_s) & (series.times_s <= lifted_s)
     return float(series.values[wanted, 2].mean()) if wanted.any() else None
 
 
@@ -349,6 +360,8 @@ def _spectrum(
     """Largest product of the paper in slip, and between pressing and slip; and the frequency that dominates in slip."""
     if not slips:
         return {}
+    for slip in slips:
+        evidence.covered(run.stream, slip.told_s, slip.end_s)
     blocks = paper_blocks(evidence.recording.blocks(run.stream), run.channel, listen_s)
     inside = np.zeros(len(blocks.end_s), bool)
     for slip in slips:
@@ -385,8 +398,8 @@ def _stop(evidence: TrialEvidence, settings: RollSlipSettings, run: SensorRunSet
         return {}
     found = {"slip_to_stop_s": sent.t_s - told.t_s}
     still_s = evidence.entered_s.get("STOPPED")
-    times_s, along_m = evidence.series(settings.pose_stream)
-    if still_s is not None and len(times_s):
-        here_m, there_m = np.interp((told.t_s, still_s), times_s, along_m)
+    if still_s is not None:
+        poses = evidence.covered(settings.pose_stream, told.t_s, still_s)
+        here_m, there_m = np.interp((told.t_s, still_s), poses.times_s, poses.values[:, 0])
         found["stop_travel_m"] = float(abs(there_m - here_m))
     return found

@@ -6,13 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.static import StaticSettings
 from controller.measures.trial import TrialEvidence
 from controller.signals.spectrum import dominant_frequency
-
-Samples = NDArray[np.float64]
 
 COLUMNS = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
 
@@ -32,9 +29,7 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
         return outcome, row
     # The guard hears the load cell while the probe retracts: that is no part of the sample.
     ended_s = evidence.entered_s.get("RETRACTING", math.inf)
-    times_s, acceleration_m_s2 = _longest_stretch(
-        *evidence.series(settings.accelerometer_stream, begun_s, ended_s)
-    )
+    times_s, acceleration_m_s2 = evidence.series(settings.accelerometer_stream, begun_s, ended_s)
     if len(times_s) > 1:
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
         frequency_hz = dominant_frequency(acceleration_m_s2, rate_hz)
@@ -51,14 +46,3 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
     if len(force_n):
         row.update(force_n=float(force_n.mean()), force_peak_n=float(force_n.max()))
     return outcome, row
-
-
-def _longest_stretch(times_s: Samples, values: Samples) -> tuple[Samples, Samples]:
-    """The longest part without a lost sample: a gap that is closed up would shift every frequency."""
-    if len(times_s) < 2:
-        return times_s, values
-    steps_s = np.diff(times_s)
-    breaks = np.flatnonzero(steps_s > 1.5 * np.median(steps_s)) + 1
-    parts = np.split(np.arange(len(times_s)), breaks)
-    longest = max(parts, key=len)
-    return times_s[longest], values[longest]

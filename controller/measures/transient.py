@@ -51,6 +51,10 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     if ready is not None:
         row.update(baseline_hz=ready.value, threshold_hz=ready.threshold)
     contact = evidence.last(Contact, detector=settings.detector)
+    heard_s = evidence.entered_s.get("BASELINE")
+    if heard_s is not None:
+        ended_s = evidence.entered_s.get("STOPPING", evidence.entered_s.get("RETRACTING", math.inf))
+        evidence.heard(settings.detector, heard_s, ended_s)
     if begun_s is None:
         if contact is not None:  # before the approach there is nothing to touch
             row.update(detect_s=contact.t_s, false_contacts=1)
@@ -96,7 +100,9 @@ def _largest(force_n: NDArray[np.float64]) -> float | None:
 
 def _period(evidence: TrialEvidence, settings: TransientSettings, until_s: float) -> float:
     """The last whole period before an instant, in seconds; that of 28 Hz (IV.A) where none was counted."""
-    _, periods_s = evidence.series(settings.period_stream, until_s=until_s)
+    _, periods_s = evidence.series(
+        settings.period_stream, evidence.entered_s.get("BASELINE", -math.inf), until_s
+    )
     return float(periods_s[-1]) if len(periods_s) else 1.0 / 28.0
 
 
@@ -110,10 +116,10 @@ def _mean_over_oscillation(
 
 def _positions(evidence: TrialEvidence, stream: str, at_s: tuple[float, ...]) -> NDArray[np.float64] | None:
     """Mover's positions at some instants, between its reports (the speed between two of them is constant)."""
-    times_s, position_m = evidence.series(stream)
-    if not len(times_s):
+    positions = evidence.covered(stream, min(at_s), max(at_s))
+    if not len(positions):
         return None
-    return np.interp(at_s, times_s, position_m)
+    return np.interp(at_s, positions.times_s, positions.values[:, 0])
 
 
 def _certificate(

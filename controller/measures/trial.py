@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +12,16 @@ from numpy.typing import NDArray
 
 from behaviors.events import Event
 from controller.detectors.protocol import Detector
-from controller.recording.series import TrialRecording
+from controller.recording.series import Series, Span, TrialRecording
+from drivers.messages import StreamInfo
+
+EDGE_S = 0.1
+"""How late a stream may begin after it was subscribed, and how long before the end of a span its last sample may be:
+what is under way when a state ends is not waited for. As long as `limits.stale_s` is by default."""
+
+
+class MissingDataError(Exception):
+    """A span that a measure uses is not covered by samples: there is no number to be had from it."""
 
 
 @dataclass(slots=True)
@@ -20,13 +30,15 @@ class TrialEvidence:
 
     Attributes:
         factors: What the trial varied.
-        recording: The streams.
+        recording: The streams; a measure reads them through `stream`, `series` and `covered`.
         events: In the order in which they were handled.
         entered_s: Bench time at which each state was last entered, by name.
         visits: Every state in the order of its being entered, with the bench time.
         truth: Instants at which contact really began and ended, where the bench is simulated here; else None.
         slips: Instants at which slip really did, where the bench knows slip; else None.
         detectors: Who could be asked to listen, by name.
+        streams: What is known of the streams, by name.
+        sources: Of which other streams a signal is made, by its stream.
     """
 
     factors: Mapping[str, Any]
@@ -37,14 +49,76 @@ class TrialEvidence:
     truth: Sequence[tuple[float, bool]] | None = None
     slips: Sequence[tuple[float, bool]] | None = None
     detectors: Mapping[str, Detector] = field(default_factory=dict)
+    streams: Mapping[str, StreamInfo] = field(default_factory=dict)
+    sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    @property
+    def ended_s(self) -> float:
+        """The last that is known of the trial, bench time."""
+        last_s = [t_s for _, t_s in self.visits[-1:]] + [event.t_s for event in self.events[-1:]]
+        return max(last_s, default=math.inf)
+
+    def covered(self, stream: str, since_s: float = -math.inf, until_s: float = math.inf) -> Series:
+        """A whole stream, of which a span is to be used.
+
+        Raises:
+            MissingDataError: nothing of the span was subscribed, or samples are missing in what was.
+        """
+        series = self.recording.stream(stream)
+        since_s, until_s = max(since_s, 0.0), min(until_s, self.ended_s)
+        if until_s <= since_s:
+            return series
+        hole = next(_holes(series, since_s, until_s, self._longest_s(stream)), None)
+        if hole is not None:
+            raise MissingDataError(
+                f"{stream}: no samples from {hole[0]:.3f} to {hole[1]:.3f} s, which are measured; look at the cable,"
+                f" the power and the load of {self._device(stream)}, then run this trial again"
+            )
+        return series
+
+    def stream(self, stream: str, since_s: float = -math.inf, until_s: float = math.inf) -> Series:
+        """The samples of a span, since_s <= t < until_s.
+
+        Raises:
+            MissingDataError: as `covered`.
+        """
+        return self.covered(stream, since_s, until_s).between(since_s, until_s)
 
     def series(
-        self, stream: str, since_s: float = -np.inf, until_s: float = np.inf
+        self, stream: str, since_s: float = -math.inf, until_s: float = math.inf
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times (n,) in seconds and values (n,) of a stream's first channel, in its unit, within a span."""
-        series = self.recording.stream(stream)
+        """Times (n,) in seconds and values (n,) of a stream's first channel, in its unit, within a span.
+
+        Raises:
+            MissingDataError: as `covered`.
+        """
+        series = self.covered(stream, since_s, until_s)
         wanted = (series.times_s >= since_s) & (series.times_s <= until_s)
         return series.times_s[wanted], series.values[wanted, 0]
+
+    def heard(self, detector: str, since_s: float, until_s: float) -> None:
+        """See that a detector has heard a span of which its words, or its silence, are counted.
+
+        Raises:
+            MissingDataError: as `covered`.
+        """
+        for stream in self.detectors[detector].inputs if detector in self.detectors else ():
+            self.covered(stream, since_s, until_s)
+
+    def _longest_s(self, stream: str) -> float:
+        """Longest time between two samples that is no hole."""
+        info = self.streams.get(stream)
+        if info is not None and info.longest_s is not None:
+            return info.longest_s
+        rate_hz = next((block.rate_hz for block in self.recording.blocks(stream)), None)
+        if rate_hz is not None:
+            return 1.5 / rate_hz
+        return max((self._longest_s(source) for source in self.sources.get(stream, ())), default=math.inf)
+
+    def _device(self, stream: str) -> str:
+        while stream in self.sources:
+            stream = self.sources[stream][0]
+        return stream.partition(".")[0]
 
     def last(self, kind: type[Event], **wanted: object) -> Any:
         """Last event of a kind whose attributes are as wanted, or None."""
@@ -54,3 +128,32 @@ class TrialEvidence:
             ):
                 return event
         return None
+
+
+def _holes(series: Series, since_s: float, until_s: float, longest_s: float) -> Iterator[tuple[float, float]]:
+    """Where samples are missing in a span: nobody subscribed, lost ones, a late beginning, a silence, an early end."""
+    for gap in series.gaps:
+        if min(gap.t1_s, until_s) - max(gap.t0_s, since_s) > longest_s:
+            yield gap.t0_s, gap.t1_s
+    subscribed = list(_without(since_s, until_s, series.skipped))
+    if not subscribed:
+        yield since_s, until_s
+    patience_s = max(longest_s, EDGE_S)
+    for begin_s, end_s in subscribed:
+        inside = series.times_s[(series.times_s >= begin_s) & (series.times_s <= end_s)]
+        edges_s = np.concatenate(([begin_s], inside, [end_s] if math.isfinite(end_s) else []))
+        for place in np.flatnonzero(np.diff(edges_s) > patience_s):
+            yield float(edges_s[place]), float(edges_s[place + 1])
+
+
+def _without(since_s: float, until_s: float, skipped: Sequence[Span]) -> Iterator[tuple[float, float]]:
+    """What of a span is left between the skipped ones."""
+    here_s = since_s
+    for span in sorted(skipped, key=lambda span: span.t0_s):
+        if span.t0_s >= until_s:
+            break
+        if span.t0_s > here_s:
+            yield here_s, span.t0_s
+        here_s = max(here_s, span.t1_s)
+    if here_s < until_s:
+        yield here_s, until_s

@@ -7,6 +7,7 @@ from typing import Any
 
 from behaviors.weights import WeightsSettings
 from controller.measures.ladder import Calibration, calibrate, steps_of
+from controller.measures.touches import spans_of
 from controller.measures.trial import TrialEvidence
 
 COLUMNS = (
@@ -37,6 +38,8 @@ def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) ->
         rests on.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    for begin_s, end_s in spans_of(evidence.visits, "RECORDING"):
+        evidence.covered(settings.bridges_stream, begin_s, end_s)
     steps = steps_of(
         evidence.recording,
         load_stream=settings.load_stream,

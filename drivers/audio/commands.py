@@ -16,7 +16,7 @@ CHIRP_MAX_S: Final = 600.0
 
 def fingers_info(name: str) -> StreamInfo:
     """The stream of a device's fingers: 24-bit counts."""
-    return StreamInfo(f"{name}.{STREAM}", FINGERS, UNIT, 1.0 / FULL_SCALE, float(RATE_HZ))
+    return StreamInfo(f"{name}.{STREAM}", FINGERS, UNIT, 1.0 / FULL_SCALE, float(RATE_HZ), noisy=True)
 
 
 def checked(name: str, command: Command) -> Command:

@@ -43,7 +43,7 @@ class Strain:
 
     def __init__(self, device: str, finger: int, rate_hz: float, settings: StrainSettings) -> None:
         name = f"{device}.strain_{finger}"
-        self.info = StreamInfo(name, ("force",), "N", settings.newton_per_count, rate_hz)
+        self.info = StreamInfo(name, ("force",), "N", settings.newton_per_count, rate_hz, noisy=True)
         self.zero = settings.zero_counts
         self._device = device
         self._recent: deque[int] = deque(maxlen=TARE_SAMPLES)

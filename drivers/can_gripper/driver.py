@@ -12,6 +12,7 @@ import numpy as np
 from drivers.can_gripper.brackets import Brackets, CanGripperSettings, valid
 from drivers.can_gripper.codec import encode_order
 from drivers.can_gripper.identify import heard_from, identify
+from drivers.can_gripper.units import LONGEST_S
 from drivers.can_gripper.watch import Watch
 from drivers.can_gripper.words import (
     Ask,
@@ -83,8 +84,8 @@ class CanGripper:
         self._clock = clock
         self._brackets = Brackets(settings.closed_width_m, settings.force_n_per_ma)
         self._infos = (
-            StreamInfo(f"{name}.width", ("width",), "m"),
-            StreamInfo(f"{name}.force", ("force",), "N", settings.force_n_per_ma),
+            StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
+            StreamInfo(f"{name}.force", ("force",), "N", settings.force_n_per_ma, longest_s=LONGEST_S),
         )
         self._link: CanLink | None = None
         self._failure: str | None = NOT_OPEN

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+LONGEST_S: Final = 0.05
+"""Longest time between two states while all is well, s. Assumption: five at 100 Hz."""
+
 STROKE_M: Final = 0.048
 """Travel of the opening (data sheet)."""
 

@@ -86,7 +86,7 @@ class MockAudio:
         self._envelope = bench.level == "envelope"
         self._info = fingers_info(name)
         if self._envelope:
-            self._info = StreamInfo(f"{name}.{STREAM}", ENVELOPE, UNIT, 1.0, float(ENVELOPE_HZ))
+            self._info = StreamInfo(f"{name}.{STREAM}", ENVELOPE, UNIT, 1.0, float(ENVELOPE_HZ), noisy=True)
         assert self._info.rate_hz is not None
         self._rate_hz = self._info.rate_hz
         self.restart()
@@ -179,16 +179,18 @@ class MockAudio:
 
     def _block(self, first: int, n: int, now_s: float) -> SampleBlock:
         t0_s = first / self._rate_hz
-        full_scale = self._faults.active((first + n - 1) / self._rate_hz, "full_scale")
+        until_s = (first + n - 1) / self._rate_hz
+        full_scale = self._faults.active(until_s, "full_scale")
         values: NDArray[np.float64] | NDArray[np.int32]
         if self._envelope:
             found = self._bench.baseband(np.arange(first, first + n) / self._rate_hz)
             envelope = np.full((n, 4), -1.0) if full_scale else found.view(np.float64).reshape(n, 4)
             full = np.hypot(envelope[:, 0::2], envelope[:, 1::2]) >= 1.0
-            values = envelope
+            values = self._faults.held(until_s, STREAM, envelope)
         else:
             counts = self._bench.carrier(first, n)
             values = np.full((n, 2), -FULL_SCALE, np.int32) if full_scale else counts
+            values = self._faults.held(until_s, STREAM, values)
             full = clipped(values)
         for place, finger in self._excursions.push(full):
             column = 2 * finger if self._envelope else finger

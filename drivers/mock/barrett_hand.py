@@ -161,6 +161,7 @@ class MockBarrettHand:
         raw = counts(self._bench.fingers.forces_n(self._fingers[stream], times_s), self._settings)
         if self._faults.active(now_s, "full_scale"):
             raw = np.zeros_like(raw)
+        raw = self._faults.held(now_s, stream, raw[:, None])[:, 0]
         blocks = []
         for start in range(0, len(raw), self._settings.block_samples):
             part = raw[start : start + self._settings.block_samples]

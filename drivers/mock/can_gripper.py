@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, valid
-from drivers.can_gripper.units import FORCE_N_PER_MA, POSITION_COUNTS, speed_ticks_s
+from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
 from drivers.can_gripper.watch import Watch
 from drivers.can_gripper.words import Drive, State
 from drivers.clock import Clock, last_tick
@@ -92,8 +92,10 @@ class MockCanGripper:
         self._brackets = Brackets(bench.jaws.jaws.settings.closed_width_m)
         self._faults = faults or FaultSchedule()
         self._infos = {
-            f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m"),
-            f"{name}.force": StreamInfo(f"{name}.force", ("force",), "N", FORCE_N_PER_MA),
+            f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
+            f"{name}.force": StreamInfo(
+                f"{name}.force", ("force",), "N", FORCE_N_PER_MA, longest_s=LONGEST_S
+            ),
         }
         self.restart()
 

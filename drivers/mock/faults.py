@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.messages import Failed
 from drivers.settings import Settings
 
-Kind = Literal["unplug", "silent", "stall", "refuse", "lose", "corrupt", "full_scale"]
+Kind = Literal["unplug", "silent", "stall", "refuse", "lose", "corrupt", "full_scale", "stuck"]
+
+
+Number = TypeVar("Number", bound=np.generic)
 
 
 class Fault(Settings):
@@ -23,7 +28,7 @@ class Fault(Settings):
     kind: Kind
     """unplug: the link is gone; silent: nothing comes; stall: a mover loses its way; refuse: motion is refused;
     lose: what it sends vanishes; corrupt: bytes are altered on the wire (in process: the same as lose); full_scale: its
-    sensors read their negative full scale, on the mock bench alone."""
+    sensors read their negative full scale; stuck: they repeat their last value (both on the mock bench alone)."""
 
     at_s: float = Field(ge=0.0)
     """When it begins, in seconds since the trial began."""
@@ -50,6 +55,7 @@ class FaultSchedule:
         """Begin a trial: what has happened has not."""
         self._faults = [fault for fault in self._all if fault.trial is None or fault.trial == trial]
         self._told: set[Fault] = set()
+        self._last: dict[str, NDArray[Any]] = {}
 
     def add(self, fault: Fault) -> None:
         """One more, in this trial alone."""
@@ -61,6 +67,16 @@ class FaultSchedule:
             fault.kind == kind and fault.at_s <= t_s < fault.at_s + (fault.for_s or math.inf)
             for fault in self._faults
         )
+
+    def held(self, t_s: float, stream: str, values: NDArray[Number]) -> NDArray[Number]:
+        """What a sensor says in place of `values`, shape (n, channels), the last of them at `t_s`: while it is stuck,
+        the last value from before."""
+        if not self.active(t_s, "stuck"):
+            self._last[stream] = values[-1]
+            return values
+        held = np.empty_like(values)
+        held[:] = self._last.get(stream, 0)
+        return held
 
     def begun(self, t_s: float, kind: Kind) -> Fault | None:
         """A fault of this kind that has begun by `t_s`; each is told once."""

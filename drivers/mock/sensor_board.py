@@ -23,11 +23,11 @@ from drivers.messages import (
     Sent,
     SetTendon,
     Status,
-    StreamInfo,
     Tare,
 )
 from drivers.mock.devices.board_channels import Source
 from drivers.mock.faults import FaultSchedule
+from drivers.sensor_board.streams import stream_info
 from drivers.settings import Settings
 
 INT32 = np.iinfo(np.int32)
@@ -69,7 +69,7 @@ class MockSensorBoard:
         self._bench = bench
         self._faults = faults or FaultSchedule()
         self._infos = {
-            spec.name: StreamInfo(f"{name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz)
+            spec.name: stream_info(f"{name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz)
             for spec in bench.streams()
         }
         self.restart()
@@ -177,7 +177,8 @@ class MockSensorBoard:
         if self._faults.active(float(times_s[-1]), "full_scale"):
             values = np.full_like(values, INT32.min * self._infos[name].scale)
         counts = np.rint(values / self._infos[name].scale) - self._zero[name]
-        return np.asarray(counts.clip(INT32.min, INT32.max).astype(np.int32))
+        said = counts.clip(INT32.min, INT32.max).astype(np.int32)
+        return np.asarray(self._faults.held(float(times_s[-1]), name, said))
 
     def _events(self, name: str, now_s: float) -> list[SampleBlock]:
         ends_s, values = self._bench.events(name)

@@ -84,6 +84,11 @@ class SlipBenchSettings(Settings):
     friction: float | None = Field(default=None, gt=0.0, le=10.0)
     """Mean coefficient of kinetic friction; None takes the sensor's."""
 
+    @property
+    def quiet(self) -> bool:
+        """Whether the noise is too small for a converter to see: a sensor that repeats its value is not stuck then."""
+        return self.noise_scale < 0.5  # the hand's gauges have 0.6 counts at 1
+
     def of(self, sensor: Sensor) -> SlipSettings:
         """The plant with this sensor at the tip.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +95,8 @@ class MockUrArm:
         bench.mount(self.axis)
         self._faults = faults or FaultSchedule()
         self._infos = infos(name)
+        force = f"{name}.force"
+        self._infos[force] = replace(self._infos[force], noisy=settings.force_noise_n > 0.0)
         self.restart()
 
     def restart(self) -> None:
@@ -284,7 +287,8 @@ class MockUrArm:
         sigma = np.array([settings.force_noise_n] * 3 + [settings.torque_noise_n_m] * 3)
         numbers = (6 * ticks[:, None] + np.arange(6)).ravel()
         values = sigma * gaussian_at(self._bench.key, STREAM_WRENCH, numbers).reshape(-1, 6)
-        return values + (self._bench.wrench(times_s, self._towards.direction) - self._zero)
+        values += self._bench.wrench(times_s, self._towards.direction) - self._zero
+        return np.asarray(self._faults.held(float(times_s[-1]), "force", values))
 
     # --- what became of it -----------------------------------------------------------------------------
 

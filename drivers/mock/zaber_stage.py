@@ -31,6 +31,7 @@ from drivers.messages import (
 from drivers.mock.faults import Fault, FaultSchedule
 from drivers.mock.finger_bench import FingerBench
 from drivers.mock.plants.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
+from drivers.zaber_stage.codec import LONGEST_S
 from drivers.zaber_stage.commands import NOT_HOMED, refusal, valid
 from drivers.zaber_stage.mounting import Mounting, StageLimits
 
@@ -98,7 +99,7 @@ class MockZaberStage:
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
-        stream = StreamInfo(self._stream, ("position",), "m", self._settings.microstep_m)
+        stream = StreamInfo(self._stream, ("position",), "m", self._settings.microstep_m, longest_s=LONGEST_S)
         return DeviceInfo(
             self.name,
             model="simulated stage",

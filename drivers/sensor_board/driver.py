@@ -18,13 +18,13 @@ from drivers.messages import (
     SampleBlock,
     SetTendon,
     Status,
-    StreamInfo,
     Tare,
 )
 from drivers.sensor_board.codec import Code
 from drivers.sensor_board.dialogue import TURN_S, identify
 from drivers.sensor_board.framing import FrameDecoder
 from drivers.sensor_board.session import SensorBoardSettings, Session
+from drivers.sensor_board.streams import stream_info
 
 CLOSE_S = 0.25
 """Longest wait at close for the board to say that all is off (assumption: as long as a reply may take)."""
@@ -72,12 +72,12 @@ class SensorBoard:
             decoder = FrameDecoder()
             hello = identify(self.name, s.port, self._link, decoder, self._clock, s.reply_timeout_s)
             infos = {
-                stream.id: StreamInfo(
-                    name=f"{self.name}.{stream.name}",
-                    channels=stream.channel_names,
-                    unit=stream.unit,
-                    scale=stream.scale,
-                    rate_hz=stream.rate_hz,
+                stream.id: stream_info(
+                    f"{self.name}.{stream.name}",
+                    stream.channel_names,
+                    stream.unit,
+                    stream.scale,
+                    stream.rate_hz,
                 )
                 for stream in hello.streams
             }

@@ -13,6 +13,19 @@ from drivers.messages import SampleBlock, StreamInfo
 from drivers.numbering import DeviceClock, Track
 from drivers.sensor_board.codec import TIME_MODULUS, CodecError, Samples, Times
 
+PERIOD_S = 0.2
+"""Longest time between two samples of an irregular stream, s. Assumption: five periods of a finger at 28 Hz."""
+
+
+def stream_info(
+    name: str, channels: tuple[str, ...], unit: str, scale: float, rate_hz: float | None
+) -> StreamInfo:
+    """What is known of a stream by what the board says of it: a converter's last bits never stand still."""
+    longest_s = PERIOD_S if rate_hz is None else None
+    return StreamInfo(
+        name, channels, unit, scale, rate_hz, longest_s, noisy=rate_hz is not None and unit != "m"
+    )
+
 
 class Arrival(NamedTuple):
     """A block, and what lies between it and the one before.

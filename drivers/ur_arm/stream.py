@@ -19,6 +19,10 @@ RATE_HZ = 500.0
 MAX_DRIFT_PPM = 200.0
 """Bound on the drift between the controller's clock and the host's: two crystals of 100 ppm (assumption)."""
 
+LONGEST_S = 0.02
+"""Longest time between two rows that is no hole, s. Assumption: the client skips some; in ten of them a tool's mass
+jumps nowhere, and a mean over a second does not miss them."""
+
 UNITS = {"position": "m", "pose": "m", "force": "N"}
 """Unit of each stream; rotation vectors (rad) and torques (N m) are named by their channels."""
 
@@ -32,7 +36,14 @@ CHANNELS = {
 def infos(name: str) -> dict[str, StreamInfo]:
     """The streams of an arm, by `device.stream`."""
     return {
-        f"{name}.{short}": StreamInfo(f"{name}.{short}", CHANNELS[short], unit, rate_hz=RATE_HZ)
+        f"{name}.{short}": StreamInfo(
+            f"{name}.{short}",
+            CHANNELS[short],
+            unit,
+            rate_hz=RATE_HZ,
+            longest_s=LONGEST_S,
+            noisy=short == "force",
+        )
         for short, unit in UNITS.items()
     }
 

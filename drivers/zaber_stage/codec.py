@@ -26,6 +26,9 @@ VELOCITY_SCALE = 1.6384
 ACCELERATION_SCALE = 1.6384e-4
 """Acceleration data is microsteps per second squared times this (Zaber ASCII protocol)."""
 
+LONGEST_S = 0.05
+"""Longest time between two positions while all is well, s. Assumption: five at 100 Hz."""
+
 NO_FLAG = "--"
 
 FLAGS = {

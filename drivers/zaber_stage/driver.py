@@ -68,7 +68,9 @@ class ZaberStage:
         self._clock = clock
         self._mounting = Mounting(settings)
         self._procedures = Procedures(settings, self._mounting)
-        self._info = StreamInfo(f"{name}.position", ("position",), "m", settings.microstep_m)
+        self._info = StreamInfo(
+            f"{name}.position", ("position",), "m", settings.microstep_m, longest_s=codec.LONGEST_S
+        )
         self._link: SerialLink | None = None
         self._dialogue: Dialogue | None = None
         self._failure: str | None = NOT_OPEN

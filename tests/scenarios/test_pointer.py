@@ -112,9 +112,9 @@ def test_beyond_ten_newtons_the_guard_stops_the_arm(tmp_path):
 def test_a_fingertip_that_falls_silent_while_it_turns_in_the_air_stops_the_arm(tmp_path):
     fault = '[{ device = "board", kind = "silent", at_s = 1.0 }]'
     outcome, run = run_pointer(tmp_path, faults=fault)
-    assert outcome.exit_code == 4
-    assert "signals.tip is silent" in outcome.line
-    (stopped,) = [event for event in run.events if event["event"] == "GuardStopped"]
+    assert outcome.exit_code == 3
+    assert "board failed: signals.tip (of board.fingertip) is silent" in outcome.line
+    (stopped,) = [event for event in run.events if event["event"] == "Failed"]
     assert stopped["state"] == "TURNING", "1.2 rad at 0.3 rad/s take four seconds"
 
 

@@ -165,9 +165,9 @@ def test_a_fingertip_that_falls_silent_on_the_way_home_stops_the_arm(tmp_path, e
     left_s = next(event["t_s"] for event in events if event.get("next") == "RETURNING")
     fault = f'[{{ device = "board", kind = "silent", at_s = {left_s + 0.01} }}]'
     outcome, run = run_slip(tmp_path, "fingertip", faults=fault)
-    assert outcome.exit_code == EXIT_GUARD
-    assert "signals.tip is silent" in outcome.line
-    (stopped,) = [event for event in run.events if event["event"] == "GuardStopped"]
+    assert outcome.exit_code == EXIT_DEVICE
+    assert "board failed: signals.tip (of board.fingertip) is silent" in outcome.line
+    (stopped,) = [event for event in run.events if event["event"] == "Failed"]
     assert stopped["state"] == "RETURNING"
 
 

@@ -51,7 +51,7 @@ def test_a_silent_load_cell_stops_what_moves(run_profile, state, start_m):
     far = {"behavior__start_m": start_m}  # far enough for the motion to outlast limits.stale_s
     at_s = when(run_profile, state, **far)
     bench = run_profile(trials=(1,), faults=[{"device": "board", "kind": "silent", "at_s": at_s}], **far)
-    assert bench.outcome.exit_code == EXIT_GUARD
+    assert bench.outcome.exit_code == EXIT_DEVICE
     assert "is silent" in bench.outcome.line
     assert "board." in bench.outcome.line
     assert stands_still(bench)

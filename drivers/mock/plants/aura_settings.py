@@ -130,6 +130,11 @@ class AuraSettings(Settings):
     sides: dict[Side, SideSettings] = SIDE_SETTINGS
     """By name."""
 
+    @property
+    def quiet(self) -> bool:
+        """Whether there is no noise: a finger that repeats its value is not stuck then."""
+        return self.noise_fs_rthz == 0.0
+
     def sound_m_s(self, temperature_k: float) -> float:
         """Speed of sound in air, an ideal gas: 331.3 m/s at 273.15 K, and with the root of the temperature."""
         return 331.3 * math.sqrt(temperature_k / 273.15)

@@ -108,3 +108,8 @@ class FingerSettings(Settings):
 
     error_budget_rad: float = Field(default=1e-6, ge=0.0, le=1e-2)
     """Error in theta that a jump over what nobody observes may make, rad; 0 computes everything."""
+
+    @property
+    def quiet(self) -> bool:
+        """Whether a converter sees no noise: a load cell that repeats its value is not stuck then."""
+        return self.noise_scale * self.load_cell_n < 1e-5  # N, its last bit

@@ -135,8 +135,26 @@ def test_an_approach_without_contact_ends_at_its_limit():
 def test_a_state_that_outlives_its_deadline_ends_the_trial_and_says_which():
     behavior = to(STATES.STOPPING)
     assert behavior.handle(Tick(94.0 + 30.0)) == [Stop("stage"), Excite("board", False)]
-    assert behavior.reason == "STOPPING took longer than 30 s"
+    said = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
+    assert behavior.reason == said
     assert behavior.outcome == "fault", "a mover that does not stop is no matter of the experiment"
+
+
+def test_a_baseline_that_does_not_come_is_told_with_who_was_waited_for_and_what_came():
+    behavior = transient(("contact", "other"))
+    behavior.begin(0.0)
+    for event in (
+        Reached(0.1, "stage", 0.0),
+        Reached(0.2, "stage", 0.0),
+        Tick(91.0),
+        ready(93.0),
+        Tick(125.0),
+    ):
+        behavior.handle(event)
+    assert behavior.reason == (
+        "BASELINE took longer than 30 s: it waited for baseline ready or contact of contact, other, stage;"
+        " baseline ready of contact came"
+    )
 
 
 @pytest.mark.parametrize("state", [STATES.BASELINE, STATES.APPROACH])

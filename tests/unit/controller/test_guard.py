@@ -94,23 +94,6 @@ def test_a_force_that_is_not_a_number_stops_the_bench():
     assert reason == "board.load_cell reads nan"
 
 
-def test_a_silent_stream_stops_what_moves_and_nothing_else():
-    still, moving = guard(), guard()
-    still.watch(0.0, [], moving=False)
-    assert still.watch(5.0, [], moving=False) is None
-    moving.watch(0.0, [force(np.zeros(5)), position([0.0])], moving=True)
-    reason = moving.watch(0.2, [position([0.0], t0_s=0.2)], moving=True)
-    assert reason is not None
-    assert reason.startswith("board.load_cell is silent for")
-
-
-def test_a_stream_is_not_stale_at_the_start_of_a_motion_that_wakes_it():
-    watched = guard()
-    watched.watch(0.0, [], moving=False)
-    assert watched.watch(90.0, [], moving=True) is None
-    assert watched.watch(90.2, [], moving=True) is not None
-
-
 def test_a_late_loop_stops_what_moves():
     blocks = [force(np.zeros(5)), position([0.0])]
     assert "late" in (guard().watch(0.0, blocks, moving=True, late_s=0.3) or "")
@@ -121,59 +104,39 @@ def test_force_counts_while_nothing_moves_as_well():
     assert guard().watch(0.02, [force(np.full(20, 2.5))], moving=False)
 
 
-def test_a_stream_that_a_detector_decides_by_is_watched_like_the_guards_own():
-    watched = guard()
-    watched.arm(frozenset({"board.period"}))
-    both = [force(np.zeros(5)), position([0.0])]
-    assert watched.watch(0.0, both, moving=True) is None
-    late = [force(np.zeros(5), start=200), position([0.0], t0_s=0.2)]
-    reason = watched.watch(0.2, late, moving=True)
-    assert reason is not None
-    assert reason.startswith("board.period is silent")
-
-
-def test_a_stream_that_nobody_decides_by_any_more_may_fall_silent():
-    watched = guard()
-    watched.arm(frozenset({"board.period"}))
-    watched.watch(0.0, [], moving=True)
-    watched.arm(frozenset())
-    own = [force(np.zeros(5), start=200), position([0.0], t0_s=0.2)]
-    assert watched.watch(0.2, own, moving=True) is None
-
-
-def test_what_was_silent_before_another_stream_was_armed_is_as_stale_after_it():
-    watched = guard()
-    watched.watch(0.0, [], moving=True)
-    watched.watch(0.08, [position([0.0], t0_s=0.08)], moving=True)
-    watched.arm(frozenset({"board.period"}))
-    reason = watched.watch(0.12, [position([0.0], t0_s=0.12)], moving=True)
-    assert reason is not None
-    assert reason.startswith("board.load_cell is silent for 0.120 s")
-
-
-def test_a_motion_that_ends_as_others_are_armed_leaves_nothing_to_be_stale():
-    watched = guard()
-    watched.watch(0.0, [], moving=True)
-    watched.arm(frozenset({"board.period"}))
-    assert watched.watch(0.3, [], moving=False) is None
-    assert watched.watch(9.0, [], moving=True) is None
-
-
-def test_a_stream_whose_range_is_watched_must_be_alive_in_every_motion():
-    watched = guard(range_streams=["signals.tip"])
-    assert "signals.tip" in watched.inputs
-    own = [force(np.zeros(5)), position([0.0])]
-    watched.watch(0.0, own, moving=True)
-    late = [force(np.zeros(5), start=200), position([0.0], t0_s=0.2)]
-    assert watched.watch(0.2, late, moving=True).startswith("signals.tip is silent")
-
-
 def test_a_trial_may_have_the_range_of_its_own_streams_watched_and_the_next_one_has_not():
     watched = guard()
     watched.reset(frozenset({"signals.tip"}))
     assert watched.inputs == {"board.load_cell", "stage.position", "signals.tip"}
     watched.reset()
     assert watched.inputs == {"board.load_cell", "stage.position"}
+
+
+def test_what_the_guard_watches_must_arrive_while_anything_moves():
+    watched = guard(range_streams=["signals.tip"])
+    watched.expect(frozenset({"stage.position", "signals.tip"}), 0.0)
+    assert watched.missing(0.1, [], moving=True) is None
+    assert watched.missing(0.19, [position([0.0], t0_s=0.19)], moving=True) is None
+    said = watched.missing(0.21, [], moving=True)
+    assert said is not None
+    assert said.reason.startswith("signals.tip is silent")
+
+
+def test_what_an_armed_detector_hears_must_arrive_while_anything_moves_and_no_longer_when_it_is_disarmed():
+    watched = guard()
+    watched.expect(frozenset({"board.period"}), 0.0)
+    watched.arm(frozenset({"board.period"}))
+    watched.missing(0.0, [], moving=True)
+    assert watched.missing(0.2, [], moving=True) is not None
+    watched.arm(frozenset())
+    assert watched.missing(0.2, [], moving=True) is None
+
+
+def test_a_new_trial_has_nothing_that_is_late():
+    watched = guard()
+    watched.expect(frozenset({"board.load_cell"}), 0.0)
+    watched.reset()
+    assert watched.missing(90.0, [], moving=True) is None
 
 
 def test_a_range_that_nobody_tells_of_is_refused_before_anything_moves():
@@ -185,14 +148,6 @@ def test_a_range_that_nobody_tells_of_is_refused_before_anything_moves():
         GuardRefusal, match=r"limits.range_streams = signals.tap: the bench has no such stream"
     ):
         guard(range_streams=["signals.tap"]).fit(streams)
-
-
-def test_a_time_stamp_from_the_future_keeps_no_stream_alive():
-    watched = guard()
-    watched.watch(0.0, [force(np.zeros(5), start=30_000), position([0.0])], moving=True)
-    reason = watched.watch(0.3, [position([0.0], t0_s=0.3)], moving=True)
-    assert reason is not None
-    assert reason.startswith("board.load_cell is silent")
 
 
 def test_travel_beyond_the_limit_stops_the_bench():
@@ -390,24 +345,27 @@ def test_the_ends_of_the_travel_are_inside(position_m, stops):
 
 def test_an_age_does_not_run_backwards():
     watched = guard(force_n=None)
-    watched.watch(0.0, [position([0.0])], moving=True)
-    watched.watch(0.1, [position([0.0], t0_s=0.1)], moving=True)
+    watched.expect(frozenset({"stage.position"}), 0.0)
+    watched.missing(0.0, [position([0.0])], moving=True)
+    watched.missing(0.1, [position([0.0], t0_s=0.1)], moving=True)
     # A block that comes late with older samples makes nothing older than it is.
-    assert watched.watch(0.19, [position([0.0], t0_s=0.02)], moving=True) is None
-    assert "silent for 0.101 s" in watched.watch(0.201, [], moving=True)
+    assert watched.missing(0.19, [position([0.0], t0_s=0.02)], moving=True) is None
+    assert "silent for 0.101 s" in watched.missing(0.201, [], moving=True).reason
 
 
 def test_a_stream_may_be_exactly_as_old_as_its_limit():
     watched = guard(force_n=None, stale_s=0.125)
-    watched.watch(0.0, [position([0.0])], moving=True)
-    assert watched.watch(0.125, [], moving=True) is None
-    assert watched.watch(0.126, [], moving=True)
+    watched.expect(frozenset({"stage.position"}), 0.0)
+    watched.missing(0.0, [position([0.0])], moving=True)
+    assert watched.missing(0.125, [], moving=True) is None
+    assert watched.missing(0.126, [], moving=True)
 
 
 def test_an_empty_block_keeps_no_stream_alive():
     watched = guard(force_n=None)
-    watched.watch(0.0, [position([0.0])], moving=True)
-    assert "silent" in watched.watch(0.2, [position([])], moving=True)
+    watched.expect(frozenset({"stage.position"}), 0.0)
+    watched.missing(0.0, [position([0.0])], moving=True)
+    assert "silent" in watched.missing(0.2, [position([])], moving=True).reason
 
 
 def test_a_loop_may_be_exactly_as_late_as_its_limit():

@@ -445,7 +445,7 @@ def test_a_motion_that_a_detector_ends_stops_where_the_detectors_stream_falls_si
     read = bench.board.read
     bench.board.read = lambda: [block for block in read() if block.stream != "board.force"]
     bench.run()
-    assert bench.behavior.reason.startswith("board.force is silent for 0.1")
+    assert bench.behavior.reason.startswith("board failed: board.force is silent for 0.1")
 
 
 def test_a_command_beyond_a_limit_is_refused_and_nothing_is_sent(bench):

@@ -15,14 +15,14 @@ PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.05, 0.0, 0.0)}}
 SPEED_M_S = 0.01
 
 
-def approach(events, truth, thing="pipe", per_cm=2.33):
+def approach(events, truth, thing="pipe", per_cm=2.33, until_s=14.0):
     """Rest 0 to 2 s, approach 2 to 7 s at 1 cm/s, hold to 9 s, back to 14 s; an envelope with `per_cm` undulations."""
     recording = TrialRecording(1)
-    times_s = np.arange(0.0, 14.0, 0.002)
+    times_s = np.arange(0.0, until_s, 0.002)
     x_m = np.interp(times_s, [0.0, 2.0, 7.0, 9.0, 14.0], [0.0, 0.0, 0.05, 0.05, 0.0])
     pose = np.column_stack([x_m, *[np.zeros_like(x_m)] * 5])
     recording.add(SampleBlock("arm.pose", 0, 0.0, pose, rate_hz=500.0, unit="m"))
-    fine_s = np.arange(0.0, 14.0, 0.001)
+    fine_s = np.arange(0.0, until_s, 0.001)
     z = np.exp(2j * np.pi * 100.0 * per_cm * np.interp(fine_s, times_s, x_m))
     recording.add(
         SampleBlock("signals.right", 0, 0.0, np.column_stack([z.real, z.imag]), rate_hz=1000.0, unit="FS")
@@ -175,7 +175,7 @@ def test_what_was_said_is_counted_by_approach():
         ContactLost(9.6, "contact_ours", 1.0, 5.0),
         Contact(20.0, "contact_ours", 9.0, 5.0),
     ]
-    evidence = approach(words, None)
+    evidence = approach(words, None, until_s=28.0)
     first = [*evidence.visits[:-1], ("BASELINE", 14.0)]
     evidence.visits = [*first, *((state, t_s + 14.0) for state, t_s in evidence.visits[1:])]
     _, row = aura.measure(evidence, AuraSettings(paths=PATHS), "no_contact")

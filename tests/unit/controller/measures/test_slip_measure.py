@@ -58,15 +58,15 @@ def ended(t_s, who):
 
 def tone(hz=187.5, volt=0.2, since_s=5.02, until_s=6.0, gap=0):
     """Three channels at 1 kHz, the second with a tone while it slips; `gap` samples are lost in its middle."""
-    times_s = np.arange(2000, 8000) / 1000.0
+    times_s = np.arange(1000, 8000) / 1000.0
     values = np.zeros((len(times_s), 3))
     slipping = (times_s >= since_s) & (times_s < until_s)
     values[:, 1] = volt * np.sin(2 * np.pi * hz * times_s) * slipping
     return [
         SampleBlock(
-            "board.fingertip", 2000 + first, times_s[first], values[first:last], rate_hz=1000.0, unit="V"
+            "board.fingertip", 1000 + first, times_s[first], values[first:last], rate_hz=1000.0, unit="V"
         )
-        for first, last in ((0, 3500), (3500 + gap, 6000))
+        for first, last in ((0, 4500), (4500 + gap, 7000))
     ]
 
 

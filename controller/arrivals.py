@@ -1,0 +1,130 @@
+"""Whether what is subscribed arrives: a stream that falls silent or sticks ends the trial, in motion and at rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.messages import Failed, SampleBlock, StreamInfo
+
+REST = 4.0
+"""Times `limits.stale_s` that a stream may be silent where no motion depends on it. Assumption: buffers keep what comes
+while a host is away for less, and a record of half a second that gets no sample is noticed."""
+
+REMEDY = "look at its power and cable, then: run.py check PROFILE --connect"
+
+
+class Arrivals:
+    """Follows every subscribed stream.
+
+    Args:
+        stale_s: Longest silence of a stream that a motion depends on, while anything moves.
+        stuck_s: Longest time for which a stream with noise may repeat one raw value; None does not judge.
+    """
+
+    def __init__(self, stale_s: float, stuck_s: float | None) -> None:
+        self._stale_s = stale_s
+        self._stuck_s = stuck_s
+        self._infos: Mapping[str, StreamInfo] = {}
+        self._sources: Mapping[str, Sequence[str]] = {}
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a trial: nothing is subscribed."""
+        self._seen_s: dict[str, float] = {}
+        self._held: dict[str, tuple[NDArray[np.generic], float]] = {}
+        self._urgent: frozenset[str] = frozenset()
+        self._moves_since_s: float | None = None
+
+    def fit(self, infos: Mapping[str, StreamInfo], sources: Mapping[str, Sequence[str]]) -> None:
+        """Know the streams: what their devices say of them, and of which others a signal is made."""
+        self._infos, self._sources = infos, sources
+
+    def depend(self, urgent: frozenset[str]) -> None:
+        """Name the streams that a motion depends on."""
+        self._urgent = urgent
+
+    def expect(self, streams: frozenset[str], t_s: float) -> None:
+        """Subscribe to these from now on, and to no others; those that stay are as old as they were."""
+        self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(streams)}
+        self._held = {stream: held for stream, held in self._held.items() if stream in streams}
+
+    def watch(
+        self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
+    ) -> Failed | None:
+        """See one turn of the loop.
+
+        Args:
+            t_s: Bench time of the turn.
+            blocks: What arrived in it.
+            moving: Whether any mover may be moving.
+            late_s: How much later than planned the turn began: a loop that was away has asked nobody.
+
+        Returns:
+            Which device no longer sends what it should, and why; None while all arrives.
+        """
+        if not moving:
+            self._moves_since_s = None
+        elif self._moves_since_s is None:
+            self._moves_since_s = t_s
+        stuck = None
+        for block in blocks:
+            if len(block) and block.stream in self._seen_s:
+                # A time stamp from the future keeps nothing alive.
+                last_s = max(self._seen_s[block.stream], min(block.last_s, t_s))
+                self._seen_s[block.stream] = last_s
+                stuck = self._sticks(block, last_s) or stuck
+        return self._silent(t_s, late_s) or stuck
+
+    def _silent(self, t_s: float, late_s: float) -> Failed | None:
+        for stream, seen_s in self._seen_s.items():
+            if self._moves_since_s is not None and stream in self._urgent:
+                # One that nobody needed before the motion is not stale, it is about to start.
+                limit_s, silence_s = self._stale_s, t_s - max(seen_s, self._moves_since_s)
+            else:
+                limit_s, silence_s = self._patience_s(stream), t_s - seen_s - late_s
+            if silence_s > limit_s:
+                said = (
+                    f"{self._named(stream)} is silent for {t_s - seen_s:.3f} s, since {seen_s:.3f} s"
+                    f" (limits.stale_s = {self._stale_s:g}); {REMEDY}"
+                )
+                return Failed(t_s, self._device(stream), said)
+        return None
+
+    def _patience_s(self, stream: str) -> float:
+        """Longest silence at rest; a signal is silent where its sources are, and begins when it can."""
+        info = self._infos.get(stream)
+        if info is None or info.longest_s is None or stream in self._sources:
+            return math.inf
+        return max(REST * self._stale_s, 2.0 * info.longest_s)
+
+    def _sticks(self, block: SampleBlock, last_s: float) -> Failed | None:
+        info = self._infos.get(block.stream)
+        if self._stuck_s is None or info is None or not info.noisy:
+            return None
+        values = block.values
+        held = self._held.get(block.stream)
+        if held is None or (values[-1] != held[0]).any() or (values != held[0]).any():
+            self._held[block.stream] = (values[-1], last_s)
+            return None
+        since_s = held[1]
+        if last_s - since_s <= self._stuck_s:
+            return None
+        said = (
+            f"{block.stream} sticks at {', '.join(f'{value:.6g}' for value in block.physical[-1][:3])} {info.unit}"
+            f" for {last_s - since_s:.3f} s, since {since_s:.3f} s (limits.stuck_s = {self._stuck_s:g}):"
+            f" no sensor is so quiet; {REMEDY}"
+        )
+        return Failed(last_s, self._device(block.stream), said)
+
+    def _named(self, stream: str) -> str:
+        made_of = self._sources.get(stream)
+        return f"{stream} (of {', '.join(made_of)})" if made_of else stream
+
+    def _device(self, stream: str) -> str:
+        while stream in self._sources:
+            stream = self._sources[stream][0]
+        return stream.partition(".")[0]

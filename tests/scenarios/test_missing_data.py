@@ -1,0 +1,195 @@
+"""A device that falls silent, loses, corrupts or sticks ends the trial as a fault that names it, in each experiment."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from config import assemble
+from config.profile import Profile, load_profile
+from controller.campaign import EXIT_DEVICE, EXIT_DONE, Campaign, Outcome
+from controller.recording.reader import Run, open_run
+
+
+class Case(NamedTuple):
+    """A short form of a profile's trial; for each device states in which it has to arrive, and how it does not."""
+
+    profile: str
+    trial: int
+    settings: dict[str, str]
+    faults: dict[str, dict[str, str]]
+
+
+SONIC = {"behavior.clear_m": "0.01", "behavior.handling_speed_m_s": "0.06", "loop.rate_hz": "50"}
+
+CASES = {
+    "static": Case(
+        "mock/static",
+        1,
+        {"behavior.settle_s": "1.0", "behavior.rest_s": "0.1", "behavior.record_s": "2.0"},
+        {"board": {"RECORDING": "silent, stuck, corrupt, losing a little"}},
+    ),
+    "transient": Case(
+        "mock/transient",
+        42,
+        {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"},
+        {
+            "board": {"BASELINE": "silent, stuck", "APPROACH": "corrupt, losing a little"},
+            "stage": {"BASELINE": "silent", "HOLDING": "silent"},
+        },
+    ),
+    "weights": Case(
+        "mock/weights",
+        1,
+        {"behavior.cycles": "1", "behavior.preloads": "0", "behavior.weights_x_n": "[1.0, 2.0]"},
+        {"board": {"RECORDING": "silent, stuck, corrupt, losing a little"}},
+    ),
+    "pointer": Case(
+        "mock/pointer",
+        1,
+        {"behavior.angles_rad": "[0.0, 0.2]", "limits.range_streams": "[]"},
+        {
+            "board": {"WAITING": "silent", "RECORDING": "corrupt, losing a little"},
+            "arm": {"TURNING": "stuck", "RECORDING": "losing a little"},
+        },
+    ),
+    "slip of the fingertip": Case(
+        "mock/slip", 1, {}, {"board": {"RESTING": "losing a little"}, "arm": {"PRESSING": "stuck"}}
+    ),
+    "slip of the hand": Case("mock/slip", 7, {}, {"hand": {"RESTING": "silent, stuck"}}),
+    "slip of the wrist": Case("mock/slip", 10, {}, {"arm": {"SLIPPING": "losing a little"}}),
+    "slip of the matrix": Case("mock/slip", 13, {}, {"matrix": {"RESTING": "corrupt"}}),
+    "chirp": Case(
+        "mock/chirp",
+        1,
+        {"behavior.duration_s": "0.6"},
+        {"audio": {"SWEEPING": "silent, stuck, corrupt, losing a little"}},
+    ),
+    "pretouch": Case(
+        "mock/pretouch",
+        4,
+        SONIC,
+        {
+            "audio": {"BASELINE": "silent, stuck", "APPROACHING": "losing a little"},
+            "arm": {"BASELINE": "stuck"},
+        },
+    ),
+    "touch": Case(
+        "mock/touch", 1, SONIC, {"audio": {"APPROACHING": "corrupt"}, "arm": {"HOLDING": "silent"}}
+    ),
+    "objects": Case(
+        "mock/objects",
+        2,
+        {**SONIC, "behavior.cycles": "1"},
+        {"audio": {"RETRACTING": "losing a little"}, "arm": {"BASELINE": "silent"}},
+    ),
+    "centering": Case(
+        "mock/centering",
+        4,
+        SONIC,
+        {
+            "audio": {"BASELINE": "silent", "SEEKING_FORWARD": "losing a little"},
+            "arm": {"SEEKING_BACKWARD": "corrupt"},
+            "gripper": {"RESTING": "silent"},
+        },
+    ),
+}
+
+FAULTS = {
+    "silent": {"kind": "silent"},
+    "corrupt": {"kind": "corrupt"},
+    "losing a little": {"kind": "lose", "for_s": 0.06},
+    "stuck": {"kind": "stuck"},
+}
+
+
+class Nobody:
+    """A console that nobody sits at."""
+
+    def poll(self) -> None: ...
+
+    def state(self, name: str, t_s: float) -> None: ...
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
+
+    def trial_started(self, trial: int, factors: Any) -> None: ...
+
+    def trial_ended(self, trial: int, outcome: str, row: Any) -> None: ...
+
+    def campaign_ended(self, line: str) -> None: ...
+
+
+class Bench(NamedTuple):
+    """A campaign of one trial, and what is left of it."""
+
+    profile: Profile
+    outcome: Outcome
+    run: Run
+
+
+def run(name: str, folder: Path, faults: list[dict[str, Any]] | None = None) -> Bench:
+    case = CASES[name]
+    written = ", ".join(
+        "{ " + ", ".join(f"{key} = {value!r}".replace("'", '"') for key, value in fault.items()) + " }"
+        for fault in faults or []
+    )
+    profile = load_profile(case.profile, {**case.settings, "faults": f"[{written}]"}, table=assemble.Table())
+    trials = [trial for trial in profile.trials(1) if trial.id == case.trial]
+    plan = assemble.plan_campaign(profile, trials, 1)
+    outcome = Campaign(plan, assemble.build_rig(profile), Nobody(), folder).run()
+    return Bench(profile, outcome, open_run(outcome.folder))
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Undisturbed runs, each made once."""
+    made: dict[str, Bench] = {}
+
+    def get(name: str) -> Bench:
+        if name not in made:
+            made[name] = run(name, tmp_path_factory.mktemp("healthy"))
+        return made[name]
+
+    return get
+
+
+def middle_s(bench: Bench, state: str) -> float:
+    """Bench time in the middle of a state's last visit."""
+    changes = [(event["next"], event["t_s"]) for event in bench.run.events if event["next"] != event["state"]]
+    at = max(place for place, (name, _) in enumerate(changes) if name == state)
+    return float(changes[at][1] + changes[at + 1][1]) / 2
+
+
+def numbers(bench: Bench) -> dict[str, Any]:
+    """What the only row says was measured."""
+    (row,) = bench.run.trials
+    measured = import_module(assemble.EXPERIMENTS[bench.profile.experiment].measures).COLUMNS
+    return {name: row[name] for name in measured if row.get(name) not in (None, "")}
+
+
+SCENES = [
+    (name, device, state, kind)
+    for name, case in CASES.items()
+    for device, states in case.faults.items()
+    for state, kinds in states.items()
+    for kind in kinds.split(", ")
+]
+
+
+@pytest.mark.parametrize(("name", "device", "state", "kind"), SCENES)
+def test_what_does_not_arrive_ends_the_trial_as_a_fault_that_names_it(
+    tmp_path, healthy, name, device, state, kind
+):
+    bench = healthy(name)
+    assert bench.outcome.exit_code == EXIT_DONE, bench.outcome.line
+    fault = {"device": device, "at_s": middle_s(bench, state), **FAULTS[kind]}
+    bench = run(name, tmp_path, [fault])
+    assert bench.outcome.exit_code == EXIT_DEVICE, bench.outcome.line
+    assert bench.run.trials[0]["outcome"] == "fault"
+    words = {"stuck": "sticks at", "losing a little": "no samples from"}.get(kind, "is silent for")
+    assert words in bench.outcome.line or "no samples from" in bench.outcome.line
+    assert device in bench.outcome.line
+    assert numbers(bench) == {}, "no number from what did not arrive"

@@ -1,0 +1,117 @@
+"""A measure gets no number from a span that is not covered."""
+
+import numpy as np
+import pytest
+
+from controller.measures.trial import EDGE_S, MissingDataError, TrialEvidence
+from controller.recording.series import TrialRecording
+from drivers.messages import SampleBlock, StreamInfo
+
+FORCE = StreamInfo("board.force", ("force",), "N", rate_hz=1000.0)
+PLACE = StreamInfo("arm.position", ("position",), "m", rate_hz=500.0, longest_s=0.02)
+PERIOD = StreamInfo("board.period", ("period",), "s", longest_s=0.2)
+WORD = StreamInfo("person.load", ("x",), "N")
+INFOS = {info.name: info for info in (FORCE, PLACE, PERIOD, WORD)}
+
+
+class Listener:
+    name = "touch"
+    inputs = ("board.force", "arm.position")
+
+
+def part(info, first_s, last_s):
+    """What a stream sends from one time up to before another, numbered as if it had always been sent."""
+    rate_hz = info.rate_hz or 20.0
+    first, last = round(first_s * rate_hz), round(last_s * rate_hz)
+    times_s = None if info.rate_hz else np.arange(first, last) / rate_hz
+    values = np.ones((last - first, 1))
+    return SampleBlock(
+        info.name, first, first / rate_hz, values, rate_hz=info.rate_hz, times_s=times_s, unit="x"
+    )
+
+
+def evidence(info, *spans_s, skipped=(), **more):
+    recording = TrialRecording(1)
+    for first_s, last_s in spans_s:
+        recording.add(part(info, first_s, last_s))
+    for span_s in skipped:
+        recording.skip(info.name, *span_s)
+    return TrialEvidence({}, recording, streams=INFOS, **more)
+
+
+def test_a_covered_span_is_given():
+    found = evidence(FORCE, (0.0, 2.0))
+    assert len(found.stream("board.force", 0.5, 1.5)) == 1000
+    assert len(found.series("board.force", 0.5, 1.5)[1]) == 1001
+
+
+@pytest.mark.parametrize(
+    ("spans_s", "hole"),
+    [
+        ([(0.0, 1.0)], "0.999 to 1.500"),  # fell silent
+        ([(0.8, 2.0)], "0.500 to 0.800"),  # began late
+        ([(0.0, 1.0), (1.002, 2.0)], "0.999 to 1.002"),  # two samples lost
+        ([], "0.500 to 1.500"),
+    ],
+)
+def test_a_span_with_a_hole_gives_no_number_and_says_where_it_is(spans_s, hole):
+    with pytest.raises(
+        MissingDataError, match=rf"board.force: no samples from {hole} s, .* of board, then run"
+    ):
+        evidence(FORCE, *spans_s).series("board.force", 0.5, 1.5)
+
+
+def test_what_is_missing_outside_of_the_span_is_not_asked_for():
+    found = evidence(FORCE, (0.4, 0.45), (0.5, 1.5), (1.7, 2.0))
+    assert len(found.stream("board.force", 0.5, 1.5)) == 1000
+
+
+def test_what_nobody_subscribed_is_no_hole_unless_it_is_all():
+    halves = evidence(FORCE, (0.0, 1.0), (1.4, 2.0), skipped=[(1.0, 1.4)])
+    assert len(halves.stream("board.force", 0.5, 1.5)) == 600
+    with pytest.raises(MissingDataError, match=r"1.050 to 1.350"):
+        halves.series("board.force", 1.05, 1.35)
+
+
+def test_what_is_under_way_when_a_span_ends_is_not_waited_for():
+    found = evidence(FORCE, (0.0, 1.5 - 0.9 * EDGE_S))
+    assert len(found.stream("board.force", 0.5, 1.5))
+
+
+@pytest.mark.parametrize(("gap_s", "borne"), [(0.016, True), (0.03, False)])
+def test_a_stream_bears_holes_as_long_as_it_says(gap_s, borne):
+    found = evidence(PLACE, (0.0, 1.0), (1.0 + gap_s, 2.0))
+    if borne:
+        assert len(found.stream("arm.position", 0.5, 1.5))
+    else:
+        with pytest.raises(MissingDataError):
+            found.stream("arm.position", 0.5, 1.5)
+
+
+def test_periods_have_a_bound_of_their_own_and_a_persons_word_has_none():
+    assert len(evidence(PERIOD, (0.0, 2.0)).stream("board.period", 0.5, 1.5))
+    with pytest.raises(MissingDataError, match=r"0.950 to 1.300"):
+        evidence(PERIOD, (0.0, 1.0), (1.3, 2.0)).stream("board.period", 0.5, 1.5)
+    assert len(evidence(WORD, (0.0, 0.1)).covered("person.load", 0.0, 90.0)) == 2
+
+
+def test_an_open_span_ends_with_the_trial():
+    found = evidence(FORCE, (0.0, 2.0), visits=[("A", 0.0), ("DONE", 2.0)])
+    assert len(found.covered("board.force", 0.5)) == 2000
+    found.visits[-1] = ("DONE", 3.0)
+    with pytest.raises(MissingDataError, match=r"1.999 to 3.000"):
+        found.covered("board.force", 0.5)
+
+
+def test_a_detectors_silence_counts_only_where_all_its_inputs_came():
+    found = evidence(FORCE, (0.0, 2.0), detectors={"touch": Listener()})
+    with pytest.raises(MissingDataError, match=r"arm.position: no samples from 0.500 to 1.500 s"):
+        found.heard("touch", 0.5, 1.5)
+    found.recording.add(part(PLACE, 0.0, 2.0))
+    found.heard("touch", 0.5, 1.5)
+
+
+def test_a_signal_of_which_nothing_came_is_as_strict_as_its_source():
+    found = evidence(FORCE, (0.0, 2.0), sources={"signals.tip": ("board.force",)})
+    with pytest.raises(MissingDataError, match=r"signals.tip: no samples .* of board, then"):
+        found.covered("signals.tip", 0.5, 1.5)

@@ -1,0 +1,144 @@
+"""What is subscribed has to arrive, in motion and at rest; what stands still though it has noise is stuck."""
+
+import numpy as np
+import pytest
+
+from controller.arrivals import Arrivals
+from drivers.messages import SampleBlock, StreamInfo
+
+LOAD = StreamInfo("board.load", ("force",), "N", 1e-3, rate_hz=1000.0, noisy=True)
+PERIOD = StreamInfo("board.period", ("period",), "s", 1e-7, longest_s=0.3)
+WORD = StreamInfo("person.load", ("x",), "N")
+SLOW = StreamInfo("logger.heat", ("kelvin",), "K", rate_hz=1.0)
+PLACE = StreamInfo("stage.position", ("position",), "m", rate_hz=100.0)
+TIP = StreamInfo("signals.tip", ("Fx",), "N")
+INFOS = {info.name: info for info in (LOAD, PERIOD, WORD, SLOW, PLACE, TIP)}
+
+
+def watching(*streams, urgent=(), stuck_s=0.2):
+    arrivals = Arrivals(0.1, stuck_s)
+    arrivals.fit(INFOS, {"signals.tip": ("board.load",)})
+    arrivals.depend(frozenset(urgent))
+    arrivals.expect(frozenset(streams), 0.0)
+    return arrivals
+
+
+def block(stream, t_s, values=(0,), rate_hz=1000.0):
+    raw = np.array(values, dtype=np.int32)[:, None]
+    first_s = t_s - (len(raw) - 1) / rate_hz
+    return SampleBlock(stream, 0, first_s, raw, rate_hz=rate_hz, unit="N", scale=INFOS[stream].scale)
+
+
+def test_at_rest_a_stream_may_be_silent_four_times_as_long_as_a_motion_would_bear():
+    arrivals = watching("board.load")
+    assert arrivals.watch(0.4, [], moving=False) is None
+    said = arrivals.watch(0.42, [], moving=False)
+    assert said is not None
+    assert said.device == "board"
+    assert said.reason.startswith("board.load is silent for 0.420 s, since 0.000 s (limits.stale_s = 0.1)")
+    assert "check PROFILE --connect" in said.reason
+
+
+def test_a_motion_bears_the_silence_of_what_it_depends_on_no_longer_than_it_says():
+    arrivals = watching("board.load", urgent=["board.load"])
+    assert arrivals.watch(0.05, [block("board.load", 0.05)], moving=True) is None
+    assert arrivals.watch(0.15, [], moving=True) is None
+    assert arrivals.watch(0.151, [], moving=True) is not None
+
+
+def test_a_stream_that_the_motion_does_not_depend_on_is_given_as_long_as_at_rest():
+    arrivals = watching("board.load")
+    assert arrivals.watch(0.39, [], moving=True) is None
+    assert arrivals.watch(0.41, [], moving=True) is not None
+
+
+def test_a_stream_that_nobody_needed_before_the_motion_is_not_stale_when_it_begins():
+    arrivals = watching("signals.tip", urgent=["signals.tip"])
+    assert arrivals.watch(90.0, [], moving=False) is None
+    assert arrivals.watch(90.1, [], moving=True) is None
+    assert arrivals.watch(90.21, [], moving=True) is not None
+
+
+def test_what_began_a_motion_that_is_over_excuses_nothing_in_the_next_one():
+    arrivals = watching("board.load", urgent=["board.load"])
+    arrivals.watch(0.0, [], moving=True)
+    arrivals.watch(0.05, [block("board.load", 0.05)], moving=False)
+    arrivals.watch(0.06, [], moving=True)
+    assert arrivals.watch(0.17, [], moving=True) is not None
+
+
+@pytest.mark.parametrize(("stream", "patience_s"), [("board.period", 0.6), ("logger.heat", 3.0)])
+def test_a_slow_stream_is_given_twice_its_own_longest_interval(stream, patience_s):
+    assert watching(stream).watch(patience_s - 0.01, [], moving=False) is None
+    assert watching(stream).watch(patience_s + 0.01, [], moving=False) is not None
+
+
+def test_what_comes_only_when_something_changes_is_never_silent():
+    assert watching("person.load").watch(1e4, [], moving=False) is None
+
+
+def test_the_silence_of_a_signal_names_what_it_is_made_of_and_the_device():
+    arrivals = watching("signals.tip", urgent=["signals.tip"])
+    arrivals.watch(0.0, [], moving=True)
+    said = arrivals.watch(0.2, [], moving=True)
+    assert (said.device, said.reason.partition(" is")[0]) == ("board", "signals.tip (of board.load)")
+
+
+def test_a_loop_that_was_away_has_asked_nobody():
+    assert watching("board.load").watch(0.6, [], moving=False, late_s=0.3) is None
+
+
+def test_a_time_stamp_from_the_future_keeps_nothing_alive():
+    arrivals = watching("board.load")
+    arrivals.watch(0.1, [block("board.load", 30.0)], moving=False)
+    assert arrivals.watch(0.6, [], moving=False) is not None
+
+
+def test_an_older_block_makes_no_stream_older():
+    arrivals = watching("board.load")
+    arrivals.watch(0.3, [block("board.load", 0.3), block("board.load", 0.1)], moving=False)
+    assert arrivals.watch(0.65, [], moving=False) is None
+
+
+def test_a_stream_that_stays_subscribed_is_as_old_as_it_was_and_one_that_left_is_forgotten():
+    arrivals = watching("board.load", "board.period")
+    arrivals.expect(frozenset({"board.load"}), 0.35)
+    assert arrivals.watch(0.41, [], moving=False) is not None
+    arrivals.expect(frozenset(), 0.5)
+    assert arrivals.watch(9.0, [], moving=False) is None
+
+
+def test_a_sensor_with_noise_that_repeats_one_value_is_stuck_since_the_last_change():
+    arrivals = watching("board.load")
+    assert arrivals.watch(0.05, [block("board.load", 0.05, [1, 2, 7])], moving=False) is None
+    said = [
+        arrivals.watch(t_s, [block("board.load", t_s, [7] * 10)], moving=False) for t_s in (0.15, 0.25, 0.26)
+    ]
+    assert said[:2] == [None, None]
+    assert said[2].device == "board"
+    assert said[2].reason.startswith(
+        "board.load sticks at 0.007 N for 0.210 s, since 0.050 s (limits.stuck_s"
+    )
+
+
+def test_one_sample_that_differs_in_between_is_enough_to_live():
+    arrivals = watching("board.load")
+    for t_s in (0.1, 0.2, 0.3, 0.4, 0.5):
+        assert arrivals.watch(t_s, [block("board.load", t_s, [7, 8, 7])], moving=False) is None
+
+
+def test_a_position_may_stand_for_as_long_as_it_likes_and_so_may_all_where_nobody_judges():
+    for arrivals, stream in (
+        (watching("stage.position"), "stage.position"),
+        (watching("board.load", stuck_s=None), "board.load"),
+    ):
+        for t_s in (0.1, 0.3, 0.6, 0.9):
+            assert arrivals.watch(t_s, [block(stream, t_s, [5] * 10)], moving=False) is None
+
+
+def test_what_stood_before_it_was_unsubscribed_is_not_stuck_when_it_begins_anew():
+    arrivals = watching("board.load")
+    arrivals.watch(0.1, [block("board.load", 0.1, [7] * 10)], moving=False)
+    arrivals.expect(frozenset(), 0.2)
+    arrivals.expect(frozenset({"board.load"}), 5.0)
+    assert arrivals.watch(5.1, [block("board.load", 5.1, [7] * 10)], moving=False) is None
