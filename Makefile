@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test check format bench lock diagrams clean
+.PHONY: run test check format bench soak-test lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
 	$(BIN)/python run.py run mock/transient --no-report
@@ -30,6 +30,9 @@ format: .venv/dev.stamp         ## put code into its format
 bench: .venv/dev.stamp          ## run time against error, the loop's cost, the stop's latency: into benchmarks/
 	$(BIN)/python -m pytest benchmarks
 	$(BIN)/python -m benchmarks
+
+soak-test: .venv/dev.stamp      ## emulated runs and the tests, idle and beside a busy process: hours; into benchmarks/results
+	$(BIN)/python -m benchmarks.soak
 
 diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behaviors' own tables
 	$(BIN)/python -m config.diagrams

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +24,7 @@ from config.verbs import (
     endpoints_option,
     explained,
     out_option,
+    realtime_option,
     recording_options,
     report_option,
     say,
@@ -41,28 +40,7 @@ if TYPE_CHECKING:
     from controller.recording.resuming import Resumed
 
 
-def _say_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
-    """Of the folder that this file is in, or of the package as it is installed."""
-    if not wanted:
-        return
-    project = Path(__file__).with_name("pyproject.toml")
-    if project.is_file():
-        version = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"]
-    else:
-        version = metadata.version("touchbench")
-    click.echo(f"touchbench {version}")
-    ctx.exit()
-
-
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
-@click.option(
-    "--version",
-    is_flag=True,
-    expose_value=False,
-    is_eager=True,
-    callback=_say_version,
-    help="Say which version this is.",
-)
 def cli() -> None:
     """Run touch experiments on a robot bench: simulated, emulated on the wire, or real.
 
@@ -161,6 +139,7 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
 @out_option
 @report_option
 @endpoints_option
+@realtime_option
 def run(
     profile: str,
     overrides: Mapping[str, str],
@@ -170,6 +149,7 @@ def run(
     out: Path,
     reported: bool,
     endpoints: Path | None,
+    realtime: bool,
 ) -> int:
     """Run the experiment of a PROFILE and write a run folder with its report.
 
@@ -189,6 +169,9 @@ def run(
     from config.trials import only
 
     loaded = _loaded(profile, overrides, csv)
+    if realtime and (loaded.bench != "emulated" or endpoints is not None):
+        reason = "an emulator that runs has its own time" if endpoints else f"{loaded.name} is not emulated"
+        raise click.BadParameter(reason, param_hint="--realtime")
     trials = loaded.trials(seed)
     asked = {
         "profile": profile,
@@ -197,7 +180,7 @@ def run(
         "only": list(numbers),
     }
     plan = plan_campaign(loaded, only(trials, numbers) if numbers else trials, seed, asked=asked)
-    return _carried_out(loaded, plan, out, endpoints, reported)
+    return _carried_out(loaded, plan, out, endpoints, reported, realtime=realtime)
 
 
 @cli.command(cls=Verb, short_help="Go on with a run that broke off.")
@@ -242,13 +225,15 @@ def _carried_out(
     endpoints: Path | None,
     reported: bool,
     resumed: Resumed | None = None,
+    realtime: bool = False,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
     from config.assemble import build_rig
     from controller.campaign import Campaign
     from controller.console import Operator
 
-    with closing(build_rig(loaded, _endpoints(endpoints))) as rig, Operator(asking=rig.asking) as operator:
+    rig = build_rig(loaded, _endpoints(endpoints), realtime)
+    with closing(rig), Operator(asking=rig.asking) as operator:
         outcome = Campaign(plan, rig, _console(operator), out, resumed).run()
     if outcome.error is None:
         (complain if outcome.exit_code else say)(outcome.line)
@@ -267,7 +252,8 @@ def _carried_out(
 @cli.command(cls=Verb, short_help="Serve a profile's emulated devices.")
 @click.argument("profile")
 @set_option
-def emulate(profile: str, overrides: Mapping[str, str]) -> None:
+@realtime_option
+def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
     """Start the emulated devices of a PROFILE and say in one JSON line where they are.
 
     They serve until Ctrl+C: real bytes on pseudo-terminals, for this program or any other.
@@ -285,7 +271,7 @@ def emulate(profile: str, overrides: Mapping[str, str]) -> None:
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    with closing(start_emulator(_loaded(profile, overrides))) as emulator:
+    with closing(start_emulator(_loaded(profile, overrides), realtime)) as emulator:
         click.echo(json.dumps(emulator.endpoints))
         sys.stdout.flush()
         ended.wait()

@@ -127,7 +127,7 @@ class BackAndForth(Behavior):
 def measure(mover: str, stops: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
     """Run the stops; returns seconds from the sample on, by part of the way, and how loop and link did."""
     profile = load_profile(PROFILES[mover], {}, table=assemble.Table())
-    rig = assemble.build_rig(profile)
+    rig = assemble.build_rig(profile, realtime=True)  # what the machine does is measured here
     detector = AtRandom("at_random")
     behavior = BackAndForth(mover, stops)
     with tempfile.TemporaryDirectory() as folder:

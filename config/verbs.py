@@ -191,6 +191,13 @@ endpoints_option = click.option(
 )
 
 
+realtime_option = click.option(
+    "--realtime",
+    is_flag=True,
+    help="Let an emulated bench's time pass with the wall's, whoever is late: to measure latencies.",
+)
+
+
 def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
     """What `replay` and `calibrate` ask of a recording and of the detector that hears it."""
     for decorate in reversed(

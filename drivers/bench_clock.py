@@ -27,6 +27,9 @@ PATIENCE_S = 1.0
 """How long of the wall's time the bench waits for one that does not turn. Assumption: longer than a busy machine holds
 a process up, and short enough for a person who watches."""
 
+PREPARING_S = 20.0
+"""How long it waits for a trial that is being prepared (assumption: nothing moves, and a plant may have to be made)."""
+
 ABSENCE_S = 5.0
 """How long time stands still for an emulator that is away: one that is dead must not hold the loop for ever, one that
 makes a plant anew (1 s, measured) has lost no time."""
@@ -98,9 +101,8 @@ class ClockPage:
     def limit_s(self, wall_s: float) -> float:
         """How far everybody who takes part lets bench time go; infinity where nobody does."""
         said = self._words[_FIRST : _FIRST + 2 * PLACES].tolist()
-        oldest_s = wall_s - PATIENCE_S
         return min(
-            (said[k] for k in range(0, 2 * PLACES, 2) if said[k] < math.inf and said[k + 1] > oldest_s),
+            (said[k] for k in range(0, 2 * PLACES, 2) if said[k] < math.inf and said[k + 1] > wall_s),
             default=math.inf,
         )
 
@@ -118,10 +120,10 @@ class ClockPage:
             fcntl.flock(self._file, fcntl.LOCK_UN)
         raise RuntimeError(f"more than {PLACES} threads wait on this bench")
 
-    def say(self, place: int, horizon_s: float) -> None:
+    def say(self, place: int, horizon_s: float, patience_s: float = PATIENCE_S) -> None:
         """Let bench time go as far as `horizon_s`, and no further before the next word; infinity leaves the place."""
         at = _FIRST + 2 * place
-        self._words[at + 1] = monotonic_s()
+        self._words[at + 1] = monotonic_s() + patience_s
         self._words[at] = horizon_s
 
 
@@ -162,16 +164,17 @@ class BenchClock:
         self._wait(self.monotonic_s() + seconds)
 
     def restart(self) -> None:
-        """See `Clock.restart`."""
+        """See `Clock.restart`: no time passes until the loop's first turn, for a trial is still being prepared."""
         self._origin_s = self.monotonic_s()
+        self.hold(self._origin_s + SLACK_S, PREPARING_S)
 
-    def hold(self, t_s: float) -> None:
-        """See `Clock.hold`."""
+    def hold(self, t_s: float, patience_s: float = PATIENCE_S) -> None:
+        """See `Clock.hold`; the bench waits for `patience_s` of the wall's time."""
         place = getattr(self._mine, "place", None)
         if place is None:
             with self._taking:  # the lock on the page is between processes
                 place = self._mine.place = self._page.take()
-        self._page.say(place, t_s)
+        self._page.say(place, t_s, patience_s)
 
     def leave(self) -> None:
         """See `Clock.leave`."""

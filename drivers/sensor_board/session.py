@@ -132,6 +132,8 @@ class Session:
     def order(self, code: Code, argument: int | None = None, command: Command | None = None) -> None:
         """Write an order; a command's `Sent` or `Refused` follows."""
         if self.failure is None:
+            if not (self._heard_s or self._excited):  # what is off could starve for as long as it liked
+                self._fed_s = self._clock.monotonic_s()
             order = self._dialogue.ask(self._watch_s, code, argument, command)
             if order.sent_s is None:
                 self._fail(self._link.fault or "the port is closed")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import threading
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, Protocol
 
 import pytest
+
+from controller.campaign import Campaign, Outcome
 
 TURN_S = 0.001
 """Pause between two calls of `step`."""
@@ -99,3 +102,38 @@ def serve() -> Iterator[Serve]:
     served = Serve()
     yield served
     served.close()
+
+
+EVENTS = 12
+"""How many of a run's last events are shown where its test fails."""
+
+
+@pytest.fixture(autouse=True)
+def runs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Note how each campaign of a test ended."""
+    request.node.outcomes = ended = list[Outcome]()
+    run = Campaign.run
+
+    def noted(campaign: Campaign) -> Outcome:
+        outcome = run(campaign)
+        ended.append(outcome)
+        return outcome
+
+    monkeypatch.setattr(Campaign, "run", noted)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
+    """A test that fails shows how its runs ended, and what happened in them last."""
+    report = yield
+    if report.failed:
+        for outcome in getattr(item, "outcomes", ()):
+            report.sections.append(("how its run ended", "\n".join([outcome.line, *last_events(outcome)])))
+    return report
+
+
+def last_events(outcome: Outcome) -> list[str]:
+    """The last events of a run, a line each; what moves all the time left out."""
+    file = outcome.folder / "events.jsonl"
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    return [line for line in lines if json.loads(line).get("event") != "Lost"][-EVENTS:]

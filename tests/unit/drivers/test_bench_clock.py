@@ -177,6 +177,18 @@ def test_bench_time_begins_anew_and_monotonic_time_does_not(wall: Wall, emulator
     assert clock.from_monotonic(1.25) == pytest.approx(0.25)
 
 
+def test_a_trial_that_is_being_prepared_holds_time_for_as_long_as_it_takes(
+    wall: Wall, emulator: Pace
+) -> None:
+    clock = joined(emulator)
+    clock.restart()
+    wall.rest(5 * PATIENCE_S)
+    assert clock.now() == pytest.approx(SLACK_S)
+    clock.wait_until(0.005)
+    wall.rest(2 * PATIENCE_S)
+    assert clock.now() > 0.5, "from the first turn on the bench is no more patient than ever"
+
+
 def test_places_of_those_who_left_are_taken_again_and_there_is_an_end_to_them(
     wall: Wall, emulator: Pace
 ) -> None:

@@ -1,0 +1,180 @@
+"""Whole runs on the emulated bench, one after the other, and the tests, idle and beside a process that burns a core.
+
+python -m benchmarks.soak                            everything: 20 runs of each, `make test` five times; hours
+python -m benchmarks.soak --runs 2 --tests 0 emulated/slip
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+
+from benchmarks.results import save, table
+
+PROFILES = ("emulated/slip", "emulated/transient_arm", "emulated/centering", "emulated/transient")
+BESIDE = {"idle": 0, "busy": 1}
+"""How many processes burn a core beside it."""
+
+ROOT = Path(__file__).resolve().parents[1]
+LOOK_S = 0.2
+"""How often the processes' use of the processor is read: the last reading may lack as much."""
+
+PARTS = {"emulator": "drivers.mock.emulator", "arm": "drivers.ur_arm.child"}
+"""Processes that a run starts, by their modules."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one run ended.
+
+    Attributes:
+        code: Exit code of the run.
+        said: Its last line.
+        wall_s: How long it took.
+        bench_s: How much bench time its trials took.
+        late_s: The loop's latest turn in bench time; 0 where none was a whole period late.
+        cpu_s: What each process used of the processor.
+    """
+
+    code: int
+    said: str
+    wall_s: float
+    bench_s: float
+    late_s: float
+    cpu_s: dict[str, float]
+
+
+@contextmanager
+def burners(count: int) -> Iterator[None]:
+    """Processes that burn a core each."""
+    started = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for one in started:
+            one.kill()
+            one.wait()
+
+
+def run(profile: str) -> Ended:
+    """One run by the command line."""
+    began_s = time.monotonic()
+    with tempfile.TemporaryDirectory() as out:
+        command = [sys.executable, "run.py", "run", profile, "--no-report", "--out", out]
+        with (Path(out) / "said").open("w+", encoding="utf-8") as said:
+            child = subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT)
+            cpu_s: dict[str, float] = {}
+            while child.poll() is None:
+                cpu_s.update(_cpu_s(child.pid))
+                time.sleep(LOOK_S)
+            said.seek(0)
+            last = (said.read().strip().splitlines() or [""])[-1]
+        manifests = list(Path(out).glob("*/manifest.json"))
+        loop = json.loads(manifests[0].read_text(encoding="utf-8"))["loop"] if manifests else {}
+    return Ended(
+        child.returncode,
+        last,
+        time.monotonic() - began_s,
+        loop.get("bench_s", 0.0),
+        loop.get("worst_late_s", 0.0),
+        cpu_s,
+    )
+
+
+def _cpu_s(parent: int) -> Iterator[tuple[str, float]]:
+    """Seconds of the processor that a run's processes have used so far."""
+    tick_s = 1.0 / os.sysconf("SC_CLK_TCK")
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit():
+            continue
+        try:
+            fields = (folder / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+            said = (folder / "cmdline").read_bytes().decode(errors="replace")
+        except OSError:  # it has ended meanwhile
+            continue
+        used_s = (int(fields[11]) + int(fields[12])) * tick_s
+        if int(folder.name) == parent:
+            yield "program", used_s
+        elif int(fields[1]) == parent:
+            for name, module in PARTS.items():
+                if module in said:
+                    yield name, used_s
+
+
+def suite() -> Ended:
+    """The tests, once."""
+    began_s = time.monotonic()
+    done = subprocess.run(["make", "test"], cwd=ROOT, capture_output=True, text=True, check=False)
+    last = (done.stdout.strip().splitlines() or [""])[-1]
+    return Ended(done.returncode, last, time.monotonic() - began_s, 0.0, 0.0, {})
+
+
+def row(name: str, beside: str, ended: Sequence[Ended]) -> list[str]:
+    """A line of the table."""
+
+    def share(part: str) -> str:
+        used = [one.cpu_s[part] / one.wall_s for one in ended if part in one.cpu_s]
+        return f"{100.0 * sum(used) / len(used):.0f} %" if used else ""
+
+    wall_s = sorted(one.wall_s for one in ended)
+    return [
+        name,
+        beside,
+        f"{sum(one.code == 0 for one in ended)} of {len(ended)}",
+        f"{1e3 * max(one.late_s for one in ended):.1f}",
+        f"{wall_s[len(wall_s) // 2]:.0f}",
+        f"{sum(one.bench_s for one in ended) / sum(wall_s):.2f}",
+        *(share(part) for part in PARTS),
+    ]
+
+
+@click.command()
+@click.argument("profiles", nargs=-1)
+@click.option("--runs", default=20, show_default=True, help="Of each profile, idle and busy.")
+@click.option(
+    "--tests", default=5, show_default=True, help="How often `make test` is run beside a busy process."
+)
+@click.option("--beside", type=click.Choice(tuple(BESIDE)), multiple=True, help="Idle or busy alone.")
+def main(profiles: Sequence[str], runs: int, tests: int, beside: Sequence[str]) -> None:
+    """Run, count, print, save."""
+    rows: list[list[str]] = []
+    results: dict[str, list[dict[str, object]]] = {}
+    kinds = [
+        (profile, kind, runs, lambda profile=profile: run(profile))
+        for profile in profiles or PROFILES
+        for kind in beside or tuple(BESIDE)
+    ]
+    for name, kind, count, one in [*kinds, ("make test", "busy", tests, suite)]:
+        ended: list[Ended] = []
+        with burners(BESIDE[kind]):
+            for number in range(count):
+                ended.append(one())
+                print(f"{name}, {kind}, {number + 1} of {count}: {ended[-1]}", flush=True)
+        if ended:
+            rows.append(row(name, kind, ended))
+            results[f"{name}, {kind}"] = [asdict(each) for each in ended]
+    heads = [
+        "what",
+        "beside",
+        "ended as it should",
+        "worst lateness, ms",
+        "median wall time, s",
+        "bench s a wall s",
+    ]
+    print(table([*heads, *(f"{part}'s share of a core" for part in PARTS)], rows))
+    save("soak", {"load": os.getloadavg(), "runs": results})
+    sys.exit(any(each["code"] for of_kind in results.values() for each in of_kind))
+
+
+if __name__ == "__main__":
+    main()
