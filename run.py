@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import sys
+import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +42,28 @@ if TYPE_CHECKING:
     from controller.recording.resuming import Resumed
 
 
+def _say_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+    """Of the folder that this file is in, or of the package as it is installed."""
+    if not wanted:
+        return
+    project = Path(__file__).with_name("pyproject.toml")
+    if project.is_file():
+        version = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"]
+    else:
+        version = metadata.version("touchbench")
+    click.echo(f"touchbench {version}")
+    ctx.exit()
+
+
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_say_version,
+    help="Say which version this is.",
+)
 def cli() -> None:
     """Run touch experiments on a robot bench: simulated, emulated on the wire, or real.
 

@@ -116,7 +116,9 @@ class _Kept(_Cache):
         if hashlib.sha256(kept[_SUM_BYTES:]).digest() != kept[:_SUM_BYTES]:
             _progress.begin(self._kernel)
             return None
-        return CompileResult._rebuild(target_context, *pickle.loads(kept[_SUM_BYTES:]))
+        found = CompileResult._rebuild(target_context, *pickle.loads(kept[_SUM_BYTES:]))
+        _progress.end(self._kernel)
+        return found
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep compiled code, unless it holds addresses of this process."""
@@ -288,8 +290,9 @@ class _Progress:
     def begin(self, kernel: Any) -> None:
         """A kernel is not there yet and will now be compiled."""
         if self._outermost is None:
-            self._outermost, self._done = kernel, set()
+            self._outermost = kernel
             self._all = [k for k in reached(kernel) if k.targetoptions.get("inline") != "always"]
+            self._done = {k for k in self._all if k.overloads}
             self._since_s = time.perf_counter()
             if not self._announced:
                 self._say(
@@ -298,7 +301,7 @@ class _Progress:
                 self._announced = True
 
     def end(self, kernel: Any) -> None:
-        """It is compiled."""
+        """It is compiled, or was kept."""
         if self._outermost is None:
             return
         self._done.add(kernel)

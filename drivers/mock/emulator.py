@@ -15,6 +15,7 @@ import gc
 import json
 import select
 import sys
+import traceback
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
@@ -81,24 +82,28 @@ class Emulator:
 
     def serve(self, ended: Callable[[], bool]) -> None:
         """Run until `ended()`, which is asked once a step."""
-        ends = self._ends.values()
+        ends = dict(self._ends)
         # what is there stays there: a full collection in the middle of a motion would hold all devices up
         gc.collect()
         gc.freeze()
         try:
             while not ended():
-                waited = [one for end in ends for one in end.waited()]
-                due_s = min(self._t_s + STEP_S, *(end.due_s() for end in ends))
+                waited = [one for end in ends.values() for one in end.waited()]
+                due_s = min([self._t_s + STEP_S, *(end.due_s() for end in ends.values())])
                 ready, _, _ = select.select(
                     [*waited, *self._control.sockets], [], [], self._pace.wait_s(due_s)
                 )
-                now_s = self._pace.turn(frozenset(name for name, end in self._ends.items() if end.unread()))
+                now_s = self._pace.turn(frozenset(name for name, end in ends.items() if end.unread()))
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
                 self._control.attend(ready)
-                for end in ends:
-                    end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s)
+                for name, end in list(ends.items()):
+                    try:
+                        end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s)
+                    except Exception:  # a defect costs its own device: the host sees that one's link end
+                        traceback.print_exc(file=sys.stderr)
+                        ends.pop(name).unplug()
         finally:
-            for end in ends:
+            for end in self._ends.values():
                 end.unplug()
             self._control.close()
 

@@ -17,6 +17,9 @@ WAITING_BYTES = 1 << 19
 """Of what the network has not taken: beyond, the device has to drop what it cannot keep (assumption: a second of
 sound)."""
 
+UNREAD_BYTES = 1 << 20
+"""Of the same: beyond, the host has asked for answers that it does not read, and is hung up on (assumption)."""
+
 
 class NetworkDevice(Protocol):
     """A device made of software, at the far end of a connection.
@@ -98,13 +101,16 @@ class TcpLine:
 
     def unread(self) -> bool:
         """See `FarEnd.unread`; False where the kernel does not say."""
-        return self._host is not None and self._kernel.unread(self._host)
+        with contextlib.suppress(OSError):  # the host has just gone: its next turn sees to that
+            return self._host is not None and self._kernel.unread(self._host)
+        return False
 
     def unplug(self) -> None:
         """See `FarEnd.unplug`: the host sees its connection end, and nobody answers any more."""
         for one in self.waited():
             one.close()
         self._listener = self._host = None
+        self._kernel.close()
 
     def _accept(self, listener: socket.socket) -> None:
         with contextlib.suppress(OSError):
@@ -135,7 +141,8 @@ class TcpLine:
             while self._unsent:
                 del self._unsent[: host.send(self._unsent)]
         except BlockingIOError:
-            return
+            if len(self._unsent) > UNREAD_BYTES:
+                self._hang_up(t_s)
         except OSError:
             self._hang_up(t_s)
 
@@ -155,6 +162,10 @@ class _Kernel:
 
     def __init__(self) -> None:
         self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, self.SOCK_DIAG)
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._netlink.close()
 
     def unread(self, connection: socket.socket) -> bool:
         """Whether bytes lie in the other end's queue; False where the kernel does not say."""

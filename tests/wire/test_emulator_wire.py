@@ -9,6 +9,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+import pytest
+
 from drivers.clock import WallClock
 from drivers.mock.emulator import PASS_S, Emulator
 from drivers.mock.faults import FaultSchedule
@@ -46,6 +48,8 @@ class Witness:
         self.endpoint = {"port": "nowhere"}
         self.times_s: list[float] = []
         self._holds_up = bool(settings["holds_up"])
+        self.breaks_at = 0
+        self.unplugged = 0
 
     def open(self, faults: FaultSchedule, clock: WallClock) -> None: ...
 
@@ -59,11 +63,14 @@ class Witness:
         self.times_s.append(t_s)
         if self._holds_up and len(self.times_s) == 5:
             time.sleep(HELD_UP_S)
+        if len(self.times_s) == self.breaks_at:
+            raise KeyError("a defect")
 
     def unread(self) -> bool:
         return False
 
-    def unplug(self) -> None: ...
+    def unplug(self) -> None:
+        self.unplugged += 1
 
 
 def emulator(realtime: bool = False) -> tuple[Emulator, Callable[[], list[list[float]]]]:
@@ -118,3 +125,19 @@ def test_a_fault_of_a_device_that_is_not_there_is_refused_by_name() -> None:
         made.serve(answered)
         assert b"there is no stage here; there are first, second" in client.recv(4096)
     assert lives()[0], "and the bench went on"
+
+
+def test_a_defect_costs_its_own_device_and_the_others_go_on(capsys: pytest.CaptureFixture[str]) -> None:
+    made, lives = emulator()
+    broken, _ = made._ends.values()
+    broken.breaks_at = 3  # type: ignore[attr-defined]
+    unplugged: list[int] = []
+
+    def seen() -> bool:
+        unplugged.append(broken.unplugged)  # type: ignore[attr-defined]
+        return len(lives()[1]) >= 10
+
+    made.serve(seen)
+    assert len(lives()[0]) == 3
+    assert unplugged[-1] == 1, "its host sees its link end at once"
+    assert "KeyError: 'a defect'" in capsys.readouterr().err

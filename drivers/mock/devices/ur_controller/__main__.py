@@ -15,12 +15,15 @@ import os
 import select
 import sys
 from contextlib import suppress
+from typing import Literal
 
 import click
+from pydantic import Field, ValidationError
 
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.plants.arm_motion import StiffPlane
+from drivers.settings import Settings
 
 REALTIME_PRIORITY = 20
 """SCHED_FIFO priority where the system allows it: a controller keeps its time whatever else is busy (assumption)."""
@@ -29,28 +32,50 @@ LOOK_S = 0.02
 """How often standard input is looked at, seconds (assumption)."""
 
 
-def obey(server: UrServer, order: dict[str, object]) -> dict[str, object]:
+class Order(Settings):
+    """What it obeys; see the module's page for the keys."""
+
+    restart: bool = False
+    deaf: bool | None = None
+    streams: bool | None = None
+    remote: bool | None = None
+    accepts_scripts: bool | None = None
+    silence_s: float | None = Field(None, ge=0.0)
+    drop: Literal["control", "receive"] | None = None
+    protective_stop: bool = False
+    emergency_stop: bool = False
+    stop_program: bool = False
+    unlock: bool = False
+
+
+def answered(server: UrServer, line: bytes) -> dict[str, object]:
+    """Do what a line says; the controller's state afterwards, or why it was refused."""
+    try:
+        return obey(server, Order.model_validate_json(line))
+    except ValidationError as error:
+        return {"refused": str(error)}
+
+
+def obey(server: UrServer, order: Order) -> dict[str, object]:
     """Do what an order says; the controller's state afterwards."""
-    if order.get("restart"):
+    if order.restart:
         server.restart()
     controller = server.controller
-    for name in ("deaf", "streams"):
-        if name in order:
-            setattr(server, name, bool(order[name]))
-    for name in ("remote", "accepts_scripts"):
-        if name in order:
-            setattr(controller, name, bool(order[name]))
-    if "silence_s" in order:
-        server.silent_until_s = server.clock.monotonic_s() + float(str(order["silence_s"]))
-    if "drop" in order:
-        server.drop(str(order["drop"]))
-    if order.get("protective_stop"):
+    for owner, names in ((server, ("deaf", "streams")), (controller, ("remote", "accepts_scripts"))):
+        for name in names:
+            if (wanted := getattr(order, name)) is not None:
+                setattr(owner, name, wanted)
+    if order.silence_s is not None:
+        server.silent_until_s = server.clock.monotonic_s() + order.silence_s
+    if order.drop is not None:
+        server.drop(order.drop)
+    if order.protective_stop:
         controller.protective_stop("asked for")
-    if order.get("emergency_stop"):
+    if order.emergency_stop:
         controller.emergency_stop()
-    if order.get("stop_program"):
+    if order.stop_program:
         controller.stop_program("asked for")
-    if order.get("unlock"):
+    if order.unlock:
         controller.unlock()
     return {
         "t_s": controller.t_s,
@@ -86,7 +111,7 @@ def main(settings: str, plane_m: float | None) -> None:
                 return
             *lines, pending = (pending + data).split(b"\n")
             for line in lines:
-                click.echo(json.dumps(obey(server, json.loads(line))))
+                click.echo(json.dumps(answered(server, line)))
     except KeyboardInterrupt:
         return
     finally:

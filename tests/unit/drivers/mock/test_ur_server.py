@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.mock.devices.ur_controller import rtde
+from drivers.mock.devices.ur_controller.__main__ import answered
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.rtde import Kind
 from drivers.mock.devices.ur_controller.server import (
@@ -170,3 +171,11 @@ def test_what_a_client_leaves_unread_is_sent_when_it_reads(bench: Bench) -> None
         if select.select([client], [], [], 0.0)[0]:
             answers += client.recv(65536)
     assert answers == rtde.version_reply([5, 11, 1, 108318]) * 10_000
+
+
+@pytest.mark.parametrize(
+    "line", [b"stop!", b"[]", b"[" * 9999, b'{"coffee": true}', b'{"drop": "all"}', b'{"silence_s": NaN}']
+)
+def test_an_order_that_is_none_is_refused_with_a_reason(bench: Bench, line: bytes) -> None:
+    assert answered(bench.server, line)["refused"]
+    assert answered(bench.server, b'{"stop_program": true}')["runtime"] == "STOPPED"
