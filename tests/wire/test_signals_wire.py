@@ -28,15 +28,15 @@ PATIENCE_S = 60.0
 
 
 class Started:
-    """A run as a process of its own, at a terminal or without one, on an emulator that lives on."""
+    """A run as a process of its own, at a terminal, on an emulator that lives on."""
 
-    def __init__(self, folder: Path, terminal: bool) -> None:
+    def __init__(self, folder: Path) -> None:
         profile = load_profile("emulated/transient", QUICK, table=Table())
         self.emulator = start_emulator(profile)
         self.out = folder / "runs"
         (folder / "bench.json").write_text(json.dumps(self.emulator.endpoints))
         (folder / "trials.csv").write_text("location,speed_m_s\nf,0.0025\n")
-        self.hand, keyboard = os.openpty() if terminal else (-1, os.open(os.devnull, os.O_RDONLY))
+        self.hand, keyboard = os.openpty()
         options = ["--endpoints", folder / "bench.json", "--trials", folder / "trials.csv", "--out", self.out]
         self.process = subprocess.Popen(
             [
@@ -61,8 +61,7 @@ class Started:
         if self.process.poll() is None:
             self.process.kill()
         self.process.communicate()
-        if self.hand >= 0:
-            os.close(self.hand)
+        os.close(self.hand)
         self.emulator.close()
 
     def moves(self) -> bool:
@@ -100,35 +99,29 @@ class Started:
 
 
 @pytest.fixture
-def started(tmp_path: Path) -> Iterator[Callable[..., Started]]:
-    runs: list[Started] = []
-
-    def start(*, terminal: bool = True) -> Started:
-        runs.append(Started(tmp_path, terminal))
-        return runs[-1]
-
-    yield start
-    for run in runs:
-        run.close()
+def run(tmp_path: Path) -> Iterator[Started]:
+    started = Started(tmp_path)
+    yield started
+    started.close()
 
 
-@pytest.mark.parametrize("terminal", [True, False])
-def test_ctrl_z_suspends_the_program_once_the_stage_stands_and_a_person_lets_it_go_on(
-    started: Callable[..., Started], terminal: bool
-) -> None:
-    run = started(terminal=terminal)
+def test_ctrl_z_suspends_the_program_once_the_stage_stands_and_it_is_paused_afterwards(run: Started) -> None:
     run.until(run.approaches)
+    for number in (
+        signal.SIGTTIN,
+        signal.SIGTTOU,
+    ):  # what a terminal sends into the background suspends nothing
+        run.process.send_signal(number)
     run.process.send_signal(signal.SIGTSTP)
     run.until(run.suspended)
     assert not run.moves()
     time.sleep(0.5)  # whatever was still on its way
     assert not run.moves()
     run.process.send_signal(signal.SIGCONT)
-    if terminal:
-        run.until(lambda: not run.suspended())
-        time.sleep(0.5)
-        assert not run.moves(), "it waits for Enter"
-        os.write(run.hand, b"\n")
+    run.until(lambda: not run.suspended())
+    time.sleep(0.5)
+    assert not run.moves(), "it waits for Enter"
+    os.write(run.hand, b"\n")
     assert run.ended() == (0, "")
     names = [event["event"] for event in run.events()]
     paused = names.index("Paused")
@@ -139,28 +132,13 @@ def test_ctrl_z_suspends_the_program_once_the_stage_stands_and_a_person_lets_it_
     assert [row["outcome"] for row in open_run(folder).trials] == ["contact"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM])
-def test_a_signal_that_ends_the_run_stops_the_stage_first(
-    started: Callable[..., Started], number: signal.Signals
-) -> None:
-    run = started()
+def test_ctrl_backslash_stops_the_stage_and_then_ends_the_run(run: Started) -> None:
     run.until(run.approaches)
-    run.process.send_signal(number)
-    code, errors = run.ended()
-    assert (code, errors) == (130, "interrupted: the bench is still\n")
+    run.process.send_signal(signal.SIGQUIT)
+    assert run.ended() == (130, "interrupted: the bench is still\n")
     assert not run.moves()
     (folder,) = run.out.iterdir()
     told = open_run(folder)
     assert told.manifest["exit"]["status"] == "aborted"
     assert [row["outcome"] for row in told.trials] == ["aborted"]
     assert told.events[-1]["event"] == "Standstill"
-
-
-def test_what_a_terminal_sends_to_a_program_in_the_background_suspends_nothing_that_moves(
-    started: Callable[..., Started],
-) -> None:
-    run = started()
-    run.until(run.approaches)
-    for number in (signal.SIGTTIN, signal.SIGTTOU):
-        run.process.send_signal(number)
-    assert run.ended() == (0, "")

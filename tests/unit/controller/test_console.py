@@ -121,11 +121,68 @@ def test_without_a_terminal_the_first_ctrl_c_aborts():
         assert operator.poll() == "abort"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_kill_and_a_closed_terminal_abort_at_once(keyboard, number):
     with Operator(keyboard.file) as operator:
         interrupt(number)
         assert operator.poll() == "abort"
+
+
+@pytest.fixture
+def stopped(monkeypatch):
+    """What the program would be stopped by, in place of being stopped, and the terminal's echo at that time."""
+    import termios
+
+    signals = []
+
+    def stop(thread, number):
+        echo = [bool(termios.tcgetattr(tty)[3] & termios.ECHO) for tty in stop.terminals]
+        signals.append((number, *echo))
+
+    stop.terminals = []
+    monkeypatch.setattr(signal, "pthread_kill", stop)
+    return stop, signals
+
+
+def test_ctrl_z_is_a_word_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard, stopped):
+    stop, signals = stopped
+    stop.terminals = [keyboard.file.fileno()]
+    with Operator(keyboard.file) as operator:
+        interrupt(signal.SIGTSTP)
+        assert [operator.poll(), operator.poll()] == ["suspend", None]
+        assert signals == [], "the loop says when"
+        keyboard.press()
+        operator.suspend()
+        assert signals == [(signal.SIGSTOP, True)], "the shell finds the terminal as it was"
+        assert operator.poll() is None, "an Enter from before is no word to go on"
+        keyboard.press()
+        assert [operator.poll(), operator.poll()] == ["resume", None]
+
+
+def test_without_a_terminal_whoever_lets_the_program_go_on_means_the_run_as_well(stopped):
+    with Path(os.devnull).open() as nothing, Operator(nothing) as operator:
+        interrupt(signal.SIGTSTP)
+        assert operator.poll() == "suspend"
+        operator.suspend()
+        assert [operator.poll(), operator.poll()] == ["resume", None]
+
+
+def test_in_the_background_the_keyboard_is_not_read(keyboard, monkeypatch):
+    monkeypatch.setattr(os, "tcgetpgrp", lambda descriptor: os.getpgrp() + 1)
+    with Operator(keyboard.file) as operator:
+        interrupt()
+        assert operator.poll() == "pause"
+        keyboard.press()
+        assert operator.poll() is None
+        monkeypatch.setattr(os, "tcgetpgrp", lambda descriptor: os.getpgrp())
+        assert operator.poll() == "resume"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTTIN, signal.SIGTTOU])
+def test_what_a_terminal_sends_into_the_background_suspends_nothing(keyboard, number):
+    with Operator(keyboard.file) as operator:
+        interrupt(number)
+        assert operator.poll() is None
 
 
 def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
