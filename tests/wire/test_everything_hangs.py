@@ -1,0 +1,250 @@
+"""Disk, CAN adapter, serial port, the arm's pipe and the output all hang while a trial runs: the loop makes its turns.
+
+They hang for the whole trial and not for a while: a loop that waited for one of them would never come to its end,
+whatever the machine's speed. Bench time is virtual, and only time that the loop's thread computes is measured.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, datetime
+from enum import Enum, auto
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from behaviors.machine import Behavior, StatePlan
+from config.verbs import say_at_once
+from controller.console import PlainConsole
+from controller.guard import Guard, GuardSettings
+from controller.loop import Loop, LoopSettings
+from controller.recording.recorder import Recorder
+from controller.recording.run_folder import RunFolder
+from controller.rig import Rig
+from drivers.can_frame import CanFrame
+from drivers.can_link import CanPort, open_can
+from drivers.clock import VirtualClock
+from drivers.links import open_serial
+from drivers.messages import DeviceInfo, Home, SampleBlock, Sent, Standstill, Stop, StreamInfo
+from drivers.protocols import Question
+from drivers.ur_arm.pipe import Pipe
+
+HANG_S = 5.0
+"""How long the trial lasts, in bench time: 1000 turns."""
+
+TURN_S = 0.02
+"""What the worst of these turns may take of the processor: the guard's own limit for a late loop is five times that."""
+
+
+def fill(descriptor: int) -> None:
+    """Until it takes nothing more."""
+    os.set_blocking(descriptor, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"\n" * 512)
+    os.set_blocking(descriptor, True)
+
+
+class Line:
+    """A pty at whose other end nobody reads."""
+
+    def __init__(self) -> None:
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self._slave)
+
+
+class Hung:
+    """A mover whose every turn sends something into what takes nothing."""
+
+    def __init__(self, name: str, clock: VirtualClock, send: Any) -> None:
+        self.name, self._clock, self._send = name, clock, send
+        self._statuses: list[Any] = []
+        self._turns = 0
+        self.stopped_s: float | None = None
+
+    def apply(self, command: Any) -> None:
+        self._send()
+        if isinstance(command, Stop):
+            self.stopped_s = self._clock.now()
+            self._statuses.append(Standstill(self._clock.now(), self.name, 0.0, command_id=command.id))
+
+    def read(self) -> list[SampleBlock]:
+        self._send()
+        self._turns += 1
+        values = np.zeros((1, 1))
+        return [SampleBlock(f"{self.name}.position", self._turns, self._clock.now(), values, 200.0, unit="m")]
+
+    def poll(self) -> list[Any]:
+        """An event a turn, for the record."""
+        statuses, self._statuses = self._statuses, []
+        return [*statuses, Sent(self._clock.now(), self.name, Home(self.name))]
+
+
+class Stay(Behavior):
+    """Keeps every mover on its way for five seconds."""
+
+    class States(Enum):
+        MOVING = auto()
+        DONE = auto()
+
+    initial = States.MOVING
+    final = frozenset({States.DONE})
+    table = ({"trigger": "deadline", "source": States.MOVING, "dest": States.DONE},)
+
+    def __init__(self, names: list[str]) -> None:
+        streams = frozenset(f"{name}.position" for name in names)
+        super().__init__({self.States.MOVING: StatePlan(HANG_S, measures=streams)})
+        self._names = names
+
+    def enter_MOVING(self) -> None:
+        for name in self._names:
+            self.command(Home(name))
+
+    def enter_DONE(self) -> None:
+        self.conclude("contact")
+
+
+class Bench:
+    """All that hangs, and what lets it go again."""
+
+    def __init__(self, root: Path) -> None:
+        self.clock = VirtualClock()
+        self.lines = [Line(), Line()]
+        self.can = open_can("gripper", CanPort(port=self.lines[0].path), self.clock)
+        self.serial = open_serial("stage", self.lines[1].path, 115_200, self.clock)
+        near, self._far = socket.socketpair(type=socket.SOCK_SEQPACKET)
+        self.pipe = Pipe(near)
+        self.refused = 0
+        self.devices = {
+            "gripper": Hung("gripper", self.clock, lambda: self.can.send(CanFrame(0x10, bytes(8)))),
+            "stage": Hung("stage", self.clock, lambda: self.serial.send(b"/1 1 move abs 1000\n" * 10)),
+            "arm": Hung("arm", self.clock, self._order),
+        }
+        self._make_recorder(root)
+        self._make_console()
+
+    def _order(self) -> None:
+        self.refused += not self.pipe.send(Home("arm"))
+
+    def _make_recorder(self, root: Path) -> None:
+        folder = RunFolder.create(root, "mock/hanging", datetime.now(UTC))
+        os.mkfifo(folder.events_path)
+        self.disk = os.open(folder.events_path, os.O_RDWR)
+        fill(self.disk)
+        streams = {name: StreamInfo(f"{name}.position", ("position",), "m") for name in self.devices}
+        self.recorder = Recorder(
+            folder, datetime.now(UTC), streams=streams, factors=(), measures=(), patient=True
+        )
+        self.recorder.begin_trial(1, {}, 0.0)
+
+    def _make_console(self) -> None:
+        self.screen, writing = os.pipe()
+        fill(writing)
+        self.output = os.fdopen(writing, "w")
+        self._asked = 0
+        self.console = PlainConsole(self._operator(), say_at_once)
+
+    def _operator(self) -> Any:
+        bench = self
+
+        class Asked:
+            """Has the console say a line at every turn."""
+
+            @property
+            def question(self) -> Question:
+                bench._asked += 1
+                return Question(bench._asked, "hang 0.50 N on bridge Fx, then press Enter")
+
+            def poll(self) -> None:
+                return None
+
+        return Asked()
+
+    def infos(self) -> dict[str, DeviceInfo]:
+        return {
+            name: DeviceInfo(
+                name,
+                "hangs",
+                mover=True,
+                streams={f"{name}.position": StreamInfo(f"{name}.position", ("position",), "m")},
+            )
+            for name in self.devices
+        }
+
+    def let_go(self) -> None:
+        """Read what was written, to its end."""
+        for descriptor in (self.disk, self.screen):
+            threading.Thread(target=self._drain, args=(descriptor,), daemon=True).start()
+        self.console.campaign_ended("")
+        self.recorder.close()
+        self.output.close()
+        self.can.close()
+        self.serial.close()
+        for line in self.lines:
+            line.close()
+        self.pipe.close()
+        self._far.close()
+
+    @staticmethod
+    def _drain(descriptor: int) -> None:
+        with suppress(OSError):
+            while os.read(descriptor, 65536):
+                pass
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(tmp_path)
+    yield made
+    made.let_go()
+
+
+def test_the_loop_makes_every_turn_and_every_stop_while_all_that_it_writes_to_hangs(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdout", bench.output)
+    guard = Guard(GuardSettings(travel_m=0.01, position_stream=None, force_stream=None))
+    settings = LoopSettings(rate_hz=200.0)
+    loop = Loop(
+        Rig("mock", bench.devices, bench.clock),  # type: ignore[arg-type]
+        bench.infos(),
+        guard,
+        bench.recorder,
+        bench.console,
+        settings,
+    )
+    turns: list[float] = []
+    turn = loop._turn
+
+    def timed(t_s: float, late_s: float) -> None:
+        begun_s = time.thread_time()
+        turn(t_s, late_s)
+        turns.append(time.thread_time() - begun_s)
+
+    loop._turn = timed  # type: ignore[method-assign]
+    loop.run(Stay(list(bench.devices)), {})
+    assert len(turns) == 1000
+    assert max(turns) < TURN_S
+    assert loop.account.unstill == []
+    stops_s = [device.stopped_s for device in bench.devices.values()]
+    assert stops_s == [pytest.approx(HANG_S)] * 3
+    # each of them hung indeed
+    assert "takes no frame" in str(bench.can.fault)
+    assert "takes no more bytes" in str(bench.serial.fault)
+    assert bench.refused > 100
+    assert len(bench.recorder._disk._queue) > 1000
+    assert bench.console._printer._lines.qsize() > 900
+    assert bench.recorder.failure is None
