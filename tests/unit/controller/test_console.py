@@ -128,38 +128,42 @@ def test_kill_and_a_closed_terminal_abort_at_once(keyboard, number):
         assert operator.poll() == "abort"
 
 
+class Stopper:
+    """In place of being stopped: what the program would be stopped by, and whether the terminal echoed by then."""
+
+    def __init__(self):
+        self.terminal = None
+        self.signals = []
+
+    def __call__(self, thread, number):
+        import termios
+
+        echoes = self.terminal and bool(termios.tcgetattr(self.terminal)[3] & termios.ECHO)
+        self.signals.append((number, echoes))
+
+
 @pytest.fixture
-def stopped(monkeypatch):
-    """What the program would be stopped by, in place of being stopped, and the terminal's echo at that time."""
-    import termios
-
-    signals = []
-
-    def stop(thread, number):
-        echo = [bool(termios.tcgetattr(tty)[3] & termios.ECHO) for tty in stop.terminals]
-        signals.append((number, *echo))
-
-    stop.terminals = []
-    monkeypatch.setattr(signal, "pthread_kill", stop)
-    return stop, signals
+def stopper(monkeypatch):
+    stopper = Stopper()
+    monkeypatch.setattr(signal, "pthread_kill", stopper)
+    return stopper
 
 
-def test_ctrl_z_is_a_word_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard, stopped):
-    stop, signals = stopped
-    stop.terminals = [keyboard.file.fileno()]
+def test_ctrl_z_is_a_word_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard, stopper):
+    stopper.terminal = keyboard.file.fileno()
     with Operator(keyboard.file) as operator:
         interrupt(signal.SIGTSTP)
         assert [operator.poll(), operator.poll()] == ["suspend", None]
-        assert signals == [], "the loop says when"
+        assert stopper.signals == [], "the loop says when"
         keyboard.press()
         operator.suspend()
-        assert signals == [(signal.SIGSTOP, True)], "the shell finds the terminal as it was"
+        assert stopper.signals == [(signal.SIGSTOP, True)], "the shell finds the terminal as it was"
         assert operator.poll() is None, "an Enter from before is no word to go on"
         keyboard.press()
         assert [operator.poll(), operator.poll()] == ["resume", None]
 
 
-def test_without_a_terminal_whoever_lets_the_program_go_on_means_the_run_as_well(stopped):
+def test_without_a_terminal_whoever_lets_the_program_go_on_means_the_run_as_well(stopper):
     with Path(os.devnull).open() as nothing, Operator(nothing) as operator:
         interrupt(signal.SIGTSTP)
         assert operator.poll() == "suspend"
