@@ -475,7 +475,11 @@ class Loop:
         self._suspending = False
         self._operator.suspend()
         rest(KEY_INTERVAL_S)  # the drivers' threads were suspended too, and take now what came meanwhile
-        self._turns = math.floor(self._clock.now() * self._settings.rate_hz)  # no turn was late
+        now_s = self._clock.now()
+        self._turns = math.floor(now_s * self._settings.rate_hz)  # no turn was late
+        # Nor was any stream silent: nobody was there.
+        self._guard.expect(frozenset(), now_s)
+        self._guard.expect(self._asked | self._heard, now_s)
 
     def _go_on(self, t_s: float) -> None:
         """End a pause, once what the movers say of it has been passed over.

@@ -223,7 +223,7 @@ class Bench:
         self.behavior = behavior or Approach()
         self.ear, self.guard = Ear(), Told(**limits)
         self.signals = ()
-        self.words, self.shown = [], []
+        self.words, self.shown, self.suspended = [], [], []
         self.recorded, self.kept, self.skipped = [], [], []
         self.failure = None
         self.settings = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=50.0)
@@ -247,13 +247,18 @@ class Bench:
                 return word
         return None
 
+    def suspend(self):
+        self.suspended.append((round(self.clock.now(), 6), sorted(self.loop._moving)))
+        self.clock.wait_until(self.clock.now() + 60.0)
+
     def state(self, name, t_s):
         self.shown.append((name, round(t_s, 6)))
 
     def run(self):
         devices = {"stage": self.stage, "other": self.other, "board": self.board}
         streams = {
-            name: StreamInfo(name, ("force",), "N", rate_hz=1000.0) for name in ("board.force", "board.load")
+            name: StreamInfo(name, ("force",), "N", rate_hz=1000.0, longest_s=0.05)
+            for name in ("board.force", "board.load")
         }
         infos = {
             "stage": DeviceInfo("stage", "a mover", mover=True),
@@ -824,6 +829,65 @@ def test_virtual_time_stands_still_while_a_paused_bench_waits_for_a_word(bench, 
     bench.run()
     assert rests == [loop_module.KEY_INTERVAL_S] * 3
     assert bench.loop.account.paused_s == pytest.approx(0.02), "until it stood"
+
+
+@pytest.fixture
+def restless(monkeypatch):
+    """What would be waited for in real time."""
+    rests = []
+    monkeypatch.setattr(loop_module, "rest", rests.append)
+    return rests
+
+
+def test_a_suspension_stops_every_mover_and_waits_until_the_last_one_stands(bench, restless):
+    bench.words = [("suspend", 0.15), ("resume", 50.0)]
+    bench.other.brake_s = 0.2
+    bench.run()
+    assert bench.stops[:2] == [(0.15, Stop("stage")), (0.15, Stop("other"))]
+    assert bench.shown[2] == ("PAUSED", 0.15)
+    assert bench.suspended == [(0.35, [])]
+    resumed = next(event for event in bench.loop.events if isinstance(event, Resumed))
+    assert resumed.t_s >= 0.35, "it is paused yet when it goes on"
+    assert bench.behavior.outcome == "contact"
+    assert loop_module.KEY_INTERVAL_S in restless
+
+
+def test_a_suspension_is_no_turn_that_was_late(bench, restless):
+    bench.clock = Late(float("inf"), 0.0, virtual=False)
+    bench.words = [("suspend", 0.15), ("resume", 60.5)]
+    bench.run()
+    assert len(bench.suspended) == 1
+    assert bench.loop.account.overruns == 0
+    assert bench.loop.account.paused_s > 60.0
+
+
+def test_no_stream_was_silent_while_the_program_was_suspended(bench, restless):
+    bench.clock = Late(float("inf"), 0.0, virtual=False)
+    bench.behavior = Approach(resting=frozenset({"board.force"}))
+    bench.words = [("suspend", 0.05), ("resume", 60.3)]
+    read = bench.board.read
+    bench.board.read = lambda: (
+        [] if 60.0 < bench.clock.now() < 60.2 else read()
+    )  # it begins again after a while
+    bench.run()
+    assert bench.behavior.outcome == "contact"
+
+
+def test_a_paused_bench_can_be_suspended_as_often_as_one_likes(bench, restless):
+    bench.words = [("pause", 0.15), ("suspend", 0.2), ("suspend", 10.0), ("resume", 100.0)]
+    bench.clock = Late(float("inf"), 0.0, virtual=False)
+    bench.run()
+    assert [moving for _, moving in bench.suspended] == [[], []]
+    assert len([event for event in bench.loop.events if isinstance(event, Paused)]) == 1
+    assert bench.behavior.outcome == "contact"
+
+
+def test_a_suspension_from_before_the_trial_comes_before_anything_moves(bench, restless):
+    bench.words = [("suspend", 0.0), ("resume", 60.0)]
+    bench.run()
+    assert bench.suspended == [(0.0, [])]
+    assert bench.told(MoveTo)[0][0] > 60.0
+    assert bench.shown[0] == ("PAUSED", 0.0)
 
 
 def test_an_abort_stops_every_mover_and_then_listens_to_nothing(bench):
