@@ -152,7 +152,9 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
 @cli.command(cls=Verb, short_help="Run an experiment, write a run folder and its report.")
 @click.argument("profile")
 @set_option
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of order and noise.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Of order and noise."
+)
 @click.option(
     "--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file: a factor a column."
 )
@@ -464,7 +466,11 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
         return None
     try:
         endpoints = json.loads(path.read_text(encoding="utf-8"))
-        endpoints["devices"]
+        host, port = endpoints["control"]["host"], endpoints["control"]["port"]
+        if not (isinstance(host, str) and isinstance(port, int) and 0 < port < 65_536):
+            raise ValueError
+        if not all(isinstance(where, dict) for where in dict(endpoints["devices"]).values()):
+            raise ValueError
     except (OSError, ValueError, KeyError, TypeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not the line that `run.py emulate` prints"
         raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None

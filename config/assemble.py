@@ -283,6 +283,13 @@ class Table:
         """A fault that a simulated device shows."""
         return _settings("drivers.mock.faults:Fault")
 
+    def faults_of(self, driver: str, port: str) -> Collection[str]:
+        """What a driver's mock, or its emulated twin, can show; a real device breaks by itself."""
+        from drivers.mock.faults import SHOWN
+
+        mock, emulated = SHOWN[driver]
+        return {"mock": mock, "emulated": emulated}.get(port, frozenset())
+
 
 def _settings(name: str) -> type[Settings]:
     settings: type[Settings] = found(name)
@@ -361,7 +368,7 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
     """What the emulator's process is told of a profile.
 
     Raises:
-        ProfileError: the profile has no emulated device, or a fault that the wire does not know.
+        ProfileError: the profile has no emulated device.
     """
     from config.source import ProfileError
 
@@ -369,11 +376,6 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
         raise ProfileError(
             f'{profile.name}: no device has port = "emulated"; try emulated/{profile.experiment}'
         )
-    for number, fault in enumerate(profile.faults, start=1):
-        if fault.kind == "full_scale":
-            raise ProfileError(
-                f"{profile.name}: faults, number {number}: full_scale is for the mock bench alone"
-            )
     plant = PLANTS[profile.plant.kind]
     return {
         "plant": {

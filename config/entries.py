@@ -62,6 +62,9 @@ class SettingsTable(Protocol):
     def fault_settings(self) -> type[Settings]:
         """A fault of a simulated device."""
 
+    def faults_of(self, driver: str, port: str) -> Collection[str]:
+        """Kinds of faults that a driver's simulated device can show; the port tells mock from emulated."""
+
 
 @dataclass(frozen=True)
 class DeviceEntry:

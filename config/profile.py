@@ -144,6 +144,11 @@ class Profile:
         if section not in TRIAL_SECTIONS:
             hint = did_you_mean(section, TRIAL_SECTIONS) or f"a trial may change {', '.join(TRIAL_SECTIONS)}"
             raise ProfileError(f"{self._where(trial, name)}: not for a trial to change; {hint}")
+        if section == "plant" and rest == ["kind"]:
+            raise ProfileError(
+                f"{self._where(trial, name)}: the devices are wired to one plant for the whole run;"
+                " make a profile for each"
+            )
         known = {"detectors": self.detectors, "signals": self.signals}.get(section)
         if known is not None and rest[0] not in known:
             hint = near_or_all(rest[0], known)
@@ -209,7 +214,7 @@ def _validated(source: Source, table: SettingsTable) -> Profile:
     title, description = sections.text("title"), sections.text("description")
     devices, signals, detectors = sections.devices(), sections.signals(), sections.detectors()
     limits, loop = sections.limits(), sections.loop()
-    plant, faults = sections.plant(bench), sections.faults(bench)
+    plant, faults = sections.plant(bench), sections.faults(bench, devices)
     trials = sections.trials()
     experiment = sections.experiment()
     behavior = sections.behavior(experiment) if experiment else None

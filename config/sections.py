@@ -269,8 +269,8 @@ class Sections:
         settings = named and self._settings(self._table.plant_settings(named), table, ("plant",))
         return PlantEntry(named, settings) if named and settings else None
 
-    def faults(self, bench: Bench) -> tuple[Any, ...]:
-        """What goes wrong on purpose, on a simulated bench."""
+    def faults(self, bench: Bench, devices: Mapping[str, DeviceEntry]) -> tuple[Any, ...]:
+        """What goes wrong on purpose, on a simulated bench: each of a kind that its device can show."""
         listed = self._source.data.get("faults", [])
         if not isinstance(listed, list) or not all(isinstance(fault, dict) for fault in listed):
             self._say((), "faults", f" = {shown(listed)}: must be tables, each under [[faults]]")
@@ -283,7 +283,17 @@ class Sections:
             fault = self._settings(self._table.fault_settings(), table, ("faults", str(number)))
             if fault:
                 faults.append(fault)
+                self._check_shown(fault, devices, ("faults", str(number)))
         return tuple(faults)
+
+    def _check_shown(self, fault: Any, devices: Mapping[str, DeviceEntry], path: KeyPath) -> None:
+        entry = devices.get(fault.device)
+        if entry is None:
+            return
+        kinds = self._table.faults_of(entry.driver, entry.port)
+        if fault.kind not in kinds:
+            has = f"it can show {', '.join(sorted(kinds))}" if kinds else "it is no simulated device"
+            self._say(path, "kind", f" = {shown(fault.kind)}: {fault.device} never shows it; {has}")
 
     def trials(self) -> TrialsSettings | None:
         """Which trials; what their factors mean is for the experiment to say."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import date, datetime, time
 from pathlib import Path
@@ -21,6 +22,8 @@ PROFILES = Path(__file__).resolve().parent / "profiles"
 Bench = Literal["mock", "emulated", "hardware"]
 Table = dict[str, Any]
 KeyPath = tuple[str, ...]
+
+TOO_DEEP = "tables and lists are nested deeper than anybody means; a profile has four levels"
 
 ABSENT = "none"
 """What a device is that a bench does not have, though one that it extends has it."""
@@ -167,18 +170,33 @@ def _nested(overrides: Mapping[str, str]) -> Table:
         if not all(dotted.split(".")):
             raise ProfileError(f"--set: '{dotted}' is no key; write for example --set limits.force_n=1.5")
     try:
-        return nest((dotted, toml_value(text)) for dotted, text in overrides.items())
+        return nest((dotted, _given(dotted, text)) for dotted, text in overrides.items())
     except ProfileError as error:
         raise ProfileError(f"--set: {error}") from None
+
+
+def _given(dotted: str, text: str) -> Any:
+    try:
+        return toml_value(text)
+    except ProfileError as error:
+        raise ProfileError(f"{dotted} = {error}") from None
 
 
 def toml_value(text: str) -> Any:
     """A TOML value, or the text itself where it is none, so that words need no quotes."""
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except RecursionError:
+        raise ProfileError(f"{_short(text)}: {TOO_DEEP}") from None
+    except ValueError:
         return text
+    for _, _, reason in _unusable(parsed):
+        raise ProfileError(f"{_short(text)}: {reason}")
     return parsed["value"] if set(parsed) == {"value"} else text
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def _collect(path: Path, below: tuple[Path, ...], files: dict[Path, Table]) -> None:
@@ -203,22 +221,25 @@ def _locate(name: str, extending: Path | None) -> Path:
     """The file that a name means: under config/profiles, else beside the extending file or here."""
     folder = extending.parent if extending else Path()
     for path in (PROFILES / f"{name}.toml", folder / name, folder / f"{name}.toml"):
-        if name and path.is_file():
-            return path.resolve()
+        with suppress(OSError):  # a name that no file system holds
+            if name and path.is_file():
+                return path.resolve()
     where = f"{_shown(extending)}: extends = {name!r}: " if extending else ""
     advice = did_you_mean(name, profile_names()) or "see: run.py list"
-    raise ProfileError(f"{where}no profile '{name}'; {advice}")
+    raise ProfileError(f"{where}no profile '{_short(name)}'; {advice}")
 
 
 def _read(path: Path) -> Table:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except RecursionError:
+        raise ProfileError(f"{_shown(path)}: {TOO_DEEP}") from None
+    except UnicodeDecodeError as error:
+        raise ProfileError(f"{_shown(path)}: byte {error.start}: no UTF-8, so no TOML") from None
+    except ValueError as error:  # no TOML, or a whole number of thousands of digits
         reason, _, place = str(error).rpartition(" (at ")
         place = place.rstrip(")") or "end of document"
         raise ProfileError(f"{_shown(path)}: {place}: no TOML: {reason or error}") from None
-    except UnicodeDecodeError as error:
-        raise ProfileError(f"{_shown(path)}: byte {error.start}: no UTF-8, so no TOML") from None
     except OSError as error:
         raise ProfileError(f"{_shown(path)}: cannot be read: {error.strerror}") from None
     unusable = [
@@ -256,6 +277,7 @@ def _join(
     for key, value in top.items():
         here = (*path, key)
         before = joined.get(key)
+        origins.pop(here, None)
         if not isinstance(value, dict):
             _forget(origins, here)
             joined[key], origins[here] = value, label
@@ -264,6 +286,8 @@ def _join(
             _forget(origins, here)
             before = {}
         joined[key] = _join(before, value, here, label, origins)
+        if not value:  # a table that says nothing has been written all the same
+            origins[here] = label
     return joined
 
 

@@ -13,9 +13,9 @@ import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from config.source import ProfileError, flatten
 from drivers.settings import Settings
@@ -28,6 +28,9 @@ def _plain(value: Any) -> Any:
         raise ValueError("must be a number, a word, true or false")
     return value
 
+
+TRIALS_MAX = 100_000
+"""Most trials of one run. Assumption: a trial of a second each would take more than a day."""
 
 PlainValue = Annotated[Any, AfterValidator(_plain)]
 
@@ -46,6 +49,17 @@ class TrialsSettings(Settings):
 
     grid: dict[str, tuple[PlainValue, ...]] = Field(default_factory=dict)
     """Values of factors that are crossed with each other and with every row; the last one varies fastest."""
+
+    @model_validator(mode="after")
+    def _countable(self) -> Self:
+        count = self.repeats * len(self.list) * math.prod(len(values) for values in self.grid.values())
+        if count > TRIALS_MAX:
+            crossed = " x ".join(str(len(values)) for values in self.grid.values()) or "no grid"
+            raise ValueError(
+                f"{count} trials (list of {len(self.list)}, grid of {crossed}, {self.repeats} repeats):"
+                f" a run has {TRIALS_MAX} at the most; vary less, or divide it into several profiles"
+            )
+        return self
 
 
 @dataclass(frozen=True)

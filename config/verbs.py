@@ -29,6 +29,10 @@ class Program(click.Group):
         """Run, and end the process with the exit code."""
         _open_standard_streams()
         try:
+            given = args[0] if args else extra.get("args")
+            for argument in sys.argv[1:] if given is None else given:
+                if not argument.isprintable() and any(0xDC80 <= ord(letter) <= 0xDCFF for letter in argument):
+                    raise click.UsageError(f"{argument!a} is no UTF-8 text")
             code = super().main(*args, **{**extra, "standalone_mode": False})
         except click.exceptions.NoArgsIsHelpError as error:
             click.echo(error.format_message())

@@ -16,6 +16,10 @@ from drivers.settings import Settings
 
 Floats = NDArray[np.float64]
 
+NOISE_SIGMA = 8.0
+"""A threshold that is not set is so many times the noise of the running mean at rest. Assumption: half a second knows
+its noise to a seventh, and six sigma never happen in a day."""
+
 
 class ForceThresholdSettings(Settings):
     """When a force is called contact."""
@@ -33,9 +37,9 @@ class ForceThresholdSettings(Settings):
     """Length of the running mean that is held against the threshold, s. Assumption: shorter than anyone's reaction,
     long enough to quiet an arm's own force sensor."""
 
-    threshold: float = Field(default=0.3, gt=0.0, le=1e6)
+    threshold: float | None = Field(default=None, gt=0.0, le=1e6)
     """Distance from the level at rest that means contact, in the input's unit; that of the vector where several
-    channels are heard."""
+    channels are heard. None takes it from the noise of the baseline."""
 
     release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
     """Share of the threshold below which the contact has ended."""
@@ -45,15 +49,16 @@ class ForceThresholdDetector:
     """Contact while the running mean is farther from the baseline than a threshold.
 
     It says `BaselineReady` once the level at rest is known (`value`: how far a running mean was from it at most),
-    `BaselineRefused` where a value was not finite, then `Contact` and `ContactLost` in turn. A gap begins a new
-    running mean; samples that are not finite are left out of it.
+    `BaselineRefused` where that is more than the threshold, something was not finite or nothing moved that a threshold
+    could be taken from, then `Contact` and `ContactLost` in turn. A gap begins a new running mean; samples that are not
+    finite are left out of it.
 
     Args:
         name: In the profile.
         settings: Of the detector.
 
     Example:
-        >>> detector = ForceThresholdDetector("touch", ForceThresholdSettings(baseline_s=0.1))
+        >>> detector = ForceThresholdDetector("touch", ForceThresholdSettings(baseline_s=0.1, threshold=0.3))
         >>> force_n = np.concatenate([np.zeros(200), np.ones(50)])[:, None]
         >>> [round(e.t_s, 3) for e in detector.push(SampleBlock("board.fingertip", 0, 0.0, force_n, rate_hz=1000.0))]
         [0.099, 0.206]
@@ -69,6 +74,7 @@ class ForceThresholdDetector:
         """Forget level and contact."""
         self._waiting: Floats | None = None
         self._level: Floats | None = None
+        self._threshold = math.nan if self.settings.threshold is None else self.settings.threshold
         self._refused = False
         self._next_seq: int | None = None
         self._tail: Floats | None = None
@@ -118,17 +124,34 @@ class ForceThresholdDetector:
         self._waiting = np.concatenate([had, values[:taken]])
         if len(self._waiting) < wanted:
             return taken, []
-        t_s, threshold = float(times_s[taken - 1]), self.settings.threshold
-        if not np.isfinite(self._waiting).all():
-            self._refused = True
-            reason = "a value of the baseline is not finite"
-            return taken, [BaselineRefused(t_s, self.name, math.nan, threshold, reason)]
-        self._level = self._waiting.mean(axis=0)
-        size = min(self._size(rate_hz), wanted)
-        means = _running(self._waiting, size)
-        worst = float(np.linalg.norm(means - self._level, axis=1).max())
+        t_s, samples = float(times_s[taken - 1]), self._waiting
         self._waiting = None
-        return taken, [BaselineReady(t_s, self.name, worst, threshold)]
+        level, worst = samples[0], math.nan
+        if np.isfinite(samples).all():
+            level = samples.mean(axis=0)
+            distances = np.linalg.norm(_running(samples, min(self._size(rate_hz), wanted)) - level, axis=1)
+            worst = float(distances.max())
+            if self.settings.threshold is None:
+                self._threshold = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
+        reason = self._unfit(worst)
+        if reason:
+            self._refused = True
+            return taken, [BaselineRefused(t_s, self.name, worst, self._threshold, reason)]
+        self._level = level
+        return taken, [BaselineReady(t_s, self.name, worst, self._threshold)]
+
+    def _unfit(self, worst: float) -> str:
+        """Why there is no level at rest; "" where there is one."""
+        if not math.isfinite(worst):
+            return "a value of the baseline is not finite"
+        if self._threshold == 0.0:
+            return "the baseline has no noise that a threshold could be taken from; set threshold"
+        if worst > self._threshold:
+            return (
+                f"the baseline is not at rest: a mean of {self.settings.average_s:g} s is {worst:.4g} from its level,"
+                f" the threshold is {self._threshold:.4g}; is something touching, or the threshold below the noise?"
+            )
+        return ""
 
     def _follow(self, level: Floats, values: Floats, times_s: Floats, rate_hz: float) -> list[Detected]:
         size, settings = self._size(rate_hz), self.settings
@@ -142,14 +165,12 @@ class ForceThresholdDetector:
         distances = np.linalg.norm(_running(joined, size) - level, axis=1)
         times_s = times_s[len(times_s) - len(distances) :]
         events: list[Detected] = []
-        deciding = (distances > settings.threshold) | (
-            distances <= settings.release_ratio * settings.threshold
-        )
+        deciding = (distances > self._threshold) | (distances <= settings.release_ratio * self._threshold)
         for i in np.flatnonzero(deciding):
-            if (distances[i] > settings.threshold) != self._touching:
+            if (distances[i] > self._threshold) != self._touching:
                 self._touching = not self._touching
                 kind = Contact if self._touching else ContactLost
-                events.append(kind(float(times_s[i]), self.name, float(distances[i]), settings.threshold))
+                events.append(kind(float(times_s[i]), self.name, float(distances[i]), self._threshold))
         return events
 
     def _size(self, rate_hz: float) -> int:

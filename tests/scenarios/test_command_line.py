@@ -50,6 +50,29 @@ def test_list_shows_drivers_and_detectors(verb):
     assert "resonance.paper" in verb("list", "--detectors")[1]
 
 
+def test_an_argument_that_is_no_text_is_refused_in_one_line(verb):
+    code, _, err = verb("check", "mock/transient", "--set", "title=\udcff")
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "is no UTF-8 text" in err
+
+
+@pytest.mark.parametrize(
+    "said", ["3", '{"devices": {}}', '{"devices": 3, "control": {"host": "x", "port": 1}}']
+)
+def test_endpoints_that_no_emulator_printed_are_refused(verb, tmp_path, said):
+    (tmp_path / "bench.json").write_text(said)
+    code, _, err = verb("run", "emulated/transient", "--endpoints", tmp_path / "bench.json")
+    assert code == 2
+    assert "not the line that `run.py emulate` prints" in err
+
+
+def test_a_seed_beyond_64_bits_is_refused_before_anything_is_opened(verb):
+    code, _, err = verb("run", "mock/transient", "--seed", str(2**63))
+    assert code == 2
+    assert "--seed" in err
+
+
 def test_list_loads_nothing_heavy():
     code = (
         "import sys\nfrom run import cli\ntry:\n    cli.main(['list'])\nexcept SystemExit:\n    pass\n"

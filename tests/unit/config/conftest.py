@@ -106,6 +106,9 @@ class FakeTable:
     def fault_settings(self) -> type[Settings]:
         return FaultSettings
 
+    def faults_of(self, driver: str, port: str) -> tuple[str, ...]:
+        return ("unplug", "stall") if port == "mock" and driver == "zaber_stage" else ("unplug",)
+
 
 BENCH = """
 [devices.stage]

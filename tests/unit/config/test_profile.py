@@ -370,3 +370,66 @@ kind = "scaled"
     profile = load_profile("heard.toml", table=table)
     changed = profile.for_trial(Trial(1, {"speed_m_s": 0.004, "signals.near.gamma": 5.0}))
     assert changed.signals["near"].settings.gamma == 5.0
+
+
+def test_a_fault_that_its_device_never_shows_is_refused_with_those_that_it_does(write, table):
+    board = '[{ device = "board", kind = "stall", at_s = 1 }]'
+    more = {"devices.board.driver": "sensor_board", "devices.board.port": "mock"}
+    (said,) = refusal(table, overrides={**more, "faults": board})
+    assert said == '--set: [faults #1] kind = "stall": board never shows it; it can show unplug'
+    shown = board.replace("stall", "unplug")
+    assert load_profile("touch.toml", {**more, "faults": shown}, table=table).faults[0].kind == "unplug"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("limits.force_n", "07:00:00", "--set: limits.force_n = 07:00:00: is a date or a time of day"),
+        ("limits.force_n", "nan", "--set: limits.force_n = nan: must be finite"),
+        ("limits.force_n", "1" * 5000, "--set: [limits] force_n = "),
+        (
+            "limits.force_n",
+            "[" * 2000,
+            "--set: limits.force_n = [[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[...: tables",
+        ),
+        (
+            "trials.list",
+            '[{ speed_m_s = 0.004, plant.kind = "slip" }]',
+            "--set: [trials] list row 1: plant.kind: ",
+        ),
+    ],
+)
+def test_what_no_setting_can_be_is_refused_in_one_line(write, table, key, value, said):
+    (line,) = refusal(table, overrides={key: value})
+    assert line.startswith(said)
+    assert "\n" not in line
+
+
+def test_more_trials_than_a_run_can_have_are_counted_before_they_are_built(write, table):
+    values = "[" + ",".join(str(0.001 + 1e-6 * i) for i in range(400)) + "]"
+    grid = "{ speed_m_s = " + values + ", location = " + values + ", plant.noise_scale = " + values + "}"
+    (line,) = refusal(table, overrides={"trials.grid": grid, "trials.list": "[{}]"})
+    assert (
+        "64000000 trials (list of 1, grid of 400 x 400 x 400, 1 repeats): a run has 100000 at the most"
+        in line
+    )
+
+
+def test_a_name_that_no_file_system_holds_is_no_profile(table):
+    with pytest.raises(ProfileError, match=r"no profile 'aaaaaaaa.*\.\.\.'"):
+        load_profile("a" * 300, table=table)
+
+
+def test_a_file_with_a_byte_order_mark_is_read(write, table):
+    write("marked.toml", "\ufeff" + 'extends = "touch"\n[limits]\nforce_n = 1.5\n')
+    assert load_profile("marked.toml", table=table).limits.force_n == 1.5
+
+
+def test_a_file_nested_deeper_than_anybody_means_is_refused(write, table):
+    write("deep.toml", "a = " + "[" * 3000)
+    assert refusal(table, "deep.toml")[0].startswith("deep.toml: tables and lists are nested deeper")
+
+
+def test_what_an_empty_table_lacks_is_blamed_on_the_file_that_wrote_it(write, table):
+    write("empty.toml", 'extends = "touch"\n[detectors.second]\n')
+    assert refusal(table, "empty.toml")[0].startswith("empty.toml: [detectors.second] kind is missing")

@@ -89,3 +89,30 @@ def test_a_channel_that_is_not_there_and_a_stream_without_a_rate_are_one_clear_l
     irregular = SampleBlock("board.period", 0, 0.0, np.zeros((2, 1)), times_s=np.array([0.0, 0.1]))
     with pytest.raises(ValueError, match="irregular times"):
         detector().push(irregular)
+
+
+def test_a_baseline_in_contact_is_refused_with_the_reason_and_nothing_is_told_after_it():
+    values = np.concatenate([np.zeros(50), np.full(150, 131.0), np.zeros(200)])
+    (refused,) = detector().push(block(values))
+    assert isinstance(refused, BaselineRefused)
+    assert refused.value > 60.0
+    assert refused.reason.startswith("the baseline is not at rest: a mean of 0.01 s is ")
+    assert "the threshold is 1; is something touching" in refused.reason
+
+
+def test_a_threshold_that_is_not_set_is_taken_from_the_noise_of_the_baseline():
+    rng = np.random.default_rng(5)
+    noise = 0.01 * rng.standard_normal(60_000)
+    told = detector(threshold=None, baseline_s=0.5)
+    (ready,) = told.push(block(noise))
+    assert isinstance(ready, BaselineReady), "a minute of noise is no contact"
+    assert ready.threshold == pytest.approx(8.0 * 0.01 / np.sqrt(10.0), rel=0.3)
+    (contact,) = told.push(block(np.full(20, 0.05), seq=60_000))
+    assert isinstance(contact, Contact)
+    assert contact.threshold == ready.threshold
+
+
+def test_a_baseline_without_noise_gives_no_threshold():
+    (refused,) = detector(threshold=None).push(block(np.zeros(400)))
+    assert isinstance(refused, BaselineRefused)
+    assert "set threshold" in refused.reason
