@@ -2,7 +2,7 @@
 
 import pytest
 
-from config.assemble import Table, build_rig
+from config.assemble import Table, build_rig, start_emulator
 from config.profile import load_profile
 from controller.rig import TrialScene
 from tests.contracts.device_suite import Bench, DeviceContract
@@ -11,10 +11,18 @@ from tests.contracts.device_suite import Bench, DeviceContract
 class _WireBench:
     profile = "emulated/transient"
 
+    @pytest.fixture(scope="class")
+    @classmethod
+    def emulator(cls):
+        """One for all tests, as a real bench is: each finds the devices as the one before it closed them."""
+        emulator = start_emulator(load_profile(cls.profile, table=Table()))
+        yield emulator
+        emulator.close()
+
     @pytest.fixture
-    def bench(self):
+    def bench(self, emulator):
         profile = load_profile(self.profile, table=Table())
-        rig = build_rig(profile)
+        rig = build_rig(profile, emulator.endpoints)
         try:
             rig.clock.restart()
             rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
