@@ -199,13 +199,22 @@ class Arm:
 
 
 def _check(joints: Array, speeds: Array, twist: Array) -> None:
-    # not a number is beyond every limit
-    if not float(np.abs(joints).max()) <= arm.JOINT_LIMIT_RAD:
+    if not _within(joints, arm.JOINT_LIMIT_RAD):
         raise LimitError("a joint is at its limit")
-    if not float(np.abs(speeds).max()) <= arm.JOINT_SPEED_RAD_S * _SPEED_SLACK:
+    if not _within(speeds, arm.JOINT_SPEED_RAD_S * _SPEED_SLACK):
         raise LimitError("a joint is too fast")
-    if not float(np.linalg.norm(twist[:3])) <= TOOL_SPEED_M_S * _SPEED_SLACK:
+    if not _length(twist[:3]) <= TOOL_SPEED_M_S * _SPEED_SLACK:
         raise LimitError("the tool is too fast")
+
+
+def _within(values: Array, limit: float) -> bool:
+    """Whether none is beyond a limit; what is not a number is."""
+    return all(abs(value) <= limit for value in values.tolist())
+
+
+def _length(vector: Array) -> float:
+    # of three numbers: numpy takes ten times as long
+    return math.hypot(*vector.tolist())
 
 
 class Still(Motion):
@@ -418,7 +427,7 @@ def _toward(target: Array, twist: Array, most: float) -> Array:
     """A twist that comes closer to another: translation and turn change by at most so much each."""
     change = target - twist
     for part in (slice(0, 3), slice(3, 6)):
-        change[part] *= _share(float(np.linalg.norm(change[part])), most)
+        change[part] *= _share(_length(change[part]), most)
     return twist + change
 
 

@@ -6,6 +6,7 @@ was at hand.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
@@ -196,7 +197,7 @@ class UrController:
         except LimitError as error:
             self.protective_stop(str(error))
         self._feel()
-        force_n = float(np.linalg.norm(self._touch[:3]))
+        force_n = math.hypot(*self._touch[:3].tolist())
         if force_n > self.settings.force_limit_n and self.safety is Safety.NORMAL:
             self.protective_stop(f"{force_n:.0f} N on the tool, above {self.settings.force_limit_n:g} N")
 
@@ -273,13 +274,18 @@ class UrController:
 
         Args:
             direction: Of the tool's motion, base frame; zeros take a contact from any side.
+
+        Raises:
+            ValueError: that is no direction.
         """
         toward = np.asarray(direction[:3], dtype=np.float64)
-        length = float(np.linalg.norm(toward))
+        length = math.hypot(*toward.tolist())
+        if not length < math.inf:
+            raise ValueError(f"a contact from {toward}")
         against: Callable[[Array], float] = (
             (lambda force: -float(force @ toward) / length)
             if length
-            else (lambda force: float(np.linalg.norm(force)))
+            else (lambda force: math.hypot(*force.tolist()))
         )
         if not self._history or against(self._history[-1].force_n) < self.settings.contact_n:
             return 0
