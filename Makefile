@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test check format bench soak-test lock diagrams clean
+.PHONY: run test mutants check format bench soak-test lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
 	$(BIN)/python run.py run mock/transient --no-report
@@ -15,12 +15,16 @@ test: .venv/dev.stamp           ## the tests; what they need is compiled before
 	$(BIN)/python -m config.precompile
 	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder --durations=15
 
+mutants: .venv/dev.stamp        ## what small changes the unit tests let pass: guard, loop, stop paths, codecs; goes on where it was
+	nice -n 15 $(BIN)/mutmut run
+	$(BIN)/mutmut results
+
 check: .venv/dev.stamp          ## format, lint, types, import layers; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'benchmarks|config|controller|behaviors|drivers|tests' \
+	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'benchmarks|config|controller|behaviors|drivers|tests|mutants' \
 		|| { echo "a new room: give it a place in the layers in pyproject.toml, and here"; exit 1; }
 
 format: .venv/dev.stamp         ## put code into its format
@@ -53,5 +57,5 @@ lock:                           ## new pins from requirements/*.in (needs uv)
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -c requirements/run.txt -o requirements/sound.txt requirements/sound.in
 
 clean:                          ## all that was made here, runs excepted
-	rm -rf .venv .mypy_cache .ruff_cache
+	rm -rf .venv .mypy_cache .ruff_cache mutants
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

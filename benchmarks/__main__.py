@@ -7,6 +7,7 @@ BENCHMARKS = {
     "loop": "benchmarks.loop",
     "stop": "benchmarks.stop_latency",
     "resume": "benchmarks.resume_kills",
+    "left_alone": "benchmarks.left_alone",
     "physics": "benchmarks.physics.run",
     "chain": "benchmarks.chain.run",
     "slip": "benchmarks.slip.run",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -27,8 +27,8 @@ from drivers.messages import (
 )
 from drivers.mock.devices.board_channels import Source
 from drivers.mock.faults import FaultSchedule
+from drivers.sensor_board.commands import BoardLimits, mine, tendon_um
 from drivers.sensor_board.streams import stream_info
-from drivers.settings import Settings
 
 INT32 = np.iinfo(np.int32)
 
@@ -37,8 +37,8 @@ class BoardBench(Source, Protocol):
     """A bench with a board's sensors on it."""
 
 
-class MockSensorBoardSettings(Settings):
-    """The mock board."""
+class MockSensorBoardSettings(BoardLimits):
+    """The mock board: the real one's limits, without its link."""
 
     block_samples: int = Field(default=64, ge=1, le=65536)
     """Longest block that `read` hands out; what has arrived is cut into blocks of at most this length."""
@@ -102,14 +102,15 @@ class MockSensorBoard:
         Raises:
             CommandError: not for this board, or not finite.
         """
-        now_s = self._clock.now()
+        command, now_s = mine(self.name, command), self._clock.now()
         if isinstance(command, Listen):
             self._listen(command, now_s)
             return Applied(command, now_s)
         self._bench.advance(now_s, self._heard)
         if isinstance(command, Excite):
             self._bench.excite(command.on)
-        elif isinstance(command, SetTendon) and math.isfinite(command.position_m):
+        elif isinstance(command, SetTendon):
+            command = replace(command, position_m=tendon_um(self.name, self._settings, command) * 1e-6)
             self._bench.set_tendon(command.position_m)
         elif isinstance(command, Tare) and command.stream.partition(".")[2] in self._infos:
             self._tare(command.stream.partition(".")[2], now_s)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from drivers.clock import Clock
-from drivers.errors import CommandError, PortError, ProtocolError
+from drivers.errors import PortError, ProtocolError
 from drivers.links import SerialLink, open_serial
 from drivers.messages import (
     Applied,
@@ -21,6 +21,7 @@ from drivers.messages import (
     Tare,
 )
 from drivers.sensor_board.codec import Code
+from drivers.sensor_board.commands import mine, tendon_um, wrong
 from drivers.sensor_board.dialogue import TURN_S, identify
 from drivers.sensor_board.framing import FrameDecoder
 from drivers.sensor_board.session import SensorBoardSettings, Session
@@ -143,13 +144,12 @@ class SensorBoard:
 
     def _translated(self, command: Command) -> tuple[Code, int | None, Command]:
         """Code and argument of a command, and the command as the board will see it."""
-        if command.device != self.name:
-            raise self._wrong(command, f"it is for {command.device}", f"send it to {command.device}")
+        mine(self.name, command)
         match command:
             case Excite():
                 return Code.EXCITE, int(command.on), command
             case SetTendon():
-                um = self._tendon_um(command)
+                um = tendon_um(self.name, self._settings, command)
                 return Code.TENDON, um, replace(command, position_m=um * 1e-6)
             case Tare():
                 return Code.TARE, self._number(command, command.stream), command
@@ -160,24 +160,13 @@ class SensorBoard:
                 return Code.START, mask, command
             case _:
                 advice = "a sensor board can Excite, SetTendon, Tare and Listen"
-                raise self._wrong(command, "it has no such command", advice)
+                raise wrong(self.name, command, "it has no such command", advice)
 
     def _number(self, command: Command, stream: str) -> int:
         if stream not in self._numbers:
             known = ", ".join(sorted(self._numbers)) or "none before it is open"
-            raise self._wrong(command, f"it has no stream {stream}", f"it has: {known}")
+            raise wrong(self.name, command, f"it has no stream {stream}", f"it has: {known}")
         return self._numbers[stream]
-
-    def _tendon_um(self, command: SetTendon) -> int:
-        s, position_m = self._settings, command.position_m
-        # Written so that NaN is out of range too.
-        if not s.tendon_min_m <= position_m <= s.tendon_max_m:
-            reason = f"{position_m:g} m is out of range"
-            raise self._wrong(command, reason, f"choose from {s.tendon_min_m:g} to {s.tendon_max_m:g} m")
-        return round(position_m * 1e6)
-
-    def _wrong(self, command: Command, reason: str, advice: str) -> CommandError:
-        return CommandError(self.name, f"applying {type(command).__name__}", reason, advice)
 
     def _begun(self, session: Session, link: SerialLink) -> Session:
         """The session, once the board has stopped its streams and taken its watchdog."""

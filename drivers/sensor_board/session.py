@@ -20,10 +20,10 @@ from drivers.messages import (
     StreamInfo,
 )
 from drivers.sensor_board.codec import Code, CodecError, Reply, ReplyStatus, Samples, Times, decode
+from drivers.sensor_board.commands import BoardLimits
 from drivers.sensor_board.dialogue import Dialogue, Order
 from drivers.sensor_board.framing import FrameDecoder
 from drivers.sensor_board.streams import BoardStreams
-from drivers.settings import Settings
 
 TURN_MAX_S = 0.05
 """A turn that comes later counts as this: a host that was away must not blame the board (assumption)."""
@@ -38,7 +38,7 @@ REFUSALS = {
 }
 
 
-class SensorBoardSettings(Settings):
+class SensorBoardSettings(BoardLimits):
     """The sensor board."""
 
     port: str
@@ -53,10 +53,6 @@ class SensorBoardSettings(Settings):
     """A regular stream that sends nothing for this long has failed. Assumption: 50 blocks of 10 ms."""
     max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
     """Bound on the drift between the board's clock and the host's. Assumption: two crystals of 100 ppm."""
-    tendon_min_m: float = Field(default=0.0, ge=-0.1, le=0.1)
-    """Least tendon position; 0 is the finger extended."""
-    tendon_max_m: float = Field(default=0.02, ge=-0.1, le=0.1)
-    """Greatest tendon position (assumption: the finger's tendon travel)."""
 
     @model_validator(mode="after")
     def _watchdog_outlasts_a_lost_reply(self) -> SensorBoardSettings:

@@ -14,6 +14,7 @@ from drivers.errors import CommandError
 from drivers.messages import (
     Command,
     Excite,
+    Grip,
     Home,
     Listen,
     MoveAt,
@@ -25,6 +26,7 @@ from drivers.messages import (
     Standstill,
     Status,
     Stop,
+    Tare,
 )
 
 TURN_S = 0.005
@@ -191,6 +193,11 @@ class DeviceContract:
             lambda mover: Excite(mover, True),
             lambda mover: MoveTo("board", 0.001, 0.01),
             lambda mover: SetTendon("board", math.nan),
+            lambda mover: SetTendon("board", 0.0201),
+            lambda mover: SetTendon("board", -0.0001),
+            lambda mover: Tare("board", "board.nothing"),
+            lambda mover: Listen("board", frozenset({"board.nothing"})),
+            lambda mover: Grip("board", 0.01, 0.01, 10.0),
         ],
     )
     def test_a_command_that_makes_no_sense_is_refused_in_one_line(
@@ -201,6 +208,12 @@ class DeviceContract:
             bench.apply(command)
         assert "\n" not in str(error.value)
         assert str(error.value).startswith(f"{command.device}: ")
+
+    def test_a_tendon_is_set_to_the_micrometre_and_that_is_told(self, bench: Bench) -> None:
+        bench.apply(SetTendon("board", 0.0100004, id=5))
+        sent = bench.until(Sent, "board")
+        assert sent.command_id == 5
+        assert sent.command.position_m == pytest.approx(0.01, abs=1e-12)
 
     def test_closing_twice_is_no_error(self, bench: Bench) -> None:
         for device in bench.rig.devices.values():

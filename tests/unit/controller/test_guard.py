@@ -177,7 +177,7 @@ def test_travel_beyond_the_limit_stops_the_bench():
 )
 def test_what_is_unsafe_is_refused_with_the_reason(command, said):
     limits = arm() if command.device == "arm" else guard()
-    with pytest.raises(GuardRefusal, match=said):
+    with pytest.raises(GuardRefusal, match=rf"^{type(command).__name__}\({command.device}\): .*{said}"):
         limits.admit(command)
 
 
@@ -245,7 +245,7 @@ def test_a_sensor_beyond_its_range_stops_the_bench():
     ],
 )
 def test_a_free_motion_is_held_to_speed_turn_and_reach(command, said):
-    with pytest.raises(GuardRefusal, match=said):
+    with pytest.raises(GuardRefusal, match=rf"^{type(command).__name__}\(arm\): .*{said}"):
         arm(reach_m=0.1, reach_rad=1.5).admit(command)
 
 
@@ -406,6 +406,7 @@ def test_a_grip_needs_a_force_above_nothing_and_within_its_limit(grip_n):
     "command",
     [
         Grip("gripper", 0.01, 0.02, 80.0),
+        Grip("gripper", 0.01, 0.02, 0.5),
         Release("gripper", 0.02),
         MoveAt("stage", 0.02, 0.012),
         MoveAt("stage", -0.02, -0.0005),
@@ -458,7 +459,8 @@ def two_movers():
 
 def test_a_second_mover_is_not_admitted_under_the_first_ones_limits():
     with pytest.raises(
-        GuardRefusal, match=r"\[limits\] are those of stage; give lift its own in \[limits.movers.lift\]"
+        GuardRefusal,
+        match=r"^MoveTo\(lift\): \[limits\] are those of stage; give lift its own in \[limits.movers.lift\]",
     ):
         guard().admit(MoveTo("lift", 0.01, 0.01))
 
@@ -526,7 +528,9 @@ def test_a_trial_that_begins_in_contact_may_go_home_and_back():
     ],
 )
 def test_a_trial_that_begins_in_contact_goes_nowhere_else(command):
-    with pytest.raises(GuardRefusal, match=r"the trial began in contact, at 6 N still"):
+    with pytest.raises(
+        GuardRefusal, match=rf"^{type(command).__name__}\(stage\): the trial began in contact, at 6 N still"
+    ):
         pressed().admit(command)
 
 
@@ -555,3 +559,50 @@ def test_the_next_trial_may_begin_in_contact_again():
     watched = guard()
     watched.reset()
     assert watched.watch(0.02, [force(np.full(20, 6.0))], moving=True) is None
+
+
+def test_translation_and_turn_of_a_twist_are_held_apart():
+    limits = arm(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.5)
+    twist = Twist("arm", (0.02, 0.0, 0.0, 0.5, 0.0, 0.0), 1.0)
+    assert limits.admit(twist) is twist
+    for turn in ((0.51, 0.0, 0.0), (0.0, 0.51, 0.0), (0.0, 0.0, 0.51)):
+        with pytest.raises(GuardRefusal, match=r"0.51 rad/s is beyond limits.turn_rad_s = 0.5"):
+            limits.admit(Twist("arm", (0.0, 0.0, 0.0, *turn), 1.0))
+    for way in ((0.021, 0.0, 0.0), (0.0, 0.021, 0.0), (0.0, 0.0, 0.021)):
+        with pytest.raises(GuardRefusal, match=r"0.021 m/s is beyond limits.speed_m_s = 0.02"):
+            limits.admit(Twist("arm", (*way, 0.0, 0.0, 0.0), 1.0))
+
+
+def test_a_free_motion_may_go_exactly_as_far_as_its_reach():
+    limits = arm(reach_m=0.125, reach_rad=1.5)
+    for offset in ((0.125, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.5, 0.0, 0.0)):
+        command = MovePose("arm", offset, 0.01)
+        assert limits.admit(command) is command
+
+
+def test_a_bench_without_some_streams_fits_and_says_what_it_has_where_it_does_not():
+    guard(force_n=None, force_stream=None, position_stream=None).fit({})
+    with pytest.raises(GuardRefusal, match=r"no such stream; it has a.b, c.d$"):
+        guard().fit({name: StreamInfo(name, ("x",), "m") for name in ("c.d", "a.b")})
+
+
+def test_a_motion_before_any_force_is_heard_is_none_out_of_contact():
+    command = MoveAt("stage", 0.01, 0.012)
+    assert guard(quiet=False).admit(command) == command
+
+
+def test_a_light_contact_at_the_start_is_one_where_the_limit_is_lighter():
+    watched = guard(quiet=False, force_n=0.5)
+    watched.watch(0.02, [force(np.full(20, 0.8))], moving=True)
+    with pytest.raises(GuardRefusal, match=r"at 0.8 N still, beyond limits.force_n = 0.5"):
+        watched.admit(MoveAt("stage", 0.01, 0.012))
+
+
+def test_a_grippers_speed_is_its_own_where_it_has_limits():
+    limits = guard(movers={"gripper": {"travel_m": 0.1, "speed_m_s": 0.1}})
+    grip = Grip("gripper", 0.01, 0.1, 10.0)
+    assert limits.admit(grip) == grip
+    with pytest.raises(
+        GuardRefusal, match=r"^Grip\(gripper\): 0.11 m/s is beyond limits.movers.gripper.speed_m_s"
+    ):
+        limits.admit(Grip("gripper", 0.01, 0.11, 10.0))

@@ -1,0 +1,184 @@
+"""How far a mover goes on once its program is killed or stopped: real drivers, emulated devices.
+
+The program cannot do anything then. What ends the motion is in the device: the stage was sent no farther, controllers
+and grippers have watchdogs. What an emulated device does is what its interface's page says: no real one was at hand.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.results import FOLDER, save, table
+from config import assemble
+from config.profile import Profile, load_profile
+from drivers.messages import Command, Home, MoveAt, Reached, Release
+from drivers.mock.emulator_process import EmulatorProcess
+
+REPEATS = 4
+QUICK_REPEATS = 1
+
+SETTLED_S = 1.5
+"""How long nothing may have moved before the bench counts as still: longer than any watchdog here."""
+
+GIVE_UP_S = 20.0
+"""Longest wait for the motion to end."""
+
+
+class Motion(NamedTuple):
+    """What a mover is doing when its program ends.
+
+    Attributes:
+        profile: Its bench.
+        shown: Which of the scene's numbers is its place.
+        command: What it was told.
+        speed_m_s: How fast it moves then.
+        way_m: How far it has gone when the program ends.
+    """
+
+    profile: str
+    shown: str
+    command: Command
+    speed_m_s: float
+    way_m: float
+
+
+MOTIONS = {
+    "stage": Motion("emulated/transient", "probe_m", MoveAt("stage", 0.0127, 0.025), 0.0127, 0.004),
+    "arm": Motion("emulated/transient_arm", "probe_m", MoveAt("arm", 0.0127, 0.012), 0.0127, 0.001),
+    "gripper": Motion("emulated/centering", "width_m", Release("gripper", 0.02), 0.02, 0.005),
+}
+
+ENDS = (
+    ("stage", "program", signal.SIGKILL),
+    ("stage", "program", signal.SIGSTOP),
+    ("arm", "program", signal.SIGKILL),
+    ("arm", "program", signal.SIGSTOP),
+    ("arm", "arm's process", signal.SIGKILL),
+    ("arm", "arm's process", signal.SIGSTOP),
+    ("arm", "program and of the arm's process", signal.SIGSTOP),
+    ("gripper", "program", signal.SIGKILL),
+    ("gripper", "program", signal.SIGSTOP),
+)
+
+
+def profile_of(mover: str) -> Profile:
+    """A mover's bench; its finger is out of the way: nothing but the program's end stops the motion."""
+    far = {} if mover == "gripper" else {"plant.surface_m": "0.09"}
+    return load_profile(MOTIONS[mover].profile, far, table=assemble.Table())
+
+
+def drive(mover: str, endpoints: Mapping[str, Any]) -> None:
+    """The program that will be killed: homes the mover, moves it, and looks at it 200 times a second."""
+    device = assemble.build_rig(profile_of(mover), endpoints).devices[mover]
+    device.open()
+    device.apply(Home(mover))
+    homed = False
+    while True:
+        device.read()
+        if not homed and any(isinstance(status, Reached) for status in device.poll()):
+            homed = True
+            device.apply(MOTIONS[mover].command)
+            print("moves", flush=True)
+        time.sleep(0.005)
+
+
+def child_of(pid: int) -> int:
+    """The arm's process: the only child of the program."""
+    (child,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return int(child)
+
+
+def measured(mover: str, victim: str, ending: signal.Signals) -> tuple[float, float]:
+    """How far the mover went on, in m, and for how long, in s."""
+    motion = MOTIONS[mover]
+    scene = assemble.emulator_scene(profile_of(mover))
+    scene["devices"] = {mover: scene["devices"][mover]}
+    emulator = EmulatorProcess(scene)
+    program = subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.left_alone", mover, json.dumps(emulator.endpoints)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert program.stdout is not None
+        if program.stdout.readline() != "moves\n":
+            raise RuntimeError(f"{mover}: the program ended before anything moved")
+        from_m = emulator.scene()[motion.shown]
+        while abs(emulator.scene()[motion.shown] - from_m) < motion.way_m:
+            time.sleep(0.001)
+        processes = {"program": program.pid}
+        if mover == "arm":
+            processes["arm's process"] = child_of(program.pid)
+        for name, pid in processes.items():
+            if name in victim:
+                os.kill(pid, ending)
+        return gone_on(emulator, motion)
+    finally:
+        program.kill()
+        program.wait()
+        emulator.close()
+
+
+def gone_on(emulator: EmulatorProcess, motion: Motion) -> tuple[float, float]:
+    """Watch until nothing moves."""
+    began_s = still_s = time.monotonic()
+    from_m = last_m = emulator.scene()[motion.shown]
+    while (now_s := time.monotonic()) - still_s < SETTLED_S and now_s - began_s < GIVE_UP_S:
+        place_m = emulator.scene()[motion.shown]
+        if abs(place_m - last_m) > 1e-9:
+            last_m, still_s = place_m, now_s
+        time.sleep(0.002)
+    return abs(last_m - from_m), still_s - began_s
+
+
+def main(quick: bool = False) -> None:
+    """Measure all, print the table, write it to results/."""
+    repeats = QUICK_REPEATS if quick else REPEATS
+    cases, rows = [], []
+    for mover, victim, ending in ENDS:
+        found = np.array([measured(mover, victim, ending) for _ in range(repeats)])
+        way_mm, time_s = 1e3 * found[:, 0], found[:, 1]
+        speed_mm_s = 1e3 * MOTIONS[mover].speed_m_s
+        cases.append(
+            {
+                "mover": mover,
+                "victim": victim,
+                "signal": ending.name,
+                "speed_mm_s": speed_mm_s,
+                "way_mm": way_mm.tolist(),
+                "wall_s": time_s.tolist(),
+            }
+        )
+        rows.append(
+            [
+                f"{mover}, {speed_mm_s:g} mm/s",
+                f"{ending.name} of the {victim}",
+                f"{np.median(way_mm):.2f}",
+                f"{way_mm.max():.2f}",
+            ]
+        )
+        print(" | ".join(rows[-1]), flush=True)
+    head = ["mover, at", "what ends", "goes on, median, mm", "longest, mm"]
+    text = table(head, rows)
+    print(text)
+    if not quick:
+        save("left_alone", {"repeats": repeats, "cases": cases})
+        (FOLDER / "left_alone.md").write_text(
+            "# How far a mover goes on when its program is killed or stopped\n\n"
+            f"{repeats} times each, on emulated devices: `python -m benchmarks left_alone`.\n\n{text}\n",
+            encoding="utf-8",
+        )
+
+
+if __name__ == "__main__":
+    drive(sys.argv[1], json.loads(sys.argv[2]))
