@@ -17,7 +17,11 @@ _SAY_NOTHING = ("title", "description", "trials")
 def settings_of(run: Run) -> Mapping[str, Any]:
     """What of a run's resolved profile changes its trials."""
     resolved = (run.manifest.get("profile") or {}).get("resolved") or {}
-    return {name: value for name, value in resolved.items() if name not in _SAY_NOTHING}
+    settings = {name: value for name, value in resolved.items() if name not in _SAY_NOTHING}
+    devices = settings.get("devices") or {}
+    # where a device is plugged in is no setting of a trial; what kind of bench it belongs to is told apart before
+    own = {name: {key: table[key] for key in table if key != "port"} for name, table in devices.items()}
+    return settings | {"devices": own}
 
 
 def by_settings(runs: Sequence[Run], apart: bool) -> list[list[Run]]:

@@ -241,9 +241,15 @@ def test_runs_of_different_settings_stand_apart_and_the_page_says_what_differs(t
         detectors={"contact": {**CONTACT, "kind": "resonance", "baseline_s": 10.0}},
         plant={"noise_scale": 2.0},
     )
-    same = with_settings(same, title="Another title", trials={"repeats": 1})
+    usual = with_settings(usual, devices={"stage": {"driver": "zaber_stage", "port": "/dev/ttyUSB0"}})
+    same = with_settings(
+        same,
+        title="Another title",
+        trials={"repeats": 1},
+        devices={"stage": {"driver": "zaber_stage", "port": "/dev/ttyUSB1"}},
+    )
     text = text_of(build_report([usual, other, same], tmp_path))
-    assert "2 approaches: 2 stopped at a contact" in text, "title and trials change no trial"
+    assert "2 approaches: 2 stopped at a contact" in text, "title, trials and ports change no trial"
     assert "1 approach: 1 stopped at a contact" in text
     assert "pad f 12.70 4.843 2 0 0.30 (0.14)" in text
     assert "pad f 12.70 4.843 1 0 0.90 (–)" in text
