@@ -94,6 +94,8 @@ class Emulator:
                     [*waited, *self._control.sockets], [], [], self._pace.wait_s(due_s)
                 )
                 now_s = self._pace.turn(frozenset(name for name, end in ends.items() if end.unread()))
+                if not ready and now_s < due_s:
+                    continue  # time waits for somebody
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
                 self._control.attend(ready)
                 for name, end in list(ends.items()):

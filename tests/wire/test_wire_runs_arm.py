@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,8 @@ from controller.campaign import EXIT_DEVICE, EXIT_DONE
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
-from drivers.messages import Home, Listen, MoveTo, Reached
+from drivers.bench_clock import PATIENCE_S
+from drivers.messages import Home, Listen, MoveAt, MoveTo, Reached, Stalled
 from tests.contracts.device_suite import Bench
 from tests.wire.wire_campaign import QUICK, run
 
@@ -93,6 +96,29 @@ def test_the_arm_feels_what_the_load_cell_feels(emulated):
     assert pressed_n > 0.15, "7 mm into the finger"
     # Five standard errors of 500 samples of 0.5 N. The tool moves downwards, and the finger presses it upwards.
     assert felt[:3] == pytest.approx([0.0, 0.0, pressed_n], abs=0.12)
+
+
+def test_a_loop_that_hangs_is_caught_by_the_arm_s_process_for_the_bench_goes_on_without_it(emulated):
+    profile, emulator = emulated
+    rig = build_rig(profile, emulator.endpoints)
+    rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
+    try:
+        bench = Bench(rig)
+        bench.apply(Home("arm"))
+        bench.until(Reached, "arm")
+        bench.apply(MoveAt("arm", 0.001, 0.012))
+        bench.turn(0.2)
+        began_s = rig.clock.now()
+        assert emulator.scene()["probe_m_s"] == pytest.approx(0.001, rel=0.01)
+        # a real hang, on the wall's clock: the bench's patience, the process's, the time to brake, and as much again
+        time.sleep(2.0 * (PATIENCE_S + profile.devices["arm"].settings.loop_timeout_s))
+        assert rig.clock.now() - began_s > profile.devices["arm"].settings.loop_timeout_s
+        assert emulator.scene()["probe_m_s"] == 0.0
+        bench.until(Stalled, "arm")
+    finally:
+        for device in rig.devices.values():
+            device.close()
+        rig.close()
 
 
 def test_the_doctor_reads_the_arm_and_moves_nothing(emulated):
