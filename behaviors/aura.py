@@ -11,7 +11,7 @@ from behaviors.events import Detected
 from behaviors.machine import StatePlan
 from behaviors.sonic import Place, SonicBehavior, SonicSettings, coming_in, going_out
 from drivers.messages import Stop
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 
 class PathSettings(Settings):
@@ -27,10 +27,10 @@ class PathSettings(Settings):
 class AuraSettings(SonicSettings):
     """How one approach is run; `clear_m` is above the path's start."""
 
-    finger_stream: str = "signals.right"
+    finger_stream: StreamName = "signals.right"
     """Envelope of the finger that approaches."""
 
-    pose_stream: str = "arm.pose"
+    pose_stream: StreamName = "arm.pose"
     """Where the tool is (m and rad, base frame)."""
 
     paths: dict[Literal["x", "y", "z"], PathSettings]

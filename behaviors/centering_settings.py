@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from behaviors.sonic import SonicSettings
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 
 class CenteringSettings(SonicSettings):
@@ -17,16 +17,16 @@ class CenteringSettings(SonicSettings):
     what is between the two, going backward the right one.
     """
 
-    left_stream: str = "signals.left"
+    left_stream: StreamName = "signals.left"
     """Envelope of the left finger."""
 
-    right_stream: str = "signals.right"
+    right_stream: StreamName = "signals.right"
     """Envelope of the right finger."""
 
-    position_stream: str = "arm.position"
+    position_stream: StreamName = "arm.position"
     """Where the mover is (m)."""
 
-    width_stream: str = "gripper.width"
+    width_stream: StreamName = "gripper.width"
     """How far open the jaws are (m)."""
 
     sweep_m: float = Field(default=0.017, gt=0.0, le=0.5)

@@ -9,16 +9,16 @@ from pydantic import Field, model_validator
 
 from behaviors.machine import Behavior, StatePlan, failures
 from drivers.messages import Chirp, Excite
-from drivers.settings import Settings
+from drivers.settings import DeviceName, Settings, StreamName
 
 
 class ChirpSettings(Settings):
     """How the drive is swept."""
 
-    exciter: str = "audio"
+    exciter: DeviceName = "audio"
     """Device that drives the fingers' transducers."""
 
-    fingers_stream: str = "audio.fingers"
+    fingers_stream: StreamName = "audio.fingers"
     """What the fingers send back: the carrier itself."""
 
     from_hz: float = Field(default=20_000.0, gt=0.0, le=1e6)

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from behaviors.events import BaselineReady, Contact
 from behaviors.machine import Behavior, StatePlan, failures
 from drivers.messages import Home, MoveAt, Stop, Twist
-from drivers.settings import Settings
+from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
 Angle = Annotated[float, Field(ge=-1.57, le=1.57)]
 """The tip is a half cylinder: what touches beyond a quarter turn touches something else (section 2)."""
@@ -22,16 +22,16 @@ Angle = Annotated[float, Field(ge=-1.57, le=1.57)]
 class PointerSettings(Settings):
     """How the angle of the contact is held against the arm's."""
 
-    mover: str = "arm"
+    mover: DeviceName = "arm"
     """Device that carries and turns the tip."""
 
-    detector: str = "touch"
+    detector: DetectorName = "touch"
     """Detector whose contact ends a descent; its threshold is the force of the touch."""
 
-    forces_stream: str = "signals.tip"
+    forces_stream: StreamName = "signals.tip"
     """The fingertip's calibrated forces (N): Fx and Fy first."""
 
-    pose_stream: str = "arm.pose"
+    pose_stream: StreamName = "arm.pose"
     """Where the tool is: the true angle (m, rotation vector in rad)."""
 
     angles_rad: tuple[Angle, ...] = tuple(round(-1.5 + 0.3 * i, 6) for i in range(11))

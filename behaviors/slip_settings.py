@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
-from drivers.settings import Settings
+from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
 SensorName = Literal["fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa"]
 
@@ -38,22 +38,22 @@ class StepSettings(Settings):
 class SensorRunSettings(Settings):
     """What one sensor is put through, and who listens to it."""
 
-    stream: str
+    stream: StreamName
     """What it sends."""
 
     channel: int | None = Field(default=None, ge=0, le=4095)
     """Which of its channels slip is looked for in; None takes the one that decides in each block."""
 
-    forces_stream: str | None = None
+    forces_stream: StreamName | None = None
     """Its calibrated forces, where there are such; recorded, and watched for overload in every motion."""
 
-    touch: str
+    touch: DetectorName
     """Detector that sees the table: it ends the descent."""
 
-    paper: str
+    paper: DetectorName
     """The paper's slip detector on this sensor."""
 
-    ours: str
+    ours: DetectorName
     """Ours."""
 
     listen: Literal["rest", "motion"] = "rest"
@@ -79,19 +79,19 @@ class SensorRunSettings(Settings):
 class RollSlipSettings(Settings):
     """How a trial is run."""
 
-    mover: str = "arm"
+    mover: DeviceName = "arm"
     """Device that carries the tip."""
 
-    position_stream: str = "arm.position"
+    position_stream: StreamName = "arm.position"
     """Where it is on the approach axis (m)."""
 
-    pose_stream: str = "arm.pose"
+    pose_stream: StreamName = "arm.pose"
     """Where its tool is (m, rad)."""
 
-    force_stream: str = "arm.force"
+    force_stream: StreamName = "arm.force"
     """What acts on its tool (N)."""
 
-    measures: Annotated[tuple[str, ...], Strict(False)] = ()
+    measures: Annotated[tuple[StreamName, ...], Strict(False)] = ()
     """Streams that are recorded in every trial, beside those of its sensor."""
 
     sensors: dict[SensorName, SensorRunSettings] = Field(min_length=1)

@@ -11,7 +11,7 @@ from pydantic import Field
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, Event
 from behaviors.machine import Behavior, StatePlan, failures
 from drivers.messages import Command, Excite, Home, MovePose, Release, Stop, Tone
-from drivers.settings import Settings
+from drivers.settings import DeviceName, Settings
 
 Place = tuple[float, float, float]
 """A displacement from the mover's start pose along the axes of its base frame, m."""
@@ -20,13 +20,13 @@ Place = tuple[float, float, float]
 class SonicSettings(Settings):
     """The devices, the drive, and how the fingers come and go."""
 
-    mover: str = "arm"
+    mover: DeviceName = "arm"
     """Device that carries the gripper."""
 
-    gripper: str = "gripper"
+    gripper: DeviceName = "gripper"
     """Device whose jaws carry the fingers."""
 
-    exciter: str = "audio"
+    exciter: DeviceName = "audio"
     """Device that drives the fingers' transducers."""
 
     drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from behaviors.machine import Behavior, StatePlan, failures
 from drivers.messages import Excite, Home, MoveTo, Stop
-from drivers.settings import Settings
+from drivers.settings import DeviceName, Settings, StreamName
 
 Condition = Literal["none", "light", "full"]
 
@@ -17,19 +17,19 @@ Condition = Literal["none", "light", "full"]
 class StaticSettings(Settings):
     """How one static contact is recorded."""
 
-    mover: str = "stage"
+    mover: DeviceName = "stage"
     """Device that carries the probe."""
 
-    exciter: str = "board"
+    exciter: DeviceName = "board"
     """Device that switches the finger's excitation."""
 
-    accelerometer_stream: str = "board.accelerometer"
+    accelerometer_stream: StreamName = "board.accelerometer"
     """The finger's waveform (m/s2)."""
 
-    load_cell_stream: str = "board.load_cell"
+    load_cell_stream: StreamName = "board.load_cell"
     """Force behind the probe (N)."""
 
-    period_stream: str = "board.period"
+    period_stream: StreamName = "board.period"
     """Period counts of the excitation (s)."""
 
     settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)

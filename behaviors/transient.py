@@ -10,28 +10,28 @@ from pydantic import Field
 from behaviors.events import Contact, Detected
 from behaviors.machine import Behavior, StatePlan, failures
 from drivers.messages import Excite, Home, MoveAt, MoveTo, Stop
-from drivers.settings import Settings
+from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
 
 class TransientSettings(Settings):
     """How one approach is run."""
 
-    mover: str = "stage"
+    mover: DeviceName = "stage"
     """Device that carries the probe."""
 
-    exciter: str = "board"
+    exciter: DeviceName = "board"
     """Device that switches the finger's excitation."""
 
-    detector: str = "contact"
+    detector: DetectorName = "contact"
     """Detector whose contact stops the approach; the profile's others listen and are recorded."""
 
-    load_cell_stream: str = "board.load_cell"
+    load_cell_stream: StreamName = "board.load_cell"
     """The reference: force behind the probe (N)."""
 
-    period_stream: str = "board.period"
+    period_stream: StreamName = "board.period"
     """Period counts of the excitation (s)."""
 
-    position_stream: str = "stage.position"
+    position_stream: StreamName = "stage.position"
     """Where the mover is (m)."""
 
     settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from behaviors.machine import Behavior, StatePlan, failures
 from drivers.messages import Ask, Loaded, LoadWeight
-from drivers.settings import Settings
+from drivers.settings import DeviceName, Settings, StreamName
 
 Bridge = Literal["x", "y", "t"]
 Force = Annotated[float, Field(gt=0.0, le=1000.0)]
@@ -25,13 +25,13 @@ def ladder(top_n: float, rungs: int) -> tuple[float, ...]:
 class WeightsSettings(Settings):
     """How one bridge is calibrated."""
 
-    operator: str = "operator"
+    operator: DeviceName = "operator"
     """Device that hangs the weights: a person."""
 
-    bridges_stream: str = "board.fingertip"
+    bridges_stream: StreamName = "board.fingertip"
     """The three bridges (V)."""
 
-    load_stream: str = "operator.load"
+    load_stream: StreamName = "operator.load"
     """What hangs on them, by the person's word (N)."""
 
     weights_x_n: tuple[Force, ...] = ladder(7.0, 14)

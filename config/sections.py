@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
+
+from pydantic.fields import FieldInfo
 
 from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable, SignalEntry
 from config.hints import did_you_mean, near_or_all
 from config.source import Bench, KeyPath, Source, Table, bench_of, flatten
 from config.trials import TrialsSettings, combinations
 from config.validation import shown, validated
-from drivers.settings import Settings
+from drivers.settings import Refers, Settings
 
 S = TypeVar("S", bound=Settings)
 
@@ -52,14 +54,6 @@ HOME_SPEED = "home_speed_m_s"
 
 _NAMED_ABOVE = ("driver", "port", "kind")
 """Keys that choose the settings class, so most classes do not have them as fields."""
-
-_DEVICES = ("mover", "exciter", "device", "operator")
-_STREAMS = ("input", "inputs", "measures", "stream")
-_STREAM_ENDINGS = ("_stream", "_streams")
-"""Settings by these names speak of devices or of their streams (`device.stream`): they must be there."""
-
-_DETECTORS = ("detector", "touch", "paper", "ours")
-"""Settings by these names speak of detectors: likewise."""
 
 
 class Sections:
@@ -358,26 +352,27 @@ class Sections:
         return validated(model, table, path, self._where, self.problems)
 
     def _check_names(self, settings: Settings, path: KeyPath) -> None:
-        devices = self._table_of("devices")
-        for key in type(settings).model_fields:
+        """What a setting refers to by its type must be there."""
+        for key, field in type(settings).model_fields.items():
             value = getattr(settings, key)
             if isinstance(value, dict):
                 for name, inner in value.items():
                     if isinstance(inner, Settings):
                         self._check_names(inner, (*path, key, str(name)))
-            if key in _DETECTORS and isinstance(value, str) and value not in self._table_of("detectors"):
-                hint = near_or_all(value, self._table_of("detectors"))
-                self._say(path, key, f" = {shown(value)}: no detector '{value}'; {hint}")
-            values = (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ()
-            is_stream = key in _STREAMS or key.endswith(_STREAM_ENDINGS)
-            for name in values if is_stream or key in _DEVICES else ():
-                device, _, stream = name.partition(".") if is_stream else (name, "", "")
-                if device == SIGNALS:
-                    self._check_signal(path, key, name, stream)
-                elif device not in devices:
-                    self._say(
-                        path, key, f" = {shown(name)}: no device '{device}'; {near_or_all(device, devices)}"
-                    )
+            names = (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ()
+            for kind in referred(field):
+                for name in names:
+                    self._check_name(kind, path, key, name)
+
+    def _check_name(self, kind: str, path: KeyPath, key: str, name: str) -> None:
+        device, _, stream = name.partition(".") if kind == "stream" else (name, "", "")
+        if kind == "stream" and device == SIGNALS:
+            self._check_signal(path, key, name, stream)
+            return
+        what = "detector" if kind == "detector" else "device"
+        known = self._table_of(f"{what}s")
+        if device not in known:
+            self._say(path, key, f" = {shown(name)}: no {what} '{device}'; {near_or_all(device, known)}")
 
     def _check_signal(self, path: KeyPath, key: str, name: str, signal: str) -> None:
         signals = self._table_of(SIGNALS)
@@ -398,3 +393,14 @@ class Sections:
         section = f"[{'.'.join(names)}]" if names else ""
         file = self._source.origin((*path, *location))
         return " ".join(word for word in (f"{file}:", section, key) if word)
+
+
+def referred(field: FieldInfo) -> set[str]:
+    """Kinds of things that a setting names, wherever in its type that stands."""
+    found = {mark.to for mark in field.metadata if isinstance(mark, Refers)}
+    waiting: list[Any] = [field.annotation]
+    while waiting:
+        annotation = waiting.pop()
+        found |= {mark.to for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, Refers)}
+        waiting += get_args(annotation)
+    return set(found)

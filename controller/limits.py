@@ -18,7 +18,7 @@ from drivers.messages import (
     SampleBlock,
     Twist,
 )
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 Place = Annotated[tuple[float, float, float], Strict(False)]
 """x, y, z in m; a list in a profile."""
@@ -41,7 +41,7 @@ class MoverLimits(Settings):
     """How far it may go that nobody looks at any more: what its device itself holds it to, where the program dies or is
     stopped. A mover whose controller has a watchdog is held by that (`drivers.messages.BLIND_TRAVEL_M`)."""
 
-    position_stream: str | None = None
+    position_stream: StreamName | None = None
     """Where its position comes from (m); None where travel is held by commands and device alone."""
 
     workspace_min_m: Place | None = None
@@ -50,7 +50,7 @@ class MoverLimits(Settings):
     workspace_max_m: Place | None = None
     """The opposite corner."""
 
-    pose_stream: str | None = None
+    pose_stream: StreamName | None = None
     """Where the tool's pose comes from (x, y, z in m first); needed for the box."""
 
     reach_m: float = Field(default=0.0, ge=0.0, le=2.0)
@@ -83,7 +83,7 @@ class GuardSettings(MoverLimits):
     neither is. Others that travel have theirs in `movers`.
     """
 
-    position_stream: str | None = "stage.position"
+    position_stream: StreamName | None = "stage.position"
     """Where the mover's position comes from (m); None where travel is held by commands and device alone."""
 
     movers: Mapping[str, MoverLimits] = Field(default_factory=dict)
@@ -92,7 +92,7 @@ class GuardSettings(MoverLimits):
     force_n: float | None = Field(default=None, gt=0.0, le=1000.0)
     """Largest force, of either sign, after the median filter; None on a bench without a force stream."""
 
-    force_stream: str | None = "board.load_cell"
+    force_stream: StreamName | None = "board.load_cell"
     """Where the force comes from (N); None on a bench without one."""
 
     force_channels: Annotated[
@@ -103,7 +103,7 @@ class GuardSettings(MoverLimits):
     force_median_s: float = Field(default=0.010, gt=0.0, le=1.0)
     """Length of the running median that the force is seen through: a single spike stops nothing."""
 
-    range_streams: Annotated[tuple[str, ...], Strict(False)] = ()
+    range_streams: Annotated[tuple[StreamName, ...], Strict(False)] = ()
     """Streams that must stay within the range in which they tell the truth, a fingertip's forces for example: heard and
     watched in every motion. What they say of their range (`Saturated`) stops it, as does their silence."""
 

@@ -1,6 +1,26 @@
 """The base of every settings class: frozen, strict, finite, and closed to unknown keys."""
 
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
 from pydantic import BaseModel, ConfigDict
+
+
+@dataclass(frozen=True, slots=True)
+class Refers:
+    """Marks a setting that names something else in the profile, which must be there."""
+
+    to: Literal["device", "stream", "detector"]
+
+
+DeviceName = Annotated[str, Refers("device")]
+"""A device, by its name in the profile."""
+
+StreamName = Annotated[str, Refers("stream")]
+"""A stream, as `device.stream` or `signals.name`."""
+
+DetectorName = Annotated[str, Refers("detector")]
+"""A detector, by its name in the profile."""
 
 
 class Settings(BaseModel):

@@ -13,7 +13,7 @@ from pydantic import Field, Strict, field_validator
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
 from controller.signals.along import Along, Heard, as_complex, silence
 from drivers.messages import SampleBlock
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.level import Search, Steps, Window
@@ -28,7 +28,7 @@ AHEAD = (1.0, 0.0, 0.0)
 class LevelPaperSettings(Settings):
     """The paper's criterion, with what it does not print as settings."""
 
-    input: str = "signals.right"
+    input: StreamName = "signals.right"
     """Envelope of one finger, full scales, at a fixed rate; its first channel, the in-phase one, is used."""
 
     window_s: float = Field(default=2.0, gt=0.0, le=600.0)
@@ -151,7 +151,7 @@ class LevelPaperDetector:
 class LevelSettings(Settings):
     """The detector that looks for a jump after which the level stays. Times in seconds hold at any sample rate."""
 
-    input: str = "signals.right"
+    input: StreamName = "signals.right"
     """Envelope of one finger: I and Q, full scales, at a fixed rate."""
 
     threshold: float = Field(default=7.0, gt=0.0, le=1e9)

@@ -13,7 +13,7 @@ from pydantic import Field, Strict, field_validator
 from behaviors.events import Detected, PreTouch, PreTouchLost
 from controller.signals.along import Along, Heard, as_complex, silence
 from drivers.messages import SampleBlock
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.undulation import Fit, Way
@@ -28,10 +28,10 @@ CELLS_PER_TURN = 16
 class PreTouchSettings(Settings):
     """What the matched filter looks for. Lengths in metres: they hold at any speed and sample rate."""
 
-    input: str = "signals.right"
+    input: StreamName = "signals.right"
     """Envelope of one finger: I and Q, full scales, at a fixed rate."""
 
-    position_input: str = "arm.position"
+    position_input: StreamName = "arm.position"
     """The mover's encoder: a position (m), or a pose whose first three values are a place (m)."""
 
     direction: Direction = (1.0, 0.0, 0.0)

@@ -13,7 +13,7 @@ from pydantic import Field, Strict
 from behaviors.events import Detected, PreTouch, PreTouchLost
 from controller.signals.along import Along, Heard
 from drivers.messages import SampleBlock
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -21,10 +21,10 @@ Floats = NDArray[np.float64]
 class PreTouchPaperSettings(Settings):
     """The paper's criterion, with what it does not print as settings."""
 
-    input: str = "signals.right"
+    input: StreamName = "signals.right"
     """Envelope of one finger, full scales, at a fixed rate; its first channel, the in-phase one, is used."""
 
-    position_input: str | None = None
+    position_input: StreamName | None = None
     """The mover's encoder, told with each event and used for nothing else; None hears none, and events say NaN."""
 
     direction: Annotated[tuple[float, float, float], Strict(False)] = (1.0, 0.0, 0.0)

@@ -11,13 +11,13 @@ from pydantic import Field
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
 from controller.signals.cycles import CycleCounter
 from drivers.messages import SampleBlock
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 
 class ResonanceSettings(Settings):
     """The paper's criterion, with what it does not print as settings."""
 
-    input: str = "board.period"
+    input: StreamName = "board.period"
     """Stream of period counts (s), of frequencies (Hz), or a waveform of any other unit."""
 
     sample_hz: float | None = Field(default=15.0, gt=0.0, le=1000.0)

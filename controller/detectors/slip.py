@@ -13,7 +13,7 @@ from pydantic import Field
 from behaviors.events import Detected, SlipEnded, SlipStarted
 from controller.signals.spectrum_blocks import SpectrumBlocks
 from drivers.messages import SampleBlock
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.evidence import Odds
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 class SlipStreamSettings(Settings):
     """What every slip detector must know of its input."""
 
-    input: str = "board.tangential"
+    input: StreamName = "board.tangential"
     """Stream of the force sensor."""
 
     channel: int | None = Field(default=None, ge=0, le=4095)

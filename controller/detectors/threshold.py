@@ -12,7 +12,7 @@ from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
 from drivers.messages import SampleBlock
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ its noise to a seventh, and six sigma never happen in a day."""
 class ForceThresholdSettings(Settings):
     """When a force is called contact."""
 
-    input: str = "board.fingertip"
+    input: StreamName = "board.fingertip"
     """Stream of the force sensor; it needs a rate."""
 
     channels: Annotated[tuple[int, ...], Strict(False)] | None = None

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from controller.signals.beat import SEGMENT_S, Beat
 from controller.signals.lowpass import CIC_DECIMATION_MAX, SPAN
 from drivers.messages import SampleBlock, Saturated, StreamInfo
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.demodulation import Demodulator
@@ -50,7 +50,7 @@ them, at 0.3 the paper's pre-touch calls the turning itself an object. On one cl
 class IqSettings(Settings):
     """How a finger's sound becomes I and Q."""
 
-    input: str = "audio.fingers"
+    input: StreamName = "audio.fingers"
     """Stream of the sound of both fingers."""
 
     channel: int = Field(default=0, ge=0, le=63)

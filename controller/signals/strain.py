@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from drivers.messages import SampleBlock, Saturated, StreamInfo
-from drivers.settings import Settings
+from drivers.settings import Settings, StreamName
 
 Three = Annotated[tuple[float, float, float], Strict(False)]
 
@@ -21,7 +21,7 @@ CHANNELS = (*FORCES, "Fn", "theta_rad")
 class StrainSettings(Settings):
     """The calibration of a fingertip: V12 = kx Fx, V34 = ky Fy, V56 = kt Ft."""
 
-    input: str = "board.fingertip"
+    input: StreamName = "board.fingertip"
     """Stream of the three bridges, V, in this order."""
 
     gain_v_n: Three = (0.0694, 0.0326, 1.0291)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.messages import Failed
-from drivers.settings import Settings
+from drivers.settings import DeviceName, Settings
 
 Kind = Literal["unplug", "silent", "stall", "refuse", "lose", "corrupt", "full_scale", "stuck"]
 
@@ -37,7 +37,7 @@ Number = TypeVar("Number", bound=np.generic)
 class Fault(Settings):
     """One fault of one device."""
 
-    device: str
+    device: DeviceName
     """Name in the profile."""
 
     kind: Kind

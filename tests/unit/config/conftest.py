@@ -8,7 +8,7 @@ from typing import Literal
 import pytest
 from pydantic import Field
 
-from drivers.settings import Settings
+from drivers.settings import DeviceName, Settings, StreamName
 
 
 class StageSettings(Settings):
@@ -25,20 +25,20 @@ class NetworkSettings(Settings):
 
 
 class ResonanceSettings(Settings):
-    input: str = "stage.position"
+    input: StreamName = "stage.position"
     average_samples: int = Field(default=10, ge=1)
     threshold_sigma: float = Field(default=3.0, gt=0.0, le=100.0)
     sample_hz: float = Field(default=15.0, gt=0.0, le=1000.0)
 
 
 class LevelSettings(Settings):
-    input: str = "stage.position"
+    input: StreamName = "stage.position"
     gamma: float = 3.0
 
 
 class TouchSettings(Settings):
-    mover: str = "stage"
-    measures: tuple[str, ...] = ("stage.position",)
+    mover: DeviceName = "stage"
+    measures: tuple[StreamName, ...] = ("stage.position",)
     settle_s: float = Field(default=90.0, ge=0.0)
     direction: Literal["forward", "backward"] = "forward"
     ready: bool = True
@@ -64,7 +64,7 @@ class FingerSettings(Settings):
 
 
 class FaultSettings(Settings):
-    device: str
+    device: DeviceName
     kind: Literal["unplug", "stall"]
     at_s: float = Field(ge=0.0)
 

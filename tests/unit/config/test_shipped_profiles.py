@@ -4,9 +4,16 @@ import pytest
 
 from config.assemble import Table
 from config.profile import load_profile
+from config.sections import referred
 from config.source import ProfileError, profile_names, read_source
 
 EXPERIMENTS = [name for name in profile_names() if "bench" not in name]
+
+STREAMS = (
+    *("position", "pose", "force", "width", "fingers", "taxels", "load", "strain_11"),
+    *("accelerometer", "load_cell", "period", "fingertip", "flexible"),
+)
+"""What the devices send, on any bench."""
 
 TABLE_I = [
     ("a", 3.785),
@@ -106,3 +113,53 @@ def test_with_the_arm_only_the_bench_changes(bench):
 def test_static_has_the_three_conditions_of_figure_4():
     conditions = [trial.factors["condition"] for trial in loaded("mock/static").trials(0)]
     assert conditions == ["none", "light", "full"]
+
+
+BY_ITSELF = {"contact"}
+"""Of `aura`: a detector only where it is to touch, which its behavior sees to."""
+
+
+def referring(settings, names):
+    """Settings whose value is a name of the profile's, and whether their type says so."""
+    for key, field in type(settings).model_fields.items():
+        value = getattr(settings, key)
+        if isinstance(value, dict):
+            for inner in value.values():
+                yield from referring(inner, names) if hasattr(inner, "model_fields_set") else ()
+        values = (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ()
+        if key not in BY_ITSELF and any(isinstance(one, str) and one in names for one in values):
+            yield key, bool(referred(field))
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_setting_that_names_a_device_a_stream_or_a_detector_has_a_type_that_says_so(name):
+    profile = loaded(name)
+    streams = {f"{device}.{stream}" for device in profile.devices for stream in STREAMS}
+    streams |= {f"signals.{signal}" for signal in profile.signals}
+    names = {*profile.devices, *profile.detectors, *streams}
+    parts = [profile.behavior, profile.limits, *profile.faults]
+    parts += [entry.settings for entry in (*profile.detectors.values(), *profile.signals.values())]
+    found = [one for part in parts for one in referring(part, names)]
+    assert found
+    assert [key for key, typed in found if not typed] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value", "said"),
+    [
+        ("mock/pretouch", "behavior.gripper", "griper", "no device 'griper'; did you mean 'gripper'?"),
+        (
+            "mock/pretouch",
+            "detectors.pretouch_ours.position_input",
+            "amr.pose",
+            "no device 'amr'; did you mean 'arm'?",
+        ),
+        ("mock/slip", "behavior.measures", '["mtrix.taxels"]', "no device 'mtrix'; did you mean 'matrix'?"),
+        ("mock/pointer", "behavior.detector", "toch", "no detector 'toch'; did you mean 'touch'?"),
+        ("mock/pointer", "limits.range_streams", '["signals.tap"]', "no signal 'tap'; did you mean 'tip'?"),
+    ],
+)
+def test_what_names_nothing_is_refused_when_the_profile_is_loaded_with_what_was_meant(name, key, value, said):
+    with pytest.raises(ProfileError) as refused:
+        loaded(name, {key: value})
+    assert said in refused.value.problems[0]
