@@ -32,8 +32,8 @@ BURST_STEPS = 10
 
 CHUNK_BYTES = 65536
 
-UNREAD_BYTES = 1 << 20
-"""What a client may leave unread beyond what the network takes: two seconds of a full stream (assumption)."""
+UNREAD_BYTES = 1 << 22
+"""What a client may leave unread beyond what the network takes: seconds of every variable at 500 Hz (assumption)."""
 
 CLIENTS = 64
 """Connections at a time (assumption; `select` bears a thousand)."""
