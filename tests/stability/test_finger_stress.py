@@ -162,10 +162,19 @@ def test_the_load_cell_ends_at_its_range():
 
 def test_a_contact_beyond_all_means_ends_with_an_error_that_says_so(monkeypatch):
     monkeypatch.setattr("drivers.mock.plants.finger_course.MOST_PIECES", 10_000)
-    plant = begun(FingerSettings(**QUIET, contact_n_s_m=1e9), 0.0)
+    settings = FingerSettings(**QUIET).model_copy(
+        update={"contact_n_s_m": 1e9}
+    )  # more than a profile may ask for
+    plant = begun(settings, 0.0)
     plant.move_probe([(0.0, 0.0, 0.01, 0.0)])
     with pytest.raises(RuntimeError, match="too damped"):
         plant.advance(0.1, SWITCHES)
+
+
+def test_a_damping_that_nobody_can_wait_for_is_refused_with_its_cost():
+    assert FingerSettings(contact_n_s_m=1e6).contact_n_s_m == 1e6
+    with pytest.raises(ValueError, match=r"would cost 5.6e\+03 s of computing.* must be <= 1e\+06 N s/m"):
+        FingerSettings(contact_n_s_m=1e9)
 
 
 def test_memory_does_not_grow_with_virtual_time():

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from drivers.settings import Settings
+
+CONTACT_N_S_M_MAX = 1e6
+"""Hardest damping of the contact. What a second of contact costs grows with it, 5.6 s at 1e6 (measured); a fingertip
+has some N s/m."""
 
 LOCATIONS: Mapping[str, tuple[str, float]] = {
     "a": ("back", 0.01905),
@@ -58,8 +62,8 @@ class FingerSettings(Settings):
     back_n_m: float = Field(default=7300.0, gt=0.0, le=1e10)
     """k2 on the back, N/m. Assumption."""
 
-    contact_n_s_m: float = Field(default=1.0, ge=0.0, le=1e9)
-    """c2, damping of the contact, N s/m. Assumption."""
+    contact_n_s_m: float = Field(default=1.0, ge=0.0)
+    """c2, damping of the contact, N s/m, 1e6 at the most. Assumption."""
 
     accelerometer_arm_m: float = Field(default=0.03, gt=0.0, le=1.0)
     """r, from the base's axis to the accelerometer, m. Assumption."""
@@ -108,6 +112,17 @@ class FingerSettings(Settings):
 
     error_budget_rad: float = Field(default=1e-6, ge=0.0, le=1e-2)
     """Error in theta that a jump over what nobody observes may make, rad; 0 computes everything."""
+
+    @field_validator("contact_n_s_m")
+    @classmethod
+    def _affordable(cls, value_n_s_m: float) -> float:
+        if value_n_s_m > CONTACT_N_S_M_MAX:
+            cost_s = 5.6e-6 * value_n_s_m
+            raise ValueError(
+                f"a second of contact would cost {cost_s:.3g} s of computing, which grows with it;"
+                f" must be <= {CONTACT_N_S_M_MAX:g} N s/m (5.6 s)"
+            )
+        return value_n_s_m
 
     @property
     def quiet(self) -> bool:
