@@ -225,10 +225,10 @@ def test_two_links_speak_on_a_virtual_bus() -> None:
         other.close()
 
 
-def beaten(serve: Any, echo: Echo, beats: int) -> list[Heard]:
+def beaten(serve: Any, echo: Echo, beats: int, answer_s: float = 0.1) -> list[Heard]:
     link = open_can("hand", CanPort(port=serve(EmulatedSlcan(echo))), WallClock())
     try:
-        link.ask(Beat(ASK, frozenset({0x101}), period_s=0.01, answer_s=0.1))
+        link.ask(Beat(ASK, frozenset({0x101}), period_s=0.01, answer_s=answer_s))
         heard = gathered(link, beats)
         link.ask(None)
         assert eventually(lambda: not link.receive())
@@ -238,10 +238,10 @@ def beaten(serve: Any, echo: Echo, beats: int) -> list[Heard]:
 
 
 def test_a_question_is_asked_at_its_beat_and_each_answer_bears_its_number(serve: Any) -> None:
-    heard = beaten(serve, Echo(), 30)
+    heard = beaten(serve, Echo(), 30, answer_s=5.0)  # a machine that is busy with others answers when it can
     beats = [one.beat for one in heard]
     assert beats == sorted(beats, key=lambda beat: beat or 0)
-    assert len(set(beats)) == 30
+    assert len(set(beats)) == len(beats) >= 30
     first = heard[0]
     for one in heard:
         assert one.due_s is not None
