@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test mutants check format bench soak-test lock diagrams clean
+.PHONY: run test mutants check format bench soak-test fuzz lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
 	$(BIN)/python run.py run mock/transient --no-report
@@ -38,6 +38,10 @@ bench: .venv/dev.stamp          ## run time against error, the loop's cost, the 
 soak-test: .venv/dev.stamp      ## emulated runs and the tests, idle and beside a busy process: hours; into benchmarks/results
 	$(BIN)/python -m benchmarks.soak
 
+FUZZ_SECONDS ?= 600
+fuzz: .venv/dev.stamp           ## bytes of all kinds into every decoder, FUZZ_SECONDS each; findings stay in build/fuzz
+	$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS)
+
 diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behaviors' own tables
 	$(BIN)/python -m config.diagrams
 
@@ -57,5 +61,5 @@ lock:                           ## new pins from requirements/*.in (needs uv)
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -c requirements/run.txt -o requirements/sound.txt requirements/sound.in
 
 clean:                          ## all that was made here, runs excepted
-	rm -rf .venv .mypy_cache .ruff_cache mutants
+	rm -rf .venv .mypy_cache .ruff_cache build mutants
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

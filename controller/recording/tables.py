@@ -5,18 +5,24 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
+import os
 import re
 import struct
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
 from mcap.decoder import DecoderFactory
-from mcap.records import Schema
+from mcap.records import Chunk, Schema
 from numpy.typing import NDArray
+
+from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, records
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +43,10 @@ TIME = re.compile(rf"(?:t|time|timestamp|elapsed)(?:[ _]*[(\[]?({'|'.join(SCALES
 
 CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 """Times above the first number are counted since 1970 in units of so many seconds: each holds from 1973 to 5138."""
+
+
+LEFT_OUT = "Reached EOF prematurely|Incomplete chunk|Length of header or names does not match"
+"""What a library merely warns of where it leaves a part of the file out."""
 
 
 class TableError(ValueError):
@@ -82,9 +92,18 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
     try:
         if path.stat().st_size > LARGEST_BYTES:
             raise TableError(f"{path}: larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
-        return read(path, column, count)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.filterwarnings("error", message=LEFT_OUT)
+            return read(path, column, count)
+    except TableError:
+        raise
     except OSError as error:
         raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except Exception as error:  # of damaged files each library says many things
+        kind = path.suffix.removeprefix(".").upper()
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise TableError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
 
 
 def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
@@ -99,7 +118,8 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
         if name not in table:
             raise TableError(f"{path}: no column {name}; there are {listed}")
         if not np.issubdtype(table[name].dtype, np.number) or np.iscomplexobj(table[name]):
-            raise TableError(f"{path}: column {name} holds {table[name][0]!r}, which is no number")
+            held = repr(table[name][0]) if len(table[name]) else "nothing"
+            raise TableError(f"{path}: column {name} holds {held}, which is no number")
     lengths = {name: len(table[name]) for name in [*wanted, *([clock] if clock else [])]}
     other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
     if other is not None:
@@ -131,6 +151,8 @@ def _times(
 def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
     import pandas as pd
 
+    if not len(times):
+        return np.empty(0)
     try:
         dates = pd.to_datetime(pd.Series(times), utc=True, format="ISO8601")
     except (ValueError, TypeError):
@@ -217,19 +239,26 @@ def _check_names(path: Path, names: Sequence[str]) -> None:
 
 
 def _read_npz(path: Path, column: str | None, count: int) -> Chosen:
-    try:
-        with ZipFile(path) as packed:
-            if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
-                raise TableError(
-                    f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces"
-                )
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in file.files}
-    except (ValueError, TypeError, KeyError, EOFError, SyntaxError, BadZipFile, NotImplementedError) as error:
-        if isinstance(error, TableError):
-            raise
-        raise TableError(f"{path}: no NPZ file of numbers: {error}") from None
+    with ZipFile(path) as packed:
+        if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
+            raise TableError(f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
+        for part in packed.infolist():
+            _check_npy(packed, part)
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        arrays = {name: np.asarray(file[name]) for name in file.files}
     return _of_arrays(path, arrays, column, count)
+
+
+def _check_npy(packed: ZipFile, part: ZipInfo) -> None:
+    """Refuse an array that is larger by its header than there are bytes: room would be made for all of it."""
+    headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    with packed.open(part) as opened:
+        version = np.lib.format.read_magic(opened)
+        if version not in headers:
+            raise ValueError(f"{part.filename} is of version {version}")
+        shape, _, dtype = headers[version](opened)
+    if math.prod(shape) * dtype.itemsize > part.file_size:
+        raise ValueError(f"{part.filename} has {part.file_size} bytes, no {shape} of {dtype}")
 
 
 def _read_mat(path: Path, column: str | None, count: int) -> Chosen:
@@ -239,8 +268,6 @@ def _read_mat(path: Path, column: str | None, count: int) -> Chosen:
         loaded = loadmat(path)
     except NotImplementedError:
         raise TableError(f"{path}: a MAT file of version 7.3; save it with -v7") from None
-    except Exception as error:  # of damaged files scipy says many things
-        raise TableError(f"{path}: no MAT file that can be read: {error}") from None
     arrays = {name: np.squeeze(found) for name, found in loaded.items() if isinstance(found, np.ndarray)}
     return _of_arrays(path, arrays, column, count)
 
@@ -265,10 +292,8 @@ def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
     """Channels in full-scale units (-1 to 1), and the sample rate."""
     from scipy.io import wavfile
 
-    try:
-        rate_hz, samples = wavfile.read(path)
-    except (ValueError, struct.error) as error:
-        raise TableError(f"{path}: no WAV file that can be read: {error}") from None
+    _check_riff(path)
+    rate_hz, samples = wavfile.read(path)
     channels = samples if samples.ndim == 2 else samples[:, None]
     if column is None and channels.shape[1] != count:
         raise TableError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
@@ -279,6 +304,25 @@ def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
     elif np.issubdtype(samples.dtype, np.integer):
         values = values / float(np.iinfo(samples.dtype).max + 1)
     return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file's rate")
+
+
+def _check_riff(path: Path) -> None:
+    """Refuse a file with a piece that is longer by its header than there are bytes: room would be made for it."""
+    size, offset = path.stat().st_size, 12
+    with path.open("rb") as file:
+        large = file.read(4) == b"RF64"
+        while offset + 8 <= size:
+            file.seek(offset)
+            name, length = struct.unpack("<4sI", file.read(8))
+            if name == b"ds64" and large:
+                sound_bytes = int.from_bytes(file.read(16)[8:], "little")
+                if sound_bytes > size:
+                    raise ValueError(f"it is cut off: {sound_bytes} bytes of sound are told")
+            elif length == 0xFFFFFFFF and large:
+                return
+            elif length > size - offset - 8:
+                raise ValueError(f"it is cut off: a piece of {length} bytes is told at byte {offset}")
+            offset += 8 + length + length % 2
 
 
 def channel_numbers(where: str, column: str, count: int) -> list[int]:
@@ -306,7 +350,6 @@ class _Json(DecoderFactory):
 
 def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
     """Fields of one topic, TOPIC:FIELD[,FIELD]; a field within a field has a dot, an item of a list its number."""
-    from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from mcap_protobuf.decoder import DecoderFactory as Protobuf
     from mcap_ros2.decoder import DecoderFactory as Ros2
@@ -316,7 +359,8 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
     rows: list[tuple[float, ...]] = []
     clocks: list[tuple[int, int | None]] = []
     try:
-        with path.open("rb") as file:
+        _check_chunks(path)
+        with _Bounded(io.FileIO(path)) as file:
             reader = make_reader(file, decoder_factories=[_Json(), Protobuf(), Ros2()])
             summary = reader.get_summary()
             topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
@@ -329,12 +373,8 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
             for _, _, message, decoded in reader.iter_decoded_messages(topics=[topic]):
                 rows.append(tuple(_field(decoded, field) for field in fields))
                 clocks.append((message.log_time, _stamp_ns(decoded)))
-    except LookupError as error:
-        raise TableError(f"{path}: {topic} has no number {error.args[0]}") from None
-    except (McapError, ValueError, struct.error, EOFError) as error:
-        if isinstance(error, TableError):
-            raise
-        raise TableError(f"{path}: no MCAP file that can be read: {error}") from None
+    except _NoNumberError as error:
+        raise TableError(f"{path}: {topic} has no number {error}") from None
     if not rows:
         raise TableError(f"{path}: {topic} has no message")
     stamped = all(stamp for _, stamp in clocks)
@@ -343,6 +383,34 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
     since_ns = [stamp - first_stamp_ns if stamped else log - first_log_ns for log, stamp in clocks]  # type: ignore[operator]
     times_s: Floats = (np.array(since_ns, np.int64) + anchor_ns).astype(np.float64) * 1e-9
     return Chosen(fields[0], np.array(rows), times_s, clock="header.stamp" if stamped else "log_time")
+
+
+class _Bounded(io.BufferedReader):
+    """A file of which no read is longer than the whole, whatever length a record claims."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        """See `io.BufferedReader.read`."""
+        return super().read(min(size, os.fstat(self.fileno()).st_size) if size else size)
+
+
+def _check_chunks(path: Path) -> None:
+    """Refuse a file with a chunk that unpacks to more than any recorder writes: the MCAP library would unpack it."""
+    import zstandard
+
+    with path.open("rb") as file:
+        for body, length in (record for record in records(path) if isinstance(record, tuple)):
+            file.seek(body)
+            chunk = Chunk.read(ReadDataStream(io.BytesIO(file.read(length))))
+            unpacked = chunk.uncompressed_size
+            if chunk.compression == "zstd":
+                told = zstandard.get_frame_parameters(chunk.data).content_size
+                unpacked = max(unpacked, 0 if told == zstandard.CONTENTSIZE_UNKNOWN else told)
+            if unpacked > LARGEST_CHUNK_BYTES:
+                raise ValueError(f"the chunk at byte {body} unpacks to {unpacked} bytes")
+
+
+class _NoNumberError(LookupError):
+    """A message has no such field, or no number in it."""
 
 
 def _field(message: Any, field: str) -> float:
@@ -354,7 +422,7 @@ def _field(message: Any, field: str) -> float:
         else:
             message = getattr(message, part, None)
     if isinstance(message, bool) or not isinstance(message, int | float):
-        raise LookupError(field)
+        raise _NoNumberError(field)
     return float(message)
 
 

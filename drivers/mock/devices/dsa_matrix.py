@@ -32,6 +32,10 @@ UNKNOWN = 13
 """Error codes: "feature not supported", "unknown command" (the maker's public library)."""
 
 
+FASTEST_HZ = 1000
+"""Most frames a second that it takes (assumption: its clock counts milliseconds)."""
+
+
 class Matrix(NamedTuple):
     """What there is of one matrix."""
 
@@ -255,6 +259,8 @@ class EmulatedDsaMatrix:
             case codec.SetThreshold(counts=threshold):
                 self._threshold = self._threshold if error else threshold
                 return codec.Done(codec.Id.SET_THRESHOLD, error)
+            case codec.Acquire() if request.frames_per_s > FASTEST_HZ:
+                error = REFUSED
             case codec.Acquire() if not error:
                 self._acquire = request
                 self._tick = math.floor(self._clock_s(t_s) * request.frames_per_s) + 1

@@ -1,15 +1,20 @@
 """What a file's rows become, and the threshold that they ask for."""
 
+import io
 import json
 import re
+import tracemalloc
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
+import zstandard
 from scipy.io import savemat, wavfile
 
 from behaviors.events import SlipStarted
 from controller.detectors.calibration import calibrate
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
+from controller.recording.tables import TableError, read_columns
 from controller.replay import ReplayError, between, calibration_line, read_blocks, replay
 from drivers.messages import SampleBlock
 
@@ -266,7 +271,8 @@ def test_a_file_that_is_damaged_or_ambiguous_is_refused_in_one_line(tmp_path):
         assert str(path) in str(error.value)
 
     refused(
-        made("cut.wav", b"RIFF\x24\x08\0\0WAVEfmt \x10\0\0\0\x01\0\x02\0"), "no WAV file that can be read"
+        made("cut.wav", b"RIFF\x24\x08\0\0WAVEfmt \x10\0\0\0\x01\0\x02\0"),
+        "no WAV file of numbers that can be read",
     )
     wavfile.write(tmp_path / "none.wav", 1000, np.zeros((0, 1), np.int16))
     refused(tmp_path / "none.wav", "has no rows")
@@ -278,8 +284,52 @@ def test_a_file_that_is_damaged_or_ambiguous_is_refused_in_one_line(tmp_path):
             "times must be finite and rise from row to row",
         )
     refused(made("no.npz", b"PK\x03\x04 and no more"), "no NPZ file of numbers")
+    refused(made("time.csv", b"ttime_"), "which is no number|has no rows|which column")
+    refused(made("one.csv", b"t_s,a\n0,1,2,3\n1,2\n"), "no CSV file|no table of numbers")
     np.savez(tmp_path / "complex.npz", a=np.array([1j, 2.0]))
     refused(tmp_path / "complex.npz", "column a holds .*1j.*, which is no number")
+
+
+def claims(array: bytes, data: bytes) -> bytes:
+    """An NPZ file with one array, whose header says what it likes."""
+    packed = io.BytesIO()
+    with ZipFile(packed, "w") as opened:
+        opened.writestr("a.npy", b"\x93NUMPY\x01\x00" + len(array).to_bytes(2, "little") + array + data)
+    return packed.getvalue()
+
+
+def chunk_of(size: int) -> bytes:
+    """An MCAP file of some kilobytes with a chunk that unpacks to `size` bytes."""
+    body = bytes(16) + size.to_bytes(8, "little") + bytes(4) + b"\4\0\0\0zstd"
+    packed = zstandard.ZstdCompressor().compress(bytes(size))
+    body += len(packed).to_bytes(8, "little") + packed
+    return b"\x89MCAP0\r\n" + b"\6" + len(body).to_bytes(8, "little") + body
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        (
+            "a.npz",
+            claims(b"{'descr': '<f8', 'fortran_order': False, 'shape': (900000000,), }\n", bytes(80)),
+            "no .900000000,. of float64",
+        ),
+        (
+            "a.wav",
+            b"RIFF\xf0\xff\xff\x7fWAVEdata\0\xff\xff\x7f" + bytes(80),
+            "cut off: a piece of 2147483392 bytes",
+        ),
+        ("a.mcap", chunk_of(65 << 20), "unpacks to 68157440 bytes"),
+    ],
+)
+def test_a_file_that_claims_more_than_it_holds_gets_no_room_for_it(tmp_path, name, content, says):
+    (tmp_path / name).write_bytes(content)
+    tracemalloc.start()
+    with pytest.raises(TableError, match=says):
+        read_columns(tmp_path / name, "/topic:field" if name == "a.mcap" else None)
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak_bytes < 32 << 20
 
 
 # --- tables of other programs --------------------------------------------------------------------

@@ -51,6 +51,10 @@ def test_infos_are_told() -> None:
     assert absent.payload[:2] == b"\x05\0"
 
 
+def test_more_frames_than_its_clock_can_tell_apart_are_refused() -> None:
+    assert Line().say(0x03, "80 e9 03") == [Packet(0x03, b"\x05\0")]
+
+
 def test_frames_come_row_by_row_until_they_are_stopped() -> None:
     line = Line()
     acknowledged, *frames = line.say(0x03, "80 64 00")
