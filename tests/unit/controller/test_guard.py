@@ -606,3 +606,18 @@ def test_a_grippers_speed_is_its_own_where_it_has_limits():
         GuardRefusal, match=r"^Grip\(gripper\): 0.11 m/s is beyond limits.movers.gripper.speed_m_s"
     ):
         limits.admit(Grip("gripper", 0.01, 0.11, 10.0))
+
+
+def test_a_force_that_lasts_for_one_window_of_a_long_block_stops_the_bench():
+    values = np.zeros(60)
+    values[40:50] = 3.0
+    assert "3.000 N (10 ms median)" in guard().watch(0.06, [force(values)], moving=True)
+
+
+def test_an_empty_block_hides_none_that_follows_it():
+    assert guard().watch(0.0, [position([]), position([0.02])], moving=True)
+
+
+def test_a_stream_that_the_guard_does_not_know_passes_it():
+    block = SampleBlock("board.accelerometer", 0, 0.0, np.full((5, 1), 99.0), rate_hz=1000.0, unit="m/s2")
+    assert guard().watch(0.005, [block], moving=False) is None
