@@ -35,8 +35,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """All tests share the room, but for one that is alone in it, fixtures and all.
 
-    An arm over the wire takes one core and a half before all others (real-time scheduling, and a client that spins),
-    so that of two cores nothing is left for the program under test where another worker wants one.
+    A stand-alone controller of an arm takes more than one core together with its client, which spins: of two cores
+    nothing is left for the program under test where another worker wants one.
     """
     LOCKS.mkdir(exist_ok=True)
     with (LOCKS / "door").open("w") as door, (LOCKS / "room").open("w") as room:
