@@ -74,7 +74,7 @@ class Witness:
 
 
 def emulator(realtime: bool = False) -> tuple[Emulator, Callable[[], list[list[float]]]]:
-    here = "test_emulator_wire"
+    here = __name__
     made = Emulator(
         {
             "plant": {"made": f"{here}:NoPlant", "settings_class": f"{here}:NoSettings", "settings": {}},
