@@ -22,7 +22,7 @@ from benchmarks.results import FOLDER, save, table
 from config import assemble
 from config.profile import Profile, load_profile
 from drivers.messages import Command, Home, MoveAt, Reached, Release
-from drivers.mock.emulator_process import EmulatorProcess
+from drivers.mock.wiring.emulator_process import EmulatorProcess
 
 REPEATS = 4
 QUICK_REPEATS = 1

@@ -21,7 +21,7 @@ from controller.guard import Guard
 from controller.loop import Loop
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
-from drivers.mock.plants.finger import FingerPlant
+from drivers.mock.physics.finger import FingerPlant
 
 ROOT = Path(__file__).resolve().parent.parent
 STARTS = 15

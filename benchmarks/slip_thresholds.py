@@ -29,9 +29,9 @@ from benchmarks.slip.wording import per_reset
 from controller.detectors.calibration import Statistic, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.slip_verdicts import VERDICTS
-from drivers.mock.noise import gaussian_at
-from drivers.mock.slip_bench import SlipBench
-from drivers.mock.slip_scene import CONVERTER_V, FINGER, PLANTS, Sensor, SlipBenchSettings
+from drivers.mock.physics.noise import gaussian_at
+from drivers.mock.wiring.slip_bench import SlipBench
+from drivers.mock.wiring.slip_scene import CONVERTER_V, FINGER, PLANTS, Sensor, SlipBenchSettings
 
 Floats = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LOOK_S = 0.2
 """How often the processes' use of the processor is read: the last reading may lack as much."""
 
-PARTS = {"emulator": "drivers.mock.emulator", "arm": "drivers.ur_arm.child"}
+PARTS = {"emulator": "drivers.mock.wiring.emulator", "arm": "drivers.ur_arm.child"}
 """Processes that a run starts, by their modules."""
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from controller.rig import Rig
     from controller.signals.protocol import Signal
     from drivers.clock import Clock
-    from drivers.mock.emulator_process import EmulatorProcess
+    from drivers.mock.wiring.emulator_process import EmulatorProcess
     from drivers.protocols import Device
     from drivers.settings import Settings
 
@@ -52,42 +52,42 @@ DRIVERS: Mapping[str, DriverEntry] = {
     "zaber_stage": DriverEntry(
         "linear stage, Zaber ASCII over serial",
         "drivers.zaber_stage.driver:ZaberStage",
-        "drivers.mock.zaber_stage:MockZaberStage",
+        "drivers.mock.drivers.zaber_stage:MockZaberStage",
     ),
     "sensor_board": DriverEntry(
         "accelerometer, load cell, period counter, excitation, tendon: COBS over serial",
         "drivers.sensor_board.driver:SensorBoard",
-        "drivers.mock.sensor_board:MockSensorBoard",
+        "drivers.mock.drivers.sensor_board:MockSensorBoard",
     ),
     "ur_arm": DriverEntry(
         "Universal Robots arm on an approach axis: ur_rtde over the network",
         "drivers.ur_arm.driver:UrArm",
-        "drivers.mock.ur_arm:MockUrArm",
+        "drivers.mock.drivers.ur_arm:MockUrArm",
     ),
     "audio": DriverEntry(
         "two fingers' sound at 96 kHz and their drive: sound card, WAV/FLAC file or a recorder over TCP",
         "drivers.audio.driver:Audio",
-        "drivers.mock.audio:MockAudio",
+        "drivers.mock.drivers.audio:MockAudio",
     ),
     "can_gripper": DriverEntry(
         "SSG-48 gripper on a CAN bus: position, speed and force of its jaws",
         "drivers.can_gripper.driver:CanGripper",
-        "drivers.mock.can_gripper:MockCanGripper",
+        "drivers.mock.drivers.can_gripper:MockCanGripper",
     ),
     "barrett_hand": DriverEntry(
         "finger torques of a BarrettHand on a CAN bus",
         "drivers.barrett_hand.driver:BarrettHand",
-        "drivers.mock.barrett_hand:MockBarrettHand",
+        "drivers.mock.drivers.barrett_hand:MockBarrettHand",
     ),
     "dsa_matrix": DriverEntry(
         "tactile matrices DSA 9210 on a DSACON32-M, over serial",
         "drivers.dsa_matrix.driver:DsaMatrix",
-        "drivers.mock.dsa_matrix:MockDsaMatrix",
+        "drivers.mock.drivers.dsa_matrix:MockDsaMatrix",
     ),
     "operator": DriverEntry(
         "the person at the bench, asked in words: on the console, or a JSON line at a time over a port",
         "drivers.operator.driver:Person",
-        "drivers.mock.operator:MockPerson",
+        "drivers.mock.drivers.operator:MockPerson",
     ),
 }
 
@@ -214,18 +214,18 @@ EXPERIMENTS: Mapping[str, ExperimentEntry] = {
 PLANTS: Mapping[str, KindEntry] = {
     "finger": KindEntry(
         "the resonant finger and the probe that meets it",
-        "drivers.mock.finger_bench:FingerBench",
-        "drivers.mock.finger_bench:FingerBenchSettings",
+        "drivers.mock.wiring.finger_bench:FingerBench",
+        "drivers.mock.wiring.finger_bench:FingerBenchSettings",
     ),
     "slip": KindEntry(
         "a tip on a table, touching, rolling and slipping, with one of five force sensors",
-        "drivers.mock.slip_bench:SlipBench",
-        "drivers.mock.slip_scene:SlipBenchSettings",
+        "drivers.mock.wiring.slip_bench:SlipBench",
+        "drivers.mock.wiring.slip_scene:SlipBenchSettings",
     ),
     "aura": KindEntry(
         "two sonic fingers on a gripper, an object between them or before one of them",
-        "drivers.mock.aura_bench:AuraBench",
-        "drivers.mock.aura_bench:AuraBenchSettings",
+        "drivers.mock.wiring.aura_bench:AuraBench",
+        "drivers.mock.wiring.aura_bench:AuraBenchSettings",
     ),
 }
 
@@ -281,11 +281,11 @@ class Table:
 
     def fault_settings(self) -> type[Settings]:
         """A fault that a simulated device shows."""
-        return _settings("drivers.mock.faults:Fault")
+        return _settings("drivers.mock.devices.faults:Fault")
 
     def faults_of(self, driver: str, port: str) -> Collection[str]:
         """What a driver's mock, or its emulated twin, can show; a real device breaks by itself."""
-        from drivers.mock.faults import SHOWN
+        from drivers.mock.devices.faults import SHOWN
 
         mock, emulated = SHOWN[driver]
         return {"mock": mock, "emulated": emulated}.get(port, frozenset())
@@ -334,7 +334,7 @@ def _wire_devices(
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
     from controller.rig import Rig, TrialScene
     from drivers.bench_clock import BenchClock, ClockPage
-    from drivers.mock.emulator_process import EmulatorControl
+    from drivers.mock.wiring.emulator_process import EmulatorControl
 
     emulator = start_emulator(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
     clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
@@ -359,7 +359,7 @@ def start_emulator(profile: Profile, realtime: bool = False) -> EmulatorProcess:
         profile: Which devices, on which plant.
         realtime: Whether time passes with the wall's, whoever is late.
     """
-    from drivers.mock.emulator_process import EmulatorProcess
+    from drivers.mock.wiring.emulator_process import EmulatorProcess
 
     return EmulatorProcess({**emulator_scene(profile), "realtime": realtime})
 
@@ -385,7 +385,7 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
         },
         "devices": {
             name: {
-                "made": f"drivers.mock.devices.wiring:{entry.driver}",
+                "made": f"drivers.mock.wiring.emulated:{entry.driver}",
                 "settings": entry.settings.model_dump(mode="json"),
             }
             for name, entry in profile.devices.items()
@@ -398,7 +398,7 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
 def _mock_rig(profile: Profile) -> Rig:
     from controller.rig import Rig, TrialScene
     from drivers.clock import VirtualClock
-    from drivers.mock.faults import FaultSchedule
+    from drivers.mock.devices.faults import FaultSchedule
 
     assert profile.plant is not None
     clock = VirtualClock()

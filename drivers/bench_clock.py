@@ -1,8 +1,8 @@
 """The clock of an emulated bench: a page of memory that the program, the arm's process and the emulator share.
 
-The emulator lets bench time pass with the wall (`drivers.mock.pace`), and no further than everybody who takes part
-says that it may. So a machine that holds a process or a thread up slows the bench down, and no watchdog, timeout or
-limit counts what the machine did.
+The emulator lets bench time pass with the wall (`drivers.mock.wiring.pace`), and no further than everybody who takes
+part says that it may. So a machine that holds a process or a thread up slows the bench down, and no watchdog, timeout
+or limit counts what the machine did.
 
 Who waits on the clock takes part from then on: each thread says how far time may go before it is heard again. One that
 says nothing for `PATIENCE_S` of the wall is waited for no longer, until it speaks again: a loop that hangs is caught

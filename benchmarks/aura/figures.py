@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.aura.scenes import Passage, begun
-from drivers.mock.plants.aura import ENVELOPE_HZ, RIGHT
-from drivers.mock.plants.aura_objects import OBJECTS, SIDES
+from drivers.mock.physics.aura import ENVELOPE_HZ, RIGHT
+from drivers.mock.physics.aura_objects import OBJECTS, SIDES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,9 +15,9 @@ from scipy.signal import welch
 from benchmarks.aura import figures
 from benchmarks.aura.scenes import DOWN, EDGE_S, Passage, begun, chained, demodulated
 from benchmarks.results import FOLDER, save, table
-from drivers.mock.aura_bench import AuraBench
-from drivers.mock.plants.aura import ENVELOPE_HZ, RIGHT
-from drivers.mock.plants.aura_settings import AuraSettings
+from drivers.mock.physics.aura import ENVELOPE_HZ, RIGHT
+from drivers.mock.physics.aura_settings import AuraSettings
+from drivers.mock.wiring.aura_bench import AuraBench
 
 SPEEDS_M_S = (0.01, 0.03, 0.3)
 """The paper's two (Fig. 4d), and one far beyond them."""

@@ -10,10 +10,10 @@ from scipy.signal import firwin
 
 from controller.signals.iq import Iq, IqSettings
 from drivers.messages import SampleBlock
-from drivers.mock.aura_bench import AuraBench, AuraBenchSettings
-from drivers.mock.plants.aura import COUNTS
-from drivers.mock.plants.aura_drive import FRAME_HZ
-from drivers.mock.plants.stage_axis import AxisMotion, Piece
+from drivers.mock.physics.aura import COUNTS
+from drivers.mock.physics.aura_drive import FRAME_HZ
+from drivers.mock.physics.stage_axis import AxisMotion, Piece
+from drivers.mock.wiring.aura_bench import AuraBench, AuraBenchSettings
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -18,7 +18,7 @@ from benchmarks.centering.study import (
     object_reach_m,
 )
 from benchmarks.results import table
-from drivers.mock.plants.aura_objects import SIX
+from drivers.mock.physics.aura_objects import SIX
 
 Repeats = Sequence[Sequence[Found]]
 

@@ -34,7 +34,7 @@ from benchmarks.centering.study import (
 from benchmarks.results import FOLDER, save
 from config.assemble import Table
 from config.profile import load_profile
-from drivers.mock.plants.aura_objects import SIX
+from drivers.mock.physics.aura_objects import SIX
 
 WAVES = ((0.125, 0.0125), (0.5, 0.015))
 """The paper's alpha (s) and distance of gamma (m) that are looked at beside the profile's."""

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from drivers.can_gripper.units import STROKE_M
 from drivers.messages import SampleBlock
-from drivers.mock.aura_bench import AuraBenchSettings
-from drivers.mock.aura_jaws import jaws_settings
-from drivers.mock.plants.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraPlant, Motion
-from drivers.mock.plants.aura_objects import OBJECTS
-from drivers.mock.plants.tool_motion import ToolMotion
+from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura_jaws import jaws_settings
+from drivers.mock.physics.aura_objects import OBJECTS
+from drivers.mock.physics.tool_motion import ToolMotion
+from drivers.mock.wiring.aura_bench import AuraBenchSettings
 from drivers.ur_arm.stream import RATE_HZ as ENCODER_HZ
 
 Floats = NDArray[np.float64]

@@ -22,7 +22,7 @@ from controller.detectors.level import LevelDetector, LevelSettings
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from drivers.messages import SampleBlock
-from drivers.mock.plants.aura import ENVELOPE_HZ, LEFT, RIGHT
+from drivers.mock.physics.aura import ENVELOPE_HZ, LEFT, RIGHT
 from drivers.ur_arm.stream import RATE_HZ as ENCODER_HZ
 
 Method = Literal["paper", "ours"]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from benchmarks.physics import mujoco_rival, ours, references, rivals, scipy_rivals
 from benchmarks.physics.model import DURATION_S, Difference, Scene, Solver, Trajectory, difference, scenes
 from benchmarks.physics.timing import Work, side_by_side_s
-from drivers.mock.plants.finger import FingerPlant
+from drivers.mock.physics.finger import FingerPlant
 
 EXACT = "exact pieces"
 """Our tier."""

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.physics import ours
 from benchmarks.physics.model import HOLD, OUTPUT_HZ, Floats, Scene, scenes
 from benchmarks.physics.timing import cpu_s
-from drivers.mock.plants.finger import FingerPlant, FingerSettings
+from drivers.mock.physics.finger import FingerPlant, FingerSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -42,7 +42,7 @@ HOUR_S = 3600.0
 FIRST_USE = """
 import json, sys, time
 wall, cpu = time.perf_counter(), time.process_time()
-from drivers.mock.plants.finger import FingerPlant, FingerSettings
+from drivers.mock.physics.finger import FingerPlant, FingerSettings
 settings = FingerSettings()
 idle, numba = time.perf_counter() - wall, "numba" in sys.modules
 plant = FingerPlant(settings)

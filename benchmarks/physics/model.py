@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.plants.finger import FingerSettings
+from drivers.mock.physics.finger import FingerSettings
 
 Floats = NDArray[np.float64]
 

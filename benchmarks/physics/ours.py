@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.physics.model import KINDS, Floats, Scene, Trajectory
 from benchmarks.physics.timing import cpu_s
-from drivers.mock.plants.finger import FingerPlant, FingerSettings
+from drivers.mock.physics.finger import FingerPlant, FingerSettings
 
 READ = frozenset({"accelerometer", "period"})
 """Channels that are read in what is timed."""

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.pretouch.scenes import Event, passage
 from benchmarks.pretouch.study import BOTH, CLAIRVOYANT, MATCHED, PAPER_TPR, SEED_MATCH, Verdict
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
-from drivers.mock.plants.aura_objects import SIX
+from drivers.mock.physics.aura_objects import SIX
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

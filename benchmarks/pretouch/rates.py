@@ -20,7 +20,7 @@ from benchmarks.pretouch.study import (
     contact_judges,
     pretouch_judges,
 )
-from drivers.mock.plants.aura_objects import SIDES, SIX, SOFT
+from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
 
 PRETOUCH, CONTACT = tuple(pretouch_judges({})), tuple(contact_judges({}))
 OURS, OURS_CONTACT = "pretouch", "level"

@@ -37,7 +37,7 @@ from benchmarks.pretouch.tables import (
     quiet_table,
 )
 from benchmarks.results import table
-from drivers.mock.plants.aura_objects import SIDES, SIX, SOFT
+from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
 
 
 def document(study: Study) -> str:

@@ -41,7 +41,7 @@ from benchmarks.pretouch.study import (
     pretouch_judges,
 )
 from benchmarks.results import FOLDER, save
-from drivers.mock.plants.aura_objects import SIDES, SIX, SOFT
+from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
 
 SWEEP_DB = (0, 5, 10, 15, 20, 25, 30, 35, 40)
 AFAR_M = 0.12

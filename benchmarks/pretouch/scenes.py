@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.messages import SampleBlock
-from drivers.mock.aura_bench import AuraBenchSettings
-from drivers.mock.plants.aura import BOTH, LEFT, RIGHT, AuraPlant, Motion
-from drivers.mock.plants.aura_drive import FRAME_HZ
-from drivers.mock.plants.aura_objects import NOTHING, OBJECTS, SIDES, SIX, Side
+from drivers.mock.physics.aura import BOTH, LEFT, RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura_drive import FRAME_HZ
+from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, SIDES, SIX, Side
+from drivers.mock.wiring.aura_bench import AuraBenchSettings
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

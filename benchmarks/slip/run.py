@@ -29,7 +29,7 @@ from benchmarks.slip.study import (
 )
 from controller.detectors.calibration import Statistic
 from controller.reports.slip_verdicts import VERDICTS
-from drivers.mock.plants.slip_sensors import SENSORS
+from drivers.mock.physics.slip_sensors import SENSORS
 
 NUISANCES = dict.fromkeys(figures.SENSORS, ("clean", "bumps", "loads", "rough")) | {
     "jr3_wrist": ("clean", "bumps"),

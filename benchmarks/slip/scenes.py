@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.plants.slip import SlipPlant, SlipSettings
-from drivers.mock.plants.slip_sensors import SENSORS
+from drivers.mock.physics.slip import SlipPlant, SlipSettings
+from drivers.mock.physics.slip_sensors import SENSORS
 
 Floats = NDArray[np.float64]
 

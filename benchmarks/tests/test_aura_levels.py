@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from benchmarks.aura.scenes import EDGE_S, Passage, begun, chained, demodulated
-from drivers.mock.plants.aura import LEFT, RIGHT
+from drivers.mock.physics.aura import LEFT, RIGHT
 
 QUIET = {"noise_fs_rthz": 0.0, "motion_fs": 0.0}
 

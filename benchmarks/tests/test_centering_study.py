@@ -12,7 +12,7 @@ from config.assemble import Table
 from config.profile import load_profile
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
-from drivers.mock.plants.aura import LEFT, RIGHT
+from drivers.mock.physics.aura import LEFT, RIGHT
 
 SEED = 3
 

@@ -8,7 +8,7 @@ import pytest
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
 from benchmarks.pretouch.scenes import Event, events, passage
 from benchmarks.pretouch.scoring import Rate, seen_at, threshold_at, touch
-from drivers.mock.plants.aura_objects import SIX
+from drivers.mock.physics.aura_objects import SIX
 
 
 def word(kind, t_s):

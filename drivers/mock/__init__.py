@@ -1,1 +1,1 @@
-"""The bench made of software: plants, mock drivers in the process, emulated devices on the wire."""
+"""The bench made of software: physics, drivers in the process, emulated devices on the wire, and their wiring."""

@@ -28,8 +28,8 @@ from drivers.messages import (
     Status,
     Stop,
 )
-from drivers.mock.plants.jaws import GripObject, JawsSettings
-from drivers.mock.plants.jaws_drive import JawsDrive
+from drivers.mock.physics.jaws import GripObject, JawsSettings
+from drivers.mock.physics.jaws_drive import JawsDrive
 from tests.contracts.crank import TURN_S, Crank
 
 SCENE = JawsSettings(

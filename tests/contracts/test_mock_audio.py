@@ -11,8 +11,8 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.errors import RefusedError
 from drivers.messages import Failed, Lost, Refused, Saturated, Status
-from drivers.mock.audio import MockAudio, MockAudioSettings
-from drivers.mock.faults import Fault, FaultSchedule
+from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.drivers.audio import MockAudio, MockAudioSettings
 from tests.contracts.audio_suite import FINGERS, GAINS, TONE, AudioContract, AudioTrial, SteadyFingers
 
 

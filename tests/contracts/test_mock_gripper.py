@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.mock.can_gripper import MockCanGripper, MockCanGripperSettings
-from drivers.mock.plants.jaws_drive import JawsDrive
+from drivers.mock.drivers.can_gripper import MockCanGripper, MockCanGripperSettings
+from drivers.mock.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import (
     SCENE,
     FreshGripperContract,

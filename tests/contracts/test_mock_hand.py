@@ -9,9 +9,9 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.messages import Failed, Lost, Saturated, Status
-from drivers.mock.barrett_hand import MockBarrettHand, MockBarrettHandSettings
 from drivers.mock.devices.barrett_hand import SteadyForces
-from drivers.mock.faults import Fault, FaultSchedule
+from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.drivers.barrett_hand import MockBarrettHand, MockBarrettHandSettings
 from tests.contracts.hand_suite import F1, FORCES_N, HandBench, HandContract
 
 

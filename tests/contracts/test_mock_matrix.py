@@ -9,8 +9,8 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.messages import Failed, Lost, Saturated, Status
-from drivers.mock.dsa_matrix import MockDsaMatrix, MockDsaMatrixSettings
-from drivers.mock.faults import Fault, FaultSchedule
+from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.drivers.dsa_matrix import MockDsaMatrix, MockDsaMatrixSettings
 from tests.contracts.matrix_suite import TEXELS, MatrixBench, MatrixContract, steady
 
 

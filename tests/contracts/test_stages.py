@@ -33,8 +33,8 @@ from drivers.messages import (
     Twist,
 )
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
-from drivers.mock.plants.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
-from drivers.mock.zaber_stage import MockZaberStage, MockZaberStageSettings
+from drivers.mock.drivers.zaber_stage import MockZaberStage, MockZaberStageSettings
+from drivers.mock.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
 from drivers.zaber_stage import driver as real
 from drivers.zaber_stage.codec import MICROSTEP_M
 from drivers.zaber_stage.driver import ZaberStage

@@ -42,7 +42,6 @@ from drivers.dsa_matrix.frames import Frames
 from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
 from drivers.errors import DeviceError
 from drivers.messages import StreamInfo
-from drivers.mock.control_port import ControlPort
 from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from drivers.mock.devices.barrett_hand import (
     EmulatedBarrettHand,
@@ -57,7 +56,8 @@ from drivers.mock.devices.ur_controller.dashboard import DashboardSession
 from drivers.mock.devices.ur_controller.rtde import PackageError
 from drivers.mock.devices.ur_controller.session import RtdeSession, ScriptSession
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
-from drivers.mock.plants.stage_axis import StageAxis
+from drivers.mock.physics.stage_axis import StageAxis
+from drivers.mock.wiring.control_port import ControlPort
 from drivers.operator import codec as person
 from drivers.sensor_board import codec as board
 from drivers.sensor_board.framing import FrameDecoder, frame

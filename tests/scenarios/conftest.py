@@ -77,7 +77,7 @@ def run_profile(tmp_path):
         if faults:
             from dataclasses import replace
 
-            from drivers.mock.faults import Fault
+            from drivers.mock.devices.faults import Fault
 
             profile = replace(profile, faults=tuple(Fault(**fault) for fault in faults))
         rig = assemble.build_rig(profile)

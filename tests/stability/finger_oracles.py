@@ -14,7 +14,7 @@ from mpmath import mp, mpf
 from numpy.typing import NDArray
 
 from drivers.compiled import compiled
-from drivers.mock.plants.finger_settings import LOCATIONS, FingerSettings
+from drivers.mock.physics.finger_settings import LOCATIONS, FingerSettings
 
 _REAL = 1e-20
 """An eigenvalue whose imaginary part is smaller is real, 1/s: what is left of it is the digits' own rounding."""

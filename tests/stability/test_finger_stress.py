@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from drivers.mock.plants.finger import FingerPlant, FingerSettings
+from drivers.mock.physics.finger import FingerPlant, FingerSettings
 from tests.stability.finger_oracles import modal
 
 QUIET = {"noise_scale": 0.0}
@@ -161,7 +161,7 @@ def test_the_load_cell_ends_at_its_range():
 
 
 def test_a_contact_beyond_all_means_ends_with_an_error_that_says_so(monkeypatch):
-    monkeypatch.setattr("drivers.mock.plants.finger_course.MOST_PIECES", 10_000)
+    monkeypatch.setattr("drivers.mock.physics.finger_course.MOST_PIECES", 10_000)
     settings = FingerSettings(**QUIET).model_copy(
         update={"contact_n_s_m": 1e9}
     )  # more than a profile may ask for

@@ -18,8 +18,8 @@ from drivers.clock import WallClock
 from drivers.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.messages import Failed, Lost, Refused, SampleBlock
 from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
-from drivers.mock.faults import Fault, FaultSchedule
-from drivers.mock.tcp_line import TcpLine
+from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.wiring.tcp_line import TcpLine
 from tests.contracts.audio_suite import FINGERS, TONE, AudioContract, AudioTrial, SteadyFingers
 
 LIFE_S = 30.0

@@ -16,15 +16,15 @@ from drivers.clock import WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.errors import RefusedError
 from drivers.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
-from drivers.mock.emulator_process import EmulatorProcess
+from drivers.mock.wiring.emulator_process import EmulatorProcess
 
 pytestmark = pytest.mark.alone
 
-WIRING = "drivers.mock.devices.wiring"
+WIRING = "drivers.mock.wiring.emulated"
 BENCHES = {
-    "finger": "drivers.mock.finger_bench:FingerBench",
-    "slip": "drivers.mock.slip_bench:SlipBench",
-    "aura": "drivers.mock.aura_bench:AuraBench",
+    "finger": "drivers.mock.wiring.finger_bench:FingerBench",
+    "slip": "drivers.mock.wiring.slip_bench:SlipBench",
+    "aura": "drivers.mock.wiring.aura_bench:AuraBench",
 }
 
 

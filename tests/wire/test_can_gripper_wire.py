@@ -18,7 +18,7 @@ from drivers.errors import ProtocolError, SilentError
 from drivers.messages import Failed, Grip, Gripped, Listen, Lost, Stalled
 from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from drivers.mock.devices.slcan import EmulatedSlcan
-from drivers.mock.plants.jaws_drive import JawsDrive
+from drivers.mock.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import (
     GRIP,
     SCENE,

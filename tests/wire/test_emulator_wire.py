@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from drivers.clock import WallClock
-from drivers.mock.emulator import PASS_S, Emulator
-from drivers.mock.faults import FaultSchedule
-from drivers.mock.pace import AHEAD_S
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.wiring.emulator import PASS_S, Emulator
+from drivers.mock.wiring.pace import AHEAD_S
 from drivers.settings import Settings
 
 HELD_UP_S = 0.2

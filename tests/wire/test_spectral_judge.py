@@ -14,8 +14,8 @@ from can.interfaces.slcan import slcanBus
 
 from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from drivers.mock.devices.slcan import EmulatedSlcan
-from drivers.mock.plants.jaws import GripObject, JawsSettings
-from drivers.mock.plants.jaws_drive import JawsDrive
+from drivers.mock.physics.jaws import GripObject, JawsSettings
+from drivers.mock.physics.jaws_drive import JawsDrive
 
 spectral = pytest.importorskip("Spectral_BLDC.Spectral_BLDC", reason="the vendor's client is not installed")
 

@@ -18,7 +18,7 @@ from zaber_motion import (
 from zaber_motion.ascii import Axis, Connection
 
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
-from drivers.mock.plants.stage_axis import StageAxis
+from drivers.mock.physics.stage_axis import StageAxis
 
 TIMEOUT_MS = 200
 """What the library waits for a reply here; its own default is a second."""

@@ -29,7 +29,7 @@ from drivers.messages import (
     Stop,
 )
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
-from drivers.mock.plants.stage_axis import StageAxis
+from drivers.mock.physics.stage_axis import StageAxis
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.errors import RefusedError
-from drivers.mock.weight_set import Hands, HandSettings, WeightBench
+from drivers.mock.physics.weight_set import Hands, HandSettings, WeightBench
 from drivers.operator.codec import Answer, Hello, LineDecoder, Request, encode
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from drivers.mock.devices.zaber_settings import CONSTANTS
-from drivers.mock.plants.stage_axis import STAGE_HOME_M_S, StageAxis
+from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, StageAxis
 from drivers.settings import Settings
 from drivers.zaber_stage import codec
 

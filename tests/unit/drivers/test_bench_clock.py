@@ -9,8 +9,8 @@ import pytest
 
 from drivers import bench_clock
 from drivers.bench_clock import ABSENCE_S, LOOK_S, PATIENCE_S, PLACES, SLACK_S, BenchClock, ClockPage
-from drivers.mock import pace
-from drivers.mock.pace import AHEAD_S, UNREAD_S, Pace
+from drivers.mock.wiring import pace
+from drivers.mock.wiring.pace import AHEAD_S, UNREAD_S, Pace
 
 STEP_S = 0.002
 

@@ -126,7 +126,7 @@ def test_a_kernel_of_the_program_follows_an_edit_of_the_file_that_it_calls_into(
 
     def echoed(folder):
         code = (
-            "import numpy as np; from drivers.mock.plants.aura_kernel import echoed; out = np.zeros(1);"
+            "import numpy as np; from drivers.mock.physics.aura_kernel import echoed; out = np.zeros(1);"
             "echoed(1, 2, 3, np.array([4]), np.array([1.0]), out); print(out[0])"
         )
         done = subprocess.run(

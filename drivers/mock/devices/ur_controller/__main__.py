@@ -22,7 +22,7 @@ from pydantic import Field, ValidationError
 
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.server import UrServer
-from drivers.mock.plants.arm_motion import StiffPlane
+from drivers.mock.physics.arm_motion import StiffPlane
 from drivers.settings import Settings
 
 REALTIME_PRIORITY = 20

@@ -20,8 +20,8 @@ from drivers.mock.devices.ur_controller.panel import Panel
 from drivers.mock.devices.ur_controller.registers import registers
 from drivers.mock.devices.ur_controller.rtde import Value
 from drivers.mock.devices.ur_controller.script import STEP_S, ControlScript, ScriptError
-from drivers.mock.plants.arm_motion import Arm, LimitError, StiffPlane, Surroundings
-from drivers.mock.plants.rigid import Array
+from drivers.mock.physics.arm_motion import Arm, LimitError, StiffPlane, Surroundings
+from drivers.mock.physics.rigid import Array
 from drivers.settings import Settings
 
 SLIDER_S = 0.4

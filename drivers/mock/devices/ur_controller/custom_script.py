@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from drivers.mock.plants import arm, rigid
-from drivers.mock.plants.arm_motion import JointMove, JointSpeed, Motion, ToolMove, ToolSpeed
-from drivers.mock.plants.rigid import Array
+from drivers.mock.physics import arm, rigid
+from drivers.mock.physics.arm_motion import JointMove, JointSpeed, Motion, ToolMove, ToolSpeed
+from drivers.mock.physics.rigid import Array
 
 if TYPE_CHECKING:
     from drivers.mock.devices.ur_controller.controller import UrController

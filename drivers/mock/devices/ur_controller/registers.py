@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from drivers.mock.devices.ur_controller.rtde import Value
-from drivers.mock.plants.rigid import Array
+from drivers.mock.physics.rigid import Array
 
 NUMBERS = 48
 """Integer and double registers each way (RTDE guide)."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.mock.plants.rigid import Array
+from drivers.mock.physics.rigid import Array
 
 PROTOCOL_VERSION = 2
 """The only version that is spoken here; version 1 has no recipe ids (guide)."""

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.mock.devices.ur_controller.registers import Registers
-from drivers.mock.plants import arm, rigid
-from drivers.mock.plants.arm_motion import (
+from drivers.mock.physics import arm, rigid
+from drivers.mock.physics.arm_motion import (
     JointMove,
     JointServo,
     JointSpeed,
@@ -23,7 +23,7 @@ from drivers.mock.plants.arm_motion import (
     ToolSpeed,
     Yielding,
 )
-from drivers.mock.plants.rigid import Array
+from drivers.mock.physics.rigid import Array
 
 if TYPE_CHECKING:
     from drivers.mock.devices.ur_controller.controller import UrController

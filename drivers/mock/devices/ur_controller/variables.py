@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivers.mock.devices.ur_controller.registers import registers
 from drivers.mock.devices.ur_controller.rtde import Value
-from drivers.mock.plants import arm, rigid
+from drivers.mock.physics import arm, rigid
 
 if TYPE_CHECKING:
     from drivers.mock.devices.ur_controller.controller import UrController

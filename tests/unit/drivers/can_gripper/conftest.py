@@ -9,8 +9,8 @@ import pytest
 
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
-from drivers.mock.plants.jaws import GripObject, JawsSettings
-from drivers.mock.plants.jaws_drive import JawsDrive
+from drivers.mock.physics.jaws import GripObject, JawsSettings
+from drivers.mock.physics.jaws_drive import JawsDrive
 from tests.unit.drivers.can_gripper.gripper_bench import Bench, Host
 
 BEGIN_S = 5000.0

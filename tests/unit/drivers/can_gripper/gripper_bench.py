@@ -11,7 +11,7 @@ from drivers.can_link import Beat, CanPort, Heard
 from drivers.clock import Clock, WallClock
 from drivers.messages import Command, DeviceInfo, SampleBlock, Status
 from drivers.mock.devices.can_gripper import EmulatedCanGripper
-from drivers.mock.plants.jaws_drive import JawsDrive
+from drivers.mock.physics.jaws_drive import JawsDrive
 
 TURN_S = 0.005
 DELAY_S = 0.0002

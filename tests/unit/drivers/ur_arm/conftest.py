@@ -6,7 +6,7 @@ import pytest
 
 from drivers.messages import Command, Status
 from drivers.mock.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
-from drivers.mock.plants.arm_motion import StiffPlane
+from drivers.mock.physics.arm_motion import StiffPlane
 from drivers.ur_arm.controller import Seen, still
 from drivers.ur_arm.motion import Conductor
 from drivers.ur_arm.pipe import Row

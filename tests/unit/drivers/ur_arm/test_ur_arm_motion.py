@@ -18,7 +18,7 @@ from drivers.messages import (
     Tare,
     Twist,
 )
-from drivers.mock.plants.rigid import difference
+from drivers.mock.physics.rigid import difference
 from drivers.ur_arm.guidance import CYCLE_S
 from drivers.ur_arm.motion import State
 

@@ -1,0 +1,1 @@
+"""Drivers of simulated devices, in the process and in virtual time."""

@@ -1,0 +1,179 @@
+"""The BarrettHand of the mock bench: what its fingers feel, sampled in the process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Protocol
+
+import numpy as np
+from pydantic import Field, Strict
+
+from drivers.barrett_hand import codec
+from drivers.barrett_hand.strain import Strain, StrainSettings
+from drivers.clock import Clock, last_tick
+from drivers.errors import CommandError
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Listen,
+    Lost,
+    Refused,
+    SampleBlock,
+    Sent,
+    Status,
+    Tare,
+)
+from drivers.mock.devices.barrett_hand import Source, counts
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.physics.bench import part
+
+
+class HandBench(Protocol):
+    """A bench with a hand's fingers on it."""
+
+    @property
+    def fingers(self) -> Source:
+        """What they feel; its time is the bench's."""
+
+
+class MockBarrettHandSettings(StrainSettings):
+    """The mock hand."""
+
+    fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
+    """Nodes of the fingers that have a strain gauge."""
+
+    poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
+    """How often the gauges are asked for, as in the real driver."""
+
+    block_samples: int = Field(default=64, ge=1, le=65536)
+    """Longest block that `read` hands out."""
+
+
+class MockBarrettHand:
+    """Samples the fingers on its own grid (sample k at k / poll_hz), computing only what is listened to.
+
+    Args:
+        name: In the profile.
+        settings: Of the hand.
+        clock: Bench time.
+        bench: Whose fingers they are.
+        faults: What goes wrong, and when.
+
+    Raises:
+        RefusedError: the bench has no fingers.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: MockBarrettHandSettings,
+        clock: Clock,
+        bench: HandBench,
+        faults: FaultSchedule | None = None,
+    ) -> None:
+        part(bench, "fingers", name)
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._bench = bench
+        self._faults = faults or FaultSchedule()
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        s = self._settings
+        strains = [Strain(self.name, finger, s.poll_hz, s) for finger in s.fingers]
+        self._strains = {strain.info.name: strain for strain in strains}
+        self._fingers = dict(zip(self._strains, s.fingers, strict=True))
+        self._next: dict[str, int] = {}
+        self._seq = dict.fromkeys(self._strains, 0)
+        self._statuses: list[Status] = []
+        self._faults.restart()
+
+    def open(self) -> DeviceInfo:
+        """Nothing to connect to."""
+        return DeviceInfo(
+            self.name,
+            model="simulated BarrettHand",
+            streams={name: strain.info for name, strain in self._strains.items()},
+            clock="bench",
+            details={"safe_counts": codec.SAFE_COUNTS},
+        )
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def apply(self, command: Command) -> Applied:
+        """Listen to fingers, or tare one.
+
+        Raises:
+            CommandError: not for this hand.
+        """
+        now_s = self._clock.now()
+        match command:
+            case Listen(streams=streams):
+                begins = last_tick(now_s, self._settings.poll_hz) + 1
+                heard = [self._known(command, stream) for stream in sorted(streams)]
+                self._next = {stream: self._next.get(stream, begins) for stream in heard}
+            case Tare(stream=stream) if self._strains[self._known(command, stream)].tare():
+                self._statuses.append(Sent(now_s, self.name, command))
+            case Tare():
+                reason = "nothing has been read of it; listen to it first"
+                self._statuses.append(Refused(now_s, self.name, command, reason))
+            case _:
+                raise self._wrong(command, "it has no such command", "a hand can Listen and Tare")
+        return Applied(command, now_s)
+
+    def read(self) -> Sequence[SampleBlock]:
+        """What was sampled since the last call."""
+        now_s = self._clock.now()
+        self._bench.fingers.advance(now_s)
+        blocks = [block for stream in self._next for block in self._sample(stream, now_s)]
+        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
+            return ()
+        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
+            self._statuses += [Lost(now_s, self.name, block.stream, len(block)) for block in blocks]
+            return ()
+        for block in blocks:
+            self._statuses += self._strains[block.stream].saturation(block)
+        return blocks
+
+    def account(self) -> Mapping[str, object]:
+        """No link; where the zeros are."""
+        return {"zero_counts": {name: strain.zero for name, strain in self._strains.items()}}
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        failed = self._faults.failure(self._clock.now(), self.name)
+        if failed is not None:
+            self._statuses.append(failed)
+        taken, self._statuses = self._statuses, []
+        return taken
+
+    def _sample(self, stream: str, now_s: float) -> list[SampleBlock]:
+        rate_hz, first = self._settings.poll_hz, self._next[stream]
+        last = last_tick(now_s, rate_hz)
+        if last < first:
+            return []
+        self._next[stream] = last + 1
+        times_s = np.arange(first, last + 1) / rate_hz
+        raw = counts(self._bench.fingers.forces_n(self._fingers[stream], times_s), self._settings)
+        if self._faults.active(now_s, "full_scale"):
+            raw = np.zeros_like(raw)
+        raw = self._faults.held(now_s, stream, raw[:, None])[:, 0]
+        blocks = []
+        for start in range(0, len(raw), self._settings.block_samples):
+            part = raw[start : start + self._settings.block_samples]
+            blocks.append(self._strains[stream].block(self._seq[stream], float(times_s[start]), part, now_s))
+            self._seq[stream] += len(part)
+        return blocks
+
+    def _known(self, command: Command, stream: str) -> str:
+        if stream not in self._strains:
+            advice = f"it has: {', '.join(sorted(self._strains))}"
+            raise self._wrong(command, f"it has no stream {stream}", advice)
+        return stream
+
+    def _wrong(self, command: Command, reason: str, advice: str) -> CommandError:
+        return CommandError(self.name, f"applying {type(command).__name__}", reason, advice)

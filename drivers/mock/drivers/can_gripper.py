@@ -1,0 +1,263 @@
+"""The gripper of the mock bench: the drive's motion, asked in the process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from pydantic import Field
+
+from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, valid
+from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
+from drivers.can_gripper.watch import Watch
+from drivers.can_gripper.words import Drive, State
+from drivers.clock import Clock, last_tick
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Grip,
+    Home,
+    Listen,
+    Lost,
+    Refused,
+    Release,
+    SampleBlock,
+    Sent,
+    Status,
+    Stop,
+    StreamInfo,
+)
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.physics.bench import part
+from drivers.mock.physics.jaws_drive import JawsDrive
+from drivers.settings import Settings
+
+
+class GripBench(Protocol):
+    """A bench with jaws on it."""
+
+    @property
+    def jaws(self) -> JawsDrive:
+        """Their drive; its time is the bench's."""
+
+
+class MockCanGripperSettings(Settings):
+    """The mock gripper; its brackets are the plant's."""
+
+    poll_hz: float = Field(default=100.0, ge=1.0, le=500.0)
+    """How often its state is asked for; the real driver polls as often."""
+
+    max_speed_m_s: float = Field(default=0.1, gt=0.0, le=SPEED_MAX_M_S)
+    """Greatest rate of the opening, as in the real driver."""
+
+    max_force_n: float = Field(default=FORCE_MAX_N, gt=0.0, le=FORCE_MAX_N)
+    """Greatest force that may be asked for, as in the real driver."""
+
+    release_force_n: float = Field(default=15.0, gt=0.0, le=FORCE_MAX_N)
+    """How hard it may press outwards while it opens, as in the real driver."""
+
+    object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
+    """How long something must hold the jaws to be an object, as in the real driver."""
+
+
+class MockCanGripper:
+    """Moves the bench's jaws through the counts of the real gripper; can be told to fail.
+
+    Args:
+        name: In the profile.
+        settings: Of the gripper.
+        clock: Bench time.
+        bench: Whose jaws it moves.
+        faults: What goes wrong, and when.
+
+    Raises:
+        RefusedError: the bench has no jaws.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: MockCanGripperSettings,
+        clock: Clock,
+        bench: GripBench,
+        faults: FaultSchedule | None = None,
+    ) -> None:
+        part(bench, "jaws", name)
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._bench = bench
+        self._brackets = Brackets(bench.jaws.jaws.settings.closed_width_m)
+        self._faults = faults or FaultSchedule()
+        self._infos = {
+            f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
+            f"{name}.force": StreamInfo(
+                f"{name}.force", ("force",), "N", FORCE_N_PER_MA, longest_s=LONGEST_S
+            ),
+        }
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
+        self._order = Drive(0, 0, 0)
+        self._heard: frozenset[str] = frozenset()
+        self._asked = 0
+        self._samples: list[tuple[int, State]] = []
+        self._statuses: list[Status] = []
+        self._faults.restart()
+
+    def open(self) -> DeviceInfo:
+        """Nothing to connect to."""
+        return DeviceInfo(
+            self.name,
+            model="simulated gripper",
+            streams=self._infos,
+            mover=True,
+            clock="bench",
+            details={
+                "closed_width_m": self._brackets.closed_width_m,
+                "open_width_m": self._brackets.open_width_m,
+                "calibrated": self._bench.jaws.calibrated,
+            },
+        )
+
+    def close(self) -> None:
+        """Nothing to let go of; the jaws hold where they are."""
+        self._bench.jaws.advance(self._clock.now())
+        if not self._watch.resting:
+            self._hold()
+
+    def apply(self, command: Command) -> Applied:
+        """Give the drive its order, now.
+
+        Raises:
+            CommandError: not for a gripper, not finite or out of range.
+        """
+        settings, now_s = self._settings, self._clock.now()
+        command = valid(self.name, self._brackets, settings.max_speed_m_s, settings.max_force_n, command)
+        if isinstance(command, Listen):
+            self._run(now_s)
+            self._heard = command.streams & frozenset(self._infos)
+            return Applied(command, now_s)
+        if self._faults.active(now_s, "silent"):
+            return Applied(command, now_s)
+        self._run(now_s)
+        refusal = self._refusal(command, now_s)
+        if refusal is not None:
+            self._statuses.append(Refused(now_s, self.name, command, refusal))
+            return Applied(command, now_s)
+        drives = self._carry_out(command)
+        self._watch.begin(command, now_s, drives=drives)
+        self._statuses.append(Sent(now_s, self.name, command))
+        return Applied(command, now_s)
+
+    def read(self) -> Sequence[SampleBlock]:
+        """States reported since the last call."""
+        now_s = self._clock.now()
+        self._run(now_s)
+        samples, self._samples = self._samples, []
+        if not samples:
+            return ()
+        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
+            self._statuses += [Lost(now_s, self.name, stream, len(samples)) for stream in sorted(self._heard)]
+            return ()
+        times_s = np.array([number for number, _ in samples]) / self._settings.poll_hz
+        widths_m = [self._brackets.width_m(state.position) for _, state in samples]
+        closing_ma = [-state.current_ma for _, state in samples]
+        columns = {f"{self.name}.width": np.array(widths_m), f"{self.name}.force": np.array(closing_ma)}
+        return [
+            SampleBlock(
+                stream,
+                samples[0][0],
+                float(times_s[0]),
+                columns[stream][:, None],
+                times_s=times_s,
+                unit=self._infos[stream].unit,
+                scale=self._infos[stream].scale,
+                arrival_s=now_s,
+            )
+            for stream in sorted(self._heard)
+        ]
+
+    def account(self) -> Mapping[str, object]:
+        """No link, nothing to tell."""
+        return {}
+
+    def poll(self) -> Sequence[Status]:
+        """What became of the commands."""
+        now_s = self._clock.now()
+        self._run(now_s)
+        if self._faults.begun(now_s, "stall"):
+            self._bench.jaws.jam()
+        failed = self._faults.failure(now_s, self.name)
+        if failed is not None:
+            self._bench.jaws.sleep()  # the gripper's own watchdog: nobody feeds it any more
+            self._statuses.append(failed)
+        taken, self._statuses = self._statuses, []
+        return taken
+
+    def _refusal(self, command: Command, now_s: float) -> str | None:
+        if self._faults.active(now_s, "refuse"):
+            return "the gripper refuses (injected fault)"
+        if isinstance(command, Grip | Release) and not self._bench.jaws.calibrated:
+            return "it does not know its ends; send Home first, with empty jaws"
+        return None
+
+    def _carry_out(self, command: Command) -> bool:
+        """Do it; whether it drives the jaws."""
+        match command:
+            case Grip():
+                self._go(self._brackets.grip(command))
+            case Release():
+                self._go(self._brackets.release(command, self._settings.release_force_n))
+            case Stop() if not self._watch.resting:
+                self._hold()
+                return self._bench.jaws.calibrated
+            case Home() if not self._bench.jaws.calibrated:
+                self._bench.jaws.calibrate()
+            case _:
+                return False
+        return True
+
+    def _hold(self) -> None:
+        if self._bench.jaws.calibrated:
+            self._go(self._brackets.hold(self._state(), self._order))
+        else:
+            self._bench.jaws.sleep()
+
+    def _go(self, order: Drive) -> None:
+        self._order = order
+        self._bench.jaws.go(order.position / POSITION_COUNTS, speed_ticks_s(order.speed), order.current_ma)
+
+    def _run(self, now_s: float) -> None:
+        """Ask for the states that are due by now."""
+        silent = self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
+        last = last_tick(now_s, self._settings.poll_hz)
+        while self._asked < last:
+            self._asked += 1
+            t_s = self._asked / self._settings.poll_hz
+            self._bench.jaws.advance(t_s)
+            if silent:
+                continue
+            state = self._state()
+            self._statuses += self._watch.push(t_s, state, fault=False)
+            if self._heard:
+                self._samples.append((self._asked, state))
+        self._bench.jaws.advance(now_s)
+
+    def _state(self) -> State:
+        jaws = self._bench.jaws
+        return State(
+            position=round(jaws.closed_share * POSITION_COUNTS),
+            current_ma=round(jaws.current_ma),
+            finding=jaws.finding,
+            activated=True,
+            going=True,
+            over_temperature=False,
+            watchdog=False,
+            estop=False,
+            calibrated=jaws.calibrated,
+        )

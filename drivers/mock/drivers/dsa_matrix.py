@@ -1,0 +1,174 @@
+"""The tactile matrices of the mock bench: what their texels feel, sampled in the process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from drivers.clock import Clock, last_tick
+from drivers.dsa_matrix import codec
+from drivers.errors import CommandError
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Listen,
+    Lost,
+    SampleBlock,
+    Saturated,
+    Sent,
+    Status,
+    StreamInfo,
+)
+from drivers.mock.devices.dsa_matrix import Source, counts
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.physics.bench import part
+from drivers.settings import Settings
+
+
+class MatrixBench(Protocol):
+    """A bench with tactile matrices on it."""
+
+    @property
+    def taxels(self) -> Source:
+        """What their texels feel; its time is the bench's."""
+
+
+class MockDsaMatrixSettings(Settings):
+    """The mock matrices."""
+
+    frame_hz: int = Field(default=100, ge=1, le=1000)
+    """Frames a second, as in the real driver; no line is too slow here."""
+
+    threshold_counts: int = Field(default=0, ge=0, le=codec.TEXEL_MAX)
+    """Texels below this are told as 0."""
+
+
+class MockDsaMatrix:
+    """Samples the texels on its own grid (frame k at k / frame_hz), only while somebody listens.
+
+    Args:
+        name: In the profile.
+        settings: Of the matrices.
+        clock: Bench time.
+        bench: Whose texels they are.
+        faults: What goes wrong, and when.
+
+    Raises:
+        RefusedError: the bench has no taxels.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: MockDsaMatrixSettings,
+        clock: Clock,
+        bench: MatrixBench,
+        faults: FaultSchedule | None = None,
+    ) -> None:
+        part(bench, "taxels", name)
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._bench = bench
+        self._faults = faults or FaultSchedule()
+        stream = f"{name}.taxels"
+        channels = codec.channel_names((matrix.rows, matrix.columns) for matrix in bench.taxels.matrices())
+        self._info = StreamInfo(stream, channels, "V", codec.VOLT_PER_COUNT, float(settings.frame_hz))
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        self._next: int | None = None
+        self._seq = 0
+        self._saturated = False
+        self._statuses: list[Status] = []
+        self._faults.restart()
+
+    def open(self) -> DeviceInfo:
+        """Nothing to connect to."""
+        return DeviceInfo(
+            self.name, model="simulated DSA 9210", streams={self._info.name: self._info}, clock="bench"
+        )
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def apply(self, command: Command) -> Applied:
+        """Listen to the texels, or no more.
+
+        Raises:
+            CommandError: not for these matrices.
+        """
+        now_s, doing = self._clock.now(), f"applying {type(command).__name__}"
+        if not isinstance(command, Listen):
+            raise CommandError(self.name, doing, "it has no such command", "matrices can Listen")
+        unknown = sorted(command.streams - {self._info.name})
+        if unknown:
+            advice = f"it has: {self._info.name}"
+            raise CommandError(self.name, doing, f"it has no stream {unknown[0]}", advice)
+        if bool(command.streams) != (self._next is not None):
+            self._next = last_tick(now_s, self._settings.frame_hz) + 1 if command.streams else None
+            self._statuses.append(Sent(now_s, self.name, command))
+        return Applied(command, now_s)
+
+    def read(self) -> Sequence[SampleBlock]:
+        """Frames since the last call."""
+        now_s, rate_hz = self._clock.now(), self._settings.frame_hz
+        self._bench.taxels.advance(now_s)
+        last = last_tick(now_s, rate_hz)
+        if self._next is None or last < self._next:
+            return ()
+        times_s = np.arange(self._next, last + 1) / rate_hz
+        self._next = last + 1
+        texels = counts(self._bench.taxels.texels_v(times_s), self._settings.threshold_counts)
+        if self._faults.active(now_s, "full_scale"):
+            texels = np.full_like(texels, codec.TEXEL_MAX)
+        block = self._block(times_s[0], texels.astype(np.int32), now_s)
+        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
+            return ()
+        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
+            self._statuses.append(Lost(now_s, self.name, self._info.name, len(block)))
+            return ()
+        self._watch(block)
+        return (block,)
+
+    def account(self) -> Mapping[str, object]:
+        """No link, nothing to tell."""
+        return {}
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        failed = self._faults.failure(self._clock.now(), self.name)
+        if failed is not None:
+            self._statuses.append(failed)
+        taken, self._statuses = self._statuses, []
+        return taken
+
+    def _block(self, t0_s: float, texels: NDArray[np.int32], now_s: float) -> SampleBlock:
+        block = SampleBlock(
+            self._info.name,
+            self._seq,
+            float(t0_s),
+            texels,
+            rate_hz=self._info.rate_hz,
+            unit=self._info.unit,
+            scale=self._info.scale,
+            device_t0_s=float(t0_s),
+            arrival_s=now_s,
+        )
+        self._seq += len(block)
+        return block
+
+    def _watch(self, block: SampleBlock) -> None:
+        """Tell each excursion to a texel's end once."""
+        full = (block.values >= codec.TEXEL_MAX).any(axis=1)
+        for place in np.flatnonzero(np.diff(full, prepend=self._saturated)):
+            self._saturated = not self._saturated
+            if self._saturated:
+                value = codec.TEXEL_MAX * self._info.scale
+                self._statuses.append(Saturated(float(block.times[place]), self.name, block.stream, value))

@@ -1,0 +1,131 @@
+"""The person of the mock bench: does what is asked for, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from drivers.clock import Clock
+from drivers.errors import RefusedError
+from drivers.messages import (
+    Answered,
+    Applied,
+    Ask,
+    Command,
+    DeviceInfo,
+    Listen,
+    Loaded,
+    LoadWeight,
+    Refused,
+    SampleBlock,
+    Sent,
+    Status,
+)
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.physics.weight_set import Hands, HandSettings, WeightBench
+from drivers.operator.requests import LoadLimits, Loads, load_stream, valid
+
+
+class MockPersonSettings(HandSettings, LoadLimits):
+    """The simulated person, within the real one's limits."""
+
+
+class MockPerson:
+    """Answers every request after a while, and hangs the weights on the bench.
+
+    Its faults: "silent" and "lose" (no answer), "refuse" (it says no), "unplug" (it has left).
+
+    Args:
+        name: In the profile.
+        settings: Of the person.
+        clock: Bench time.
+        bench: Where the fingertip is.
+        faults: What goes wrong, and when.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: MockPersonSettings,
+        clock: Clock,
+        bench: WeightBench,
+        faults: FaultSchedule | None = None,
+    ) -> None:
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._hands = Hands(settings, bench)
+        self._faults = faults or FaultSchedule()
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        self._loads = Loads(self.name)
+        self._asked: Ask | LoadWeight | None = None
+        self._due_s = 0.0
+        self._statuses: list[Status] = []
+        self._faults.restart()
+
+    def open(self) -> DeviceInfo:
+        """Nobody to wait for."""
+        info = load_stream(self.name)
+        return DeviceInfo(self.name, model="simulated person", streams={info.name: info}, clock="bench")
+
+    def close(self) -> None:
+        """Nothing is asked for any more."""
+        self._asked = None
+
+    def apply(self, command: Command) -> Applied:
+        """Ask; a newer request replaces an older one.
+
+        Raises:
+            CommandError: not for a person, or a load that the sensor does not bear.
+        """
+        now_s = self._clock.now()
+        if isinstance(command, Listen):
+            self._loads.listen(command.streams)
+            return Applied(command, now_s)
+        self._asked = valid(self.name, self._settings, command)
+        self._due_s = now_s + self._settings.answer_s
+        self._statuses.append(Sent(now_s, self.name, command))
+        return Applied(command, now_s)
+
+    def read(self) -> Sequence[SampleBlock]:
+        """What hangs on the sensor, where it has changed since the last call."""
+        self._work()
+        return self._loads.take()
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        self._work()
+        failed = self._faults.failure(self._clock.now(), self.name)
+        if failed is not None:
+            self._asked = None
+            self._statuses.append(failed)
+        taken, self._statuses = self._statuses, []
+        return taken
+
+    def account(self) -> Mapping[str, object]:
+        """No link, nothing to tell."""
+        return {}
+
+    def _work(self) -> None:
+        now_s = self._clock.now()
+        away = any(self._faults.active(now_s, kind) for kind in ("silent", "lose", "corrupt", "unplug"))
+        if self._asked is None or now_s < self._due_s or away:
+            return
+        asked, self._asked = self._asked, None
+        if self._faults.active(now_s, "refuse"):
+            self._statuses.append(Refused(now_s, self.name, asked, "the person says no (injected fault)"))
+        elif isinstance(asked, Ask):
+            self._statuses.append(Answered(now_s, self.name, asked.request, command_id=asked.id))
+        else:
+            self._hang(asked, now_s)
+
+    def _hang(self, asked: LoadWeight, now_s: float) -> None:
+        try:
+            self._hands.hang(now_s, asked.bridge, asked.force_n)
+        except RefusedError as error:
+            self._statuses.append(Refused(now_s, self.name, asked, f"{error.reason}; {error.advice}"))
+            return
+        self._loads.hang(now_s, asked.bridge, asked.force_n)
+        self._statuses.append(Loaded(now_s, self.name, asked.bridge, asked.force_n, command_id=asked.id))

@@ -1,0 +1,228 @@
+"""The sensor board of the mock bench: what the plant does, sampled and quantised in the process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from drivers.clock import Clock, last_tick
+from drivers.errors import CommandError
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Excite,
+    Listen,
+    Lost,
+    SampleBlock,
+    Sent,
+    SetTendon,
+    Status,
+    Tare,
+)
+from drivers.mock.devices.board_channels import Source
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.sensor_board.commands import BoardLimits, mine, tendon_um
+from drivers.sensor_board.streams import stream_info
+
+INT32 = np.iinfo(np.int32)
+
+
+class BoardBench(Source, Protocol):
+    """A bench with a board's sensors on it."""
+
+
+class MockSensorBoardSettings(BoardLimits):
+    """The mock board: the real one's limits, without its link."""
+
+    block_samples: int = Field(default=64, ge=1, le=65536)
+    """Longest block that `read` hands out; what has arrived is cut into blocks of at most this length."""
+
+
+class MockSensorBoard:
+    """Samples the plant on the board's own grid (sample k at k / rate), computing only what is listened to.
+
+    Args:
+        name: In the profile.
+        settings: Of the board.
+        clock: Bench time.
+        bench: What its sensors are on.
+        faults: What goes wrong, and when.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: MockSensorBoardSettings,
+        clock: Clock,
+        bench: BoardBench,
+        faults: FaultSchedule | None = None,
+    ) -> None:
+        self.name = name
+        self._settings = settings
+        self._clock = clock
+        self._bench = bench
+        self._faults = faults or FaultSchedule()
+        self._infos = {
+            spec.name: stream_info(f"{name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz)
+            for spec in bench.streams()
+        }
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        self._heard: frozenset[str] = frozenset()
+        self._next_sample = dict.fromkeys(self._infos, 0)
+        self._seq = dict.fromkeys(self._infos, 0)
+        self._zero = {name: np.zeros(len(info.channels), np.int64) for name, info in self._infos.items()}
+        self._statuses: list[Status] = []
+        self._faults.restart()
+
+    def open(self) -> DeviceInfo:
+        """Nothing to connect to."""
+        return DeviceInfo(
+            self.name,
+            model="simulated sensor board",
+            streams={info.name: info for info in self._infos.values()},
+            clock="bench",
+        )
+
+    def close(self) -> None:
+        """Nothing to let go of; the excitation ends."""
+        self._bench.excite(False)
+
+    def apply(self, command: Command) -> Applied:
+        """Do what was asked, now.
+
+        Raises:
+            CommandError: not for this board, or not finite.
+        """
+        command, now_s = mine(self.name, command), self._clock.now()
+        if isinstance(command, Listen):
+            self._listen(command, now_s)
+            return Applied(command, now_s)
+        self._bench.advance(now_s, self._heard)
+        if isinstance(command, Excite):
+            self._bench.excite(command.on)
+        elif isinstance(command, SetTendon):
+            command = replace(command, position_m=tendon_um(self.name, self._settings, command) * 1e-6)
+            self._bench.set_tendon(command.position_m)
+        elif isinstance(command, Tare) and command.stream.partition(".")[2] in self._infos:
+            self._tare(command.stream.partition(".")[2], now_s)
+        else:
+            raise CommandError(
+                self.name,
+                f"applying {command}",
+                "the board has no such thing",
+                "see its streams and commands with: run.py check PROFILE --connect",
+            )
+        self._statuses.append(Sent(now_s, self.name, command))
+        return Applied(command, now_s)
+
+    def _listen(self, command: Listen, now_s: float) -> None:
+        self._bench.advance(now_s, self._heard)
+        heard = frozenset(stream.partition(".")[2] for stream in command.streams)
+        for name in sorted(heard - self._infos.keys()):
+            advice = f"it has: {', '.join(sorted(info.name for info in self._infos.values()))}"
+            raise CommandError(self.name, "listening", f"it has no stream {self.name}.{name}", advice)
+        for name in heard - self._heard:
+            rate_hz = self._infos[name].rate_hz
+            if rate_hz is not None:
+                self._next_sample[name] = last_tick(now_s, rate_hz) + 1
+        if "period" in heard - self._heard:
+            self._bench.events("period")
+        self._heard = heard
+        self._bench.advance(now_s, heard)
+
+    def _tare(self, name: str, now_s: float) -> None:
+        """Zero is the present reading, as on the real board."""
+        self._zero[name] += self._counts(name, np.array([now_s]))[0]
+
+    def read(self) -> Sequence[SampleBlock]:
+        """What the board sampled since the last call."""
+        now_s = self._clock.now()
+        self._bench.advance(now_s, self._heard)
+        blocks: list[SampleBlock] = []
+        for name in sorted(self._heard):
+            blocks += self._waveform(name, now_s) if self._infos[name].rate_hz else self._events(name, now_s)
+        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
+            return ()
+        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
+            self._statuses += [Lost(now_s, self.name, block.stream, len(block)) for block in blocks]
+            return ()
+        return blocks
+
+    def _waveform(self, name: str, now_s: float) -> list[SampleBlock]:
+        info = self._infos[name]
+        assert info.rate_hz is not None
+        last = last_tick(now_s, info.rate_hz)
+        first = self._next_sample[name]
+        if last < first:
+            return []
+        self._next_sample[name] = last + 1
+        times_s = np.arange(first, last + 1) / info.rate_hz
+        counts = self._counts(name, times_s)
+        blocks = []
+        for start in range(0, len(counts), self._settings.block_samples):
+            part = counts[start : start + self._settings.block_samples]
+            blocks.append(self._block(name, part, float(times_s[start]), None, now_s))
+        return blocks
+
+    def _counts(self, name: str, times_s: NDArray[np.float64]) -> NDArray[np.int32]:
+        values = self._bench.sample(name, times_s).reshape(len(times_s), -1)
+        if self._faults.active(float(times_s[-1]), "full_scale"):
+            values = np.full_like(values, INT32.min * self._infos[name].scale)
+        counts = np.rint(values / self._infos[name].scale) - self._zero[name]
+        said = counts.clip(INT32.min, INT32.max).astype(np.int32)
+        return np.asarray(self._faults.held(float(times_s[-1]), name, said))
+
+    def _events(self, name: str, now_s: float) -> list[SampleBlock]:
+        ends_s, values = self._bench.events(name)
+        scale = self._infos[name].scale
+        blocks = []
+        for start in range(0, len(ends_s), self._settings.block_samples):
+            times_s = ends_s[start : start + self._settings.block_samples]
+            counts = np.rint(values[start : start + self._settings.block_samples] / scale).astype(np.int32)
+            blocks.append(self._block(name, counts[:, None], float(times_s[0]), times_s, now_s))
+        return blocks
+
+    def _block(
+        self,
+        name: str,
+        counts: NDArray[np.int32],
+        t0_s: float,
+        times_s: NDArray[np.float64] | None,
+        now_s: float,
+    ) -> SampleBlock:
+        info = self._infos[name]
+        block = SampleBlock(
+            info.name,
+            self._seq[name],
+            t0_s,
+            counts,
+            rate_hz=info.rate_hz,
+            times_s=times_s,
+            unit=info.unit,
+            scale=info.scale,
+            device_t0_s=t0_s,
+            arrival_s=now_s,
+        )
+        self._seq[name] += len(counts)
+        return block
+
+    def account(self) -> Mapping[str, object]:
+        """No link, nothing to tell."""
+        return {}
+
+    def poll(self) -> Sequence[Status]:
+        """What became of the commands."""
+        failed = self._faults.failure(self._clock.now(), self.name)
+        if failed is not None:
+            self._statuses.append(failed)
+        taken, self._statuses = self._statuses, []
+        return taken

@@ -1,0 +1,1 @@
+"""What joins physics and devices: benches, the emulator's process and its lines."""

@@ -1,0 +1,145 @@
+"""The emulator's control port: a line of JSON a request, checked before anything is done, and a line each answer.
+
+Whoever sends what is no request is told why; whoever breaks the line is let go. The others are served.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import sys
+import traceback
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from drivers.mock.devices.faults import Fault
+from drivers.settings import Settings
+
+LINE_BYTES = 1 << 20
+"""Longest request (assumption: a hundred times the longest profile)."""
+
+CLIENTS = 16
+"""Connections at a time (assumption: a run has one, and `select` bears a thousand)."""
+
+READ_BYTES = 65536
+
+Answer = Mapping[str, Any]
+
+
+class Request(Settings):
+    """What a client can ask for; an empty one asks for the account alone."""
+
+    trial: int | None = Field(default=None, ge=0)
+    """Number of the trial that begins; `seed`, `factors` and `plant` come with it."""
+    seed: int | None = Field(default=None, ge=0)
+    """Seed of the run."""
+    factors: dict[str, Any] | None = None
+    """Of the trial."""
+    plant: dict[str, Any] | None = None
+    """The profile's plant section for this trial."""
+    fault: Fault | None = None
+    """What breaks from now on."""
+    account: bool = True
+    """What the plant did: every answer has it."""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        parts = {"trial": self.trial, "seed": self.seed, "factors": self.factors, "plant": self.plant}
+        missing = [name for name, part in parts.items() if part is None]
+        if missing and len(missing) < len(parts):
+            raise ValueError(f"a trial needs {', '.join(missing)} as well")
+        return self
+
+
+class ControlPort:
+    """A port on loopback.
+
+    Args:
+        answer: Does what is asked; the answer. What it raises is the client's to read.
+    """
+
+    def __init__(self, answer: Callable[[Request], Answer]) -> None:
+        self._answer = answer
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        self._clients: dict[socket.socket, bytearray] = {}
+
+    @property
+    def endpoint(self) -> dict[str, Any]:
+        """Where it is."""
+        host, port = self._listener.getsockname()
+        return {"host": host, "port": port}
+
+    @property
+    def sockets(self) -> list[socket.socket]:
+        """What to select on."""
+        return [self._listener, *self._clients]
+
+    def attend(self, readable: Collection[Any]) -> None:
+        """Answer what has come.
+
+        Args:
+            readable: What of `sockets` can be read.
+        """
+        if self._listener in readable:
+            self._accept()
+        for client in [client for client in self._clients if client in readable]:
+            try:
+                self._hear(client)
+            except OSError:  # reset, or it does not read its answers
+                self._drop(client)
+
+    def close(self) -> None:
+        """Let go of all clients and of the port."""
+        for one in self.sockets:
+            one.close()
+        self._clients.clear()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):  # it has left already
+            client, _ = self._listener.accept()
+            if len(self._clients) == CLIENTS:
+                client.close()
+                return
+            client.setblocking(False)
+            self._clients[client] = bytearray()
+
+    def _hear(self, client: socket.socket) -> None:
+        data = client.recv(READ_BYTES)
+        pending = self._clients[client]
+        if not data:
+            self._drop(client)
+            return
+        *requests, rest = data.split(b"\n")
+        for request in requests:
+            self._tell(client, self._answered(bytes(pending + request)))
+            pending.clear()
+        pending += rest
+        if len(pending) > LINE_BYTES:
+            self._tell(client, {"refused": f"a request has at most {LINE_BYTES} bytes"})
+            self._drop(client)
+
+    def _answered(self, line: bytes) -> Answer:
+        try:
+            return self._answer(Request.model_validate_json(line))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(str(part) for part in first["loc"])
+            return {"refused": f"{where}: {first['msg']}" if where else first["msg"]}
+        except ValueError as error:
+            return {"refused": str(error)}
+        except Exception as error:  # a defect, and this client's alone: the bench goes on
+            traceback.print_exc(file=sys.stderr)
+            return {"refused": f"{type(error).__name__}: {error}"}
+
+    def _tell(self, client: socket.socket, answer: Answer) -> None:
+        line = json.dumps(answer).encode() + b"\n"
+        if client.send(line) != len(line):
+            raise BrokenPipeError("it does not read its answers")
+
+    def _drop(self, client: socket.socket) -> None:
+        self._clients.pop(client, None)
+        client.close()

@@ -1,0 +1,158 @@
+"""One process that holds a profile's plant and all its emulated devices, and writes the bench's time.
+
+Run as `python -m drivers.mock.wiring.emulator` it reads its scene as one line of JSON on standard input, answers
+with one line of JSON that says where the devices are, or why there are none ({"refused": …}), and ends when that
+input ends. A control port on
+loopback takes one JSON line a request: {"trial": …} puts the plant into a trial's scene, {"account": true} asks
+what the plant did, {"fault": …} injects one, whose at_s counts from now; each answer has the plant's account and where
+things stand, or says why the request was {"refused": …}.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import select
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+from drivers.bench_clock import BenchClock
+from drivers.errors import DeviceError
+from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.wiring.control_port import ControlPort, Request
+from drivers.mock.wiring.far_ends import FarEnd
+from drivers.mock.wiring.pace import Pace
+
+STEP_S = 0.002
+"""How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
+
+PASS_S = 0.02
+"""How much time may pass at once: an emulator that was held up lives through what it missed in small steps, all of its
+devices together. Otherwise an arm would obey in a past that the sensors have left behind (assumption)."""
+
+BACKLOG_S = 2.0
+"""How much time is made up for (assumption: longer than a busy machine holds up a process)."""
+
+
+class Emulator:
+    """Plant, devices and their far ends of one profile.
+
+    Args:
+        scene: `{"plant": {"made": "module:Class", "settings": {…}}, "devices": {name: {"made": "module:function",
+            "settings": {…}}}, "faults": […], "realtime": false}`; a far end is made by calling its function with
+            settings and bench.
+
+    Raises:
+        DeviceError: the devices do not go together.
+    """
+
+    def __init__(self, scene: Mapping[str, Any]) -> None:
+        self._pace = Pace(free=scene.get("realtime", False))
+        clock = BenchClock(self._pace.page)
+        plant = scene["plant"]
+        made = _found(plant["made"])
+        self._bench = made(_found(plant["settings_class"]).model_validate(plant["settings"]))
+        self._ends: dict[str, FarEnd] = {
+            name: _found(device["made"])(device["settings"], self._bench)
+            for name, device in scene["devices"].items()
+        }
+        self._bench.warm_up()
+        faults = [Fault.model_validate(fault) for fault in scene.get("faults", ())]
+        self._faults = {
+            name: FaultSchedule([fault for fault in faults if fault.device == name]) for name in self._ends
+        }
+        for name, end in self._ends.items():
+            end.open(self._faults[name], clock)
+        self._t_s = clock.monotonic_s()
+        self._trial_origin_s = 0.0
+        self._control = ControlPort(self._answer)
+
+    @property
+    def endpoints(self) -> dict[str, Any]:
+        """Where everything is, as `run.py emulate` prints it."""
+        return {
+            "devices": {name: dict(end.endpoint) for name, end in self._ends.items()},
+            "control": self._control.endpoint,
+            "clock": self._pace.page.path,
+        }
+
+    def serve(self, ended: Callable[[], bool]) -> None:
+        """Run until `ended()`, which is asked once a step."""
+        ends = dict(self._ends)
+        # what is there stays there: a full collection in the middle of a motion would hold all devices up
+        gc.collect()
+        gc.freeze()
+        try:
+            while not ended():
+                waited = [one for end in ends.values() for one in end.waited()]
+                due_s = min([self._t_s + STEP_S, *(end.due_s() for end in ends.values())])
+                ready, _, _ = select.select(
+                    [*waited, *self._control.sockets], [], [], self._pace.wait_s(due_s)
+                )
+                now_s = self._pace.turn(frozenset(name for name, end in ends.items() if end.unread()))
+                if not ready and now_s < due_s:
+                    continue  # time waits for somebody
+                self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
+                self._control.attend(ready)
+                for name, end in list(ends.items()):
+                    try:
+                        end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s)
+                    except Exception:  # a defect costs its own device: the host sees that one's link end
+                        traceback.print_exc(file=sys.stderr)
+                        ends.pop(name).unplug()
+        finally:
+            for end in self._ends.values():
+                end.unplug()
+            self._control.close()
+
+    def _answer(self, request: Request) -> Mapping[str, Any]:
+        """Do what came on the control port."""
+        t_s = self._t_s
+        if (fault := request.fault) is not None and fault.device not in self._faults:
+            raise ValueError(f"there is no {fault.device} here; there are {', '.join(self._faults)}")
+        if request.trial is not None:
+            self._bench.begin(t_s, request.seed, request.trial, request.factors, request.plant)
+            self._trial_origin_s = t_s
+            for faults in self._faults.values():
+                faults.restart(request.trial)
+        if fault is not None:
+            at_s = t_s - self._trial_origin_s + fault.at_s
+            self._faults[fault.device].add(fault.model_copy(update={"at_s": at_s}))
+        return {"account": dict(self._bench.account()), "scene": dict(self._bench.scene(t_s))}
+
+
+def _found(name: str) -> Any:
+    module, _, attribute = name.partition(":")
+    return getattr(import_module(module), attribute)
+
+
+def main() -> None:
+    """Serve the scene on standard input until that input ends."""
+    try:
+        emulator = Emulator(json.loads(sys.stdin.readline()))
+    except DeviceError as error:
+        reason = {
+            "device": error.device,
+            "doing": error.doing,
+            "reason": error.reason,
+            "advice": error.advice,
+        }
+        sys.stdout.write(json.dumps({"refused": reason}) + "\n")
+        return
+    sys.stdout.write(json.dumps(emulator.endpoints) + "\n")
+    sys.stdout.flush()
+
+    def ended() -> bool:
+        ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+        return bool(ready)
+
+    with contextlib.suppress(KeyboardInterrupt):
+        emulator.serve(ended)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,179 @@
+"""A TCP connection with an emulated device at its far end, and the connection's faults."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import struct
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Protocol
+
+from drivers.clock import Clock
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.wiring.far_ends import READ_BYTES
+
+WAITING_BYTES = 1 << 19
+"""Of what the network has not taken: beyond, the device has to drop what it cannot keep (assumption: a second of
+sound)."""
+
+UNREAD_BYTES = 1 << 20
+"""Of the same: beyond, the host has asked for answers that it does not read, and is hung up on (assumption)."""
+
+
+class NetworkDevice(Protocol):
+    """A device made of software, at the far end of a connection.
+
+    Attributes:
+        lossy: It drops what it streams.
+    """
+
+    lossy: bool
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host; returns what is answered at once."""
+
+    def step(self, t_s: float) -> bytes:
+        """What the device says by `t_s` without being asked."""
+
+    def hang_up(self, t_s: float) -> None:
+        """The host is gone."""
+
+    def inject(self, kind: Any, t_s: float) -> None:
+        """Break something of the device's own: "refuse".
+
+        Raises:
+            ValueError: it cannot break in that way.
+        """
+
+
+class TcpLine:
+    """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is hung up on.
+
+    TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come.
+
+    Args:
+        device: What answers.
+        scheme: What the port's address begins with, as the driver's setting has it.
+    """
+
+    def __init__(self, device: NetworkDevice, scheme: str = "tcp") -> None:
+        self._device = device
+        self._faults = FaultSchedule()
+        self._listener: socket.socket | None = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        host, port = self._listener.getsockname()
+        self.endpoint: Mapping[str, str] = {"port": f"{scheme}:{host}:{port}"}
+        self._host: socket.socket | None = None
+        self._kernel = _Kernel()
+        self._unsent = bytearray()
+
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
+        """See `FarEnd.open`; it listens from the start."""
+        self._faults = faults
+
+    def waited(self) -> Sequence[socket.socket]:
+        """See `FarEnd.waited`."""
+        return [one for one in (self._listener, self._host) if one is not None]
+
+    def due_s(self) -> float:
+        """See `FarEnd.due_s`: it does with being stepped as often as all are."""
+        return math.inf
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """See `FarEnd.exchange`."""
+        if self._faults.begun(trial_s, "unplug"):
+            self.unplug()
+        if self._faults.begun(trial_s, "refuse") is not None:
+            with contextlib.suppress(ValueError):
+                self._device.inject("refuse", t_s)
+        if self._listener is not None and self._listener in ready:
+            self._accept(self._listener)
+        out = b""
+        if self._host is not None and self._host in ready:
+            out = self._receive(self._host, t_s)
+        silent = self._faults.active(trial_s, "silent")
+        lost = self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
+        self._device.lossy = lost or len(self._unsent) > WAITING_BYTES
+        out += self._device.step(t_s)
+        if self._host is not None and not silent:
+            self._send(self._host, out, t_s)
+
+    def unread(self) -> bool:
+        """See `FarEnd.unread`; False where the kernel does not say."""
+        with contextlib.suppress(OSError):  # the host has just gone: its next turn sees to that
+            return self._host is not None and self._kernel.unread(self._host)
+        return False
+
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: the host sees its connection end, and nobody answers any more."""
+        for one in self.waited():
+            one.close()
+        self._listener = self._host = None
+        self._kernel.close()
+
+    def _accept(self, listener: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            connection, _ = listener.accept()
+            if self._host is not None:
+                connection.close()
+                return
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._host = connection
+            self._unsent.clear()
+
+    def _receive(self, host: socket.socket, t_s: float) -> bytes:
+        try:
+            data = host.recv(READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._hang_up(t_s)
+            return b""
+        return self._device.receive(data, t_s)
+
+    def _send(self, host: socket.socket, data: bytes, t_s: float) -> None:
+        self._unsent += data
+        try:
+            while self._unsent:
+                del self._unsent[: host.send(self._unsent)]
+        except BlockingIOError:
+            if len(self._unsent) > UNREAD_BYTES:
+                self._hang_up(t_s)
+        except OSError:
+            self._hang_up(t_s)
+
+    def _hang_up(self, t_s: float) -> None:
+        if self._host is not None:
+            self._host.close()
+        self._host = None
+        self._unsent.clear()
+        self._device.hang_up(t_s)
+
+
+class _Kernel:
+    """Asks Linux what a connection's other end, on the same machine, has not read yet (`sock_diag(7)`)."""
+
+    SOCK_DIAG, BY_FAMILY, REQUEST = 4, 20, 1  # netlink's protocol, its message, its flag (linux/sock_diag.h)
+    ANY = 0xFFFFFFFF
+
+    def __init__(self) -> None:
+        self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, self.SOCK_DIAG)
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._netlink.close()
+
+    def unread(self, connection: socket.socket) -> bool:
+        """Whether bytes lie in the other end's queue; False where the kernel does not say."""
+        (here, here_port), (there, there_port) = connection.getsockname(), connection.getpeername()
+        which = struct.pack("!HH4s12x4s12x", there_port, here_port, *map(socket.inet_aton, (there, here)))
+        body = struct.pack("=BBBxI", socket.AF_INET, socket.IPPROTO_TCP, 0, self.ANY) + which
+        body += struct.pack("=III", 0, self.ANY, self.ANY)
+        self._netlink.send(struct.pack("=IHHII", 16 + len(body), self.BY_FAMILY, self.REQUEST, 0, 0) + body)
+        answer = self._netlink.recv(4096)
+        kind = struct.unpack_from("=4xH", answer)[0]
+        return bool(kind == self.BY_FAMILY and struct.unpack_from("=I", answer, 16 + 56)[0])

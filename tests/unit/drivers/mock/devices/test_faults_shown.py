@@ -1,0 +1,91 @@
+"""The table of what each device can show is true: its mock asks for just these faults, its emulated twin takes them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any, get_args
+
+import pytest
+
+from config import assemble
+from config.profile import load_profile
+from controller.rig import TrialScene
+from drivers.messages import Ask, Home, Listen, MoveTo, Release, Tone
+from drivers.mock.devices.faults import SHOWN, FaultSchedule, Kind
+from drivers.mock.wiring import emulated
+
+BENCH = {
+    "zaber_stage": "mock/transient",
+    "sensor_board": "mock/transient",
+    "ur_arm": "mock/slip",
+    "barrett_hand": "mock/slip",
+    "dsa_matrix": "mock/slip",
+    "audio": "mock/centering",
+    "can_gripper": "mock/centering",
+    "operator": "mock/weights",
+}
+SENSOR = {"barrett_hand": "barrett_finger", "dsa_matrix": "dsa"}
+
+
+class Asked(FaultSchedule):
+    """Nothing goes wrong; it keeps in mind which kinds are asked for."""
+
+    kinds: set[str]
+
+    def active(self, t_s: float, kind: Kind) -> bool:
+        self.kinds.add(kind)
+        return False
+
+    def begun(self, t_s: float, kind: Kind) -> None:
+        self.kinds.add(kind)
+
+    def held(self, t_s: float, stream: str, values: Any) -> Any:
+        self.kinds.add("stuck")
+        return values
+
+
+@pytest.mark.parametrize("driver", SHOWN)
+def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: str) -> None:
+    profile: Any = load_profile(BENCH[driver], {}, table=assemble.Table())
+    rig = assemble.build_rig(profile)
+    factors = {"sensor": SENSOR.get(driver, "fingertip")}
+    rig.begin_trial(TrialScene(1, 1, factors, profile.plant.settings.model_dump(mode="json")))
+    (name,) = [name for name, entry in profile.devices.items() if entry.driver == driver]
+    device: Any = rig.devices[name]
+    device._faults = Asked()
+    device._faults.kinds = set()
+    device.apply(Listen(name, frozenset(device.open().streams)))
+    orders = (
+        Home(name),
+        MoveTo(name, 0.001, 0.001),
+        Release(name, 0.01),
+        Tone(name, 4e4, 0.1),
+        Ask(name, "go"),
+    )
+    for order in orders:
+        with suppress(Exception):
+            device.apply(order)
+        rig.clock.wait_until(rig.clock.now() + 5.0)
+        device.read()
+        device.poll()
+    assert device._faults.kinds == SHOWN[driver][0]
+
+
+@pytest.mark.parametrize("driver", [driver for driver in SHOWN if driver not in ("ur_arm", "audio")])
+def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_and_no_others(
+    driver: str,
+) -> None:
+    plant: Any = load_profile(BENCH[driver], {}, table=assemble.Table()).plant
+    end = getattr(emulated, driver)({}, assemble.found(assemble.PLANTS[plant.kind].made)(plant.settings))
+    own = set()
+    for kind in ("stall", "refuse"):
+        with suppress(ValueError):
+            end._device.inject(kind, 0.0)
+            own.add(kind)
+    end.unplug()
+    assert own == SHOWN[driver][1] & {"stall", "refuse"}
+
+
+def test_every_driver_and_every_kind_has_its_place() -> None:
+    assert SHOWN.keys() == assemble.DRIVERS.keys()
+    assert frozenset[str]().union(*(mock for mock, _ in SHOWN.values())) == set(get_args(Kind))
