@@ -15,10 +15,10 @@ import pytest
 
 from controller.campaign import Campaign, Outcome
 from drivers.bench_clock import BenchClock
-from drivers.mock.emulator import STEP_S
-from drivers.mock.far_ends import EmulatedDevice, FarEnd, Line
-from drivers.mock.faults import FaultSchedule
-from drivers.mock.pace import Pace
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.wiring.emulator import STEP_S
+from drivers.mock.wiring.far_ends import EmulatedDevice, FarEnd, Line
+from drivers.mock.wiring.pace import Pace
 
 LIFE_S = 60.0
 """A bench stops by itself after this long, whatever its test does."""
