@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from config.assemble import diagram
-from controller.experiments import EXPERIMENTS
+from config.assemble import EXPERIMENTS, diagram
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "behaviors.md"
 

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
-from controller.experiments import experiment_of
-from controller.named import own_folders
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
 from controller.reports.counts import missing
@@ -20,6 +18,21 @@ from controller.reports.run_account import account_of, early_end, setting_of
 from controller.reports.section import Result, Section
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.text import title
+
+_SECTIONS = {
+    "aura": "controller.reports.aura",
+    "centering": "controller.reports.centering",
+    "chirp": "controller.reports.chirp",
+    "pointer": "controller.reports.pointer",
+    "slip": "controller.reports.slip",
+    "static": "controller.reports.static",
+    "transient": "controller.reports.transient",
+    "weights": "controller.reports.weights",
+}
+"""Experiment → module whose `section(runs, figures)` tells of it; another one gets its bare table."""
+
+_TELLS_APART = frozenset({"pointer", "slip", "transient"})
+"""Experiments whose section tells trials apart in which a setting of the profile was varied."""
 
 _OURS = {
     "ur_arm": "The arm is a Universal Robots one (the papers': Stäubli RX-90, Kinova Gen3).",
@@ -94,7 +107,7 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
 
     kinds = [(key, list(members)) for key, members in groupby(sorted(runs, key=kind), key=kind)]
     for (experiment, bench), members in kinds:
-        groups = by_settings(members, not experiment_of(experiment).pooled)
+        groups = by_settings(members, experiment not in _TELLS_APART)
         names = [f"{bench}, settings {n}" if len(groups) > 1 else bench for n in range(1, len(groups) + 1)]
         for number, (name, group) in enumerate(zip(names, groups, strict=True), start=1):
             folder = (
@@ -159,9 +172,8 @@ def _typographic(value: object) -> object:
 
 
 def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
-    module = experiment_of(experiment, own_folders(runs[-1].manifest)).report
-    if module:
-        tell: Callable[[Sequence[Run], Figures], Section] = import_module(module).section
+    if experiment in _SECTIONS:
+        tell: Callable[[Sequence[Run], Figures], Section] = import_module(_SECTIONS[experiment]).section
         return tell(runs, figures)
     columns = list(dict.fromkeys(name for run in runs for row in run.trials for name in row))
     trials = [row for run in runs for row in run.trials]

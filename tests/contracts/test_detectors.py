@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from behaviors.events import BaselineRefused
-from config.assemble import DETECTORS
+from config.assemble import DETECTORS, found
 from controller.detectors.protocol import Compiled
-from controller.named import found, settings_of
 from drivers.messages import SampleBlock
 
 
@@ -102,9 +101,7 @@ def cut(block, size):
 
 def made(kind):
     entry = DETECTORS[kind]
-    return found(entry.made)(
-        "name", (found(entry.settings) if entry.settings else settings_of(found(entry.made)))()
-    )
+    return found(entry.made)("name", found(entry.settings)())
 
 
 @pytest.mark.parametrize("size", [1, 7, 64])

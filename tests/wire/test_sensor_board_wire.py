@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
@@ -10,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.bench_clock import BenchClock
 from drivers.clock import WallClock
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import Excite, Failed, Listen, Lost, SampleBlock, Sent, Status
@@ -26,8 +26,6 @@ Floats = NDArray[np.float64]
 
 class Serve(Protocol):
     """The fixture `serve` of conftest.py."""
-
-    clock: BenchClock
 
     def __call__(self, device: Any) -> str: ...
 
@@ -45,10 +43,10 @@ class Spec(NamedTuple):
 
 
 class Source:
-    """Every stream is the true time, in seconds of the bench since the source was made."""
+    """Every stream is the true time, in seconds of the host's monotonic clock since the source was made."""
 
-    def __init__(self, begin_s: float) -> None:
-        self.begin_s = begin_s
+    def __init__(self) -> None:
+        self.begin_s = time.monotonic()
         self.sampled = {spec.name: 0 for spec in self.streams()}
         self.excited = False
         self._told_s = self._t_s = 0.0
@@ -84,12 +82,12 @@ class Bench:
     """An open driver, and the board and source at the far end of its port."""
 
     def __init__(self, serve: Serve, board: dict[str, Any], driver: dict[str, Any]) -> None:
-        self.clock = serve.clock
-        self.source = Source(self.clock.monotonic_s())
+        self.source = Source()
         settings = EmulatedSensorBoardSettings(adc_bits={}, **board)
         self.board = EmulatedSensorBoard(settings, self.source)
         self.port = serve(self.board)
         self._lock = serve.lock(self.port)
+        self.clock = WallClock()
         self.driver = SensorBoard("board", SensorBoardSettings(port=self.port, **driver), self.clock)
         self.info = self.driver.open()
 
@@ -98,16 +96,16 @@ class Bench:
 
     def inject(self, kind: Any, frames: int = 1) -> None:
         with self._lock:
-            self.board.inject(kind, self.clock.monotonic_s(), frames)
+            self.board.inject(kind, time.monotonic(), frames)
 
     def run(self, seconds: float) -> tuple[list[SampleBlock], list[Status]]:
         blocks: list[SampleBlock] = []
         statuses: list[Status] = []
-        until_s = self.clock.monotonic_s() + seconds
-        while self.clock.monotonic_s() < until_s:
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
             blocks += self.driver.read()
             statuses += self.driver.poll()
-            self.clock.rest(0.002)
+            time.sleep(0.002)
         return blocks, statuses
 
     def lateness_s(self, blocks: list[SampleBlock]) -> Floats:
@@ -198,7 +196,7 @@ def test_a_host_that_hangs_loses_the_excitation_and_says_so_when_it_wakes(serve:
         _, statuses = bench.run(0.6)
         assert bench.source.excited
         assert [type(status) for status in statuses] == [Sent, Sent]
-        bench.clock.rest(1.0)
+        time.sleep(1.0)
         assert not bench.source.excited
         (failed,) = of(Failed, bench.run(0.1)[1])
         assert "the host was away" in failed.reason
@@ -259,7 +257,7 @@ def test_what_is_no_sensor_board_is_not_opened(
     serve: Serve, device: Any, error: type[Exception], words: str
 ) -> None:
     port = serve(device)
-    board = SensorBoard("board", SensorBoardSettings(port=port, reply_timeout_s=0.1), serve.clock)
+    board = SensorBoard("board", SensorBoardSettings(port=port, reply_timeout_s=0.1), WallClock())
     with pytest.raises(error, match=f"{words}.* while asking who is at {port}"):
         board.open()
 

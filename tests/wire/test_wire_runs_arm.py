@@ -18,6 +18,8 @@ from drivers.messages import Home, Listen, MoveAt, MoveTo, Reached, Stalled
 from tests.contracts.device_suite import Bench
 from tests.wire.wire_campaign import QUICK, run
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture
 def emulated():

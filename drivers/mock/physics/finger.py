@@ -22,8 +22,8 @@ __all__ = ["CHANNELS", "LOCATIONS", "FingerPlant", "FingerSettings"]
 
 Floats = NDArray[np.float64]
 
-WAVEFORMS = {"accelerometer": 1, "load_cell": 2}
-"""Channels with a value at any time, and their bit in what is recorded."""
+WAVEFORMS = {"accelerometer": (1, 0), "load_cell": (2, 1), "distal": (8, 2)}
+"""Channels with a value at any time: their bit in what is recorded, and their place there."""
 
 CHANNELS = frozenset(WAVEFORMS) | {"period", "switches"}
 """What can be observed."""
@@ -145,7 +145,7 @@ class FingerPlant:
             raise ValueError(f"finger: no channel {', '.join(sorted(observe - CHANNELS))}")
         if observe:
             self._catch_up()
-        channels = sum(bit for channel, bit in WAVEFORMS.items() if channel in observe)
+        channels = sum(bit for channel, (bit, _) in WAVEFORMS.items() if channel in observe)
         self._channels = (channels, self._channels[0])
         self._span_s = (self._until_s, self._span_s[0])
         self._course.begin_span()
@@ -189,7 +189,7 @@ class FingerPlant:
         """What a channel shows at given times, noise included.
 
         Args:
-            channel: `accelerometer` (m/s^2) or `load_cell` (N).
+            channel: `accelerometer` or `distal` (m/s^2) or `load_cell` (N).
             times_s: Ascending, within the last two spans and observed there; shape (n,).
 
         Returns:
@@ -198,7 +198,7 @@ class FingerPlant:
         Raises:
             ValueError: not a waveform, or not observed at these times.
         """
-        bit = WAVEFORMS.get(channel, 0)
+        bit, place = WAVEFORMS.get(channel, (0, 0))
         times_s = np.ascontiguousarray(times_s, dtype=np.float64)
         out = np.empty(times_s.size)
         split = int(np.searchsorted(times_s, self._span_s[0]))
@@ -211,9 +211,9 @@ class FingerPlant:
                 or times_s[-1] > self._until_s
             ):
                 raise ValueError(f"finger: {channel!r} was not observed from {times_s[0]} to {times_s[-1]} s")
-            self._course.read(bit - 1, times_s[part], out[part], before=age == 1)
+            self._course.read(place, times_s[part], out[part], before=age == 1)
         s = self.settings
-        if channel == "accelerometer":
+        if channel != "load_cell":
             return np.clip(out, -s.accelerometer_range_m_s2, s.accelerometer_range_m_s2)
         if s.noise_scale * s.load_cell_n > 0.0:
             out += s.noise_scale * s.load_cell_n * self._sampling_noise(times_s)
@@ -270,7 +270,7 @@ class FingerPlant:
     def state(self) -> Floats:
         """theta, its rate, b, its rate, a, g1, g2, v, phi now; shape (9,)."""
         self._catch_up()
-        return self._course.present(self._until_s).x
+        return self._course.present(self._until_s).x[: scene.LOOP_STATES]
 
     @property
     def theta_rad(self) -> float:

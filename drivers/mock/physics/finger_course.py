@@ -65,10 +65,11 @@ class Course:
         if overlap_m <= 0.0:
             return
         # The contact's torque bends base and joint by as much as their stiffness says, and gives way by that.
-        give_rad_n_m = 1.0 / finger.joint + 1.0 / finger.base
-        force_n = finger.contact * overlap_m / (1.0 + finger.contact * finger.arm**2 * give_rad_n_m)
-        x[scene.BASE] = finger.arm * force_n / finger.base
-        x[scene.THETA] = finger.arm * force_n * give_rad_n_m
+        arm_m = finger.arm or finger.base_arm
+        give_rad_n_m = 1.0 / finger.base + (1.0 / finger.joint if finger.arm else 0.0)
+        force_n = finger.contact * overlap_m / (1.0 + finger.contact * arm_m**2 * give_rad_n_m)
+        x[scene.BASE] = arm_m * force_n / finger.base
+        x[scene.THETA] = arm_m * force_n * give_rad_n_m
         self.moment.flags[scene.MODE] = scene.TOUCHING
         self.moment.depth[0] = math.nan
         self._contacts.append((self.moment.t_s, True))
@@ -92,7 +93,7 @@ class Course:
         Args:
             until_s: The time.
             settle: Cut the piece under way there, for something is about to change.
-            channels: Sum of 1 to record the accelerometer and 2 to record the force.
+            channels: Sum of the kernel's bits of what is to be recorded.
             heard: Keep the periods.
             told: Keep all switches.
 
@@ -160,7 +161,7 @@ class Course:
     def enter(self, x: tuple[float, ...], comparator: int, t_s: float) -> None:
         """Go on from another state, free and excited, at a rising edge of the oscillator."""
         self.moment.x[:] = x
-        self.moment.flags[:] = (scene.FREE, comparator, 1, 1, self.moment.flags[scene.PIECE])
+        self.moment.flags[:] = (scene.FREE, comparator, 1, 1, self.moment.flags[scene.PIECE], 0)
         self.moment.put(t_s)
         self._last_edge = None
 
@@ -168,7 +169,7 @@ class Course:
         """Sample what was recorded in the present span, or in the one before.
 
         Args:
-            which: 0 the accelerometer, 1 the force.
+            which: 0 the accelerometer, 1 the force, 2 the second accelerometer.
             times_s: Ascending, shape (n,).
             out: Written, shape (n,).
             before: The span before.
@@ -183,7 +184,7 @@ class Course:
         _, velocity, _ = kernel.probe_at(
             self.motion, moment.flags[scene.PIECE], moment.whole[0], moment.fraction[0], moment.fraction[1]
         )
-        speed = velocity - finger.arm * moment.x[scene.OMEGA]
+        speed = velocity - finger.arm * moment.x[scene.OMEGA] - finger.base_arm * moment.x[scene.BASE_RATE]
         return float(finger.contact * moment.depth[0] + finger.contact_damping * speed)
 
     def probe_rests(self, from_s: float, until_s: float) -> float | None:

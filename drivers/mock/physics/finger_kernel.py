@@ -19,6 +19,7 @@ from drivers.mock.physics.finger_scene import (
     COMPARATOR_DOWN,
     COMPARATOR_UP,
     CONTROL,
+    DISTAL,
     DRIVE_DOWN,
     DRIVE_UP,
     EXCITED,
@@ -34,6 +35,8 @@ from drivers.mock.physics.finger_scene import (
     OSCILLATOR,
     PHASE,
     PIECE,
+    SLEEVE,
+    SLIDING,
     STATES,
     THETA,
     TOUCHING,
@@ -49,14 +52,15 @@ from drivers.mock.physics.piecewise import DEGREE, SPAN, degree_for, parts_for, 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-GUARDS = 5
-DEPTH, SPEED, PUSH, COMPARED, TURNED = range(GUARDS)
-"""What can end a piece: overlap, its rate, spring and damper without the clip, output of the high-pass, phase."""
+GUARDS = 6
+DEPTH, SPEED, PUSH, COMPARED, TURNED, STRETCHED = range(GUARDS)
+"""What can end a piece: overlap, its rate, spring and damper without the clip, output of the high-pass, phase, the
+tendon's stretch in its sheath or, while it slides there, the base's rate."""
 
-STREAM_ACCELEROMETER, STREAM_WANDER, STREAM_LOAD_CELL = range(3)
+STREAM_ACCELEROMETER, STREAM_WANDER, STREAM_LOAD_CELL, STREAM_DISTAL = range(4)
 """Streams of the noise."""
 
-ACCELEROMETER, FORCE, ALL_SWITCHES = 1, 2, 4
+ACCELEROMETER, FORCE, ALL_SWITCHES, SECOND = 1, 2, 4, 8
 """Bits of what a run is wanted to write down."""
 
 DONE, SWITCHES_FULL, RECORDS_FULL, ENDLESS, NOT_FINITE = range(5)
@@ -99,10 +103,11 @@ def probe_at(
 def _expand(
     finger: Finger,
     joint: float,
-    noise: float,
+    noise: tuple[float, float],
     probe: tuple[float, float, float],
     depth: float,
     flags: Ints,
+    seconds: float,
     length: float,
     degree: int,
     x: Floats,
@@ -114,10 +119,11 @@ def _expand(
     Args:
         finger: The scene.
         joint: K, with the present wander.
-        noise: n, held in this piece.
+        noise: n of either accelerometer, held in this piece.
         probe: Position, velocity and acceleration at its start.
         depth: Overlap there.
         flags: Switches.
+        seconds: Time at its start, which ripple and vibration are at.
         length: Of the piece in seconds.
         degree: Highest order wanted.
         x: State at its start.
@@ -126,17 +132,27 @@ def _expand(
     """
     theta, omega, b, beta = x[THETA], x[OMEGA], x[BASE], x[BASE_RATE]
     a, g1, g2, v, phi = x[FILTERED], x[HIGH_1], x[HIGH_2], x[CONTROL], x[PHASE]
+    z, a2, heard, heard_2 = x[SLEEVE], x[DISTAL], noise[0], noise[1]
     for state in range(STATES):  # an assignment in one would check shapes, which takes 2 s to compile
         series[0, state] = x[state]
     # (1) and (2), gathered by state: fewer operations wait for one another. Spring and damper act through the overlap
     # and its rate: theta is a million times an overlap in stiff contact, and its rounding would be force.
-    push_arm = finger.arm if flags[MODE] == TOUCHING else 0.0
+    moving = probe[1] != 0.0 or probe[2] != 0.0
+    push_arm = push_base = 0.0
+    if flags[MODE] == TOUCHING:
+        push_arm, push_base = finger.push_arm if moving else finger.arm, finger.base_arm
     k_theta = -joint / finger.inertia
     c_omega = -(finger.joint_damping + push_arm * finger.contact_damping * finger.arm) / finger.inertia
     k_b, c_beta = joint / finger.inertia, finger.joint_damping / finger.inertia
     base_k_theta, base_c_omega = joint / finger.base_inertia, finger.joint_damping / finger.base_inertia
     base_k_b = -(joint + finger.base) / finger.base_inertia
     base_c_beta = -(finger.joint_damping + finger.base_damping) / finger.base_inertia
+    base_c_beta -= push_base * finger.contact_damping * finger.base_arm / finger.base_inertia
+    base_push = push_base / finger.base_inertia
+    base_depth, base_kick = base_push * finger.contact, base_push * finger.contact_damping * probe[1]
+    base_kick_1 = base_push * finger.contact_damping * probe[2] * length
+    base_z = -finger.sleeve / finger.base_inertia
+    gripped = 1.0 if flags[SLIDING] == 0 else 0.0
     inverse_quality = 1.0 / finger.quality
     # what comes from outside: terms 0 and 1 of the probe's velocity, and of the angular acceleration
     speed, speed_1 = probe[1], probe[2] * length
@@ -147,23 +163,36 @@ def _expand(
     k_depth = push_lever * finger.contact
     kick = drive / finger.inertia + push_lever * finger.contact_damping * speed
     kick_1 = push_lever * finger.contact_damping * speed_1
+    # ripple and vibration: a sine and a cosine each, order by order
+    ripple, shake = finger.ripple * drive / finger.inertia, finger.vibration if moving else 0.0
+    r_sin, r_cos = math.sin(finger.ripple_rad_s * seconds), math.cos(finger.ripple_rad_s * seconds)
+    s_sin, s_cos = math.sin(finger.vibration_rad_s * seconds), math.cos(finger.vibration_rad_s * seconds)
     detected = float(flags[COMPARATOR] ^ flags[OSCILLATOR])
     lowest = finger.lowest_hz
     for k in range(degree + 1):
         compared = a - inverse_quality * g1 - g2
-        depth_rate = speed - finger.arm * omega
+        depth_rate = speed - finger.arm * omega - finger.base_arm * beta
         guards[DEPTH, k] = depth
         guards[SPEED, k] = depth_rate
         guards[COMPARED, k] = compared
         guards[TURNED, k] = phi
+        guards[STRETCHED, k] = z if flags[SLIDING] == 0 else beta
         if k == degree:
             break
         omega_rate = (k_depth * depth + kick + k_theta * theta + k_b * b) + (c_omega * omega + c_beta * beta)
         beta_rate = (base_k_theta * theta + base_k_b * b) + (base_c_omega * omega + base_c_beta * beta)
+        beta_rate += (base_depth * depth + base_kick) + base_z * z
+        shaken = shake * s_sin
+        omega_rate += ripple * r_sin - finger.shaken_1_m * shaken
+        beta_rate -= finger.shaken_1_m * shaken
         step = length / (k + 1)
         theta, b, depth = step * omega, step * beta, step * depth_rate
+        z = step * gripped * beta
         omega, beta = step * omega_rate, step * beta_rate
-        a = step * finger.filter_rad_s * (noise - finger.lever * beta_rate - a)
+        a = step * finger.filter_rad_s * (heard - shaken - finger.lever * beta_rate - a)
+        a2 = step * finger.filter_rad_s * (heard_2 - shaken - finger.distal_lever * omega_rate - a2)
+        r_sin, r_cos = step * finger.ripple_rad_s * r_cos, -step * finger.ripple_rad_s * r_sin
+        s_sin, s_cos = step * finger.vibration_rad_s * s_cos, -step * finger.vibration_rad_s * s_sin
         g2 = step * finger.high_rad_s * g1
         g1 = step * finger.high_rad_s * compared
         phi = step * (lowest + finger.range_hz * v)
@@ -177,8 +206,11 @@ def _expand(
         series[k + 1, HIGH_2] = g2
         series[k + 1, CONTROL] = v
         series[k + 1, PHASE] = phi
-        noise = detected = lowest = 0.0
+        series[k + 1, SLEEVE] = z
+        series[k + 1, DISTAL] = a2
+        heard = heard_2 = detected = lowest = 0.0
         kick, kick_1 = kick_1, 0.0
+        base_kick, base_kick_1 = base_kick_1, 0.0
         speed, speed_1 = speed_1, 0.0
     # (3)
     for k in range(degree + 1):
@@ -188,7 +220,7 @@ def _expand(
 @compiled()
 def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
     """The state at `u`, written to `x`. One name for each state: a loop over them would pass through memory."""
-    theta = omega = b = beta = a = g1 = g2 = v = phi = 0.0
+    theta = omega = b = beta = a = g1 = g2 = v = phi = z = a2 = 0.0
     for k in range(degree, -1, -1):
         theta = theta * u + series[k, THETA]
         omega = omega * u + series[k, OMEGA]
@@ -199,6 +231,8 @@ def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
         g2 = g2 * u + series[k, HIGH_2]
         v = v * u + series[k, CONTROL]
         phi = phi * u + series[k, PHASE]
+        z = z * u + series[k, SLEEVE]
+        a2 = a2 * u + series[k, DISTAL]
     x[THETA] = theta
     x[OMEGA] = omega
     x[BASE] = b
@@ -208,6 +242,8 @@ def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
     x[HIGH_2] = g2
     x[CONTROL] = v
     x[PHASE] = phi
+    x[SLEEVE] = z
+    x[DISTAL] = a2
 
 
 # The helpers of `run` are handed arrays and numbers, not the tuples that hold them: a tuple is passed field by field,
@@ -252,8 +288,20 @@ def _after_corner(mode: int, depth: float, push: float) -> int:
 
 
 @compiled()
+def _gives(
+    sliding: int, stretched: Floats, friction_rad: float, degree: int, parts: int
+) -> tuple[float, int]:
+    """When the tendon begins to slide in its sheath or ceases to, and which way it slides then: a Jenkins element."""
+    if sliding != 0:
+        return rising(stretched, degree, parts, -1.0 * sliding, 0.0), 0
+    forward = rising(stretched, degree, parts, 1.0, friction_rad)
+    back = rising(stretched, degree, parts, -1.0, friction_rad)
+    return (forward, 1) if forward <= back else (back, -1)
+
+
+@compiled()
 def _first_end(
-    flags: Ints, damped: bool, hysteresis: float, guards: Floats, degree: int, parts: int
+    flags: Ints, damped: bool, hysteresis: float, friction_rad: float, guards: Floats, degree: int, parts: int
 ) -> tuple[float, int, int]:
     """What ends the piece: when, as a fraction of its length; which flag changes, `PIECE` for none; the next mode."""
     end, next_mode = _next_mode(flags[MODE], damped, guards, degree, parts)
@@ -265,6 +313,10 @@ def _first_end(
     turned = rising(guards[TURNED], degree, min(parts, 1), 1.0, 0.5)
     if turned < end:
         end, cause = turned, OSCILLATOR
+    if friction_rad > 0.0:
+        given, sliding = _gives(flags[SLIDING], guards[STRETCHED], friction_rad, degree, parts)
+        if given < end:
+            end, cause, next_mode = given, SLIDING, sliding
     return (end, cause, next_mode) if end <= 1.0 else (1.0, PIECE, next_mode)
 
 
@@ -295,6 +347,12 @@ def _change(x: Floats, flags: Ints, cause: int, next_mode: int) -> int:
     if cause == COMPARATOR:
         flags[COMPARATOR] ^= 1
         return COMPARATOR_UP if flags[COMPARATOR] else COMPARATOR_DOWN
+    if cause == SLIDING:
+        flags[SLIDING] = next_mode
+        if next_mode == 0:
+            # gripped, it is within its limit: rounding must not make it slide at once
+            x[SLEEVE] *= 1.0 - 1e-12
+        return -1
     if cause == OSCILLATOR:
         flags[OSCILLATOR] ^= 1
         x[PHASE] = 0.0
@@ -335,9 +393,9 @@ def run(
     x, flags = moment.x, moment.flags
     series = np.empty((DEGREE + 1, STATES))
     guards = np.empty((GUARDS, DEGREE + 1))
-    noisy = finger.noise > 0.0 or finger.wander > 0.0
-    recording = wanted & (ACCELEROMETER | FORCE)
-    noise, joint = 0.0, finger.joint
+    noisy = finger.noise > 0.0 or finger.wander > 0.0 or finger.drift_1_s != 0.0
+    recording = wanted & (ACCELEROMETER | FORCE | SECOND)
+    noise, noise_2, joint = 0.0, 0.0, finger.joint
     for _ in range(most):
         whole, fraction, rest = moment.whole[0], moment.fraction[0], moment.fraction[1]
         if books.filled[0] >= books.switch.size:
@@ -358,7 +416,10 @@ def run(
             tick = int(fraction * NOISE_HZ)
             index = whole * NOISE_HZ + tick
             noise = finger.noise * normal(finger.seed, finger.trial, STREAM_ACCELEROMETER, index)
+            if finger.distal_lever > 0.0:
+                noise_2 = finger.noise * normal(finger.seed, finger.trial, STREAM_DISTAL, index)
             joint = finger.joint * (1.0 + _wander(finger, moment, index // WANDER_EVERY))
+            joint *= 1.0 + finger.drift_1_s * (index / NOISE_HZ)
             ahead = (tick + 1) / NOISE_HZ - fraction - rest
             if ahead <= length:
                 length, grid = ahead, (tick + 1) / NOISE_HZ
@@ -366,8 +427,22 @@ def run(
         probe = probe_at(motion, flags[PIECE], whole, fraction, rest)
         corner = flags[PIECE] != piece or math.isnan(moment.depth[0])
         if flags[MODE] == FREE or corner:
-            moment.depth[0] = probe[0] - finger.gap - finger.arm * x[THETA]
-        _expand(finger, joint, noise, probe, moment.depth[0], flags, length, degree, x, series, guards)
+            moment.depth[0] = probe[0] - finger.gap - finger.arm * x[THETA] - finger.base_arm * x[BASE]
+        seconds = whole + fraction + rest
+        _expand(
+            finger,
+            joint,
+            (noise, noise_2),
+            probe,
+            moment.depth[0],
+            flags,
+            seconds,
+            length,
+            degree,
+            x,
+            series,
+            guards,
+        )
         if corner:
             # A probe whose velocity jumps takes the damper's force along: (4) decides anew.
             jumped = _after_corner(flags[MODE], guards[DEPTH, 0], guards[PUSH, 0])
@@ -379,7 +454,9 @@ def run(
                 flags[MODE] = jumped
                 continue
         damped = finger.contact_damping > 0.0
-        end, cause, next_mode = _first_end(flags, damped, finger.hysteresis, guards, degree, parts)
+        end, cause, next_mode = _first_end(
+            flags, damped, finger.hysteresis, finger.friction_rad, guards, degree, parts
+        )
         elapsed = end * length
         remaining = (until_whole - whole) + (until_fraction - fraction) - rest
         if recording and (elapsed > 0.0 or elapsed > remaining):
@@ -391,6 +468,8 @@ def run(
                     books.record_terms[record, 0, k] = series[k, FILTERED]
                 if wanted & FORCE:
                     books.record_terms[record, 1, k] = guards[PUSH, k] if touching else 0.0
+                if wanted & SECOND:
+                    books.record_terms[record, 2, k] = series[k, DISTAL]
             books.filled[1] += 1
         if elapsed > remaining:
             if settle:
@@ -420,7 +499,7 @@ def read(books: Books, which: int, times: Floats, out: Floats) -> None:
 
     Args:
         books: With the records.
-        which: 0 for the accelerometer, 1 for the force.
+        which: 0 for the accelerometer, 1 for the force, 2 for the second accelerometer.
         times: Ascending, shape (n,), seconds.
         out: Written, shape (n,).
     """

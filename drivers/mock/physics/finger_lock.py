@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ def leap(course: Course, from_s: float, until_s: float, error_rad: float) -> Lea
     Returns:
         What was done, or None where nothing can be left out.
     """
-    if error_rad == 0.0 or not course.moment.flags[scene.EXCITED]:
+    if error_rad == 0.0 or course.finger.restless or not course.moment.flags[scene.EXCITED]:
         return None
     lock = lock_of(course.finger)
     if lock is None or may_touch(course, from_s, until_s):
@@ -114,14 +114,20 @@ def may_touch(course: Course, from_s: float, until_s: float) -> bool:
     position_m = course.probe_rests(from_s, until_s)
     if lock is None or position_m is None:
         return True
-    return position_m + _MARGIN * course.finger.arm * lock.swing_rad > course.finger.gap
+    arm_m = max(course.finger.arm, course.finger.base_arm)
+    return position_m + _MARGIN * arm_m * lock.swing_rad > course.finger.gap
 
 
 def lock_of(finger: scene.Finger) -> Lock | None:
     """The lock of a scene, or None where its loop does not settle on one cycle."""
     # what the free motion without noise does not depend on is left out of the key
-    alone = {"noise": 0.0, "wander": 0.0, "arm": 0.0, "gap": 1.0, "contact": 0.0, "contact_damping": 0.0}
-    return _lock(finger._replace(**alone, touching_radius=1.0, touching_frequency=1.0, seed=0, trial=0))
+    unused = ("noise", "wander", "arm", "base_arm", "push_arm", "contact", "contact_damping", "vibration")
+    alone: dict[str, Any] = dict.fromkeys(unused, 0.0) | {
+        "gap": 1.0,
+        "touching_radius": 1.0,
+        "touching_frequency": 1.0,
+    }
+    return _lock(finger._replace(**alone, drift_1_s=0.0, seed=0, trial=0))
 
 
 @lru_cache(maxsize=64)
@@ -174,4 +180,5 @@ def _edges(finger: scene.Finger) -> tuple[list[float], list[NDArray[np.float64]]
 
 def _distance(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     """Largest difference of two states, each place against its own size."""
+    x, y = x[: scene.LOOP_STATES], y[: scene.LOOP_STATES]
     return float(np.max(np.abs(x - y) / np.maximum(np.abs(y), 1e-3 * np.max(np.abs(y)))))

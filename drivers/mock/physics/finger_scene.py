@@ -17,16 +17,18 @@ from drivers.mock.physics.finger_settings import LOCATIONS, FingerSettings
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STATES = 9
-THETA, OMEGA, BASE, BASE_RATE, FILTERED, HIGH_1, HIGH_2, CONTROL, PHASE = range(STATES)
-"""Places in the state: theta, omega, b, beta, a, g1, g2, v, phi."""
+LOOP_STATES, STATES = 9, 11
+THETA, OMEGA, BASE, BASE_RATE, FILTERED, HIGH_1, HIGH_2, CONTROL, PHASE, SLEEVE, DISTAL = range(STATES)
+"""Places in the state: theta, omega, b, beta, a, g1, g2, v, phi; the tendon's stretch z in its sheath and the second
+accelerometer's output a2, which the loop does not hear of."""
 
 FREE, TOUCHING, CLIPPED = range(3)
 """Modes: apart; pressed; overlapping, but the damper would pull, so that the force is zero."""
 
-FLAGS = 5
-MODE, COMPARATOR, OSCILLATOR, EXCITED, PIECE = range(FLAGS)
-"""Places in the flags: mode; comparator, oscillator and excitation (0 or 1); number of the probe's present piece."""
+FLAGS = 6
+MODE, COMPARATOR, OSCILLATOR, EXCITED, PIECE, SLIDING = range(FLAGS)
+"""Places in the flags: mode; comparator, oscillator and excitation (0 or 1); number of the probe's present piece; which
+way the tendon slides in its sheath (-1, 0, 1)."""
 
 MADE, LOST, COMPARATOR_UP, COMPARATOR_DOWN, DRIVE_UP, DRIVE_DOWN = range(6)
 """Switches: contact made and lost, edges of the comparator and of the oscillator."""
@@ -72,6 +74,18 @@ class Finger(NamedTuple):
     touching_frequency: float
     seed: int
     trial: int
+    base_arm: float
+    push_arm: float
+    distal_lever: float
+    friction_rad: float
+    sleeve: float
+    ripple: float
+    ripple_rad_s: float
+    drift_1_s: float
+    vibration: float
+    vibration_rad_s: float
+    shaken_1_m: float
+    restless: bool
 
 
 class Motion(NamedTuple):
@@ -159,12 +173,21 @@ def scene(s: FingerSettings, location: str, gap_m: float, tendon_m: float, key: 
         key: Seed of the run and number of the trial.
     """
     side, from_tip_m = LOCATIONS[location]
-    arm_m = s.arm_f_m + LOCATIONS["f"][1] - from_tip_m
+    tip_m = s.arm_f_m + LOCATIONS["f"][1]
+    arm_m = 0.0 if side == "base" else tip_m - from_tip_m
+    base_arm_m = s.proximal_arm_m if side == "base" else 0.0
     contact_n_m = s.pad_n_m if side == "pad" else s.back_n_m
     joint = s.joint_n_m_rad * (1.0 + s.flexion_1_m * tendon_m)
     free_radius, free_frequency = _pace(matrix(s, joint, 0.0, 0.0))
-    touching_radius, touching_frequency = _pace(
-        matrix(s, joint, contact_n_m * arm_m**2, s.contact_n_s_m * arm_m**2)
+    lever_m2 = base_arm_m**2 if side == "base" else arm_m * (arm_m + abs(s.slide_m))
+    touching = matrix(s, joint, contact_n_m * lever_m2, s.contact_n_s_m * lever_m2, side == "base")
+    touching_radius, touching_frequency = _pace(touching)
+    # what swings faster than the finger needs pieces as short as it
+    waves = [2.0 * math.pi * s.drive_ripple_hz] if s.drive_ripple else []
+    waves += [2.0 * math.pi * s.vibration_hz] if s.vibration_m_s2 else []
+    free_radius, free_frequency = (max([own, *waves]) for own in (free_radius, free_frequency))
+    touching_radius, touching_frequency = (
+        max([own, *waves]) for own in (touching_radius, touching_frequency)
     )
     # density to the deviation of a held value, corrected for what holding it takes from the density at 28 Hz
     held = math.sqrt(NOISE_HZ / 2.0) / float(np.sinc(_FREE_HZ / NOISE_HZ))
@@ -197,26 +220,46 @@ def scene(s: FingerSettings, location: str, gap_m: float, tendon_m: float, key: 
         touching_frequency=touching_frequency,
         seed=key[0],
         trial=key[1],
+        base_arm=base_arm_m,
+        push_arm=arm_m + s.slide_m if side != "base" else 0.0,
+        distal_lever=s.distal_accelerometer_arm_m,
+        friction_rad=s.tendon_friction_n_m / s.tendon_sleeve_n_m_rad,
+        sleeve=s.tendon_sleeve_n_m_rad if s.tendon_friction_n_m else 0.0,
+        ripple=s.drive_ripple,
+        ripple_rad_s=2.0 * math.pi * s.drive_ripple_hz,
+        drift_1_s=s.drift_1_s,
+        vibration=s.vibration_m_s2,
+        vibration_rad_s=2.0 * math.pi * s.vibration_hz,
+        # a uniform rod as long as the distal link: m c / I = 1.5 / length. Assumption, for both links.
+        shaken_1_m=1.5 / tip_m,
+        restless=s.restless,
     )
 
 
-def matrix(s: FingerSettings, joint: float, contact_n_m_rad: float, contact_n_m_s_rad: float) -> Floats:
-    """A of one mode in x' = A x + f, equations (1) to (9), shape (STATES, STATES).
+def matrix(
+    s: FingerSettings, joint: float, contact_n_m_rad: float, contact_n_m_s_rad: float, on_base: bool = False
+) -> Floats:
+    """A of one mode in x' = A x + f, equations (1) to (9), shape (LOOP_STATES, LOOP_STATES).
 
     Args:
         s: The finger.
         joint: K, N m/rad.
         contact_n_m_rad: k2 l^2 while touching, else 0.
         contact_n_m_s_rad: c2 l^2 while touching, else 0.
+        on_base: The proximal link is touched.
     """
-    a = np.zeros((STATES, STATES))
+    a = np.zeros((LOOP_STATES, LOOP_STATES))
     a[THETA, OMEGA] = a[BASE, BASE_RATE] = 1.0
     for row, inertia in ((OMEGA, -s.inertia_kg_m2), (BASE_RATE, s.base_inertia_kg_m2)):
         a[row, THETA], a[row, BASE] = joint / inertia, -joint / inertia
         a[row, OMEGA], a[row, BASE_RATE] = s.joint_n_m_s_rad / inertia, -s.joint_n_m_s_rad / inertia
-    a[OMEGA, THETA] -= contact_n_m_rad / s.inertia_kg_m2
-    a[OMEGA, OMEGA] -= contact_n_m_s_rad / s.inertia_kg_m2
-    a[BASE_RATE, BASE] -= s.base_n_m_rad / s.base_inertia_kg_m2
+    angle, rate, inertia = (
+        (BASE, BASE_RATE, s.base_inertia_kg_m2) if on_base else (THETA, OMEGA, s.inertia_kg_m2)
+    )
+    a[rate, angle] -= contact_n_m_rad / inertia
+    a[rate, rate] -= contact_n_m_s_rad / inertia
+    sleeve = s.tendon_sleeve_n_m_rad if s.tendon_friction_n_m else 0.0
+    a[BASE_RATE, BASE] -= (s.base_n_m_rad + sleeve) / s.base_inertia_kg_m2
     a[BASE_RATE, BASE_RATE] -= s.base_n_m_s_rad / s.base_inertia_kg_m2
     filter_rad_s, high_rad_s = 2.0 * math.pi * s.accelerometer_hz, 2.0 * math.pi * s.high_pass_hz
     a[FILTERED] = -filter_rad_s * s.accelerometer_arm_m * a[BASE_RATE]
@@ -261,6 +304,6 @@ def books_of(switches: int, records: int, degree: int) -> Books:
         np.empty(records),
         np.empty(records),
         np.empty(records, dtype=np.int64),
-        np.empty((records, 2, degree + 1)),
+        np.empty((records, 3, degree + 1)),
         np.zeros(2, dtype=np.int64),
     )

@@ -22,8 +22,10 @@ LOCATIONS: Mapping[str, tuple[str, float]] = {
     "f": ("pad", 0.0127),
     "g": ("pad", 0.01905),
     "h": ("pad", 0.0254),
+    "p": ("base", 0.0),
 }
-"""Side and distance from the distal end in metres, Table I; that 0 is the distal end is inferred."""
+"""Side and distance from the distal end in metres, Table I; that 0 is the distal end is inferred. p is not the paper's:
+the middle of the proximal link (`proximal_arm_m`)."""
 
 
 class FingerSettings(Settings):
@@ -98,6 +100,38 @@ class FingerSettings(Settings):
     wander_s: float = Field(default=1.0, gt=0.0, le=1e3)
     """Correlation time of the wander, s. Assumption."""
 
+    proximal_arm_m: float = Field(default=0.03, gt=0.0, le=1.0)
+    """From the base's axis to a contact on the proximal link, m. Assumption: where the accelerometer is."""
+
+    distal_accelerometer_arm_m: float = Field(default=0.0, ge=0.0, le=1.0)
+    """From the distal joint to a second accelerometer on the distal link (paper V.C), m; 0: there is none."""
+
+    tendon_friction_n_m: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Torque at which the tendon slides in its sheath, at the base, N m; 0: without friction."""
+
+    tendon_sleeve_n_m_rad: float = Field(default=0.05, gt=0.0, le=1e3)
+    """Stiffness of the tendon until it slides, N m/rad. Assumption: two thirds of the base's own."""
+
+    drive_ripple: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Amplitude of the supply's ripple on the drive, relative."""
+
+    drive_ripple_hz: float = Field(default=100.0, gt=0.0, le=1e3)
+    """Its frequency, Hz: twice the mains'."""
+
+    drift_1_s: float = Field(default=0.0, ge=-1e-3, le=1e-3)
+    """Drift of the joint's stiffness with temperature from the trial's start on, relative, 1/s; the resonance drifts by
+    half of it."""
+
+    vibration_m_s2: float = Field(default=0.0, ge=0.0, le=100.0)
+    """Amplitude of the vibration of what the finger is mounted on, while the probe and it move, m/s^2."""
+
+    vibration_hz: float = Field(default=20.0, gt=0.0, le=1e3)
+    """Its frequency, Hz; an arm that moves vibrates at some 5 to 40."""
+
+    slide_m: float = Field(default=0.0, ge=-0.05, le=0.05)
+    """A probe that slides along the finger while it moves: friction coefficient times the surface's height over the
+    joint, by which the force's arm differs from the contact's, m."""
+
     load_cell_n: float = Field(default=4e-4, ge=0.0, le=1.0)
     """Noise of one sample of the load cell, N. Assumption: a tenth of the paper's onset threshold of 0.005 N."""
 
@@ -123,6 +157,11 @@ class FingerSettings(Settings):
                 f" must be <= {CONTACT_N_S_M_MAX:g} N s/m (5.6 s)"
             )
         return value_n_s_m
+
+    @property
+    def restless(self) -> bool:
+        """Whether the free finger's motion is not that of a locked loop in noise, so that nothing may be left out."""
+        return self.tendon_friction_n_m > 0.0 or self.drive_ripple > 0.0 or self.drift_1_s != 0.0
 
     @property
     def quiet(self) -> bool:
