@@ -57,6 +57,13 @@ class Run:
         """Numbers of the trials of which samples were recorded."""
         return sorted(trial for trial in self._index.chunks if trial >= 0)
 
+    @property
+    def factors(self) -> Sequence[str]:
+        """Columns of what was varied: what the recording says of its trials, and settings of the profile."""
+        recorded = (name for factors in self._index.factors.values() for name in factors)
+        settings = (name for row in self.trials for name in row if "." in name)
+        return list(dict.fromkeys((*recorded, *settings)))
+
     def recording(self, trial: int) -> TrialRecording:
         """What was recorded of a trial.
 

@@ -16,6 +16,7 @@ from controller.reports.counts import Effect, effect
 from controller.reports.paper import COLUMNS, TABLE_1, Column, PaperRow
 from controller.reports.run_account import setting_of
 from controller.reports.settings import varied_of
+from controller.reports.text import signed
 
 SPEED_TOLERANCE = 0.005
 """How near a trial's speed must be to a row's to belong to it, relative: half of Table I's last digit but one."""
@@ -221,6 +222,9 @@ class Correlation:
 
     rho: float
     n: int
+
+    def __str__(self) -> str:
+        return f"{signed(self.rho)} (n = {self.n})"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from controller.recording.reader import Run
 from controller.reports.counts import percent, rate, total, values
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Block, Figure, Kind, Notes, Result, Section, Table
 from controller.reports.sonicfinger import (
     ASSUMED,
     BEST_HZ,
@@ -26,6 +27,7 @@ from controller.reports.sonicfinger import (
     rows_of,
 )
 from controller.reports.text import number, title
+from controller.reports.words import Words
 
 SIDES = ("normal", "back", "front", "top", "bottom")
 DEAF = "top"
@@ -41,6 +43,9 @@ SOFT = ("sponge", "cloth")
 """Objects that are no paper's: soft ones, counted by themselves."""
 
 
+WORDS = Words("aura")
+
+
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Everything that was said of every approach."""
     rows = rows_of(runs)
@@ -50,31 +55,24 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     hard = _hard(there) or there
     touching = rows if setting_of(runs[0], "behavior", "touch") else []
     told = [row for row in touching if not _known(row)]
-    tables = [_sides_table(hard, bool(told), _half_wave_m(runs[0]))]
-    if len(objects) > 1 or nothing:
-        tables += [_pre_touch_table(there, nothing, objects), *_contact_table(there, nothing, objects)]
     felt = [row for row in touching if _known(row) and factor(row, "object") != "none"]
-    if felt:
-        tables += [_touch_table(_hard(felt) or felt)]
-    if told:
-        tables += [_said_table(told)]
+    notes = _notes(hard)
+    body: list[Block] = [
+        WORDS.text("intro"),
+        _sides_table(hard, bool(told), _half_wave_m(runs[0])),
+        *(_object_tables(there, nothing, objects) if len(objects) > 1 or nothing else ()),
+        *([_touch_table(_hard(felt) or felt)] if felt else ()),
+        *([_said_table(told)] if told else ()),
+        *_draw(runs, figures),
+        *([Notes(notes)] if notes else ()),
+    ]
     return Section(
         title=_title(runs, objects),
-        template="plain.html.j2",
+        body=body,
         citation=CITATION,
         summary=_summary(hard, nothing, told, runs[0].simulated),
         not_the_papers=[*(ASSUMED if runs[0].simulated else ()), *_whence(rows)],
         printed=printed_of(runs[0]),
-        context={
-            "paragraphs": [
-                "One finger approaches an object with one of its sides, stays at the end of its way or "
-                "touches, and comes back. "
-                "Both methods hear the same samples."
-            ],
-            "tables": tables,
-            "figures": _draw(runs, figures),
-            "notes": _notes(hard),
-        },
     )
 
 
@@ -97,14 +95,7 @@ def _whence(rows: Sequence[Any]) -> list[str]:
     """How it is known what stood there and what touched."""
     if not any(row.get("approaches") for row in rows):
         return []
-    if any(_known(row) for row in rows):
-        return [
-            "“Object”, “nothing” and what touched when are known because they are simulated: no detector is told."
-        ]
-    return [
-        "“Object” and “nothing” are what the trials say; what touched when is not known on this bench, so "
-        "contact is reported as it was said."
-    ]
+    return [WORDS.said("known" if any(_known(row) for row in rows) else "unknown")]
 
 
 def factor(row: Mapping[str, Any], name: str) -> str:
@@ -125,8 +116,9 @@ def _groups(rows: Sequence[Any], *names: str) -> Mapping[tuple[str, ...], list[A
     return {key: groups[key] for key in sorted(groups, key=order)}
 
 
-def _median(numbers: Sequence[float], digits: int, scale: float = 1.0) -> str:
-    return number(float(np.median(numbers)) if numbers else None, digits, scale)
+def _median(rows: Sequence[Any], column: str) -> float | None:
+    found = values(rows, column)
+    return statistics.median(found) if found else None
 
 
 # --- tables ------------------------------------------------------------------------------------------
@@ -140,36 +132,20 @@ def _half_wave_m(run: Run) -> float:
     return float(sound_m_s) / drive_hz / 2.0
 
 
-def _sides_table(rows: Sequence[Any], told: bool, half_wave_m: float) -> Mapping[str, Any]:
+def _sides_table(rows: Sequence[Any], told: bool, half_wave_m: float) -> Table:
     body = []
     for (side, axis, speed), members in _groups(rows, "side", "axis", "speed_m_s").items():
         approaches = total(members, "approaches")
-        cells = [side, axis, speed, str(approaches)]
-        cells.append(_median(values(members, "undulations_per_cm"), 2))
+        row: dict[str, Any] = {"side": side, "axis": axis, "speed_m_s": speed, "approaches": approaches}
+        row["undulations_per_cm"] = _median(members, "undulations_per_cm")
         for method in METHODS:
-            cells.append(f"{total(members, f'seen_{method}')} of {approaches}")
-            cells.append(_median(values(members, f"distance_m_{method}"), 1, 100.0))
-        body.append(cells)
-    caption = (
-        "Pre-touch by side, axis and speed. Undulations are those of the whole approach, per cm of way; "
-        f"half a wave is {number(half_wave_m, 2, 100.0)} cm, so {number(0.01 / half_wave_m, 2)} are expected where the "
-        "finger goes straight at the object. “From” is "
-        "the way left to go (median): along x the distance to the object."
-    )
-    if any(factor(row, "object") != PIPE for row in rows):
-        caption += " All objects together, but for the soft ones."
-    if told:
-        caption += (
-            " Where what touched is not known, the way ends where the arm was told to stop, and what was said "
-            "until then counts as seen."
-        )
-    return {
-        "caption": caption,
-        "head": ["side", "axis", "speed, m/s", "approaches", "undulations/cm"]
-        + [f"{what}, {METHOD_NAMES[method]}" for method in METHODS for what in ("seen", "from, cm")],
-        "rows": body,
-        "left": 2,
-    }
+            row[f"seen_{method}"] = f"{total(members, f'seen_{method}')} of {approaches}"
+            row[f"distance_m_{method}"] = _median(members, f"distance_m_{method}")
+        body.append(row)
+    all_objects = any(factor(row, "object") != PIPE for row in rows)
+    rest = WORDS.said("all_objects") * all_objects + WORDS.said("way_ends") * told
+    half, expected = number(half_wave_m, 2, 100.0), number(0.01 / half_wave_m, 2)
+    return WORDS.table("sides", body, half=half, expected=expected, rest=rest)
 
 
 def _named(there: Sequence[Any], objects: Sequence[str]) -> list[tuple[str, list[Any]]]:
@@ -191,100 +167,58 @@ def _papers(there: Sequence[Any]) -> list[Any]:
     return [row for row in _hard(there) if factor(row, "object") != PIPE]
 
 
-def _pre_touch_table(
-    there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]
-) -> Mapping[str, Any]:
-    body = []
-    for name, members in _named(there, objects):
-        approaches = total(members, "approaches")
-        seen = [rate(total(members, f"seen_{method}"), approaches) for method in METHODS]
-        body.append([name, str(approaches), *seen])
+def _object_tables(there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]) -> Iterator[Table]:
+    """Rates of pre-touch by object; of contact where it is known what touched."""
+    body: list[dict[str, Any]] = []
+    named = _named(there, objects)
+    for name, members in named:
+        n = total(members, "approaches")
+        row = {method: rate(total(members, f"seen_{method}"), n) for method in METHODS}
+        body.append({"object": name, "approaches": n, **row})
     if nothing:
-        empty = total(nothing, "approaches")
-        quiet = [rate(empty - total(nothing, f"alarms_{method}"), empty) for method in METHODS]
-        body.append(["nothing: not said", str(empty), *quiet])
-    return {
-        "caption": "Pre-touch: in how many approaches to an object it was said in time (true positives), and in how "
-        "many to nothing it was not said (true negatives), with 95 % intervals (Wilson). The paper: "
-        f"{percent(PRE_TOUCH[0])} and {percent(PRE_TOUCH[1])}.",
-        "head": ["object", "approaches", *(METHOD_NAMES[method] for method in METHODS)],
-        "rows": body,
-        "left": 1,
-    }
+        n = total(nothing, "approaches")
+        row = {method: rate(n - total(nothing, f"alarms_{method}"), n) for method in METHODS}
+        body.append({"object": "nothing: not said", "approaches": n, **row})
+    positive, negative = map(percent, PRE_TOUCH)
+    yield WORDS.table("pre_touch", body, positive=positive, negative=negative)
+    if total(there, "touches"):
+        groups = [*named, *([("nothing", nothing)] if nothing else [])]
+        rows = [{"object": name, **row} for name, members in groups for row in _by_method(members)]
+        positive, negative = map(percent, CONTACT)
+        yield WORDS.table("contact", rows, positive=positive, negative=negative)
 
 
-def _contact_table(
-    there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]
-) -> list[Mapping[str, Any]]:
-    """Rates of contact by object, where it is known what touched."""
-    if not total(there, "touches"):
-        return []
-    body = []
-    for name, members in [*_named(there, objects), *([("nothing", nothing)] if nothing else [])]:
-        touches, approaches = total(members, "touches"), total(members, "approaches")
-        for method in METHODS:
-            felt = rate(total(members, f"felt_{method}"), touches)
-            true = rate(approaches - total(members, f"false_{method}"), approaches)
-            body.append([name, METHOD_NAMES[method], str(touches), felt, str(approaches), true])
-    return [
-        {
-            "caption": "Contact: touches that were felt (true positives), and approaches in which no contact was said "
-            "that was none (true negatives), with 95 % intervals (Wilson). The paper: "
-            f"{percent(CONTACT[0])} and {percent(CONTACT[1])}.",
-            "head": ["object", "detector", "touches", "felt", "approaches", "without a false one"],
-            "rows": body,
-            "left": 2,
+def _by_method(members: Sequence[Any]) -> Iterator[dict[str, Any]]:
+    """What each method made of some approaches; every count by its column's name without the method's."""
+    touches, approaches = total(members, "touches"), total(members, "approaches")
+    for method in METHODS:
+        false = total(members, f"false_{method}")
+        names = ("held", "ended", "said", "words", "said_held", "said_ended", "said_of_nothing")
+        yield {name: total(members, f"{name}_{method}") for name in names} | {
+            "detector": METHOD_NAMES[method],
+            "touches": touches,
+            "approaches": approaches,
+            "felt": rate(total(members, f"felt_{method}"), touches),
+            "true": rate(approaches - false, approaches),
+            "false": f"{false} of {approaches}",
+            "delay_s": _median(members, f"delay_s_{method}"),
         }
-    ]
 
 
-def _touch_table(rows: Sequence[Any]) -> Mapping[str, Any]:
-    body = []
-    for (side,), members in _groups(rows, "side").items():
-        touches, approaches = total(members, "touches"), total(members, "approaches")
-        for method in METHODS:
-            body.append(
-                [
-                    side,
-                    METHOD_NAMES[method],
-                    str(touches),
-                    rate(total(members, f"felt_{method}"), touches),
-                    _median(values(members, f"delay_s_{method}"), 0, 1e3),
-                    str(total(members, f"held_{method}")),
-                    str(total(members, f"ended_{method}")),
-                    f"{total(members, f'false_{method}')} of {approaches}",
-                ]
-            )
-    return {
-        "caption": "Contact by side: touches that were felt, with 95 % intervals (Wilson); median delay; of how "
-        "many persistence and end were told; and in how many approaches contact was said that was none. "
-        f"The paper: all felt, but for the {DEAF}.",
-        "head": ["side", "detector", "touches", "felt", "delay, ms", "persistence", "end", "false"],
-        "rows": body,
-        "left": 2,
-    }
+def _touch_table(rows: Sequence[Any]) -> Table:
+    groups = _groups(rows, "side").items()
+    return WORDS.table(
+        "touches",
+        [{"side": side, **row} for (side,), members in groups for row in _by_method(members)],
+        deaf=DEAF,
+    )
 
 
-def _said_table(rows: Sequence[Any]) -> Mapping[str, Any]:
+def _said_table(rows: Sequence[Any]) -> Table:
     by = "object" if len({factor(row, "object") for row in rows}) > 1 else "side"
-    body = []
-    for (name,), members in _groups(rows, by).items():
-        for method in METHODS:
-            counts = [
-                total(members, f"{what}_{method}")
-                for what in ("said", "words", "said_held", "said_ended", "said_of_nothing")
-            ]
-            approaches = str(total(members, "approaches"))
-            body.append([title(name), METHOD_NAMES[method], approaches, *map(str, counts)])
-    return {
-        "caption": f"Contact by {by} as it was said. What touched when is not known on this bench, so nothing here is "
-        "called true or false: in how many approaches contact was said, and how often in all of them; in how many its "
-        "persistence and its end were said after that; and in how many contact was said where nothing can touch, in "
-        "the rest before or before nothing.",
-        "head": [by, "detector", "approaches", "said", "times", "persistence", "end", "where nothing can"],
-        "rows": body,
-        "left": 2,
-    }
+    groups = _groups(rows, by).items()
+    body = [{"name": title(name), **row} for (name,), members in groups for row in _by_method(members)]
+    return WORDS.table("as_said", body, by=by)
 
 
 # --- sentences ---------------------------------------------------------------------------------------
@@ -297,43 +231,40 @@ def _summary(
     kind = Kind.ASSUMED if simulated else Kind.MEASURED
     said = [*_of_sides(there, kind), *_of_objects(_papers(there), kind), *_of_touches(there, kind)]
     for method in METHODS if told else ():
-        found, approaches = total(told, f"said_{method}"), total(told, "approaches")
-        said.append(
-            Result(
-                None,
-                f"Contact, {METHOD_NAMES[method]}: said in {found} of {approaches} approaches; what touched "
-                "is not known on this bench.",
-            )
-        )
+        found, n = total(told, f"said_{method}"), total(told, "approaches")
+        said.append(Result(None, WORDS.said("said_summary", method=METHOD_NAMES[method], found=found, n=n)))
     for method in METHODS if nothing else ():
-        alarms, empty = total(nothing, f"alarms_{method}"), total(nothing, "approaches")
-        words = f"{alarms} alarms in {empty} approaches to nothing"
-        said.append(
-            Result(
-                Kind.FITTED if simulated and method == "paper" else None,
-                f"Pre-touch, {METHOD_NAMES[method]}: {words}; the paper {percent(1.0 - PRE_TOUCH[1])}"
-                + (", at which its threshold was set." if simulated and method == "paper" else "."),
-            )
+        fitted = simulated and method == "paper"
+        words = WORDS.said(
+            "alarms",
+            method=METHOD_NAMES[method],
+            alarms=total(nothing, f"alarms_{method}"),
+            n=total(nothing, "approaches"),
+            paper=percent(1.0 - PRE_TOUCH[1]),
+            fitted=", at which its threshold was set" if fitted else "",
         )
+        said.append(Result(Kind.FITTED if fitted else None, words))
     return said
 
 
-def _of_sides(there: Sequence[Any], kind: Kind) -> list[Result]:
+def _of_sides(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
     """From which sides an object is seen at all (C2)."""
     sides = _groups(there, "side")
-    said = []
     for method in METHODS if len(sides) > 1 else ():
         blind = [side for (side,), members in sides.items() if not total(members, f"seen_{method}")]
-        words = f"sees from {len(sides) - len(blind)} of {len(sides)} sides; the paper from all {len(SIDES)}"
-        if blind:
-            words += f"; nothing from {', '.join(blind)}"
-        said.append(Result(kind, f"Pre-touch, {METHOD_NAMES[method]}: {words}.", not blind))
-    return said
+        words = WORDS.said(
+            "blind",
+            method=METHOD_NAMES[method],
+            seen=len(sides) - len(blind),
+            sides=len(sides),
+            papers=len(SIDES),
+            blind=f"; nothing from {', '.join(blind)}" if blind else "",
+        )
+        yield Result(kind, words, not blind)
 
 
-def _of_objects(rows: Sequence[Any], kind: Kind) -> list[Result]:
+def _of_objects(rows: Sequence[Any], kind: Kind) -> Iterator[Result]:
     """Rates over objects beside the paper's over its six (C5)."""
-    said = []
     for what, hits, of, bound in (
         ("Pre-touch", "seen", "approaches", PRE_TOUCH[0]),
         ("Contact", "felt", "touches", CONTACT[0]),
@@ -342,27 +273,23 @@ def _of_objects(rows: Sequence[Any], kind: Kind) -> list[Result]:
         for method in METHODS if count else ():
             found = total(rows, f"{hits}_{method}")
             off = 100.0 * (found / count - bound)
-            words = f"{number(abs(off), 1)} points {'below' if off < 0.0 else 'above'} the paper's {percent(bound)}"
-            words += f" of its own objects: {found} of {count} {of}, {rate(found, count)}"
-            said.append(Result(kind, f"{what}, {METHOD_NAMES[method]}: {words}.", off >= 0.0))
-    return said
+            facts = {"points": number(abs(off), 1), "beside": "below" if off < 0.0 else "above"}
+            facts |= {"what": what, "method": METHOD_NAMES[method], "of": of, "paper": percent(bound)}
+            words = WORDS.said("rates", found=found, n=count, rate=rate(found, count), **facts)
+            yield Result(kind, words, off >= 0.0)
 
 
-def _of_touches(there: Sequence[Any], kind: Kind) -> list[Result]:
+def _of_touches(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
     """Whether every side but the deaf one feels the pipe each time (C4)."""
     pipe = [row for row in there if factor(row, "object") == PIPE]
     hearing = [row for row in pipe if factor(row, "side") != DEAF]
     deaf = [row for row in pipe if factor(row, "side") == DEAF]
     touches, others = total(hearing, "touches"), total(deaf, "touches")
-    said = []
     for method in METHODS if touches else ():
         felt = total(hearing, f"felt_{method}")
-        words = f"{felt} of {touches} touches felt with the other sides than the {DEAF}"
-        if others:
-            words += f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}"
-        words = f"Contact, {METHOD_NAMES[method]}: {words}; the paper felt all of the former."
-        said.append(Result(kind, words, felt == touches))
-    return said
+        rest = f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}" if others else ""
+        facts = {"method": METHOD_NAMES[method], "touches": touches, "deaf": DEAF, "others": rest}
+        yield Result(kind, WORDS.said("felt", felt=felt, **facts), felt == touches)
 
 
 def _notes(rows: Sequence[Any]) -> list[str]:
@@ -376,14 +303,14 @@ def _notes(rows: Sequence[Any]) -> list[str]:
     for side, medians in counts.items():
         if len(medians) > 1:
             said = ", ".join(f"{number(count, 2)} at {speed} m/s" for speed, count in medians.items())
-            notes.append(f"Undulations per cm of the {side} side: {said}.")
+            notes.append(WORDS.said("undulations", side=side, said=said))
     return notes
 
 
 # --- figures -----------------------------------------------------------------------------------------
 
 
-def _draw(runs: Sequence[Run], figures: Figures) -> list[Mapping[str, Any]]:
+def _draw(runs: Sequence[Run], figures: Figures) -> list[Figure]:
     """The envelope along the approach: one panel for each side and speed of which there is a recording."""
     panels: dict[tuple[str, str], tuple[Run, int]] = {}
     for run in runs:
@@ -410,12 +337,7 @@ def _draw(runs: Sequence[Run], figures: Figures) -> list[Mapping[str, Any]]:
         for axes in told[:1]:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2)
         svg = Markup(drawing.save("approaches"))
-    caption = (
-        "Fig. 4d, 6, 7. Envelope of the finger in trials with the pipe, less what it is at rest, from the rest "
-        "before the approach on: in-phase and quadrature. Circles mark our detectors' words, crosses the paper's; "
-        "green is pre-touch, orange contact."
-    )
-    return [{"svg": svg, "caption": caption}]
+    return [Figure(svg, WORDS.said("figure", pretouch="green", contact="orange"))]
 
 
 def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:

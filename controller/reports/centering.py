@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,10 +11,11 @@ from markupsafe import Markup
 
 from behaviors.centering_settings import CenteringFactors
 from controller.recording.reader import Run
+from controller.reports.approaches import mean_of
 from controller.reports.counts import factor as beside_bound
-from controller.reports.counts import total, values
+from controller.reports.counts import percentiles_ms, total, values
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Block, Figure, Kind, Result, Section
 from controller.reports.sonicfinger import (
     ASSUMED,
     CITATION,
@@ -24,69 +26,35 @@ from controller.reports.sonicfinger import (
     rows_of,
 )
 from controller.reports.text import number, share, title
+from controller.reports.words import Words
 
 Key = tuple[str, str, float]
+
+
+WORDS = Words("centering")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Errors by method, object and speed; the histogram."""
     groups = _groups(rows_of(runs))
+    stops = _stops(runs)
+    body: list[Block] = [
+        WORDS.text("intro"),
+        WORDS.table("errors", [_errors(key, rows) for key, rows in groups.items()]),
+        WORDS.table("grasps", [_grasps(key, rows) for key, rows in groups.items()]),
+        *([WORDS.table("stops", stops)] if stops else []),
+    ]
+    if any(values(rows, "error_m") for rows in groups.values()):
+        body.append(
+            Figure(_draw(groups, figures), WORDS.said("figure", worst=number(WORST_CENTERING_M, 0, 1e3)))
+        )
     return Section(
         title="Centering without touching (C3)",
-        template="plain.html.j2",
+        body=body,
         citation=CITATION,
         summary=_summary(groups, runs[0].simulated),
-        not_the_papers=[
-            *(ASSUMED if runs[0].simulated else ()),
-            "Only the finger ahead of the motion is heeded: the other one, from which the object moves away, "
-            "would spoil "
-            "the average that the paper takes.",
-        ],
+        not_the_papers=[*(ASSUMED if runs[0].simulated else ()), *WORDS.each("ours")],
         printed=printed_of(runs[0]),
-        context={
-            "paragraphs": [
-                "The arm moves until the finger ahead sees the object, then the other way until the other "
-                "finger does, and goes "
-                "to the middle of the two places. The error is where it came to stand less where the object is."
-            ],
-            "tables": [
-                {
-                    "caption": "Errors of the middle, mm; positive is too far forward. “Worst” is the largest "
-                    "of either sign.",
-                    "head": [
-                        *("object", "method", "speed, m/s", "trials", "no middle"),
-                        *("worst", "mean", "sigma", "median |error|"),
-                    ],
-                    "rows": [_errors_row(key, rows) for key, rows in groups.items()],
-                    "left": 2,
-                },
-                {
-                    "caption": "Search and grasp: how long the search took (median); how often something was touched "
-                    "during it, which simulation alone knows; in how many of the grasps both fingers said contact.",
-                    "head": [
-                        "object",
-                        "method",
-                        "speed, m/s",
-                        "search, s",
-                        "touched before",
-                        "contact by both",
-                    ],
-                    "rows": [_grasps_row(key, rows) for key, rows in groups.items()],
-                    "left": 2,
-                },
-                *_stops(runs),
-            ],
-            "figures": [
-                {
-                    "svg": _draw(groups, figures),
-                    "caption": "Fig. 8c. Errors of centering; the dashed lines are the paper's worst, "
-                    f"{number(WORST_CENTERING_M, 0, 1e3)} mm.",
-                }
-            ]
-            if any(values(rows, "error_m") for rows in groups.values())
-            else [],
-            "notes": [],
-        },
     )
 
 
@@ -136,69 +104,52 @@ def _summary(groups: Mapping[Key, Sequence[Any]], simulated: bool) -> list[Resul
     return said
 
 
-def _names(key: Key) -> list[str]:
+def _names(key: Key) -> dict[str, Any]:
     thing, method, speed_m_s = key
-    return [title(thing), METHOD_NAMES[method], f"{speed_m_s:g}"]
+    return {"thing": title(thing), "method": METHOD_NAMES[method], "speed": f"{speed_m_s:g}"}
 
 
-def _errors_row(key: Key, rows: Sequence[Any]) -> list[str]:
-    errors_m = np.array(values(rows, "error_m"))
-    figures = (
-        [
-            number(float(np.abs(errors_m).max()), 2, 1e3),
-            number(float(errors_m.mean()), 2, 1e3),
-            number(float(errors_m.std(ddof=1)) if len(errors_m) > 1 else float("nan"), 2, 1e3),
-            number(float(np.median(np.abs(errors_m))), 2, 1e3),
-        ]
-        if len(errors_m)
-        else ["–"] * 4
-    )
-    return [*_names(key), str(len(rows)), str(len(rows) - len(errors_m)), *figures]
+def _errors(key: Key, rows: Sequence[Any]) -> dict[str, Any]:
+    errors_m = values(rows, "error_m")
+    sizes_m, mean = [abs(error) for error in errors_m], mean_of(errors_m)
+    return _names(key) | {
+        "n": len(rows),
+        "lost": len(rows) - len(errors_m),
+        "worst_m": max(sizes_m, default=None),
+        "mean_m": mean.mean,
+        "sigma_m": mean.sigma,
+        "median_m": statistics.median(sizes_m) if sizes_m else None,
+    }
 
 
-def _grasps_row(key: Key, rows: Sequence[Any]) -> list[str]:
+def _grasps(key: Key, rows: Sequence[Any]) -> dict[str, Any]:
     search_s = values(rows, "search_s")
     touched = [row for row in rows if row.get("touched") is not None]
     grasped = [row for row in rows if row.get("gripped") is not None]
     both = sum(
         row.get("contact_left_s") is not None and row.get("contact_right_s") is not None for row in grasped
     )
-    return [
-        *_names(key),
-        number(float(np.median(search_s)) if search_s else None, 1),
-        str(total(touched, "touched")) if touched else "unknown",
-        share(both, len(grasped)) if grasped else "not asked for",
-    ]
+    return _names(key) | {
+        "search_s": statistics.median(search_s) if search_s else None,
+        "touched": total(touched, "touched") if touched else "unknown",
+        "both": share(both, len(grasped)) if grasped else "not asked for",
+    }
 
 
-def _stops(runs: Sequence[Run]) -> list[Mapping[str, Any]]:
+def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """From the sample with which a finger saw the object to the arm being told to stop, by bench and method."""
-    body = []
+    found = []
     for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
         there = [run for run in runs if run.manifest.get("bench") == bench]
         rows = rows_of(there)
         lost = sum(int((run.manifest.get("loss") or {}).get("audio.fingers", 0)) for run in there)
         for method in sorted({str(factor(row, "method")) for row in rows}):
             own = [row for row in rows if str(factor(row, "method")) == method]
-            latencies_ms = 1e3 * np.array(
-                [*values(own, "seen_to_stop_left_s"), *values(own, "seen_to_stop_right_s")]
-            )
-            if len(latencies_ms):
-                spread = [number(float(np.percentile(latencies_ms, share)), 1) for share in (50, 99, 100)]
-                body.append([bench, METHOD_NAMES[method], str(len(latencies_ms)), *spread, str(lost)])
-    if not body:
-        return []
-    return [
-        {
-            "caption": "Seen, arm told to stop: from the time of the deciding sample of the envelope to the "
-            "command's last byte, ms. Where there is sound, the chain's own delay, 3 ms, is in it; on the mock bench "
-            "there is nothing but the wait for the loop's next turn, and on the emulated one the far side of the wire "
-            "is an emulator's. Audio frames lost in all trials.",
-            "head": ["bench", "method", "stops", "p50", "p99", "max", "frames lost"],
-            "rows": body,
-            "left": 2,
-        }
-    ]
+            waits_s = [*values(own, "seen_to_stop_left_s"), *values(own, "seen_to_stop_right_s")]
+            if waits_s:
+                named = {"bench": bench, "method": METHOD_NAMES[method], "lost": lost}
+                found.append(named | percentiles_ms(waits_s))
+    return found
 
 
 def _draw(groups: Mapping[Key, Sequence[Any]], figures: Figures) -> Markup:

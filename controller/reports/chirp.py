@@ -11,11 +11,15 @@ from markupsafe import Markup
 from behaviors.chirp import ChirpSettings
 from controller.measures.chirp import LATENCY_UNSURE_S, STEP_HZ, beginning, transfer
 from controller.recording.reader import Run
+from controller.reports.counts import values
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Figure, Kind, Result, Section
 from controller.reports.sonicfinger import ASSUMED, BEST_HZ, CITATION
 from controller.reports.text import number
+from controller.reports.words import Words
+
+WORDS = Words("chirp")
 
 NEAR_HZ = 500.0
 """How close to 40 kHz is called found: two bands of the sweep; ours, for the paper says 40 kHz and no more."""
@@ -23,8 +27,10 @@ NEAR_HZ = 500.0
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Best frequency of every sweep, and the curve of the first."""
-    rows = [row for run in runs for row in run.trials if row.get("best_hz") is not None]
-    found = [float(row["best_hz"]) for row in rows]  # type: ignore[arg-type]
+    rows: list[dict[str, Any]] = [
+        dict(row) for run in runs for row in run.trials if row.get("best_hz") is not None
+    ]
+    found = values(rows, "best_hz")
     met = bool(found) and max(abs(hz - BEST_HZ) for hz in found) <= NEAR_HZ
     said = "No sweep came to its end."
     if found:
@@ -37,67 +43,24 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         )
     put_in_hz = setting_of(runs[0], "plant", "resonance_hz")
     simulated = runs[0].simulated
+    ours = [*ASSUMED] if simulated else []
+    if put_in_hz:
+        ours.append(WORDS.said("put_in", khz=" and ".join(f"{hz / 1e3:g}" for hz in put_in_hz)))
+    for row in rows:
+        low, high = (number(row.get(f"band_{side}_hz"), 2, 1e-3) for side in ("low", "high"))
+        row["band"] = f"{low} to {high}"
     svg = _draw(runs, figures)
     return Section(
         title="Chirp (C1)",
-        template="plain.html.j2",
+        body=[
+            WORDS.text("intro", step_hz=STEP_HZ, unsure_ms=number(LATENCY_UNSURE_S, 0, 1e3)),
+            WORDS.table("best", rows),
+            *([Figure(svg, WORDS.said("figure"))] if svg else []),
+        ],
         citation=CITATION,
         summary=[Result(Kind.FITTED if simulated else Kind.MEASURED, said, met)],
-        not_the_papers=[
-            *(ASSUMED if simulated else []),
-            *(
-                [
-                    f"The fingers' resonance, {' and '.join(f'{hz / 1e3:g}' for hz in put_in_hz)} kHz, is put into "
-                    "the plant: the sweep finds it again."
-                ]
-                if put_in_hz
-                else []
-            ),
-        ],
-        context={
-            "paragraphs": [
-                "The drive is swept once, linearly, while nothing is near; what comes back is squared and "
-                f"averaged in bands of {STEP_HZ:g} Hz. When it began is counted back from its end, by the frames "
-                "in which the device heard it; what a card says of its own latency is in that, and may be off by "
-                f"{number(LATENCY_UNSURE_S, 0, 1e3)} ms (assumed)."
-            ],
-            "tables": [
-                {
-                    "caption": "Best frequency: both fingers' powers added, and each finger's own.",
-                    "head": [
-                        "trial",
-                        "best, kHz",
-                        "right",
-                        "left",
-                        "± (band and latency)",
-                        "half-power band",
-                        "over noise, dB",
-                    ],
-                    "rows": [_row(row) for row in rows],
-                    "left": 1,
-                }
-            ],
-            "figures": [{"svg": svg, "caption": "What comes back while the drive passes each frequency."}]
-            if svg
-            else [],
-            "notes": [],
-        },
+        not_the_papers=ours,
     )
-
-
-def _row(row: Any) -> list[str]:
-    def khz(name: str) -> str:
-        return number(row.get(name), 2, 1e-3)
-
-    return [
-        str(row["trial"]),
-        khz("best_hz"),
-        khz("best_right_hz"),
-        khz("best_left_hz"),
-        khz("unsure_hz"),
-        f"{khz('band_low_hz')} to {khz('band_high_hz')}",
-        number(row.get("over_noise_db"), 1),
-    ]
 
 
 def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:

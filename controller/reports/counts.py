@@ -47,6 +47,11 @@ def values(rows: Sequence[Any], column: str) -> list[float]:
     return [float(row[column]) for row in rows if isinstance(row.get(column), int | float)]
 
 
+def percentiles_ms(spans_s: Sequence[float]) -> dict[str, float | int]:
+    """How many, their median, 99th percentile and largest in ms, by `n`, `p50`, `p99` and `p100`."""
+    return {"n": len(spans_s)} | {f"p{p}": float(np.percentile(spans_s, p)) * 1e3 for p in (50, 99, 100)}
+
+
 class Effect(NamedTuple):
     """How far rows lie from the paper's.
 

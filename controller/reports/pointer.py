@@ -14,8 +14,9 @@ from controller.measures.touches import Errors, Touch, errors_of, touches_of
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Block, Figure, Kind, Notes, Result, Section
 from controller.reports.text import number, signed
+from controller.reports.words import Words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,20 +29,7 @@ DEGREES = 180.0 / math.pi
 SAME_FORCE = 0.05
 """Trials whose thresholds differ by less than this share were touched with the same force."""
 
-_SIMULATED = (
-    "The simulated tip feels Fn sin θ and Fn cos θ exactly; its bridges add the hysteresis, noise and "
-    "steps of 4.2, as a play that opens no loop below a quarter of the range. No eccentricity, cross-talk "
-    "or gravity is modelled, and the calibration is exact: a real tip's error is larger."
-)
-_ARM = (
-    "The true angle is that of the arm's own pose, which turns the tip over a table; in the paper's Fig. "
-    "2 a pointer touches the tip."
-)
-
-_EMULATED = (
-    "Where the bench is emulated, the arm's pose and motion are those of the emulated controller: no "
-    "figure of the angle is a real arm's."
-)
+WORDS = Words("pointer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,27 +105,25 @@ def _touches(run: Run, trial: int, recording: TrialRecording) -> list[Touch]:
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figures of all sweeps of some runs on one kind of bench."""
     sweeps = read_sweeps(runs)
-    paragraphs = [
-        "The arm turns the tip in the air, touches the table, waits, records and lifts, angle by angle "
-        "over the tip's range and back. The angle that the fingertip tells is atan2(Fx, Fy) of the mean "
-        "calibrated forces of a touch."
-    ]
-    if not sweeps:
-        paragraphs.append(f"No touch was recorded ({sum(len(run.trials) for run in runs)} trials began).")
     simulated = all(run.simulated for run in runs)
     emulated = any(run.manifest.get("bench") == "emulated" for run in runs)
+    body: list[Block] = [WORDS.text("intro")]
+    if sweeps:
+        body += [
+            WORDS.table("errors", map(_row, sweeps)),
+            Figure(Markup(_draw_pointers(figures, sweeps)), WORDS.said("figure_2")),
+            Figure(Markup(_draw_errors(figures, sweeps)), WORDS.said("figure_11")),
+            Notes([_note(sweep) for sweep in sweeps]),
+        ]
+    else:
+        body.append(WORDS.text("nothing", trials=sum(len(run.trials) for run in runs)))
+    ours = {"arm": True, "simulated": simulated, "emulated": emulated}
     return Section(
         title="Angle of the contact (B7)",
-        template="plain.html.j2",
+        body=body,
         citation=CITATION,
         summary=[Result(Kind.ASSUMED if simulated else Kind.MEASURED, _sentence(sweeps))] if sweeps else [],
-        not_the_papers=[_ARM, *([_SIMULATED] if simulated else []), *([_EMULATED] if emulated else [])],
-        context={
-            "paragraphs": paragraphs,
-            "tables": [_table(sweeps)] if sweeps else [],
-            "figures": _drawn(figures, sweeps) if sweeps else [],
-            "notes": _notes(sweeps) if sweeps else [],
-        },
+        not_the_papers=[WORDS.said(name) for name, holds in ours.items() if holds],
     )
 
 
@@ -149,73 +135,41 @@ def _range(sweeps: Sequence[Sweep]) -> tuple[float, float]:
 def _sentence(sweeps: Sequence[Sweep]) -> str:
     low, high = _range(sweeps)
     worst = max(sweeps, key=lambda sweep: sweep.errors.largest)
-    bias = errors_of([touch for sweep in sweeps for touch in sweep.touches])
-    return (
-        f"From {signed(low * DEGREES, 0)}° to {signed(high * DEGREES, 0)}° the contact's angle is off by "
-        f"{number(bias.rms * DEGREES, 2)}° (root mean square), at most "
-        f"{number(worst.errors.largest * DEGREES, 2)}° ({number(worst.pressed_n, 1)} N); the paper prints "
-        "no error."
+    return WORDS.said(
+        "summary",
+        low=signed(low * DEGREES, 0),
+        high=signed(high * DEGREES, 0),
+        rms=number(errors_of([touch for sweep in sweeps for touch in sweep.touches]).rms * DEGREES, 2),
+        largest=number(worst.errors.largest * DEGREES, 2),
+        force=number(worst.pressed_n, 1),
     )
 
 
-def _table(sweeps: Sequence[Sweep]) -> Mapping[str, Any]:
-    rows = []
-    for sweep in sweeps:
-        errors, spread = sweep.errors, float(np.mean([touch.spread_rad for touch in sweep.touches]))
-        rows.append(
-            [
-                f"{number(sweep.pressed_n, 2)} N",
-                str(len(sweep.touches)),
-                signed(errors.bias * DEGREES, 2),
-                *(
-                    number(value * DEGREES, 2)
-                    for value in (errors.sd, errors.rms, errors.largest, errors.hysteresis, spread)
-                ),
-            ]
-        )
-    return {
-        "caption": "Error of the angle, told less true, in degrees, over the whole range. “Hysteresis” is "
-        "the largest difference between the same angle going up and going down, “one sample” the spread "
-        "from sample to sample within a touch.",
-        "head": ["force", "touches", "bias", "sd", "rms", "largest", "hysteresis", "one sample"],
-        "rows": rows,
-        "left": 1,
+def _row(sweep: Sweep) -> dict[str, Any]:
+    return sweep.errors._asdict() | {
+        "force": f"{number(sweep.pressed_n, 2)} N",
+        "touches": len(sweep.touches),
+        "bias": signed(sweep.errors.bias * DEGREES, 2),
+        "spread": float(np.mean([touch.spread_rad for touch in sweep.touches])),
     }
 
 
-def _notes(sweeps: Sequence[Sweep]) -> list[str]:
-    notes = []
-    for sweep in sweeps:
-        worst = max(sweep.touches, key=lambda touch: abs(touch.error_rad))
-        third = [touch for touch in sweep.touches if abs(touch.true_rad) > 1.0]
-        middle = [touch for touch in sweep.touches if abs(touch.true_rad) <= 1.0]
-        beyond, within = errors_of(third).rms * DEGREES, errors_of(middle).rms * DEGREES
-        notes.append(
-            f"{number(sweep.pressed_n, 1)} N: largest error {signed(worst.error_rad * DEGREES, 2)}° at "
-            f"{signed(worst.true_rad * DEGREES, 0)}°, angles "
-            f"{'ascending' if worst.going == 'up' else 'descending'}; rms {number(within, 2)}° within a "
-            f"radian of the middle, {number(beyond, 2)}° beyond."
-        )
-    return notes
+def _note(sweep: Sweep) -> str:
+    worst = max(sweep.touches, key=lambda touch: abs(touch.error_rad))
+    middle = [touch for touch in sweep.touches if abs(touch.true_rad) <= 1.0]
+    rest = [touch for touch in sweep.touches if abs(touch.true_rad) > 1.0]
+    return WORDS.said(
+        "worst",
+        force=number(sweep.pressed_n, 1),
+        error=signed(worst.error_rad * DEGREES, 2),
+        at=signed(worst.true_rad * DEGREES, 0),
+        going="ascending" if worst.going == "up" else "descending",
+        within=number(errors_of(middle).rms * DEGREES, 2),
+        beyond=number(errors_of(rest).rms * DEGREES, 2),
+    )
 
 
 # --- figures -----------------------------------------------------------------------------------------
-
-
-def _drawn(figures: Figures, sweeps: Sequence[Sweep]) -> list[Mapping[str, Any]]:
-    return [
-        {
-            "svg": Markup(_draw_pointers(figures, sweeps)),
-            "caption": "Fig. 2. Where the fingertip is touched: thick and pale the true direction, thin "
-            "and dark the one that the bridges tell, as long as the normal force is large; all touches of "
-            "the first trial of each force.",
-        },
-        {
-            "svg": Markup(_draw_errors(figures, sweeps)),
-            "caption": "Fig. 11, for standing contacts. Above: the angle told against the true one; "
-            "dashed is equality. Below: what it is off by, angles ascending and descending.",
-        },
-    ]
 
 
 def _draw_pointers(figures: Figures, sweeps: Sequence[Sweep]) -> str:

@@ -12,12 +12,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoes
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
+from controller.reports import generic
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
 from controller.reports.run_account import account_of, early_end, setting_of
-from controller.reports.section import Result, Section
+from controller.reports.section import Column, Result, Section, Table
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
-from controller.reports.text import title
 
 _SECTIONS = {
     "aura": "controller.reports.aura",
@@ -29,7 +29,7 @@ _SECTIONS = {
     "transient": "controller.reports.transient",
     "weights": "controller.reports.weights",
 }
-"""Experiment → module whose `section(runs, figures)` tells of it; another one gets its bare table."""
+"""Experiment → module whose `section(runs, figures)` tells of it; another one gets what every experiment gets."""
 
 _TELLS_APART = frozenset({"pointer", "slip", "transient"})
 """Experiments whose section tells trials apart in which a setting of the profile was varied."""
@@ -95,12 +95,12 @@ class Part:
     section: Section
     results: Sequence[Result]
     judged: bool
-    settings: Sequence[tuple[str, str, str]]
+    settings: Table
 
 
 def _page(runs: Sequence[Run], figures_path: Path) -> str:
     parts: list[Part] = []
-    apart: list[tuple[Sequence[str], Sequence[Sequence[str]]]] = []
+    apart: list[Table] = []
 
     def kind(run: Run) -> tuple[str, str]:
         return str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
@@ -119,7 +119,8 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
             parts.append(_part(experiment, name, group, missing(whole), figures))
         if len(groups) > 1:
             told = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
-            apart.append((["setting", *names], [["runs", *told], *differences(groups)]))
+            columns = [Column(name, name) for name in ("setting", *names)]
+            apart.append(Table(columns, [["runs", *told], *differences(groups)], left=len(columns)))
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=select_autoescape(default=True, default_for_string=True),
@@ -128,6 +129,7 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals["kind_of"] = lambda block: type(block).__name__
     sections = [part.section for part in parts]
     drivers = [
         str(table.get("driver")) for run in runs for table in (setting_of(run, "devices") or {}).values()
@@ -175,7 +177,4 @@ def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     if experiment in _SECTIONS:
         tell: Callable[[Sequence[Run], Figures], Section] = import_module(_SECTIONS[experiment]).section
         return tell(runs, figures)
-    columns = list(dict.fromkeys(name for run in runs for row in run.trials for name in row))
-    trials = [row for run in runs for row in run.trials]
-    rows = [["" if row.get(name) is None else str(row[name]) for name in columns] for row in trials]
-    return Section(title(experiment) or "trials", "bare.html.j2", {"columns": columns, "rows": rows})
+    return generic.section(experiment, runs, figures)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import groupby
 from typing import Any, NamedTuple
+
+from markupsafe import Markup
 
 
 class Kind(StrEnum):
@@ -57,14 +60,83 @@ class Printed(NamedTuple):
     source: str
 
 
+class Text(NamedTuple):
+    """A paragraph, or the heading of what follows."""
+
+    said: str
+    heading: bool = False
+
+
+class Notes(NamedTuple):
+    """Sentences, one a line."""
+
+    said: Sequence[str]
+
+
+class Figure(NamedTuple):
+    """A picture, as an SVG element, and what it shows."""
+
+    svg: Markup
+    caption: str
+
+
+class Column(NamedTuple):
+    """A column of a table.
+
+    Attributes:
+        head: Its name, with the unit that it is printed in.
+        of: What is printed: a key of each row, or an attribute.
+        decimals: That a number is printed with; None prints what is there.
+        scale: From SI to the unit.
+        look: `mine`, `theirs`, `wrap` or `verdict`; "" is plain.
+        group: Heading over several columns.
+    """
+
+    head: str
+    of: str
+    decimals: int | None = None
+    scale: float = 1.0
+    look: str = ""
+    group: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows under heads.
+
+    Attributes:
+        columns: Left to right.
+        rows: A cell a column: words, or for a verdict True, False or None.
+        caption: What it shows.
+        left: How many columns stand at the left margin of theirs.
+        foot: A last row, over all others.
+        folded: Words that unfold it; "" where it is open.
+    """
+
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Any]]
+    caption: str = ""
+    left: int = 1
+    foot: Sequence[Any] = ()
+    folded: str = ""
+
+    @property
+    def groups(self) -> list[tuple[str, int]]:
+        """Headings over several columns and how many each spans; empty where there are none."""
+        found = [(name, len(list(own))) for name, own in groupby(column.group for column in self.columns)]
+        return found if any(name for name, _ in found) else []
+
+
+Block = Text | Notes | Figure | Table
+
+
 @dataclass(frozen=True, slots=True)
 class Section:
     """One part of the page.
 
     Attributes:
         title: Its heading.
-        template: File under templates/.
-        context: What the template is given.
+        body: What is told, from top to bottom.
         citation: The paper that it stands beside.
         summary: Sentences for the page's beginning.
         not_the_papers: What is ours and not the paper's, one sentence each.
@@ -72,8 +144,7 @@ class Section:
     """
 
     title: str
-    template: str
-    context: Mapping[str, Any]
+    body: Sequence[Block]
     citation: str = ""
     summary: list[Result] = field(default_factory=list)
     not_the_papers: list[str] = field(default_factory=list)

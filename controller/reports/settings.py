@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from controller.recording.reader import Run
-from controller.reports.section import Printed
+from controller.reports.section import Column, Printed, Table
 
 _SAY_NOTHING = ("title", "description", "trials")
 """Parts of a profile that change no trial: two runs that differ in these alone may be averaged."""
@@ -65,7 +65,7 @@ def differences(groups: Sequence[Sequence[Run]]) -> list[list[str]]:
     return [row for row in rows if len(set(row[1:])) > 1]
 
 
-def settings_table(run: Run, printed: Mapping[str, Printed]) -> list[tuple[str, str, str]]:
+def settings_table(run: Run, printed: Mapping[str, Printed]) -> Table:
     """Detectors, behavior and limits as (what, ours, the paper's): what the paper prints first, the rest by table."""
     settings = settings_of(run)
     leaves = dict(flat(settings))
@@ -80,7 +80,8 @@ def settings_table(run: Run, printed: Mapping[str, Printed]) -> list[tuple[str, 
         rest = [f"{path} {shown(value)}" for path, value in flat(table) if f"{name}.{path}" not in printed]
         if rest:
             rows.append((name, ", ".join(rest), "–"))
-    return rows
+    columns = (Column("setting", ""), Column("here", "", look="wrap"), Column("the paper", "", look="theirs"))
+    return Table(columns, rows)
 
 
 def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

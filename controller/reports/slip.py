@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from controller.detectors.calibration import poisson_interval
 from controller.recording.reader import Run
-from controller.reports.counts import values, wilson
+from controller.reports.counts import percentiles_ms, values, wilson
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Printed, Result, Section
+from controller.reports.section import Block, Column, Figure, Kind, Notes, Printed, Result, Section, Table
 from controller.reports.slip_figures import draw_fingertip_spectra, draw_run
 from controller.reports.slip_scores import (
     METHODS,
@@ -28,6 +28,10 @@ from controller.reports.slip_scores import (
 )
 from controller.reports.slip_verdicts import LEAST, NOT_JUDGED, VERDICTS
 from controller.reports.text import NOTHING, number
+from controller.reports.words import Words
+
+WORDS = Words("slip")
+FIGURES = WORDS.named("figures")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -37,79 +41,55 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         dict.fromkeys(score.condition for score in scores), key=lambda each: (each.nuisance != PLAIN, each)
     )
     ids = [paper.id for name, paper in SENSORS.items() if any(score.sensor == name for score in scores)]
+    notes = [*_disagreements(scores), *_too_slow(scores, runs)]
+    body: list[Block] = [WORDS.text("intro", missed_after_s=VERDICTS["missed_after_s"])]
+    body += [table for condition in conditions for table in _tables(scores, condition)]
+    for name, rows in (("frequencies", _frequencies(runs)), ("stops", _stops(runs))):
+        body += [WORDS.table(name, rows)] if rows else []
+    body += _draw(runs, figures)
+    body += [Notes(notes)] if notes else []
+    ours = {
+        "wrist": any(score.sensor == "wrist" for score in scores),
+        "simulated": runs[0].simulated,
+        "emulated": runs[0].manifest.get("bench") == "emulated",
+    }
     return Section(
         title=f"Slip ({', '.join([*ids, 'B8'])})",
-        template="plain.html.j2",
+        body=body,
         citation=CITATION,
         summary=_summary(scores, runs[0].simulated),
-        not_the_papers=_not_the_papers(runs[0], {score.sensor for score in scores}),
+        not_the_papers=[WORDS.said(name) for name, holds in ours.items() if holds],
         printed=_printed(runs[0]),
-        context={
-            "paragraphs": [
-                "A tip touches a table, rolls on it and slips. Both detectors hear the same samples of the same "
-                f"sensor. A slip counts as missed where nothing was said of it within "
-                f"{VERDICTS['missed_after_s']:g} s, as early where the detector called slip before it began; "
-                "delays run from the first motion of the contact where that is known, else from the order to "
-                "slide. A slip that a stop of the arm cut short before it was told is none of these, and trials "
-                "that an error or a pause ended are left out."
-            ],
-            "tables": [
-                *(table for condition in conditions for table in _tables(scores, condition)),
-                *_frequencies(runs),
-                *_stops(runs),
-            ],
-            "figures": _draw(runs, figures),
-            "notes": [*_disagreements(scores), *_too_slow(scores, runs)],
-        },
     )
 
 
-def _tables(scores: Sequence[Score], condition: Condition) -> Sequence[Mapping[str, Any]]:
+def _tables(scores: Sequence[Score], condition: Condition) -> Iterator[Table]:
     """Slips, and false alarms, of every sensor and detector under one condition."""
-    told, alarms = [], []
-    for score in scores:
-        if score.condition != condition:
-            continue
-        paper = SENSORS[score.sensor]
-        who = [f"{paper.id} {paper.name}", METHODS[score.method]]
-        delays_ms = 1e3 * np.array(score.delays_s)
-        if score.slips:
-            told.append(
-                [
-                    *who,
-                    f"{score.early} of {score.slips}",
-                    _missed(score),
-                    number(float(np.median(delays_ms)) if len(delays_ms) else None, 0),
-                    number(float(np.percentile(delays_ms, 95)) if len(delays_ms) else None, 0),
-                    _said(score),
-                    *([paper.verdict] if condition == TABLE_1 else []),
-                ]
-            )
-        alarms.append(
-            [
-                *who,
-                str(score.alarms),
-                _minutes(score.heard_s),
-                interval(score.alarms, score.heard_s),
-                f"{score.touch_alarms} in {score.touches}" if score.touches else NOTHING,
-            ]
-        )
-    slips = {
-        "caption": _caption(condition),
-        "head": [
-            *("sensor", "detector", "early", "missed (95 %)", "median", "p95"),
-            *(("verdict", "the paper's") if condition == TABLE_1 else ("verdict",)),
-        ],
-        "rows": told,
-        "left": 2,
+    rows = [_row(score) for score in scores if score.condition == condition]
+    slips = [row for row in rows if row["slips"]]
+    papers = [Column("the paper's", "paper")] if condition == TABLE_1 else []
+    if slips:
+        yield WORDS.table("slips", slips, papers, caption=_caption(condition))
+    yield WORDS.table("alarms", rows, under=_under(condition))
+
+
+def _row(score: Score) -> dict[str, Any]:
+    paper = SENSORS[score.sensor]
+    return {
+        "sensor": f"{paper.id} {paper.name}",
+        "detector": METHODS[score.method],
+        "slips": score.slips,
+        "early": f"{score.early} of {score.slips}",
+        "missed": _missed(score),
+        "median_s": float(np.median(score.delays_s)) if score.delays_s else None,
+        "p95_s": float(np.percentile(score.delays_s, 95)) if score.delays_s else None,
+        "verdict": _said(score),
+        "paper": paper.verdict,
+        "alarms": score.alarms,
+        "heard": _minutes(score.heard_s),
+        "interval": interval(score.alarms, score.heard_s),
+        "touches": f"{score.touch_alarms} in {score.touches}" if score.touches else NOTHING,
     }
-    quiet = {
-        "caption": _alarm_caption(condition),
-        "head": ["sensor", "detector", "false alarms", "in", "mean interval (95 %)", "at touches"],
-        "rows": alarms,
-        "left": 2,
-    }
-    return [slips, quiet] if told else [quiet]
 
 
 def _missed(score: Score) -> str:
@@ -129,29 +109,11 @@ def _said(score: Score) -> str:
 
 def _caption(condition: Condition) -> str:
     if condition != TABLE_1:
-        return f"{_under(condition)}: columns as in Table 1, thresholds as in the profile." + (
-            " What the stop cuts short is not scored, and there is no verdict on the other detector."
-            if condition.reflex
-            else ""
-        )
-    good, regular = VERDICTS["good"], VERDICTS["regular"]
-    return (
-        f"Table 1, from our own measurements. Good: at most {good['missed']:.0%} missed and a median of "
-        f"{1e3 * good['median_s']:g} ms; regular: {regular['missed']:.0%} and {1e3 * regular['median_s']:g} ms; "
-        f"bad: the rest; fixed before the first run. Judged are slips told or missed, at least {LEAST} of them; "
-        "those called early are a failure beside the verdict. Delays in ms of the slips that were told (of two "
-        "in one trial, their median). Intervals: Wilson. Not at equal false alarms, but at the thresholds in the table "
-        "of settings; the study in benchmarks/results/slip.md compares at equal ones."
-    )
-
-
-def _alarm_caption(condition: Condition) -> str:
-    return (
-        f"False alarms. {_under(condition)}. Counted in the time without slip in which the detector could have "
-        "alarmed: from when it had learned, without descent and pressing, whose alarms stand in the last column "
-        "(a dash: nobody listened yet). Mean interval: that time over the alarms; where there was none, the "
-        "lower end alone is known (Poisson)."
-    )
+        cut = WORDS.said("cut") if condition.reflex else ""
+        return WORDS.said("other", under=_under(condition), cut=cut)
+    limits = {f"{word}_missed": VERDICTS[word]["missed"] for word in ("good", "regular")}
+    limits |= {f"{word}_ms": 1e3 * VERDICTS[word]["median_s"] for word in ("good", "regular")}
+    return WORDS.said("table_1", least=LEAST, **limits)
 
 
 def _under(condition: Condition) -> str:
@@ -182,8 +144,8 @@ def _minutes(seconds: float) -> str:
     )
 
 
-def _frequencies(runs: Sequence[Run]) -> Sequence[Mapping[str, Any]]:
-    body = []
+def _frequencies(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    found = []
     for sensor, paper in SENSORS.items():
         rows = [
             row
@@ -191,77 +153,27 @@ def _frequencies(runs: Sequence[Run]) -> Sequence[Mapping[str, Any]]:
             for row in measured_rows(run)
             if row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
         ]
-        if not rows:
-            continue
-
-        def median(column: str, rows: Sequence[Any] = rows) -> str:
-            found = values(rows, column)
-            return f"{float(np.median(found)):.3g}" if found else NOTHING
-
-        body.append(
-            [
-                f"{paper.id} {paper.name}",
-                median("dominant_hz"),
-                number(paper.dominant_hz, 0) if paper.dominant_hz else "none stands out",
-                median("peak_product"),
-                median("peak_product_before"),
-                median("press_n"),
-            ]
-        )
-    if not body:
-        return []
-    return [
-        {
-            "caption": "The paper's statistic on each sensor: frequency that dominates in slip, and the largest "
-            "product of peak and "
-            "frequency in slip and before it (medians over trials, in the sensor's own unit squared times Hz).",
-            "head": [
-                "sensor",
-                "in slip, Hz",
-                "the paper, Hz",
-                "product in slip",
-                "before",
-                "pressed with, N",
-            ],
-            "rows": body,
-            "left": 1,
+        medians = {
+            column: f"{float(np.median(known)):.3g}" if (known := values(rows, column)) else NOTHING
+            for column in ("dominant_hz", "peak_product", "peak_product_before", "press_n")
         }
-    ]
+        printed = number(paper.dominant_hz, 0) if paper.dominant_hz else "none stands out"
+        if rows:
+            found.append({"sensor": f"{paper.id} {paper.name}", "paper": printed, **medians})
+    return found
 
 
-def _stops(runs: Sequence[Run]) -> list[Mapping[str, Any]]:
+def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """From the sample that told slip to the arm being told to stop; by the wall clock where devices are on the wire."""
-    body = []
+    found = []
     for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
-        rows = [row for run in runs if run.manifest.get("bench") == bench for row in run.trials]
-        latencies_ms = 1e3 * np.array(values(rows, "slip_to_stop_s"))
-        if not len(latencies_ms):
-            continue
-        lost = [run.manifest.get("loss") or {} for run in runs if run.manifest.get("bench") == bench]
-        forces = sum(int(loss.get("arm.force", 0)) for loss in lost)
-        body.append(
-            [
-                bench,
-                str(len(latencies_ms)),
-                *(number(float(np.percentile(latencies_ms, share)), 1) for share in (50, 99, 100)),
-                number(1e3 * float(np.median(values(rows, "stop_travel_m") or [np.nan])), 2),
-                str(forces),
-            ]
-        )
-    if not body:
-        return []
-    return [
-        {
-            "caption": "Slip told, arm told to stop: from the time of the deciding sample to the command's "
-            "last byte, ms; the tool's way "
-            "until it stood, mm; samples lost of the arm's force stream. On the emulated bench the arm's "
-            "side of it is the "
-            "emulated controller's behaviour, not a real controller's.",
-            "head": ["bench", "stops", "p50", "p99", "max", "way, mm", "lost"],
-            "rows": body,
-            "left": 1,
-        }
-    ]
+        own = [run for run in runs if run.manifest.get("bench") == bench]
+        rows = [row for run in own for row in run.trials]
+        lost = sum(int((run.manifest.get("loss") or {}).get("arm.force", 0)) for run in own)
+        if waits_s := values(rows, "slip_to_stop_s"):
+            way_m = float(np.median(values(rows, "stop_travel_m") or [np.nan]))
+            found.append({"bench": bench, "way_m": way_m, "lost": lost} | percentiles_ms(waits_s))
+    return found
 
 
 def _summary(scores: Sequence[Score], simulated: bool) -> list[Result]:
@@ -342,11 +254,8 @@ def _disagreements(scores: Sequence[Score]) -> list[str]:
         if score.verdict in (paper.verdict, NOTHING, NOT_JUDGED):
             continue
         median_ms = 1e3 * float(np.median(score.delays_s)) if score.delays_s else float("nan")
-        notes.append(
-            f"{paper.id} comes out {score.verdict} where the paper says {paper.verdict}: {score.missed} of "
-            f"{score.scored} slips missed, median {number(median_ms, 0)} ms. The paper's verdict rests on one run "
-            "and one look at its figure; the noise of this sensor is not printed and is assumed here."
-        )
+        facts = {"id": paper.id, "verdict": score.verdict, "paper": paper.verdict, "scored": score.scored}
+        notes.append(WORDS.said("disagrees", missed=score.missed, median=number(median_ms, 0), **facts))
     return notes
 
 
@@ -359,72 +268,33 @@ def _too_slow(scores: Sequence[Score], runs: Sequence[Run]) -> list[str]:
         names = {setting_of(run, "behavior", "sensors", score.sensor, "ours") for run in runs}
         thresholds = {setting_of(run, "detectors", str(name), "threshold") for run in runs for name in names}
         at = " or ".join(f"{value:g}" for value in thresholds if isinstance(value, int | float))
-        notes[score.sensor] = (
-            f"{SENSORS[score.sensor].id}: at its threshold ({at} nats) ours takes at least "
-            f"{score.least_delay_s:.2f} s, for no sample is worth more than one knock; a slip counts as missed "
-            f"after {VERDICTS['missed_after_s']:g} s. That it misses was settled before the run: it says nothing "
-            "about slip on this sensor."
+        notes[score.sensor] = WORDS.said(
+            "too_slow",
+            id=SENSORS[score.sensor].id,
+            at=at,
+            least=score.least_delay_s,
+            missed_after_s=VERDICTS["missed_after_s"],
         )
     return list(notes.values())
 
 
-def _not_the_papers(run: Run, sensors: Set[str]) -> list[str]:
-    said = []
-    if "wrist" in sensors:
-        said.append(
-            "The arm's own tool force is heard in the place of the JR3 wrist sensor (the paper's, 1 kHz)."
-        )
-    if run.simulated:
-        said.append(
-            "Friction, roughness, damping and the noise of all but the fingertip are assumptions; rolling is "
-            "fitted to printed spectra."
-        )
-    if run.manifest.get("bench") == "emulated":
-        said.append(
-            "Contact and stop on the wire rest on behaviour of the arm's controller that was never measured on "
-            "a real one."
-        )
-    return said
-
-
-def _draw(runs: Sequence[Run], figures: Figures) -> list[Mapping[str, Any]]:
+def _draw(runs: Sequence[Run], figures: Figures) -> Iterator[Figure]:
     """One figure a sensor, from its first recorded trial without other nuisance."""
-    drawn: list[Mapping[str, Any]] = []
-    captions = {
-        "fingertip": "Fig. 8, 10, 11. Strain-gauge fingertip: forces, angle, and the paper's statistic at each block.",
-        "flexible_finger": "Fig. 13. Flexible finger.",
-        "barrett_finger": "Fig. 15. BarrettHand finger torque.",
-        "wrist": "Fig. 17. Wrist force: the arm's own, in the JR3's place.",
-        "dsa": "Fig. 19. DSA matrix: the texel that is loaded most, and the statistic of the one that decides.",
-    }
-    for sensor, caption in captions.items():
-        for run in runs:
-            recorded = set(run.recorded_trials)
-            row = next(
-                (
-                    row
-                    for row in measured_rows(run)
-                    if row.get("sensor") == sensor
-                    and row["slips"]
-                    and int(row["trial"]) in recorded
-                    and condition_of(run, row).nuisance == PLAIN
-                ),
-                None,
-            )
-            if row is None:
-                continue
-            svg = draw_run(figures, run, row, sensor)
-            if svg is not None:
-                note = " Shaded: slip. Time as in the paper's run. Circles: our detector's words; crosses: the paper's."
-                drawn.append({"svg": svg, "caption": caption + note})
-            if sensor == "fingertip":
-                spectra = draw_fingertip_spectra(figures, run, row)
-                if spectra is not None:
-                    drawn.append(
-                        {
-                            "svg": spectra,
-                            "caption": "Fig. 9. Power spectrum of Ft: before contact, rolling, slipping, at rest.",
-                        }
-                    )
-            break
-    return drawn
+    for sensor, caption in FIGURES.items():
+        run, row = next(_drawable(runs, sensor), (None, None))
+        if run is None or row is None:
+            continue
+        svg = draw_run(figures, run, row, sensor)
+        if svg is not None:
+            yield Figure(svg, caption + WORDS.said("shaded"))
+        spectra = draw_fingertip_spectra(figures, run, row) if sensor == "fingertip" else None
+        if spectra is not None:
+            yield Figure(spectra, WORDS.said("spectra"))
+
+
+def _drawable(runs: Sequence[Run], sensor: str) -> Iterator[tuple[Run, Any]]:
+    for run in runs:
+        for row in measured_rows(run):
+            plain = row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
+            if plain and row["slips"] and int(row["trial"]) in run.recorded_trials:
+                yield run, row

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +17,9 @@ from controller.reports.approaches import Mean, mean_of
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.paper import CITATION, SETTLE, STATIC_HZ, STATIC_KINDS, STATIC_TOLERANCE_HZ
 from controller.reports.run_account import series_of, setting_of
-from controller.reports.section import Kind, Result, Section
-from controller.reports.text import NOTHING, number, signed, spread
+from controller.reports.section import Block, Figure, Kind, Notes, Result, Section
+from controller.reports.text import NOTHING, number, signed
+from controller.reports.words import Words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,17 +80,18 @@ def _float(value: object) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
+WORDS = Words("static")
+
+
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and waveforms of all static trials of some runs on one kind of bench."""
     conditions = read_conditions(runs)
-    drawn = [(condition, series) for condition in conditions if (series := _waveform(condition)) is not None]
-    falls = _falls([condition.amplitude_m for condition in conditions])
-    falls_m_s2 = _falls([condition.amplitude_m_s2 for condition in conditions])
     simulated = runs[0].simulated
     summary = [
         Result(STATIC_KINDS[each.name] if simulated else Kind.MEASURED, _sentence(each), each.met)
         for each in conditions
     ]
+    falls = _falls([condition.amplitude_m for condition in conditions])
     if falls is not None:
         ratio = number(conditions[0].amplitude_m.mean / conditions[-1].amplitude_m.mean, 1)
         how = f"{ratio} times smaller with full contact than without"
@@ -97,22 +99,32 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         summary.append(Result(Kind.PREDICTED if simulated else Kind.MEASURED, said, falls))
     return Section(
         title="Static contact (A1)",
-        template="static.html.j2",
+        body=[WORDS.text("intro"), *_body(runs, figures, conditions, falls)],
         citation=CITATION,
         summary=summary,
-        not_the_papers=[
-            "The paper gives its static frequencies as “approximately”; what counts as reproduced is ours."
-        ],
+        not_the_papers=WORDS.each("ours"),
         printed=SETTLE,
-        context={
-            "rows": [_row(condition) for condition in conditions],
-            "erratic": _erratic(conditions),
-            "falls": falls,
-            "falls_m_s2": falls_m_s2,
-            "figure_4": Markup(_draw(figures, drawn)) if drawn else "",
-            "trials": sum(len(run.trials) for run in runs),
-        },
     )
+
+
+def _body(
+    runs: Sequence[Run], figures: Figures, conditions: Sequence[Condition], falls: bool | None
+) -> Iterator[Block]:
+    if not conditions:
+        yield WORDS.text("nothing", trials=sum(len(run.trials) for run in runs))
+        return
+    yield WORDS.table("at_rest", map(_row, conditions))
+    notes = []
+    if falls is not None:
+        too = _falls([condition.amplitude_m_s2 for condition in conditions])
+        as_well = "as well" if falls == too else "falls" if too else "does not"
+        notes.append(WORDS.said("falls", falls="falls" if falls else "does not fall", as_well=as_well))
+    if times := _erratic(conditions):
+        notes.append(WORDS.said("erratic", times=times))
+    yield Notes(notes)
+    drawn = [(condition, series) for condition in conditions if (series := _waveform(condition)) is not None]
+    if drawn:
+        yield Figure(Markup(_draw(figures, drawn)), WORDS.said("figure_4"))
 
 
 def _sentence(condition: Condition) -> str:
@@ -142,24 +154,17 @@ def _erratic(conditions: Sequence[Condition]) -> str:
 
 
 def _row(condition: Condition) -> dict[str, Any]:
-    def shown(mean: Mean, digits: int, scale: float = 1.0) -> str:
-        return spread(mean, digits, scale) if mean.n > 1 else number(mean.mean, digits, scale)
-
+    names = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
+    means = {name: getattr(condition, name) for name in names}
+    n = len(condition.trials)
+    kind = STATIC_KINDS[condition.name] if condition.trials[0][0].simulated else Kind.MEASURED
     difference = signed(condition.difference_hz, 1)
-    return {
-        "name": NAMES[condition.name],
-        "n": len(condition.trials),
-        "frequency": shown(condition.frequency_hz, 2),
+    return {name: mean if mean.n > 1 else mean.mean for name, mean in means.items()} | {
+        "contact": NAMES[condition.name] + (f" (n = {n})" if n > 1 else ""),
         "paper": f"{STATIC_HZ[condition.name]:g}",
         "difference": difference,
         "tolerance": f"± {STATIC_TOLERANCE_HZ[condition.name]:g}" if difference != NOTHING else NOTHING,
-        "kind": STATIC_KINDS[condition.name] if condition.trials[0][0].simulated else Kind.MEASURED,
-        "met": condition.met,
-        "sd": shown(condition.frequency_sd_hz, 2),
-        "amplitude_m_s2": shown(condition.amplitude_m_s2, 2),
-        "amplitude_mm": shown(condition.amplitude_m, 3, 1000.0),
-        "force": shown(condition.force_n, 3),
-        "peak": shown(condition.force_peak_n, 3),
+        "met": condition.met if kind == Kind.MEASURED else str(kind),
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,9 @@ from controller.measures.ladder import DETECTED_SIGMA, Calibration, Estimate, St
 from controller.reports.fernandez import BRIDGES, CITATION, Printed
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Block, Figure, Kind, Result, Section
 from controller.reports.text import number
+from controller.reports.words import Words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,11 +23,7 @@ if TYPE_CHECKING:
     from controller.recording.reader import Run
     from controller.recording.series import TrialRecording
 
-_SIMULATED = (
-    "Gain, hysteresis and noise of the simulated bridges were set from the figures that the paper prints. "
-    "That they come back says that ladder, recording and statistics are right; it says nothing about the "
-    "paper's sensor."
-)
+WORDS = Words("weights")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,27 +69,22 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figures of all calibrations of some runs on one kind of bench."""
     bridges = read_bridges(runs)
     simulated = all(run.simulated for run in runs)
-    told = sum(len(run.trials) for run in runs)
-    paragraphs = [
-        f"Known weights hang on one bridge at a time, up to {_tops(bridges)} and down again. Each "
-        "voltage is the mean of a load that hung still, less that of the empty bridge before the first "
-        "load; the line goes through zero and, by least squares, through the means over all cycles of "
-        "each load and direction."
-    ]
-    if not bridges:
-        paragraphs.append(f"No bridge was calibrated to the end ({told} trials began).")
+    body: list[Block] = [WORDS.text("intro", tops=_tops(bridges))]
+    if bridges:
+        body.append(WORDS.table("ladders", [row for bridge in bridges for row in _rows(bridge)]))
+        body.append(Figure(Markup(_draw(figures, bridges)), WORDS.said("figure_6")))
+    else:
+        body.append(WORDS.text("nothing", trials=sum(len(run.trials) for run in runs)))
+    rest = [WORDS.said("detected", sigma=DETECTED_SIGMA), *map(_note, bridges)]
+    uncertainties = sorted({float(setting_of(run, "behavior", "weight_uncertainty") or 0.0) for run in runs})
+    known = " and ".join(f"{100.0 * value:g} %" for value in uncertainties)
+    ours = [WORDS.said("ours"), WORDS.said("weights", shown=known)]
     return Section(
         title="Calibration with weights (B6)",
-        template="plain.html.j2",
+        body=[*body, WORDS.notes("notes", rest)],
         citation=CITATION,
         summary=[_sentence(bridge, simulated) for bridge in bridges],
-        not_the_papers=_not_the_papers(runs, simulated),
-        context={
-            "paragraphs": paragraphs,
-            "tables": [_table(bridges)] if bridges else [],
-            "figures": _drawn(figures, bridges) if bridges else [],
-            "notes": _notes(bridges),
-        },
+        not_the_papers=[*ours, WORDS.said("simulated")] if simulated else ours,
     )
 
 
@@ -128,84 +120,35 @@ def _sentence(bridge: Bridge, simulated: bool) -> Result:
     return Result(Kind.FITTED if simulated else Kind.MEASURED, said, not missed)
 
 
-def _table(bridges: Sequence[Bridge]) -> Mapping[str, Any]:
-    rows = []
-    for bridge in bridges:
-        paper = BRIDGES[bridge.name]
-        names = ("gain, V/N", "hysteresis, % of full scale", f"resolution ({DETECTED_SIGMA:g} σ), N")
-        for name, (estimate, printed, scale, digits) in zip(names, _estimates(bridge), strict=True):
-            interval = f"{number(estimate.low, digits, scale)} to {number(estimate.high, digits, scale)}"
-            met = "yes" if printed.meets(estimate.low, estimate.high) else "no"
-            rows.append(
-                [
-                    paper.force,
-                    name,
-                    number(estimate.value, digits, scale),
-                    interval,
-                    f"{printed.value * scale:.6g}",
-                    met,
-                ]
-            )
-    return {
-        "caption": "What the ladders tell of each bridge, with 95 % intervals, beside what the paper prints.",
-        "head": ["bridge", "", "ours", "95 % interval", "paper", "agrees"],
-        "rows": rows,
-        "left": 2,
-    }
+def _rows(bridge: Bridge) -> Iterator[Mapping[str, Any]]:
+    names = ("gain, V/N", "hysteresis, % of full scale", f"resolution ({DETECTED_SIGMA:g} σ), N")
+    for name, (estimate, printed, scale, digits) in zip(names, _estimates(bridge), strict=True):
+        yield {
+            "bridge": BRIDGES[bridge.name].force,
+            "what": name,
+            "ours": number(estimate.value, digits, scale),
+            "interval": f"{number(estimate.low, digits, scale)} to {number(estimate.high, digits, scale)}",
+            "paper": f"{printed.value * scale:.6g}",
+            "agrees": "yes" if printed.meets(estimate.low, estimate.high) else "no",
+        }
 
 
-def _notes(bridges: Sequence[Bridge]) -> list[str]:
-    notes = [
-        "The interval of the gain holds the residuals about the line, which are the loop's own far more "
-        "than noise, and the weights' uncertainty; those of hysteresis and resolution hold the gain's. "
-        "Hysteresis is the largest difference between unloading and loading at one of the ladder's loads, "
-        "so that a coarser ladder would find less.",
-        "The empty bridge is taken before the preloads, as a balanced amplifier would; taken after them, "
-        "what a loop leaves behind would tilt every line.",
-        "A printed figure stands for everything that is rounded to it: ours agrees where its interval "
-        "holds such a value. The resolutions are printed to one or two digits, the hysteresis of Fx and "
-        "Ft to one.",
-        "The paper calls resolution the smallest change detected and does not say what counts as "
-        f"detected; here it is {DETECTED_SIGMA:g} standard deviations of one sample.",
-    ]
-    for bridge in bridges:
-        found, paper = bridge.calibration, BRIDGES[bridge.name]
-        notes.append(
-            f"{paper.force}: {found.cycles} cycles, {found.steps} loads up to {found.top_n:g} N; gain from "
-            f"cycle to cycle {number(100.0 * found.repeat_v_n / found.gain_v_n.value, 3)} % (standard "
-            f"deviation); middle of the loop off the line by up to {number(100.0 * found.nonlinearity, 1)} "
-            f"% of full scale; empty bridge at {number(1000.0 * found.zero_v, 2)} mV before the first "
-            f"load, {number(100.0 * found.remanence, 1)} % of full scale above that after a cycle."
-        )
-    return notes
-
-
-def _not_the_papers(runs: Sequence[Run], simulated: bool) -> list[str]:
-    said = [
-        "The steps of the ladders, the number of cycles and the preloads (ISO 376 asks for three) are "
-        "ours; the paper prints ranges and “several experiments”.",
-    ]
-    uncertainties = sorted({float(setting_of(run, "behavior", "weight_uncertainty") or 0.0) for run in runs})
-    shown = " and ".join(f"{100.0 * value:g} %" for value in uncertainties)
-    said.append(
-        f"The weights are taken to be known to {shown} (standard uncertainty, common to all): an assumption."
+def _note(bridge: Bridge) -> str:
+    found = bridge.calibration
+    return WORDS.said(
+        "bridge",
+        force=BRIDGES[bridge.name].force,
+        cycles=found.cycles,
+        steps=found.steps,
+        top_n=found.top_n,
+        repeat=number(100.0 * found.repeat_v_n / found.gain_v_n.value, 3),
+        nonlinearity=number(100.0 * found.nonlinearity, 1),
+        zero=number(1000.0 * found.zero_v, 2),
+        remanence=number(100.0 * found.remanence, 1),
     )
-    return [*said, _SIMULATED] if simulated else said
 
 
 # --- figures -----------------------------------------------------------------------------------------
-
-
-def _drawn(figures: Figures, bridges: Sequence[Bridge]) -> list[Mapping[str, Any]]:
-    return [
-        {
-            "svg": Markup(_draw(figures, bridges)),
-            "caption": "Fig. 6. Above: voltage against load; a vertical bar spans all voltages that a "
-            "load gave, loading and unloading, in all cycles; the line is the fit through zero, dashed is "
-            "the paper's. Below, which the paper does not draw: the departure from our line, in % of full "
-            "scale, loading and unloading.",
-        }
-    ]
 
 
 def _draw(figures: Figures, bridges: Sequence[Bridge]) -> str:

@@ -327,12 +327,19 @@ def test_a_run_that_ended_early_is_told_at_the_top(tmp_path, undrawn, status, sa
     )
 
 
-def test_another_experiment_gets_its_bare_table(tmp_path, undrawn):
-    run = write_transient(tmp_path, CAMPAIGN[:1])
+def test_a_new_experiment_has_its_columns_means_spreads_and_a_plot_without_any_code(tmp_path):
+    given_ = [Given("a", 0.003785, 0.30), Given("a", 0.003785, 0.40), Given("f", 0.00254, 0.20)]
+    run = write_transient(tmp_path, given_)
     run.folder.write_manifest({**run.manifest, "experiment": "flexion"})
-    text = text_of(build_report([open_run(run.folder.path)]))
-    assert "no report of its own" in text
-    assert "0.003785" in text
+    path = build_report([open_run(run.folder.path)])
+    text = text_of(path)
+    assert "location speed, mm/s" in text
+    assert "delay, s" in text
+    assert "0.35 ± 0.071 (2)" in text, "of the two trials with equal factors"
+    assert "0.2 (1)" in text
+    assert "Contact: 100.0 % (43.9 to 100.0)." in text
+    assert path.read_text("utf-8").count("<svg") == 1
+    assert (path.parent / "figures" / "measured.png").is_file()
 
 
 def test_a_folder_that_cannot_be_written_is_one_clear_line(campaign, tmp_path, undrawn):

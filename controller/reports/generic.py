@@ -1,0 +1,166 @@
+"""The part of the page on an experiment that has none of its own: every measured column by factor, and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+import numpy as np
+from markupsafe import Markup
+
+from controller.recording.reader import Run
+from controller.reports.approaches import Mean, mean_of
+from controller.reports.counts import rate
+from controller.reports.figures import OURS, Figures
+from controller.reports.section import Block, Column, Figure, Result, Section, Table, Text
+from controller.reports.text import NOTHING, title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Row = Mapping[str, Any]
+
+PANELS = 24
+"""Most columns that are drawn: as many as one page holds. The table has them all."""
+
+
+def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
+    """Trials, what they came to, and each measured column's mean and spread."""
+    rows = [row for run in runs for row in run.trials]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    factors = [name for name in names if any(name in run.factors for run in runs)]
+    measured = [name for name in names if name not in ("trial", "outcome", *factors)]
+    numbers = [name for name in measured if any(is_number(row.get(name)) for row in rows)]
+    groups = grouped(rows, factors)
+    body: list[Block] = [
+        Text("This experiment has no section of its own: these are its trials and what was measured in them.")
+    ]
+    if numbers:
+        body.append(_table(groups, factors, numbers))
+        body.append(Figure(Markup(_draw(figures, groups, numbers[:PANELS])), _caption(numbers, groups)))
+    outcomes = sorted({str(row.get("outcome")) for row in rows})
+    summary = [
+        Result(
+            None,
+            f"{title(name).capitalize()}: {rate(sum(row.get('outcome') == name for row in rows), len(rows))}.",
+        )
+        for name in outcomes
+    ]
+    return Section(title(experiment) or "trials", body, summary=[*summary, *_spreads(rows, numbers)])
+
+
+def grouped(rows: Sequence[Row], factors: Sequence[str]) -> list[tuple[tuple[str, ...], list[Row]]]:
+    """Trials of equal factors together, in the order of the factors' values."""
+
+    def order(row: Row) -> list[tuple[int, float, str]]:
+        cells = [row.get(name) for name in factors]
+        return [(0, float(cell), "") if is_number(cell) else (1, 0.0, str(cell)) for cell in cells]
+
+    ordered = sorted(rows, key=order)
+    return [
+        (tuple(shown(own[0].get(name)) for name in factors), own)
+        for _, group in groupby(ordered, key=order)
+        if (own := list(group))
+    ]
+
+
+def shown(value: object) -> str:
+    """A cell as it is read: four significant digits."""
+    return NOTHING if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def unit_of(name: str) -> tuple[str, str, float]:
+    """A column's name as words, with the unit that it is shown in, and the factor from SI to it.
+
+    The unit is in the name: `delay_s`, `speed_m_s`, `stop_travel_m`.
+    """
+    for ending, (unit, scale) in _UNITS.items():
+        if name.endswith(ending):
+            return f"{title(name.removesuffix(ending))}, {unit}", unit, scale
+    return title(name), "", 1.0
+
+
+_UNITS = {
+    "_m_s2": ("m/s²", 1.0),
+    "_m_s": ("mm/s", 1e3),
+    "_v_n": ("V/N", 1.0),
+    "_rad": ("rad", 1.0),
+    "_hz": ("Hz", 1.0),
+    "_db": ("dB", 1.0),
+    "_m": ("mm", 1e3),
+    "_n": ("N", 1.0),
+    "_v": ("V", 1.0),
+    "_s": ("s", 1.0),
+}
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a cell holds a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _mean(rows: Sequence[Row], name: str) -> Mean:
+    return mean_of(row[name] if is_number(row.get(name)) else None for row in rows)
+
+
+def _said(mean: Mean, scale: float) -> str:
+    """`0.1396 ± 0.021 (3)`: mean, standard deviation (n - 1), n."""
+    if not mean.n:
+        return NOTHING
+    spread = f" ± {mean.sigma * scale:.2g}" if mean.n > 1 else ""
+    return f"{mean.mean * scale:.4g}{spread} ({mean.n})".replace("-", "−")
+
+
+def _table(
+    groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], factors: Sequence[str], numbers: Sequence[str]
+) -> Table:
+    """One line a measured column, one column a set of factors, or the other way where there are more sets."""
+    units = {name: unit_of(name) for name in numbers}
+    columns = [*(Column(unit_of(name)[0], name) for name in factors), Column("n", "n")]
+    columns += [Column(units[name][0], name) for name in numbers]
+    rows = [
+        [*values, str(len(own)), *(_said(_mean(own, name), units[name][2]) for name in numbers)]
+        for values, own in groups
+    ]
+    caption = "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials."
+    return Table(columns, rows, caption, left=len(factors))
+
+
+def _spreads(rows: Sequence[Row], numbers: Sequence[str]) -> list[Result]:
+    first = [(name, _mean(rows, name)) for name in numbers[:3]]
+    return [Result(None, f"{unit_of(name)[0]}: {_said(mean, unit_of(name)[2])}.") for name, mean in first]
+
+
+def _caption(numbers: Sequence[str], groups: Sequence[Any]) -> str:
+    left_out = f" {len(numbers) - PANELS} more columns are in the table." if len(numbers) > PANELS else ""
+    return (
+        "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard deviation "
+        f"(n − 1).{left_out}"
+    )
+
+
+def _draw(
+    figures: Figures, groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], numbers: Sequence[str]
+) -> str:
+    across = min(3, len(numbers))
+    down = -(-len(numbers) // across)
+    with figures.figure(1.7 * down + 0.4, rows=down, columns=across) as drawing:
+        for axes, name in zip(drawing.axes, numbers, strict=False):
+            _draw_panel(axes, groups, name)
+        for axes in drawing.axes[len(numbers) :]:
+            axes.set_visible(False)
+        return drawing.save("measured")
+
+
+def _draw_panel(axes: Axes, groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], name: str) -> None:
+    label, _, scale = unit_of(name)
+    for place, (_, own) in enumerate(groups, start=1):
+        known = [float(row[name]) * scale for row in own if is_number(row.get(name))]
+        axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0)
+        mean = mean_of(known)
+        if mean.n > 1:
+            axes.errorbar(place, mean.mean, mean.sigma, fmt="o", ms=3.0, color=OURS)
+    axes.set_title(label)
+    axes.set_xticks(range(1, len(groups) + 1) if len(groups) <= 8 else [1, len(groups)])
+    axes.set_xlim(0.4, len(groups) + 0.6)
