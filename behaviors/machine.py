@@ -35,6 +35,34 @@ class StatePlan:
     prompt: bool = True
 
 
+Row = Mapping[str, Any]
+"""A row of a behavior's table, as `transitions` takes it; `label` is for the diagram."""
+
+
+def on(
+    trigger: str,
+    source: Enum | Sequence[Enum],
+    dest: Enum,
+    when: str | Sequence[str] = (),
+    *,
+    do: str | Sequence[str] = (),
+    label: str = "",
+) -> Row:
+    """A row: on this event, from one state or any of several, go there.
+
+    Args:
+        trigger: Name of the event: `Contact` is "contact".
+        source: Where from.
+        dest: Where to.
+        when: Methods that must all say yes; the first row of several whose methods do is taken.
+        do: Methods that are called before.
+        label: What the conditions mean, for the diagram.
+    """
+    row: dict[str, Any] = {"trigger": trigger, "source": source, "dest": dest}
+    row |= {key: value for key, value in (("conditions", when), ("before", do), ("label", label)) if value}
+    return row
+
+
 class Behavior:
     """One trial of one experiment: events in, commands out; it touches no driver.
 
@@ -52,7 +80,7 @@ class Behavior:
     States: ClassVar[type[Enum]]
     initial: ClassVar[Enum]
     final: ClassVar[frozenset[Enum]]
-    table: ClassVar[Sequence[Mapping[str, Any]]]
+    table: ClassVar[Sequence[Row]]
     range_streams: frozenset[str] = frozenset()
     """Streams that must stay in their range in every motion of this trial, beside `limits.range_streams`: for what a
     trial's factor puts on the mover. Its states name them where they measure them."""
@@ -80,8 +108,9 @@ class Behavior:
         )
 
     @staticmethod
-    def _wired(row: Mapping[str, Any]) -> dict[str, Any]:
-        return {key: value for key, value in row.items() if key != "label"}
+    def _wired(row: Row) -> dict[str, Any]:
+        source = row["source"] if isinstance(row["source"], Enum) else list(row["source"])
+        return {key: value for key, value in row.items() if key != "label"} | {"source": source}
 
     @property
     def event(self) -> Event:
@@ -184,14 +213,10 @@ class Behavior:
         return taken
 
 
-def failures(states: Sequence[Enum], failed: Enum) -> Sequence[Mapping[str, Any]]:
+def failures(states: Sequence[Enum], failed: Enum) -> Sequence[Row]:
     """Rows that every behavior has: from any of `states` to `failed` when a device or the guard gives up."""
-    rows: list[Mapping[str, Any]] = [
-        {"trigger": trigger, "source": list(states), "dest": failed, "before": "say_why"}
-        for trigger in ("refused", "stalled", "failed")
-    ]
-    rows.append({"trigger": "guard_stopped", "source": list(states), "dest": failed, "before": "say_guard"})
-    return rows
+    given_up = [on(trigger, states, failed, do="say_why") for trigger in ("refused", "stalled", "failed")]
+    return [*given_up, on("guard_stopped", states, failed, do="say_guard")]
 
 
 _NOT_AWAITED = frozenset(

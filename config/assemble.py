@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from controller.experiments import EXPERIMENTS, experiment_of
+from controller.named import NamedError, check_role, found, is_own, mock_of, own_files, settings_of
 
 if TYPE_CHECKING:
     from behaviors.machine import Behavior
@@ -31,21 +35,11 @@ class DriverEntry(NamedTuple):
 
 
 class KindEntry(NamedTuple):
-    """A class and its settings, as `module:Class` and `module:Settings`."""
+    """A class as `module:Class`, and its settings where its constructor's parameter does not say which."""
 
     summary: str
     made: str
-    settings: str
-
-
-class ExperimentEntry(NamedTuple):
-    """A behavior with its settings and factors, and the module that measures it."""
-
-    summary: str
-    behavior: str
-    settings: str
-    factors: str
-    measures: str
+    settings: str = ""
 
 
 DRIVERS: Mapping[str, DriverEntry] = {
@@ -95,32 +89,26 @@ DETECTORS: Mapping[str, KindEntry] = {
     "force.threshold": KindEntry(
         "contact while a force is farther from its level at rest than a threshold",
         "controller.detectors.threshold:ForceThresholdDetector",
-        "controller.detectors.threshold:ForceThresholdSettings",
     ),
     "level": KindEntry(
         "contact by a jump of I and Q off an undulation's circle, after which the level stays; start, hold and end",
         "controller.detectors.level:LevelDetector",
-        "controller.detectors.level:LevelSettings",
     ),
     "level.paper": KindEntry(
         "contact by a sample's z-score in its own window (Rupavatharam et al.)",
         "controller.detectors.level:LevelPaperDetector",
-        "controller.detectors.level:LevelPaperSettings",
     ),
     "pretouch": KindEntry(
         "pre-touch by a matched filter along the way: I and Q beside the mover's encoder, any speed",
         "controller.detectors.pretouch:PreTouchDetector",
-        "controller.detectors.pretouch:PreTouchSettings",
     ),
     "pretouch.paper": KindEntry(
         "pre-touch by spectral power between 0 and 100 Hz, window by window (Rupavatharam et al.)",
         "controller.detectors.pretouch_paper:PreTouchPaperDetector",
-        "controller.detectors.pretouch_paper:PreTouchPaperSettings",
     ),
     "resonance.paper": KindEntry(
         "contact from the resonant frequency: 10-sample average, 1 s baseline, 3 sigma (Backus and Dollar)",
         "controller.detectors.resonance:ResonanceDetector",
-        "controller.detectors.resonance:ResonanceSettings",
     ),
     "resonance": KindEntry(
         "the same on a baseline of 10 s, long enough to know its own sigma",
@@ -130,12 +118,10 @@ DETECTORS: Mapping[str, KindEntry] = {
     "slip.paper": KindEntry(
         "slip from vibration: spectral peak x its frequency, every 64 ms (Fernandez et al.)",
         "controller.detectors.slip:SlipPaperDetector",
-        "controller.detectors.slip:SlipPaperSettings",
     ),
     "slip": KindEntry(
         "slip from knocks that no past foretells: whitened, bounded, summed; bumps are not slip",
         "controller.detectors.slip:SlipDetector",
-        "controller.detectors.slip:SlipSettings",
     ),
 }
 
@@ -143,71 +129,10 @@ SIGNALS: Mapping[str, KindEntry] = {
     "strain": KindEntry(
         "a strain-gauge fingertip's three bridges as forces: Fx, Fy, Ft, Fn and the contact's angle",
         "controller.signals.strain:Strain",
-        "controller.signals.strain:StrainSettings",
     ),
     "iq": KindEntry(
         "one finger's sound as I and Q against the drive, at 1 kHz (Rupavatharam et al., III.B, with Q)",
         "controller.signals.iq:Iq",
-        "controller.signals.iq:IqSettings",
-    ),
-}
-
-EXPERIMENTS: Mapping[str, ExperimentEntry] = {
-    "aura": ExperimentEntry(
-        "a finger approaches an object, may touch it, and comes back: pre-touch, contact, objects (C2, C4, C5)",
-        "behaviors.aura:Aura",
-        "behaviors.aura:AuraSettings",
-        "behaviors.aura:AuraFactors",
-        "controller.measures.aura",
-    ),
-    "centering": ExperimentEntry(
-        "find an object between two fingers without touching it, go to the middle, close (C3)",
-        "behaviors.centering:Centering",
-        "behaviors.centering_settings:CenteringSettings",
-        "behaviors.centering_settings:CenteringFactors",
-        "controller.measures.centering",
-    ),
-    "chirp": ExperimentEntry(
-        "sweep the drive for the frequency that transfers best (C1)",
-        "behaviors.chirp:ChirpSweep",
-        "behaviors.chirp:ChirpSettings",
-        "behaviors.chirp:ChirpFactors",
-        "controller.measures.chirp",
-    ),
-    "pointer": ExperimentEntry(
-        "touch with the tip turned over its whole range: the contact's angle against the true one (B7)",
-        "behaviors.pointer:Pointer",
-        "behaviors.pointer:PointerSettings",
-        "behaviors.pointer:PointerFactors",
-        "controller.measures.pointer",
-    ),
-    "slip": ExperimentEntry(
-        "touch, roll, slip, stop with one of five force sensors, and what slip detectors make of it (B1 to B5, B8)",
-        "behaviors.slip:RollSlip",
-        "behaviors.slip_settings:RollSlipSettings",
-        "behaviors.slip_settings:RollSlipFactors",
-        "controller.measures.slip",
-    ),
-    "static": ExperimentEntry(
-        "none, light and full contact at rest: waveform, frequency, amplitude (A1)",
-        "behaviors.static:Static",
-        "behaviors.static:StaticSettings",
-        "behaviors.static:StaticFactors",
-        "controller.measures.static",
-    ),
-    "transient": ExperimentEntry(
-        "approach until contact, stop, retract: delay, extent and force (A2, Table I)",
-        "behaviors.transient:Transient",
-        "behaviors.transient:TransientSettings",
-        "behaviors.transient:TransientFactors",
-        "controller.measures.transient",
-    ),
-    "weights": ExperimentEntry(
-        "known weights on a bridge of the fingertip: gain, hysteresis, resolution (B6)",
-        "behaviors.weights:Weights",
-        "behaviors.weights:WeightsSettings",
-        "behaviors.weights:WeightsFactors",
-        "controller.measures.weights",
     ),
 }
 
@@ -230,12 +155,6 @@ PLANTS: Mapping[str, KindEntry] = {
 }
 
 
-def found(name: str) -> Any:
-    """What `module:attribute` names."""
-    module, _, attribute = name.partition(":")
-    return getattr(import_module(module), attribute)
-
-
 @dataclass(frozen=True)
 class Table:
     """The settings' side of the table, as `config.profile` asks for it."""
@@ -248,52 +167,67 @@ class Table:
 
     def driver_settings(self, driver: str, port: str) -> type[Settings]:
         """Settings of a driver: the mock one's where the port says so."""
-        entry = DRIVERS[driver]
-        return _settings(f"{entry.mock if port == 'mock' else entry.wire}Settings")
+        entry = _driver(driver)
+        made = entry.mock if port == "mock" else entry.wire
+        return settings_of(found(made)) if is_own(driver) else _model(f"{made}Settings")
 
     def detector_settings(self, kind: str) -> type[Settings]:
         """Settings of a kind of detector."""
-        return _settings(DETECTORS[kind].settings)
+        return _settings(_kind(DETECTORS, kind))
 
     def signal_settings(self, kind: str) -> type[Settings]:
         """Settings of a kind of signal."""
-        return _settings(SIGNALS[kind].settings)
+        return _settings(_kind(SIGNALS, kind))
 
     def behavior_settings(self, experiment: str) -> type[Settings]:
         """Settings of an experiment."""
-        return _settings(EXPERIMENTS[experiment].settings)
+        return settings_of(found(experiment_of(experiment).behavior))
 
     def factor_settings(self, experiment: str) -> type[Settings]:
         """What an experiment's trials vary."""
-        return _settings(EXPERIMENTS[experiment].factors)
+        return settings_of(found(experiment_of(experiment).behavior), "factors")
 
     def guard_settings(self) -> type[Settings]:
         """Settings of the guard."""
-        return _settings("controller.guard:GuardSettings")
+        return _model("controller.guard:GuardSettings")
 
     def loop_settings(self) -> type[Settings]:
         """Settings of the loop."""
-        return _settings("controller.loop:LoopSettings")
+        return _model("controller.loop:LoopSettings")
 
     def plant_settings(self, kind: str) -> type[Settings]:
         """Settings of a plant."""
-        return _settings(PLANTS[kind].settings)
+        return _settings(PLANTS[kind])
 
     def fault_settings(self) -> type[Settings]:
         """A fault that a simulated device shows."""
-        return _settings("drivers.mock.devices.faults:Fault")
+        return _model("drivers.mock.devices.faults:Fault")
 
     def faults_of(self, driver: str, port: str) -> Collection[str]:
         """What a driver's mock, or its emulated twin, can show; a real device breaks by itself."""
         from drivers.mock.devices.faults import SHOWN
 
-        mock, emulated = SHOWN[driver]
+        mock, emulated = SHOWN.get(driver, (frozenset(), frozenset()))
         return {"mock": mock, "emulated": emulated}.get(port, frozenset())
 
 
-def _settings(name: str) -> type[Settings]:
-    settings: type[Settings] = found(name)
-    return settings
+def _driver(name: str) -> DriverEntry:
+    """A driver's row; one of the user's own stands beside its mock, `Scale` beside `MockScale`."""
+    return DriverEntry("", name, mock_of(name)) if is_own(name) else DRIVERS[name]
+
+
+def _kind(table: Mapping[str, KindEntry], kind: str) -> KindEntry:
+    """A kind's row; one of the user's own is its class."""
+    return KindEntry("", kind) if is_own(kind) else table[kind]
+
+
+def _settings(entry: KindEntry) -> type[Settings]:
+    return _model(entry.settings) if entry.settings else settings_of(found(entry.made))
+
+
+def _model(name: str) -> type[Settings]:
+    model: type[Settings] = found(name)
+    return model
 
 
 # --- the bench -----------------------------------------------------------------------------------
@@ -327,7 +261,7 @@ def _wire_devices(
     for name, entry in profile.devices.items():
         there = dict(ports.get(name, {})) if entry.port == "emulated" else {}
         settings = entry.settings.model_copy(update=there)
-        devices[name] = found(DRIVERS[entry.driver].wire)(name, settings, clock)
+        devices[name] = found(_driver(entry.driver).wire)(name, settings, clock)
     return devices
 
 
@@ -408,7 +342,7 @@ def _mock_rig(profile: Profile) -> Rig:
     for name, entry in profile.devices.items():
         schedule = FaultSchedule([fault for fault in profile.faults if fault.device == name])
         schedules.append(schedule)
-        devices[name] = found(DRIVERS[entry.driver].mock)(name, entry.settings, clock, bench, schedule)
+        devices[name] = found(_driver(entry.driver).mock)(name, entry.settings, clock, bench, schedule)
 
     def begin_trial(scene: TrialScene) -> None:
         bench.restart()
@@ -455,7 +389,7 @@ def plan_campaign(
     from controller.campaign import CampaignPlan
 
     _check_behaviors(profile, trials)
-    measures = import_module(EXPERIMENTS[profile.experiment].measures)
+    measures = import_module(experiment_of(profile.experiment).measures)
     names: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.id):
         names.update(dict.fromkeys(trial.factors))
@@ -479,7 +413,14 @@ def plan_campaign(
         roles=roles,
         signals={signal.info.name: signal.info for signal in make_signals(profile)},
         asked=asked or {},
+        own=own_modules(profile),
     )
+
+
+def own_modules(profile: Profile) -> Mapping[str, Mapping[str, str]]:
+    """Folder and SHA-256 of each module of the user's own that a profile names."""
+    kinds = [entry.kind for entries in (profile.signals, profile.detectors) for entry in entries.values()]
+    return own_files([profile.experiment, *kinds, *(entry.driver for entry in profile.devices.values())])
 
 
 def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterator[TrialPlan]:
@@ -487,7 +428,7 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
     from controller.guard import Guard
     from controller.rig import TrialScene
 
-    measure = found(f"{EXPERIMENTS[profile.experiment].measures}:measure")
+    measure = found(f"{experiment_of(profile.experiment).measures}:measure")
     for trial in trials:
         own = profile.for_trial(trial)
         detectors = make_detectors(own)
@@ -524,7 +465,7 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
     from config.hints import near_or_all
     from config.source import ProfileError
 
-    made = found(EXPERIMENTS[profile.experiment].behavior)
+    made = found(experiment_of(profile.experiment).behavior)
     try:
         behavior: Behavior = made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
     except ValueError as error:
@@ -549,19 +490,25 @@ def _check_behaviors(profile: Profile, trials: Sequence[Trial]) -> None:
 
 def make_signals(profile: Profile) -> Sequence[Signal]:
     """The profile's signals, fresh."""
-    return [found(SIGNALS[entry.kind].made)(name, entry.settings) for name, entry in profile.signals.items()]
+    return [
+        found(_kind(SIGNALS, entry.kind).made)(name, entry.settings)
+        for name, entry in profile.signals.items()
+    ]
 
 
 def make_detectors(profile: Profile) -> dict[str, Detector]:
     """The profile's detectors, fresh, by name."""
     return {
-        name: found(DETECTORS[entry.kind].made)(name, entry.settings)
+        name: found(_kind(DETECTORS, entry.kind).made)(name, entry.settings)
         for name, entry in profile.detectors.items()
     }
 
 
 def make_detector(
-    kind: str, overrides: Mapping[str, str], baseline: tuple[float, float] | None = None
+    kind: str,
+    overrides: Mapping[str, str],
+    baseline: tuple[float, float] | None = None,
+    folders: Sequence[Path] = (),
 ) -> Detector:
     """One detector by itself, for a recording.
 
@@ -569,6 +516,7 @@ def make_detector(
         kind: As `run.py list --detectors` shows it.
         overrides: Its settings, as TOML values.
         baseline: Times in seconds between which a detector with a baseline shall learn it.
+        folders: Where a kind of the user's own is looked for.
 
     Raises:
         ProfileError: no such kind, or settings that it does not take.
@@ -577,10 +525,15 @@ def make_detector(
     from config.source import ProfileError, toml_value
     from config.validation import validated
 
-    if kind not in DETECTORS:
+    if is_own(kind):
+        try:
+            check_role("detector", kind, folders)
+        except NamedError as error:
+            raise ProfileError(f"--detector {kind}: {error}") from None
+    elif kind not in DETECTORS:
         raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, DETECTORS)}")
     problems: list[str] = []
-    model = _settings(DETECTORS[kind].settings)
+    model = _settings(_kind(DETECTORS, kind))
     given = {key: toml_value(text) for key, text in overrides.items()}
     if baseline is not None and "baseline_s" in model.model_fields:
         given["baseline_s"] = baseline[1] - baseline[0]
@@ -591,7 +544,7 @@ def make_detector(
     settings = validated(model, given, (), where, problems)
     if settings is None:
         raise ProfileError(problems)
-    detector: Detector = found(DETECTORS[kind].made)(kind, settings)
+    detector: Detector = found(_kind(DETECTORS, kind).made)(kind, settings)
     return detector
 
 

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from config.assemble import EXPERIMENTS, diagram
+from config.assemble import diagram
+from controller.experiments import EXPERIMENTS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "behaviors.md"
 

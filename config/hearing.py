@@ -12,6 +12,7 @@ from config.hints import near_or_all
 from config.source import ProfileError, toml_value
 from config.validation import validated
 from controller.detectors.protocol import Detector, HearsEnvelope
+from controller.named import is_own, own_folders
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
@@ -70,7 +71,7 @@ def hear(
     if not recording.exists() and not recording.suffix:
         recording = RunFolder.find(recording).path
     kind, own = _in_run(recording, asked, overrides, trial) if recording.is_dir() else (asked, {})
-    made = make_detector(kind, {**own, **overrides}, baseline)
+    made = make_detector(kind, {**own, **overrides}, baseline, _folders(recording))
     notes: list[str] = []
     blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial, notes=notes)
     if isinstance(made, HearsEnvelope):
@@ -126,7 +127,7 @@ def _in_run(
     """Kind and settings (TOML values) of the detector that is meant: the run's own where it has one of that kind."""
     manifest, recording = read_trial(path, trial)
     tables = own_detectors(manifest, recording)
-    if asked not in DETECTORS:
+    if asked not in DETECTORS and not is_own(asked):
         if asked not in tables:
             known = {*DETECTORS, *tables}
             raise ProfileError(f"--detector {asked}: no such detector; {near_or_all(asked, known)}")
@@ -147,13 +148,19 @@ def _split(path: Path, table: Mapping[str, Any]) -> tuple[str, Mapping[str, str]
     """Kind of a run's detector, and its settings as TOML values: what JSON makes of a setting, TOML reads."""
     kind, own = table["kind"], {key: json.dumps(value) for key, value in table.items() if key != "kind"}
     try:
-        make_detector(kind, own)
+        make_detector(kind, own, folders=_folders(path))
     except ProfileError as error:
         problem = error.problems[0].removeprefix("--set ")
         raise ReplayError(
             f"{path}: its {kind} is of another version ({problem}); replay it with the commit that its manifest names"
         ) from None
     return kind, own
+
+
+def _folders(recording: Path) -> Sequence[Path]:
+    """Where a detector of the user's own is looked for: where the run found it, and here."""
+    found = own_folders(RunFolder(recording).read_manifest()) if recording.is_dir() else ()
+    return [*found, Path.cwd()]
 
 
 def _was_heard(path: Path, table: Mapping[str, Any], recording: TrialRecording) -> bool:

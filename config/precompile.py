@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
-from config.assemble import PLANTS, Table, build_rig, found, make_detectors, make_signals
+from config.assemble import PLANTS, Table, build_rig, make_detectors, make_signals
 from config.profile import load_profile
 from config.source import profile_names, read_source
 from controller.detectors.protocol import Compiled
+from controller.named import found
 
 
 def parts() -> Iterator[Any]:

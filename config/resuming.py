@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from config.assemble import Table
+from config.assemble import Table, own_modules
 from config.profile import Profile, load_profile, load_resolved
 from config.source import ProfileError, flatten
 from config.trials import Trial, only, read_csv
@@ -26,13 +26,9 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
     Raises:
         RunFolderError: profile or program are not those that the run began with: what differs, and what to do.
     """
-    began = {"versions": manifest["versions"], "commit": manifest["commit"]}
-    differing = _differing(began, program(began["versions"]))
-    if differing:
-        raise RunFolderError(
-            f"{name}: was run by another program ({differing}); go back to that, or run it anew"
-        )
     kept = manifest["profile"]
+    began = {"versions": manifest["versions"], "commit": manifest["commit"]}
+    _check_program(name, began, program(began["versions"]))
     asked = kept.get("asked") or {}
     try:
         rows, labels = read_csv(asked["trials"]) if asked.get("trials") else (None, None)
@@ -42,6 +38,7 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
         loaded = load_resolved(kept["name"], kept["resolved"], table=Table())
     except ProfileError as error:
         raise RunFolderError(f"{name}: its profile can no longer be loaded: {error.problems[0]}") from None
+    _check_program(name, {"own": kept.get("own", {})}, {"own": own_modules(present)})
     differing = _differing(kept["resolved"], present.resolved)
     if differing:
         raise RunFolderError(
@@ -49,6 +46,14 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
         )
     trials = loaded.trials(int(manifest["seed"]))
     return loaded, only(trials, asked["only"]) if asked.get("only") else trials
+
+
+def _check_program(name: str, began: Mapping[str, Any], present: Mapping[str, Any]) -> None:
+    differing = _differing(began, present)
+    if differing:
+        raise RunFolderError(
+            f"{name}: was run by another program ({differing}); go back to that, or run it anew"
+        )
 
 
 def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:

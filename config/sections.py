@@ -13,6 +13,7 @@ from config.hints import did_you_mean, near_or_all
 from config.source import Bench, KeyPath, Source, Table, bench_of, flatten
 from config.trials import TrialsSettings, combinations
 from config.validation import shown, validated
+from controller.named import NamedError, check_role, is_own, mock_of
 from drivers.settings import Refers, Settings
 
 S = TypeVar("S", bound=Settings)
@@ -88,7 +89,7 @@ class Sections:
                 (), "experiment", f" is missing: which of {names}? (a bench alone is there to be extended)"
             )
             return None
-        return self._name((), self._source.data, "experiment", self._table.experiments)
+        return self._kind((), self._source.data, "experiment", self._table.experiments)
 
     def bench(self) -> Bench:
         """What the ports make of the bench."""
@@ -109,8 +110,8 @@ class Sections:
         entries = {}
         for name, table in self._tables("devices"):
             path = ("devices", name)
-            driver = self._name(path, table, "driver", self._table.drivers)
             port = table.get("port")
+            driver = self._driver(path, table, port)
             if not isinstance(port, str) or not port:
                 hint = 'write "mock", "emulated", a path such as "/dev/ttyUSB0", or an address'
                 self._say(
@@ -127,6 +128,19 @@ class Sections:
             self._say((), "devices", " is missing: a bench has at least one device")
         return entries
 
+    def _driver(self, path: KeyPath, table: Table, port: object) -> str | None:
+        """Name of a device's driver; one of the user's own on the mock bench is its mock."""
+        name = table.get("driver")
+        if not (isinstance(name, str) and is_own(name)):
+            return self._name(path, table, "driver", self._table.drivers)
+        if port == "emulated":
+            self._say(
+                path, "port", f' = "emulated": {name} has no emulated device; write "mock" or a real port'
+            )
+            return None
+        made = mock_of(name) if port == "mock" else name
+        return name if self._loaded(path, "driver", "driver", made) else None
+
     def _with_address(self, model: type[Settings], table: Table, path: KeyPath, port: str) -> Table:
         """A device that is reached over a network has its address for a port."""
         if ADDRESS not in model.model_fields:
@@ -140,7 +154,7 @@ class Sections:
         entries = {}
         for name, table in self._tables("detectors"):
             path = ("detectors", name)
-            kind = self._name(path, table, "kind", self._table.detectors)
+            kind = self._kind(path, table, "kind", self._table.detectors, "detector")
             settings = kind and self._settings(self._table.detector_settings(kind), table, path)
             if kind and settings:
                 entries[name] = DetectorEntry(kind, settings)
@@ -151,7 +165,7 @@ class Sections:
         entries = {}
         for name, table in self._tables("signals"):
             path = ("signals", name)
-            kind = self._name(path, table, "kind", self._table.signals)
+            kind = self._kind(path, table, "kind", self._table.signals, "signal")
             settings = kind and self._settings(self._table.signal_settings(kind), table, path)
             if kind and settings:
                 entries[name] = SignalEntry(kind, settings)
@@ -322,6 +336,23 @@ class Sections:
                 yield name, table
             else:
                 self._say((section,), name, f" = {shown(table)}: must be a table, under [{section}.{name}]")
+
+    def _kind(
+        self, path: KeyPath, table: Table, key: str, known: Collection[str], role: str = ""
+    ) -> str | None:
+        """A name out of a collection, or a class of the user's own beside the profile, which is loaded."""
+        name = table.get(key)
+        if not (isinstance(name, str) and is_own(name)):
+            return self._name(path, table, key, known)
+        return name if self._loaded(path, key, role or key, name) else None
+
+    def _loaded(self, path: KeyPath, key: str, role: str, name: str) -> bool:
+        try:
+            check_role(role, name, self._source.folders)
+        except NamedError as error:
+            self._say(path, key, f" = {shown(name)}: {error}")
+            return False
+        return True
 
     def _name(self, path: KeyPath, table: Table, key: str, known: Collection[str]) -> str | None:
         """A name out of a collection, such as a driver's."""

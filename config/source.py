@@ -61,6 +61,11 @@ class Source:
     data: Table
     origins: Mapping[KeyPath, str]
 
+    @property
+    def folders(self) -> Sequence[Path]:
+        """Where modules that the profile names are looked for: beside it, then beside what it extends."""
+        return list(dict.fromkeys(Path(file).resolve().parent for file in reversed(self.files)))
+
     def origin(self, path: KeyPath) -> str:
         """The file that gave a value, or for what is missing the last one to say anything around it."""
         while path:

@@ -83,6 +83,7 @@ class CampaignPlan:
         roles: Which device does what, for reports.
         signals: What comes out of the signals, by stream.
         asked: What the command line said: the profile, `set`, `trials` and `only`, for who resumes the run.
+        own: Modules of the user's own that the profile names: their folder and the SHA-256 of their files.
     """
 
     profile: str
@@ -98,6 +99,7 @@ class CampaignPlan:
     roles: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, StreamInfo] = field(default_factory=dict)
     asked: Mapping[str, Any] = field(default_factory=dict)
+    own: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 class Console(LoopOperator, Protocol):
@@ -401,6 +403,7 @@ class Campaign:
                 "hash": plan.profile_hash,
                 "resolved": dict(plan.resolved),
                 "asked": dict(plan.asked),
+                "own": dict(plan.own),
             },
             "experiment": plan.experiment,
             "bench": self._rig.kind,

@@ -83,7 +83,8 @@ class Beat:
 class Heard(NamedTuple):
     """A frame and when it was in hand, in monotonic seconds.
 
-    `beat` and `due_s` are the number and the due time of the beat that it answers, None where it answers none.
+    `beat` and `due_s` are the number and the due time of the beat that it answers, None where it answers none of the
+    present question.
     """
 
     frame: CanFrame
@@ -148,8 +149,10 @@ class CanLink:
         self._bus = bus
         self._clock = clock
         self._sending = threading.Lock()
-        self._arrived: deque[Heard] = deque()
+        self._arrived: deque[tuple[Beat | None, Heard]] = deque()
         self._beat: Beat | None = None
+        self._asked: Beat | None = None
+        """The thread's own: it still asks this while the loop has ordered another already."""
         self._closing = False
         self._thread = threading.Thread(target=self._run, name=f"{device}-can", daemon=True)
         self._thread.start()
@@ -177,11 +180,14 @@ class CanLink:
 
     def receive(self) -> list[Heard]:
         """What has arrived since the last call, in order."""
-        heard = []
+        taken = []
         with suppress(IndexError):
             while True:
-                heard.append(self._arrived.popleft())
-        return heard
+                question, heard = self._arrived.popleft()
+                if question is not self._beat:  # the numbers of a question that is asked no more mean nothing
+                    heard = heard._replace(beat=None, due_s=None)
+                taken.append(heard)
+        return taken
 
     def ask(self, beat: Beat | None) -> None:
         """Ask a question at its beat from now on, or no more; beats count from 0 each time."""
@@ -209,6 +215,7 @@ class CanLink:
 
     def _keep(self, beat: Beat) -> None:
         """Ask until the loop wants something else."""
+        self._asked = beat
         origin_s = self._clock.monotonic_s()
         number = 0
         while beat is self._beat and not self._closing and self.fault is None:
@@ -224,6 +231,7 @@ class CanLink:
                 for heard in self._hear(left_s, waiting, number, due_s):
                     waiting.discard(heard.frame.id)
             number = max(number + 1, math.ceil((self._clock.monotonic_s() - origin_s) / beat.period_s - 0.5))
+        self._asked = None
         self._clock.leave()
 
     def _hear_out(self, limit_s: float) -> None:
@@ -270,5 +278,5 @@ class CanLink:
             return []
         frame = CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
         heard = Heard(frame, arrival_s, *((beat, due_s) if frame.id in waiting else (None, None)))
-        self._arrived.append(heard)
+        self._arrived.append((self._asked, heard))
         return [heard]

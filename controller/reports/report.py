@@ -10,6 +10,8 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
+from controller.experiments import experiment_of
+from controller.named import own_folders
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
 from controller.reports import generic
@@ -18,21 +20,6 @@ from controller.reports.figures import Figures
 from controller.reports.run_account import account_of, early_end, setting_of
 from controller.reports.section import Column, Result, Section, Table
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
-
-_SECTIONS = {
-    "aura": "controller.reports.aura",
-    "centering": "controller.reports.centering",
-    "chirp": "controller.reports.chirp",
-    "pointer": "controller.reports.pointer",
-    "slip": "controller.reports.slip",
-    "static": "controller.reports.static",
-    "transient": "controller.reports.transient",
-    "weights": "controller.reports.weights",
-}
-"""Experiment → module whose `section(runs, figures)` tells of it; another one gets what every experiment gets."""
-
-_TELLS_APART = frozenset({"pointer", "slip", "transient"})
-"""Experiments whose section tells trials apart in which a setting of the profile was varied."""
 
 _OURS = {
     "ur_arm": "The arm is a Universal Robots one (the papers': Stäubli RX-90, Kinova Gen3).",
@@ -107,7 +94,7 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
 
     kinds = [(key, list(members)) for key, members in groupby(sorted(runs, key=kind), key=kind)]
     for (experiment, bench), members in kinds:
-        groups = by_settings(members, experiment not in _TELLS_APART)
+        groups = by_settings(members, not experiment_of(experiment).pooled)
         names = [f"{bench}, settings {n}" if len(groups) > 1 else bench for n in range(1, len(groups) + 1)]
         for number, (name, group) in enumerate(zip(names, groups, strict=True), start=1):
             folder = (
@@ -174,7 +161,8 @@ def _typographic(value: object) -> object:
 
 
 def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
-    if experiment in _SECTIONS:
-        tell: Callable[[Sequence[Run], Figures], Section] = import_module(_SECTIONS[experiment]).section
+    module = experiment_of(experiment, own_folders(runs[-1].manifest)).report
+    if module:
+        tell: Callable[[Sequence[Run], Figures], Section] = import_module(module).section
         return tell(runs, figures)
     return generic.section(experiment, runs, figures)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from behaviors.events import BaselineRefused
-from config.assemble import DETECTORS, found
+from config.assemble import DETECTORS
 from controller.detectors.protocol import Compiled
+from controller.named import found, settings_of
 from drivers.messages import SampleBlock
 
 
@@ -101,7 +102,9 @@ def cut(block, size):
 
 def made(kind):
     entry = DETECTORS[kind]
-    return found(entry.made)("name", found(entry.settings)())
+    return found(entry.made)(
+        "name", (found(entry.settings) if entry.settings else settings_of(found(entry.made)))()
+    )
 
 
 @pytest.mark.parametrize("size", [1, 7, 64])

@@ -11,6 +11,7 @@ import pytest
 from config import assemble
 from config.profile import Profile, load_profile
 from controller.campaign import EXIT_DEVICE, EXIT_DONE, Campaign, Outcome
+from controller.experiments import experiment_of
 from controller.recording.reader import Run, open_run
 
 
@@ -166,7 +167,7 @@ def middle_s(bench: Bench, state: str) -> float:
 def numbers(bench: Bench) -> dict[str, Any]:
     """What the only row says was measured."""
     (row,) = bench.run.trials
-    measured = import_module(assemble.EXPERIMENTS[bench.profile.experiment].measures).COLUMNS
+    measured = import_module(experiment_of(bench.profile.experiment).measures).COLUMNS
     return {name: row[name] for name in measured if row.get(name) not in (None, "")}
 
 

@@ -1,100 +1,104 @@
-"""Emulated devices behind real ptys, for tests that run on the wall clock."""
+"""Emulated devices behind real ptys, and what a failed run did last."""
 
 from __future__ import annotations
 
 import json
-import os
+import queue
 import select
 import threading
 import time
-import tty
 from collections.abc import Generator, Iterator
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 import pytest
 
 from controller.campaign import Campaign, Outcome
-
-TURN_S = 0.001
-"""Pause between two calls of `step`."""
+from drivers.bench_clock import BenchClock
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.wiring.emulator import STEP_S
+from drivers.mock.wiring.far_ends import EmulatedDevice, FarEnd, Line
+from drivers.mock.wiring.pace import Pace
 
 LIFE_S = 60.0
-"""A server stops by itself after this long, whatever its test does."""
-
-
-class EmulatedDevice(Protocol):
-    def receive(self, data: bytes, t_s: float) -> bytes: ...
-
-    def step(self, t_s: float) -> bytes: ...
-
-
-class PtyServer:
-    """One thread that carries bytes between a pty and an emulated device, on the monotonic clock."""
-
-    def __init__(self, device: EmulatedDevice) -> None:
-        self.device = device
-        self.lock = threading.Lock()
-        self.error: BaseException | None = None
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
-        self._running = True
-        self._thread = threading.Thread(target=self._serve, name=f"pty {self.port}", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Hang up, as a pulled plug does. May be called twice."""
-        if self._running:
-            self._running = False
-            self._thread.join(5.0)
-            os.close(self._master)
-            os.close(self._slave)
-
-    def _serve(self) -> None:
-        until_s = time.monotonic() + LIFE_S
-        try:
-            while self._running and time.monotonic() < until_s:
-                ready, _, _ = select.select([self._master], [], [], TURN_S)
-                data = os.read(self._master, 4096) if ready else b""
-                with self.lock:
-                    now_s = time.monotonic()
-                    answer = self.device.receive(data, now_s) if data else b""
-                    answer += self.device.step(now_s)
-                with suppress(BlockingIOError):  # nobody reads: bytes are lost, as on a real line
-                    while answer:
-                        answer = answer[os.write(self._master, answer) :]
-        except BaseException as error:
-            self.error = error
+"""A bench stops by itself after this long, whatever its test does."""
 
 
 class Serve:
-    """`serve(device)` answers on a new pty and gives its path; `serve.unplug(path)` hangs up."""
+    """Emulated devices, served by one thread on a bench's clock: `serve(device)` gives the path of a pty.
+
+    Time on this clock stands still while this process is held up, and waits for the thread that turns a driver and for
+    bytes that nobody has read: what a test finds does not depend on how busy its machine is.
+
+    Attributes:
+        clock: For drivers, and for tests that wait for them.
+    """
 
     def __init__(self) -> None:
-        self._servers: dict[str, PtyServer] = {}
+        self._pace = Pace()
+        self.clock = BenchClock(self._pace.page)
+        self.error: BaseException | None = None
+        self._ends: dict[str, FarEnd] = {}
+        self._lock = threading.Lock()
+        self._pulled = queue.Queue[str]()
+        self._running = True
+        self._thread = threading.Thread(target=self._serve, name="bench", daemon=True)
+        self._thread.start()
 
     def __call__(self, device: EmulatedDevice) -> str:
-        server = PtyServer(device)
-        self._servers[server.port] = server
-        return server.port
+        return self.wire(Line(device))
+
+    def wire(self, end: FarEnd, faults: FaultSchedule | None = None) -> str:
+        """Serve a far end; faults count from the clock's zero. Gives its port."""
+        end.open(faults or FaultSchedule(), self.clock)
+        with self._lock:
+            self._ends[end.endpoint["port"]] = end
+        return end.endpoint["port"]
 
     def lock(self, port: str) -> threading.Lock:
-        """Held while the device is spoken to: take it before touching the device from a test."""
-        return self._servers[port].lock
+        """Held while devices are spoken to: take it before touching one from a test."""
+        return self._lock
 
     def unplug(self, port: str) -> None:
-        """Hang up."""
-        self._servers[port].stop()
+        """Hang up, as a pulled plug does; has happened when it comes back."""
+        self._pulled.put(port)
+        self._pulled.join()
 
     def close(self) -> None:
         """Hang up everywhere; a device that raised fails its test."""
-        for server in self._servers.values():
-            server.stop()
-        for server in self._servers.values():
-            if server.error is not None:
-                raise server.error
+        self._running = False
+        self._thread.join(5.0)
+        for end in self._ends.values():
+            end.unplug()
+        if self.error is not None:
+            raise self.error
+
+    def _serve(self) -> None:
+        until_s = time.monotonic() + LIFE_S
+        due_s = 0.0
+        try:
+            while self._running and time.monotonic() < until_s:
+                with self._lock:
+                    self._pull()
+                    waited = [one for end in self._ends.values() for one in end.waited()]
+                ready = select.select(waited, [], [], self._pace.wait_s(due_s))[0]
+                with self._lock:
+                    unread = frozenset(port for port, end in self._ends.items() if end.unread())
+                    now_s = self._pace.turn(unread)
+                    if ready or now_s >= due_s:
+                        due_s = now_s + STEP_S
+                        for end in self._ends.values():
+                            end.exchange(ready, now_s, now_s)
+        except BaseException as error:
+            self.error = error
+            self._pull()
+
+    def _pull(self) -> None:
+        """In the thread that waits for the line: nobody else may close it."""
+        with suppress(queue.Empty):
+            while True:
+                self._ends.pop(self._pulled.get_nowait()).unplug()
+                self._pulled.task_done()
 
 
 @pytest.fixture

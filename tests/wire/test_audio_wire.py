@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import select
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
@@ -22,82 +20,36 @@ from drivers.mock.devices.faults import Fault, FaultSchedule
 from drivers.mock.wiring.tcp_line import TcpLine
 from tests.contracts.audio_suite import FINGERS, TONE, AudioContract, AudioTrial, SteadyFingers
 
-LIFE_S = 30.0
-"""A server stops by itself after this long, whatever its test does."""
-
 PATIENT = {"reply_timeout_s": 5.0, "silence_timeout_s": 5.0}
 """The machine may be busy with other tests."""
 
 
 class Server:
-    """One thread that serves an emulated recorder, as the emulator's process does."""
+    """An emulated recorder on a port of its own."""
 
-    def __init__(self, **settings: Any) -> None:
-        self.bench = SteadyFingers()
-        self.recorder = EmulatedAudio(EmulatedAudioSettings(**settings), self.bench)
-        self.line = TcpLine(self.recorder)
-        self.port = self.line.endpoint["port"]
-        self.lock = threading.Lock()
-        self.clock = WallClock()
+    def __init__(self, serve: Any, **settings: Any) -> None:
+        self.recorder = EmulatedAudio(EmulatedAudioSettings(**settings), SteadyFingers())
         self.faults = FaultSchedule()
-        self.line.open(self.faults, self.clock)
-        self.error: BaseException | None = None
-        self._running = True
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+        self.port = serve.wire(TcpLine(self.recorder), self.faults)
+        self.lock, self.clock = serve.lock(self.port), serve.clock
 
     def fault(self, kind: str, for_s: float | None = None) -> None:
         with self.lock:
-            self.faults.add(Fault(device="audio", kind=kind, at_s=self.clock.now(), for_s=for_s))
+            self.faults.add(Fault(device="audio", kind=kind, at_s=self.clock.monotonic_s(), for_s=for_s))
 
     def inject(self, kind: str, packets: int = 1) -> None:
         with self.lock:
-            self.recorder.inject(kind, self.clock.now(), packets)
-
-    def stop(self) -> None:
-        if self._running:
-            self._running = False
-            self._thread.join(5.0)
-            self.line.unplug()
-
-    def _serve(self) -> None:
-        try:
-            while self._running and self.clock.now() < LIFE_S:
-                waited = self.line.waited()
-                ready = select.select(waited, [], [], 0.001)[0] if waited else []
-                with self.lock:
-                    now_s = self.clock.now()
-                    self.line.exchange(ready, now_s, now_s)
-        except BaseException as error:
-            self.error = error
+            self.recorder.inject(kind, self.clock.monotonic_s(), packets)
 
 
 @pytest.fixture
-def serve() -> Iterator[Callable[..., Server]]:
-    servers: list[Server] = []
-
-    def made(**settings: Any) -> Server:
-        servers.append(Server(**settings))
-        return servers[-1]
-
-    yield made
-    for server in servers:
-        server.stop()
-    for server in servers:
-        if server.error is not None:
-            raise server.error
-
-
-@pytest.fixture
-def connect() -> Iterator[Callable[..., AudioTrial]]:
+def connect(serve: Any) -> Iterator[Callable[..., AudioTrial]]:
     devices: list[Audio] = []
 
     def made(port: str, **settings: Any) -> AudioTrial:
-        clock = WallClock()
-        devices.append(
-            Audio("audio", AudioSettings(port=port, **{**PATIENT, "look_s": 0.05, **settings}), clock)
-        )
-        return AudioTrial(devices[-1], clock)
+        given = AudioSettings(port=port, **{**PATIENT, "look_s": 0.05, **settings})
+        devices.append(Audio("audio", given, serve.clock))
+        return AudioTrial(devices[-1], serve.clock)
 
     yield made
     for device in devices:
@@ -105,8 +57,8 @@ def connect() -> Iterator[Callable[..., AudioTrial]]:
 
 
 @pytest.fixture
-def server(serve: Callable[..., Server]) -> Server:
-    return serve()
+def server(serve: Any) -> Server:
+    return Server(serve)
 
 
 @pytest.fixture
@@ -189,29 +141,27 @@ def test_a_drive_that_is_refused_is_told(server: Server, trial: AudioTrial) -> N
     assert "its amplifier is off" in refused.reason
 
 
-def test_the_drift_of_its_clock_is_found(
-    serve: Callable[..., Server], connect: Callable[..., AudioTrial]
-) -> None:
-    trial = connect(serve(drift_ppm=400.0).port, max_drift_ppm=500.0)
+def test_the_drift_of_its_clock_is_found(serve: Any, connect: Callable[..., AudioTrial]) -> None:
+    trial = connect(Server(serve, drift_ppm=400.0).port, max_drift_ppm=500.0)
     trial.listen(FINGERS)
-    trial.turn(4.0)
-    # 4 s and delays of a loaded machine: some tens of ppm; unknown drift would be 400 off.
+    trial.turn(3.0)
+    # 3 s and arrivals known to a few tenths of a millisecond: some tens of ppm; unknown drift would be 400 off.
     assert trial.device.account()["drift_ppm"] == pytest.approx(400.0, abs=100.0)
 
 
 def test_a_host_that_was_away_has_everything_or_is_told(server: Server, trial: AudioTrial) -> None:
     trial.listen(FINGERS)
     trial.hear(4800)
-    time.sleep(2.0)
+    trial.clock.rest(1.0)
     trial.turn(0.5)
     assert trial.of(Failed) == []
     assert gaps(trial.blocks) == sum(one.samples for one in trial.of(Lost))
-    assert sum(map(len, trial.blocks)) + gaps(trial.blocks) > 2.0 * 96_000
+    assert sum(map(len, trial.blocks)) + gaps(trial.blocks) > 1.0 * 96_000
 
 
 def test_a_second_host_is_hung_up_on(server: Server, trial: AudioTrial) -> None:
     with pytest.raises(ProtocolError, match=r"hung up while connecting to .*no other host connected"):
-        Audio("audio", AudioSettings(port=server.port), WallClock()).open()
+        Audio("audio", AudioSettings(port=server.port), server.clock).open()
     trial.listen(FINGERS)
     trial.hear(4800)
     assert trial.blocks
@@ -221,7 +171,7 @@ def test_it_can_be_opened_again_and_the_drive_is_silent(server: Server, trial: A
     trial.device.apply(TONE)
     trial.turn(0.05)
     trial.device.close()
-    time.sleep(0.1)
+    trial.clock.rest(0.1)
     trial.device.open()
     trial.listen(FINGERS)
     trial.hear(9600)
@@ -236,17 +186,15 @@ def test_it_can_be_opened_again_and_the_drive_is_silent(server: Server, trial: A
         ({"bits": 16}, "has 16 bits a sample, not 24 while opening"),
     ],
 )
-def test_a_recorder_that_does_not_fit_is_refused(
-    serve: Callable[..., Server], settings: dict[str, Any], line: str
-) -> None:
+def test_a_recorder_that_does_not_fit_is_refused(serve: Any, settings: dict[str, Any], line: str) -> None:
     with pytest.raises(ProtocolError, match=line):
-        Audio("audio", AudioSettings(port=serve(**settings).port), WallClock()).open()
+        Audio("audio", AudioSettings(port=Server(serve, **settings).port), serve.clock).open()
 
 
 def test_clipped_fingers_are_refused_at_open(server: Server) -> None:
     server.inject("clip")
     with pytest.raises(ProtocolError, match=r"the right finger is clipped: 100\.0% of its frames"):
-        Audio("audio", AudioSettings(port=server.port), WallClock()).open()
+        Audio("audio", AudioSettings(port=server.port), server.clock).open()
 
 
 class Other:
@@ -270,15 +218,17 @@ class Other:
 
 
 @pytest.mark.parametrize(
-    ("says", "error", "words"),
+    ("says", "patience_s", "error", "words"),
     [
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", ProtocolError, "a frame begins with b'TBA1', not with b'HTTP'"),
-        (b"", SilentError, "it says nothing in 0.3 s"),
+        (b"HTTP/1.1 400\r\n\r\n", 20.0, ProtocolError, "a frame begins with b'TBA1', not with b'HTTP'"),
+        (b"", 0.3, SilentError, "it says nothing in 0.3 s"),
     ],
 )
-def test_what_is_no_recorder_is_not_opened(says: bytes, error: type[DeviceError], words: str) -> None:
+def test_what_is_no_recorder_is_not_opened(
+    says: bytes, patience_s: float, error: type[DeviceError], words: str
+) -> None:
     with pytest.raises(error, match=words):
-        Audio("audio", AudioSettings(port=Other(says).port, reply_timeout_s=0.3), WallClock()).open()
+        Audio("audio", AudioSettings(port=Other(says).port, reply_timeout_s=patience_s), WallClock()).open()
 
 
 @pytest.mark.parametrize(

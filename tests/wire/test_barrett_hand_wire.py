@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.clock import WallClock
 from drivers.errors import ProtocolError, SilentError
 from drivers.messages import Failed, Lost
 from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings, SteadyForces
@@ -18,13 +16,14 @@ from tests.contracts.hand_suite import F1, F2, F3, FORCES_N, HandBench, HandCont
 
 
 class Wire:
-    """A hand behind an adapter on a pty, and its driver; asked 200 times a second, for the machine may be busy."""
+    """A hand behind an adapter on a pty, and its driver."""
 
     def __init__(self, serve: Any, **settings: Any) -> None:
         self.hand = EmulatedBarrettHand(EmulatedBarrettHandSettings(), SteadyForces(FORCES_N))
         self.adapter = EmulatedSlcan(self.hand)
         self.port = serve(self.adapter)
         self.lock = serve.lock(self.port)
+        # No answer is late on a bench whose time waits for its threads, but a wire takes its time.
         values = {
             "port": self.port,
             "poll_hz": 200.0,
@@ -32,12 +31,12 @@ class Wire:
             "silence_timeout_s": 2.0,
             **settings,
         }
-        self.clock = WallClock()
+        self.clock = serve.clock
         self.driver = BarrettHand("hand", BarrettHandSettings(**values), self.clock)
 
     def inject(self, kind: str) -> None:
         with self.lock:
-            self.adapter.inject(kind, time.monotonic())
+            self.adapter.inject(kind, self.clock.monotonic_s())
 
 
 @pytest.fixture
@@ -110,6 +109,6 @@ def test_a_device_of_another_protocol_is_no_hand(serve: Any) -> None:
         def step(self, t_s: float) -> bytes:
             return b""
 
-    driver = BarrettHand("hand", BarrettHandSettings(port=serve(Other())), WallClock())
+    driver = BarrettHand("hand", BarrettHandSettings(port=serve(Other())), serve.clock)
     with pytest.raises(ProtocolError, match="is a BarrettHand on this bus"):
         driver.open()

@@ -18,8 +18,6 @@ from drivers.errors import RefusedError
 from drivers.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
 from drivers.mock.wiring.emulator_process import EmulatorProcess
 
-pytestmark = pytest.mark.alone
-
 WIRING = "drivers.mock.wiring.emulated"
 BENCHES = {
     "finger": "drivers.mock.wiring.finger_bench:FingerBench",

@@ -53,7 +53,7 @@ class Wire:
         self.adapter = EmulatedSlcan(EmulatedCanGripper(EmulatedCanGripperSettings(), drive))
         self.port = serve(Hurried(self.adapter) if hurry else self.adapter)
         self.lock = serve.lock(self.port)
-        self.clock = WallClock()
+        self.clock = serve.clock
         values = {"port": self.port, "closed_width_m": SCENE.closed_width_m, **PATIENT, **settings}
         self.driver = CanGripper("gripper", CanGripperSettings(**values), self.clock)
 
@@ -63,7 +63,7 @@ class Wire:
 
     def inject(self, kind: str) -> None:
         with self.lock:
-            self.adapter.inject(kind, time.monotonic())
+            self.adapter.inject(kind, self.clock.monotonic_s())
 
     def open(self) -> GripperBench:
         return GripperBench(self.driver, self.clock, self.change)
@@ -118,7 +118,7 @@ def test_a_host_that_hangs_loses_the_grip(serve: Any) -> None:
         bench.place("mug")
         bench.device.apply(GRIP)
         bench.until(Gripped)
-        time.sleep(1.2)
+        serve.clock.rest(1.2)
         assert bench.force_n() < 1.0
         assert "watchdog" in bench.until(Stalled).reason
     finally:
@@ -149,22 +149,23 @@ def test_a_device_of_another_protocol_is_no_gripper(serve: Any) -> None:
         def step(self, t_s: float) -> bytes:
             return b""
 
-    driver = CanGripper("gripper", CanGripperSettings(port=serve(Other())), WallClock())
+    driver = CanGripper("gripper", CanGripperSettings(port=serve(Other())), serve.clock)
     with pytest.raises(ProtocolError, match="malformed"):
         driver.open()
 
 
 def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:
+    clock = WallClock()
     drive = calibrated_jaws()
     node = EmulatedCanGripper(EmulatedCanGripperSettings(), drive)
     port = CanPort(port="bench of one gripper", interface="virtual")
-    far = open_can("far end", port, WallClock())
+    far = open_can("far end", port, clock)
     running = threading.Event()
     running.set()
 
     def serve_node() -> None:
         while running.is_set():
-            now_s = time.monotonic()
+            now_s = clock.monotonic_s()
             frames: list[CanFrame] = [*node.step(now_s)]
             for heard in far.receive():
                 frames += node.receive(heard.frame, now_s)
@@ -175,8 +176,8 @@ def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:
     thread = threading.Thread(target=serve_node, daemon=True)
     thread.start()
     settings = CanGripperSettings(port=port.port, interface="virtual", closed_width_m=0.020, **PATIENT)
-    driver = CanGripper("gripper", settings, WallClock())
-    bench = GripperBench(driver, WallClock(), lambda scene: scene(drive))
+    driver = CanGripper("gripper", settings, clock)
+    bench = GripperBench(driver, clock, lambda scene: scene(drive))
     try:
         bench.device.apply(Grip("gripper", 0.060, 0.1, 20.0))
         assert not bench.until(Gripped).object

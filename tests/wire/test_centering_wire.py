@@ -15,7 +15,7 @@ from controller.recording.reader import open_run
 from controller.rig import TrialScene
 from tests.wire.wire_campaign import Hand
 
-pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.timeout(180)
 
 SHORT = {
     "behavior.run_up": "false",

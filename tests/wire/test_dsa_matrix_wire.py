@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -32,14 +31,14 @@ class Wire:
         self.matrices = EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), source)
         self.port = serve(self.matrices)
         self.lock = serve.lock(self.port)
-        self.clock = WallClock()
+        self.clock = serve.clock
         self.driver = DsaMatrix(
             "dsa", DsaMatrixSettings(port=self.port, **{**PATIENT, **settings}), self.clock
         )
 
     def inject(self, kind: str, frames: int = 1) -> None:
         with self.lock:
-            self.matrices.inject(kind, time.monotonic(), frames)
+            self.matrices.inject(kind, self.clock.monotonic_s(), frames)
 
 
 @pytest.fixture
@@ -118,7 +117,7 @@ def test_what_is_no_controller_is_not_opened(
     port = serve(device)
     settings = DsaMatrixSettings(port=port, reply_timeout_s=0.1, power_up_s=0.3)
     with pytest.raises(error, match=f"{words}.* while asking who is at {port}"):
-        DsaMatrix("dsa", settings, WallClock()).open()
+        DsaMatrix("dsa", settings, serve.clock).open()
 
 
 def test_an_absent_port_is_said_to_be_absent() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 
 import pytest
 
@@ -38,17 +37,17 @@ class Deaf:
         return b""
 
 
-def until(person, kind, seconds=5.0):
+def until(person, kind, clock, seconds=5.0):
     """The next status of a kind, and everything that came before it."""
-    end_s = time.monotonic() + seconds
+    end_s = clock.monotonic_s() + seconds
     seen, blocks = [], []
-    while time.monotonic() < end_s:
+    while clock.monotonic_s() < end_s:
         blocks += person.read()
         for status in person.poll():
             seen.append(status)
             if isinstance(status, kind):
                 return status, seen, blocks
-        time.sleep(0.002)
+        clock.rest(0.002)
     raise AssertionError(f"no {kind.__name__} in {seconds} s, but {seen}")
 
 
@@ -57,7 +56,7 @@ def line(serve):
     bench = Bench()
     device = EmulatedPerson(EmulatedPersonSettings(answer_s=0.05, weight_error=0.0), bench)
     port = serve(device)
-    clock = WallClock()
+    clock = serve.clock
     person = Person("operator", PersonSettings(port=port), clock)
     info = person.open()
     yield person, bench, device, serve, port, info, clock
@@ -74,7 +73,7 @@ def test_a_weight_hangs_before_it_is_called_loaded(line):
     person.apply(Listen("operator", frozenset({"operator.load"})))
     asked_s = clock.now()
     person.apply(LoadWeight("operator", "t", 0.5))
-    loaded, seen, blocks = until(person, Loaded)
+    loaded, seen, blocks = until(person, Loaded, clock)
     assert isinstance(seen[0], Sent)
     assert bench.loads["t"] == 0.5
     assert (loaded.bridge, loaded.force_n) == ("t", 0.5)
@@ -91,39 +90,39 @@ def test_the_console_is_not_bothered_by_a_person_on_a_line(line):
 
 
 def test_a_newer_request_replaces_an_older_one_on_the_line_too(line):
-    person, bench, *_ = line
+    person, bench, *_, clock = line
     person.apply(LoadWeight("operator", "x", 1.0))
     person.apply(LoadWeight("operator", "y", 2.0))
-    loaded, _, _ = until(person, Loaded)
+    loaded, _, _ = until(person, Loaded, clock)
     assert loaded.bridge == "y"
     assert bench.loads["x"] == 0.0
-    time.sleep(0.1)
+    clock.rest(0.1)
     assert not [status for status in person.poll() if isinstance(status, Loaded)]
 
 
 def test_no_comes_back_with_its_reason(line):
-    person, _, device, serve, port, *_ = line
+    person, _, device, serve, port, _, clock = line
     with serve.lock(port):
         device.inject("refuse", 0.0)
     person.apply(LoadWeight("operator", "x", 1.0))
-    refused, *_ = until(person, Refused)
+    refused, *_ = until(person, Refused, clock)
     assert refused.reason == "that cannot be done"
 
 
 def test_a_line_that_is_pulled_is_a_failure_told_once(line):
-    person, _, _, serve, port, *_ = line
+    person, _, _, serve, port, _, clock = line
     person.apply(LoadWeight("operator", "x", 1.0))
     serve.unplug(port)
-    failed, *_ = until(person, Failed)
+    failed, *_ = until(person, Failed, clock)
     assert "taken away" in failed.reason
     person.apply(LoadWeight("operator", "x", 1.0))
-    time.sleep(0.05)
+    clock.rest(0.05)
     assert not [status for status in person.poll() if isinstance(status, Failed)]
 
 
 def test_a_line_where_nobody_says_hello_is_silent_and_says_what_to_do(serve):
     port = serve(Deaf())
-    person = Person("operator", PersonSettings(port=port, hello_timeout_s=0.2), WallClock())
+    person = Person("operator", PersonSettings(port=port, hello_timeout_s=0.2), serve.clock)
     with pytest.raises(SilentError) as error:
         person.open()
     assert str(error.value) == (

@@ -10,7 +10,6 @@ SHORT = {
 }
 
 
-@pytest.mark.alone
 def test_the_angle_of_the_contact_is_told_over_the_wire(tmp_path):
     from config.script import run_trials
     from controller.reports.pointer import read_sweeps

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.bench_clock import BenchClock
 from drivers.clock import WallClock
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import Excite, Failed, Listen, Lost, SampleBlock, Sent, Status
@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 
 class Serve(Protocol):
     """The fixture `serve` of conftest.py."""
+
+    clock: BenchClock
 
     def __call__(self, device: Any) -> str: ...
 
@@ -43,10 +45,10 @@ class Spec(NamedTuple):
 
 
 class Source:
-    """Every stream is the true time, in seconds of the host's monotonic clock since the source was made."""
+    """Every stream is the true time, in seconds of the bench since the source was made."""
 
-    def __init__(self) -> None:
-        self.begin_s = time.monotonic()
+    def __init__(self, begin_s: float) -> None:
+        self.begin_s = begin_s
         self.sampled = {spec.name: 0 for spec in self.streams()}
         self.excited = False
         self._told_s = self._t_s = 0.0
@@ -82,12 +84,12 @@ class Bench:
     """An open driver, and the board and source at the far end of its port."""
 
     def __init__(self, serve: Serve, board: dict[str, Any], driver: dict[str, Any]) -> None:
-        self.source = Source()
+        self.clock = serve.clock
+        self.source = Source(self.clock.monotonic_s())
         settings = EmulatedSensorBoardSettings(adc_bits={}, **board)
         self.board = EmulatedSensorBoard(settings, self.source)
         self.port = serve(self.board)
         self._lock = serve.lock(self.port)
-        self.clock = WallClock()
         self.driver = SensorBoard("board", SensorBoardSettings(port=self.port, **driver), self.clock)
         self.info = self.driver.open()
 
@@ -96,16 +98,16 @@ class Bench:
 
     def inject(self, kind: Any, frames: int = 1) -> None:
         with self._lock:
-            self.board.inject(kind, time.monotonic(), frames)
+            self.board.inject(kind, self.clock.monotonic_s(), frames)
 
     def run(self, seconds: float) -> tuple[list[SampleBlock], list[Status]]:
         blocks: list[SampleBlock] = []
         statuses: list[Status] = []
-        until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s:
+        until_s = self.clock.monotonic_s() + seconds
+        while self.clock.monotonic_s() < until_s:
             blocks += self.driver.read()
             statuses += self.driver.poll()
-            time.sleep(0.002)
+            self.clock.rest(0.002)
         return blocks, statuses
 
     def lateness_s(self, blocks: list[SampleBlock]) -> Floats:
@@ -196,7 +198,7 @@ def test_a_host_that_hangs_loses_the_excitation_and_says_so_when_it_wakes(serve:
         _, statuses = bench.run(0.6)
         assert bench.source.excited
         assert [type(status) for status in statuses] == [Sent, Sent]
-        time.sleep(1.0)
+        bench.clock.rest(1.0)
         assert not bench.source.excited
         (failed,) = of(Failed, bench.run(0.1)[1])
         assert "the host was away" in failed.reason
@@ -257,7 +259,7 @@ def test_what_is_no_sensor_board_is_not_opened(
     serve: Serve, device: Any, error: type[Exception], words: str
 ) -> None:
     port = serve(device)
-    board = SensorBoard("board", SensorBoardSettings(port=port, reply_timeout_s=0.1), WallClock())
+    board = SensorBoard("board", SensorBoardSettings(port=port, reply_timeout_s=0.1), serve.clock)
     with pytest.raises(error, match=f"{words}.* while asking who is at {port}"):
         board.open()
 

@@ -38,8 +38,6 @@ from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import Axis, UrArmSettings
 from tests.wire.emulated_ur import ROOT, EmulatedUr, free_host, resting
 
-pytestmark = pytest.mark.alone
-
 FORCE, POSITION = "arm.force", "arm.position"
 
 

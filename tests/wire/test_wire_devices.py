@@ -38,7 +38,6 @@ class TestWireDevices(_WireBench, DeviceContract):
     pass
 
 
-@pytest.mark.alone
 class TestWireArm(_WireBench, DeviceContract):
     profile = "emulated/transient_arm"
     mover = "arm"

@@ -18,8 +18,6 @@ from drivers.messages import Home, Listen, MoveAt, MoveTo, Reached, Stalled
 from tests.contracts.device_suite import Bench
 from tests.wire.wire_campaign import QUICK, run
 
-pytestmark = pytest.mark.alone
-
 
 @pytest.fixture
 def emulated():

@@ -11,7 +11,7 @@ from controller.campaign import EXIT_DONE, EXIT_GUARD, Campaign
 from controller.recording.reader import open_run
 from tests.wire.wire_campaign import Hand
 
-pytestmark = [pytest.mark.alone, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.timeout(180)
 
 SHORT = {
     "behavior.sensors.fingertip.steps": "["

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
@@ -17,15 +16,18 @@ from zaber_motion import (
 )
 from zaber_motion.ascii import Axis, Connection
 
+from drivers.bench_clock import BenchClock
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
 from drivers.mock.physics.stage_axis import StageAxis
 
-TIMEOUT_MS = 200
-"""What the library waits for a reply here; its own default is a second."""
+TIMEOUT_MS = 10_000
+"""What the library waits for a reply: it lives on the wall's clock, and its machine may be busy."""
 
 
 class Serve(Protocol):
     """The fixture `serve` of conftest.py."""
+
+    clock: BenchClock
 
     def __call__(self, device: Any) -> str: ...
 
@@ -36,12 +38,18 @@ class Court:
     """The judge's axis, and the emulated stage that it does not see."""
 
     def __init__(
-        self, axis: Axis, connection: Connection, inject: Callable[[Fault], None], truth: StageAxis
+        self,
+        axis: Axis,
+        connection: Connection,
+        inject: Callable[[Fault], None],
+        truth: StageAxis,
+        clock: BenchClock,
     ) -> None:
         self.axis = axis
         self.connection = connection
         self.inject = inject
         self.truth = truth
+        self.clock = clock
 
     def during(self, movement: Callable[[], None], kind: Fault) -> None:
         """Inject a fault while a movement that waits for its end is on its way."""
@@ -61,17 +69,19 @@ def court(serve: Serve) -> Iterator[Court]:
 
     def inject(kind: Fault) -> None:
         with serve.lock(port):
-            stage.inject(kind, time.monotonic())
+            stage.inject(kind, serve.clock.monotonic_s())
 
     with Connection.open_serial_port(port) as connection:
         connection.default_request_timeout = TIMEOUT_MS
-        (device,) = connection.detect_devices(identify_devices=False)
-        axis = device.get_axis(1)
+        axis = connection.get_device(1).get_axis(1)
         axis.home()
-        yield Court(axis, connection, inject, truth)
+        yield Court(axis, connection, inject, truth, serve.clock)
 
 
 def test_it_is_detected_and_homed(court: Court) -> None:
+    court.connection.default_request_timeout = 1000  # it waits as long for devices beyond the first
+    (device,) = court.connection.detect_devices(identify_devices=False)
+    assert device.device_address == 1
     assert court.axis.is_homed()
     assert not court.axis.is_busy()
     assert court.axis.get_position() == 0.0
@@ -90,8 +100,9 @@ def test_a_move_arrives_where_it_was_sent(court: Court) -> None:
 
 def test_a_velocity_is_kept_and_a_stop_ends_it(court: Court) -> None:
     court.axis.move_velocity(16384)  # 10,000 microsteps a second
-    time.sleep(0.1)
-    first, first_s = court.truth.position(time.monotonic()), time.monotonic()
+    court.clock.rest(0.1)
+    first_s = court.clock.monotonic_s()
+    first = court.truth.position(first_s)
     assert court.axis.is_busy()
     court.axis.stop()
     assert not court.axis.is_busy()
@@ -131,7 +142,8 @@ def test_a_spoilt_reply_is_a_time_out_and_the_next_call_works(court: Court, kind
     court.inject(kind)
     with pytest.raises(RequestTimeoutException):
         court.axis.get_position()
-    time.sleep(0.1)
+    court.connection.default_request_timeout = TIMEOUT_MS
+    court.clock.rest(0.2)
     assert court.axis.get_position() == 0.0
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, TypeVar
 
 import pytest
 
+from drivers.bench_clock import BenchClock
 from drivers.clock import WallClock
 from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
 from drivers.messages import (
@@ -40,6 +40,8 @@ EVERYTHING = frozenset({"stage.position"})
 
 class Serve(Protocol):
     """The fixture `serve` of conftest.py."""
+
+    clock: BenchClock
 
     def __call__(self, device: Any) -> str: ...
 
@@ -75,11 +77,12 @@ class Bench:
     def __init__(self, serve: Serve, *, homed: bool = True, **settings: Any) -> None:
         self.wire = Wire(homed=homed)
         self.serve = serve
+        self.clock = serve.clock
         self.port = serve(self.wire)
         # Patient, for a machine with other work: a reply that is late by half a second is no loss here.
         patient = {"retry_s": 0.5, "reply_timeout_s": 5.0}
         self.stage = ZaberStage(
-            "stage", ZaberStageSettings(port=self.port, **patient | settings), WallClock()
+            "stage", ZaberStageSettings(port=self.port, **patient | settings), serve.clock
         )
         self.info = self.stage.open()
         self.blocks: list[SampleBlock] = []
@@ -87,15 +90,15 @@ class Bench:
 
     def inject(self, kind: Fault) -> None:
         with self.serve.lock(self.port):
-            self.wire.device.inject(kind, time.monotonic())
+            self.wire.device.inject(kind, self.clock.monotonic_s())
 
     def turn_until(self, condition: Callable[[], bool]) -> None:
-        until_s = time.monotonic() + 8.0
+        until_s = self.clock.monotonic_s() + 8.0
         while not condition():
-            assert time.monotonic() < until_s, f"not within 8 s; statuses: {self.statuses}"
+            assert self.clock.monotonic_s() < until_s, f"not within 8 s; statuses: {self.statuses}"
             self.blocks += self.stage.read()
             self.statuses += self.stage.poll()
-            time.sleep(0.001)
+            self.clock.rest(0.001)
 
     def expect(self, kind: type[S]) -> S:
         """The next status of a kind; those before it are forgotten."""
@@ -140,13 +143,13 @@ def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing(bench: C
     assert b.info.details["limits_found_m"] == pytest.approx((0.0, 0.0254))
     assert b.info.details["limits_set_m"] == pytest.approx((0.0, 0.0124), abs=STEP_M)
     assert not [line for line in b.wire.lines() if line.startswith(("move", "home"))]
-    assert b.wire.axis.position(time.monotonic()) == 0.0
+    assert b.wire.axis.position(b.clock.monotonic_s()) == 0.0
 
 
 def test_a_stage_that_a_dead_host_left_moving_is_stopped_at_opening(serve: Serve) -> None:
     wire = Wire(homed=True)
-    wire.receive(b"/1 1 01 move max 8389\n", time.monotonic())
-    stage = ZaberStage("stage", ZaberStageSettings(port=serve(wire)), WallClock())
+    wire.receive(b"/1 1 01 move max 8389\n", serve.clock.monotonic_s())
+    stage = ZaberStage("stage", ZaberStageSettings(port=serve(wire)), serve.clock)
     stage.open()
     stage.close()
     assert wire.axis.target_m < 0.0254
@@ -157,13 +160,13 @@ def test_silence_is_told_with_what_to_check(serve: Serve) -> None:
     wire.device.inject("silent", 0.0)
     settings = ZaberStageSettings(port=serve(wire), reply_timeout_s=0.2)
     with pytest.raises(SilentError, match=r"^stage: no reply in 0.20 s .*powered.*device 1 on its line\?$"):
-        ZaberStage("stage", settings, WallClock()).open()
+        ZaberStage("stage", settings, serve.clock).open()
 
 
 def test_another_address_is_silence(serve: Serve) -> None:
     settings = ZaberStageSettings(port=serve(Wire()), address=2, reply_timeout_s=0.2)
     with pytest.raises(SilentError, match="device 2 on its line"):
-        ZaberStage("stage", settings, WallClock()).open()
+        ZaberStage("stage", settings, serve.clock).open()
 
 
 class Board:
@@ -192,7 +195,7 @@ def test_another_protocol_is_told_from_silence(serve: Serve, other: object) -> N
     with pytest.raises(
         ProtocolError, match=r"which is no Zaber ASCII while opening; is another device there"
     ):
-        ZaberStage("stage", settings, WallClock()).open()
+        ZaberStage("stage", settings, serve.clock).open()
 
 
 def test_a_stage_that_is_shorter_than_the_profile_says_is_refused_at_opening(
@@ -206,7 +209,7 @@ def test_after_a_failed_opening_the_port_is_free_again(serve: Serve) -> None:
     wire = Wire()
     wire.device.inject("silent", 0.0)
     port = serve(wire)
-    stage = ZaberStage("stage", ZaberStageSettings(port=port, reply_timeout_s=0.2), WallClock())
+    stage = ZaberStage("stage", ZaberStageSettings(port=port, reply_timeout_s=0.2), serve.clock)
     with pytest.raises(SilentError):
         stage.open()
     with serve.lock(port):
@@ -255,10 +258,8 @@ def test_a_host_that_dies_leaves_a_stage_that_halts_within_its_blind_travel(
 ) -> None:
     b = bench()
     b.begin(MoveAt("stage", 0.01, 0.003))
-    heard_by_s = time.monotonic() + 2.0  # the far end reads the line when its turn on a busy machine comes
-    while not b.wire.axis.moving(time.monotonic()) and time.monotonic() < heard_by_s:
-        time.sleep(0.002)
-    plan = b.wire.axis.pieces(time.monotonic())  # nobody says anything from here on
+    b.clock.rest(0.1)
+    plan = b.wire.axis.pieces(b.clock.monotonic_s())  # nobody says anything from here on
     assert plan[-1].position_m == pytest.approx(0.002, abs=STEP_M)
     assert plan[-1].velocity_m_s == plan[-1].acceleration_m_s2 == 0.0
 
@@ -280,7 +281,7 @@ def test_a_stop_is_on_the_wire_without_waiting_for_an_answer(bench: Callable[...
 def test_a_stop_ends_in_a_standstill_where_the_stage_is(bench: Callable[..., Bench]) -> None:
     b = bench()
     b.begin(MoveAt("stage", 0.01, 0.02))
-    time.sleep(0.1)
+    b.clock.rest(0.1)
     sent = b.begin(Stop("stage"))
     still = b.expect(Standstill)
     assert still.t_s > sent.t_s
@@ -451,7 +452,5 @@ def test_closing_stops_a_stage_that_moves(bench: Callable[..., Bench]) -> None:
     b = bench()
     b.begin(MoveAt("stage", 0.002, 0.02))
     b.stage.close()
-    heard_s = time.monotonic() + 5.0
-    while "stop" not in b.wire.lines() and time.monotonic() < heard_s:
-        time.sleep(0.001)
+    b.clock.rest(0.1)  # the far end reads it in its own turn
     assert b.wire.lines()[-1] == "stop"

@@ -20,7 +20,7 @@ START_TIMEOUT_S = 90.0
 REPLY_TIMEOUT_S = 30.0
 """Longest answer on the control port: a new plant may have to be fitted to its settings."""
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 class EmulatorProcess:

@@ -6,8 +6,9 @@ from behaviors.events import BaselineReady, Contact, GuardStopped, Resumed, Tick
 from behaviors.machine import Behavior, trigger_of
 from behaviors.static import Static, StaticFactors, StaticSettings
 from behaviors.transient import Transient, TransientFactors, TransientSettings
-from config.assemble import EXPERIMENTS, found
 from config.diagrams import PAGE, page
+from controller.experiments import EXPERIMENTS
+from controller.named import found
 from drivers.messages import Excite, Failed, Home, MoveAt, MoveTo, Reached, Refused, Stalled, Standstill, Stop
 
 STATES = Transient.States

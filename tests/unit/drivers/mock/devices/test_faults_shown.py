@@ -9,6 +9,7 @@ import pytest
 
 from config import assemble
 from config.profile import load_profile
+from controller.named import found
 from controller.rig import TrialScene
 from drivers.messages import Ask, Home, Listen, MoveTo, Release, Tone
 from drivers.mock.devices.faults import SHOWN, FaultSchedule, Kind
@@ -76,7 +77,7 @@ def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_an
     driver: str,
 ) -> None:
     plant: Any = load_profile(BENCH[driver], {}, table=assemble.Table()).plant
-    end = getattr(emulated, driver)({}, assemble.found(assemble.PLANTS[plant.kind].made)(plant.settings))
+    end = getattr(emulated, driver)({}, found(assemble.PLANTS[plant.kind].made)(plant.settings))
     own = set()
     for kind in ("stall", "refuse"):
         with suppress(ValueError):

@@ -1,0 +1,240 @@
+"""A detector, a signal, an experiment and a driver of the user's own, found beside the profile."""
+
+import json
+
+import pytest
+
+DETECTOR = '''
+"""Contact above a fixed force."""
+
+import math
+
+from behaviors.events import BaselineReady, Contact
+from drivers.settings import Settings, StreamName
+
+
+class EdgeSettings(Settings):
+    input: StreamName = "board.load_cell"
+    threshold_n: float = 0.1
+
+
+class Edge:
+    def __init__(self, name: str, settings: EdgeSettings) -> None:
+        self.name, self.settings, self.inputs = name, settings, (settings.input,)
+        self.reset()
+
+    def reset(self):
+        self._ready = self._contact = False
+
+    def push(self, block):
+        events = []
+        for t_s, force_n in zip(block.times.tolist(), block.physical[:, 0].tolist(), strict=True):
+            if not self._ready:
+                self._ready = True
+                events.append(BaselineReady(t_s, self.name, 0.0, self.settings.threshold_n))
+            elif force_n > self.settings.threshold_n and not self._contact:
+                self._contact = True
+                events.append(Contact(t_s, self.name, force_n, self.settings.threshold_n))
+        return events
+'''
+
+EXPERIMENT = '''
+"""Rest, and measure the force."""
+
+from enum import Enum, auto
+
+from behaviors.machine import Behavior, StatePlan, failures, on
+from drivers.settings import Settings, StreamName
+
+COLUMNS = ("force_n",)
+
+
+class RestSettings(Settings):
+    stream: StreamName = "board.load_cell"
+    rest_s: float = 0.5
+
+
+class RestFactors(Settings):
+    number: int
+
+
+class Rest(Behavior):
+    class States(Enum):
+        RESTING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.RESTING
+    final = frozenset({States.DONE, States.FAILED})
+    table = (
+        on("deadline", States.RESTING, States.DONE),
+        *failures([States.RESTING], States.FAILED),
+    )
+
+    def __init__(self, settings: RestSettings, factors: RestFactors, detectors: frozenset[str]) -> None:
+        measured = frozenset({settings.stream})
+        super().__init__({self.States.RESTING: StatePlan(settings.rest_s, measures=measured)})
+
+    def enter_DONE(self) -> None:
+        self.conclude("no_contact")
+
+
+def measure(evidence, settings, outcome):
+    _, force_n = evidence.series(settings.stream)
+    return outcome, {"force_n": float(force_n.mean())}
+'''
+
+DEVICE = '''
+"""A board by another name."""
+
+from drivers.mock.drivers.sensor_board import MockSensorBoard, MockSensorBoardSettings
+from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
+
+
+class Cell(SensorBoard):
+    def __init__(self, name: str, settings: SensorBoardSettings, clock) -> None:
+        super().__init__(name, settings, clock)
+
+
+class MockCell(MockSensorBoard):
+    def __init__(self, name: str, settings: MockSensorBoardSettings, *rest) -> None:
+        super().__init__(name, settings, *rest)
+'''
+
+TOUCH = """
+extends = "mock/transient"
+
+[detectors.contact]
+kind = "my_lab.edge:Edge"
+threshold_n = 0.2
+
+[devices.board]
+driver = "my_lab.cell:Cell"
+port = "mock"
+
+[trials]
+repeats = 1
+list = [ { location = "f", speed_m_s = 0.004 } ]
+"""
+
+REST = """
+extends = "mock/bench_resonance"
+experiment = "my_lab.rest:Rest"
+title = "Rest"
+
+[behavior]
+rest_s = 0.25
+
+[trials]
+list = [ { number = 1 }, { number = 2 } ]
+"""
+
+
+@pytest.fixture
+def lab(tmp_path, monkeypatch):
+    """A folder with two profiles and what they name; the program is run from elsewhere."""
+    (tmp_path / "lab" / "my_lab").mkdir(parents=True)
+    for name, text in (
+        ("touch.toml", TOUCH),
+        ("rest.toml", REST),
+        ("my_lab/edge.py", DETECTOR),
+        ("my_lab/rest.py", EXPERIMENT),
+        ("my_lab/cell.py", DEVICE),
+    ):
+        (tmp_path / "lab" / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "lab"
+
+
+def test_a_detector_and_a_driver_of_the_users_own_are_checked_run_replayed_and_reported(verb, lab):
+    code, out, err = verb("check", lab / "touch.toml")
+    assert (code, err) == (0, "")
+    assert 'kind = "my_lab.edge:Edge"' in out
+    assert "threshold_n = 0.2" in out
+    code, _, err = verb("run", lab / "touch.toml", "--set", "behavior.settle_s=2.0", "--out", "runs")
+    assert code == 0, err
+    (run,) = lab.parent.glob("runs/*")
+    own = json.loads((run / "manifest.json").read_text())["profile"]["own"]
+    assert own["my_lab"]["folder"] == str(lab)
+    assert len(own["my_lab"]["sha256"]) == 64
+    assert "contact" in (run / "trials.csv").read_text()
+    assert "my_lab.edge:Edge" in (run / "report.html").read_text()
+    for asked in ("contact", "my_lab.edge:Edge"):
+        code, out, err = verb("replay", run, "--detector", asked)
+        assert code == 0, err
+        assert [json.loads(line)["event"] for line in out.splitlines()] == ["BaselineReady", "Contact"]
+
+
+def test_a_file_is_replayed_by_a_detector_that_is_found_in_the_present_folder(verb, lab, monkeypatch):
+    monkeypatch.chdir(lab)
+    rows = "\n".join(f"{0.01 * n:.2f},{0.0 if n < 5 else 1.0}" for n in range(10))
+    (lab / "force.csv").write_text(f"t_s,force_n\n{rows}\n")
+    code, out, err = verb("replay", "force.csv", "--detector", "my_lab.edge:Edge", "--set", "threshold_n=0.5")
+    assert code == 0, err
+    assert json.loads(out.splitlines()[-1])["t_s"] == pytest.approx(0.05)
+
+
+def test_an_experiment_of_the_users_own_is_checked_run_and_reported(verb, lab):
+    assert verb("check", lab / "rest.toml")[0] == 0
+    code, _, err = verb("run", lab / "rest.toml", "--out", "runs")
+    assert code == 0, err
+    (run,) = lab.parent.glob("runs/*")
+    header, *rows = (run / "trials.csv").read_text().splitlines()
+    assert header == "trial,outcome,number,force_n"
+    assert len(rows) == 2
+    assert verb("report", run)[0] == 0
+    assert "force" in (run / "report.html").read_text()
+
+
+def test_a_run_is_not_resumed_by_another_version_of_the_users_own_code(verb, lab):
+    assert verb("run", lab / "rest.toml", "--out", "runs", "--no-report")[0] == 0
+    assert "all 2 trials are done" in verb("resume", "latest")[1]
+    (lab / "my_lab" / "rest.py").write_text(EXPERIMENT.replace("mean()", "max()"))
+    code, _, err = verb("resume", "latest")
+    assert code == 2
+    assert "was run by another program (own.my_lab.sha256: " in err
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("my_lab.edge:", "must be MODULE:CLASS, as in my_lab.edge:Edge"),
+        ("my_lab.ege:Edge", "no module my_lab.ege in "),
+        ("nowhere:Edge", "no module nowhere in "),
+        ("my_lab.edge:Egde", "edge.py has no Egde"),
+        ("my_lab.rest:Rest", "is no detector: it has no push, reset"),
+        ("my_lab.broken:Edge", "my_lab.broken cannot be imported: SyntaxError: "),
+        ("my_lab.lacking:Edge", "cannot be imported: ModuleNotFoundError: No module named 'nothing_such' ("),
+        ("my_lab.plain:Edge", "the type of settings must be a class of Settings"),
+        ("config:Edge", "the name config is taken by a module of the program"),
+    ],
+)
+def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, said):
+    (lab / "my_lab" / "broken.py").write_text("class Edge:\n    def push(self\n")
+    (lab / "my_lab" / "lacking.py").write_text("import nothing_such\n")
+    (lab / "my_lab" / "plain.py").write_text("class Edge:\n    push = reset = None\n")
+    (lab / "config").mkdir()
+    code, _, err = verb("check", lab / "touch.toml", "--set", f"detectors.contact.kind={kind}")
+    assert code == 2
+    assert err.count("\n") == 1, err
+    assert f'[detectors.contact] kind = "{kind}": ' in err
+    assert said in err
+
+
+def test_a_setting_that_the_users_own_detector_does_not_know_is_an_error_with_its_place(verb, lab):
+    code, _, err = verb("check", lab / "touch.toml", "--set", "detectors.contact.threshold=1.0")
+    assert code == 2
+    assert "--set: [detectors.contact] threshold = 1.0: unknown key; did you mean 'threshold_n'?" in err
+
+
+def test_a_driver_of_the_users_own_has_no_emulated_device(verb, lab):
+    code, _, err = verb(
+        "check",
+        lab / "touch.toml",
+        "--set",
+        "devices.board.port=emulated",
+        "--set",
+        "devices.stage.port=emulated",
+    )
+    assert code == 2
+    assert 'port = "emulated": my_lab.cell:Cell has no emulated device; write "mock" or a real port' in err
