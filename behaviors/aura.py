@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, Strict
 
 from behaviors.events import Detected
-from behaviors.machine import StatePlan
+from behaviors.machine import StatePlan, on, with_failures
 from behaviors.sonic import Place, SonicBehavior, SonicSettings, coming_in, going_out
 from drivers.messages import Stop
 from drivers.settings import Settings, StreamName
@@ -102,63 +102,32 @@ class Aura(SonicBehavior):
 
     initial = States.CLEARING
     final = frozenset({States.DONE, States.FAILED})
-    table = (
+    table = with_failures(
+        States,
         *coming_in(States),
-        {"trigger": "deadline", "source": States.BASELINE, "dest": States.APPROACHING},
-        {
-            "trigger": "contact",
-            "source": States.APPROACHING,
-            "dest": States.STOPPING,
-            "conditions": "acting",
-            "label": "where it is to touch",
-        },
-        {
-            "trigger": "reached",
-            "source": States.APPROACHING,
-            "dest": States.HOLDING,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.STOPPING,
-            "dest": States.HOLDING,
-            "conditions": "from_mover",
-        },
-        {"trigger": "deadline", "source": States.HOLDING, "dest": States.RETRACTING},
-        {
-            "trigger": "reached",
-            "source": States.RETRACTING,
-            "dest": States.ENTERING,
-            "conditions": ["from_mover", "again", "was_paused"],
-            "label": "again, after a pause",
-        },
-        {
-            "trigger": "reached",
-            "source": States.RETRACTING,
-            "dest": States.BASELINE,
-            "conditions": ["from_mover", "again"],
-            "label": "again",
-        },
-        {
-            "trigger": "reached",
-            "source": States.RETRACTING,
-            "dest": States.LEAVING,
-            "conditions": "from_mover",
-        },
-        {"trigger": "resumed", "source": States.BASELINE, "dest": States.ENTERING},
-        {
-            "trigger": "resumed",
-            "source": States.APPROACHING,
-            "dest": States.RETRACTING,
-            "before": ["say_paused", "say_broken_off"],
-        },
-        {
-            "trigger": "resumed",
-            "source": [States.STOPPING, States.HOLDING, States.RETRACTING],
-            "dest": States.RETRACTING,
-            "before": "say_paused",
-        },
-        *going_out(States, rests=(States.BASELINE, States.HOLDING)),
+        on("deadline", States.BASELINE, States.APPROACHING),
+        on("contact", States.APPROACHING, States.STOPPING, "acting", label="where it is to touch"),
+        on("reached", States.APPROACHING, States.HOLDING, "from_mover"),
+        on("standstill", States.STOPPING, States.HOLDING, "from_mover"),
+        on("deadline", States.HOLDING, States.RETRACTING),
+        on(
+            "reached",
+            States.RETRACTING,
+            States.ENTERING,
+            ["from_mover", "again", "was_paused"],
+            label="again, after a pause",
+        ),
+        on("reached", States.RETRACTING, States.BASELINE, ["from_mover", "again"], label="again"),
+        on("reached", States.RETRACTING, States.LEAVING, "from_mover"),
+        on("resumed", States.BASELINE, States.ENTERING),
+        on("resumed", States.APPROACHING, States.RETRACTING, do=["note_pause", "repeat_approach"]),
+        on(
+            "resumed",
+            [States.STOPPING, States.HOLDING, States.RETRACTING],
+            States.RETRACTING,
+            do="note_pause",
+        ),
+        *going_out(States),
     )
     settings: AuraSettings
 
@@ -205,11 +174,11 @@ class Aura(SonicBehavior):
         """Whether there was a pause since the detectors began."""
         return self._paused
 
-    def say_paused(self) -> None:
+    def note_pause(self) -> None:
         """Detectors that are still armed said things to nobody."""
         self._paused = True
 
-    def say_broken_off(self) -> None:
+    def repeat_approach(self) -> None:
         """A pause broke the approach off: it is made once more."""
         self._left_to_do += 1
 

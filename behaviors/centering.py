@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 from behaviors.centering_settings import CenteringFactors, CenteringSettings
 from behaviors.events import Detected, PreTouch
-from behaviors.machine import StatePlan
+from behaviors.machine import StatePlan, on, with_failures
 from behaviors.sonic import Place, SonicBehavior, coming_in, going_out
 from drivers.messages import Grip, Gripped, MoveAt, MoveTo, Release, Standstill, Stop
 
@@ -59,167 +59,59 @@ class Centering(SonicBehavior):
     final = frozenset({States.DONE, States.FAILED})
     _seeking = (States.RUNNING_UP, States.SEEKING_FORWARD, States.SEEKING_BACKWARD)
     _turning = (States.REVERSING, States.TURNING)
-    table = (
+    table = with_failures(
+        States,
         *coming_in(States),
-        {
-            "trigger": "deadline",
-            "source": States.BASELINE,
-            "dest": States.RUNNING_UP,
-            "conditions": "running_up",
-            "label": "run-up",
-        },
-        {"trigger": "deadline", "source": States.BASELINE, "dest": States.SEEKING_FORWARD},
-        {
-            "trigger": "pre_touch",
-            "source": States.RUNNING_UP,
-            "dest": States.REVERSING,
-            "conditions": "by_right",
-            "label": "right finger",
-        },
-        {
-            "trigger": "standstill",
-            "source": list(_turning),
-            "dest": States.LEAVING,
-            "conditions": ["from_mover", "touch_held"],
-            "before": "say_touched",
-            "label": "a touch stands",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.REVERSING,
-            "dest": States.SEEKING_FORWARD,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "pre_touch",
-            "source": States.SEEKING_FORWARD,
-            "dest": States.TURNING,
-            "conditions": "by_left",
-            "label": "left finger",
-        },
-        {
-            "trigger": "reached",
-            "source": list(_seeking),
-            "dest": States.LEAVING,
-            "conditions": "from_mover",
-            "before": "say_unseen",
-            "label": "not seen",
-        },
-        {
-            "trigger": "contact",
-            "source": list(_seeking),
-            "dest": States.BACKING_OFF,
-            "conditions": "under_way",
-            "before": "say_touched",
-        },
-        {
-            "trigger": "contact_held",
-            "source": list(_seeking),
-            "dest": States.BACKING_OFF,
-            "before": "say_touched",
-            "label": "a touch while it was not heeded",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.TURNING,
-            "dest": States.SEEKING_BACKWARD,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "pre_touch",
-            "source": States.SEEKING_BACKWARD,
-            "dest": States.STOPPING,
-            "conditions": "by_right",
-            "label": "right finger",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.STOPPING,
-            "dest": States.CENTERING,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "reached",
-            "source": States.CENTERING,
-            "dest": States.RESTING,
-            "conditions": ["from_mover", "grasping"],
-            "label": "to grasp",
-        },
-        {
-            "trigger": "reached",
-            "source": States.CENTERING,
-            "dest": States.LEAVING,
-            "conditions": "from_mover",
-        },
-        {"trigger": "deadline", "source": States.RESTING, "dest": States.CLOSING},
-        {
-            "trigger": "gripped",
-            "source": States.CLOSING,
-            "dest": States.HOLDING,
-            "conditions": ["on_object", "both_touch"],
-            "label": "both fingers touch",
-        },
-        {
-            "trigger": "gripped",
-            "source": States.CLOSING,
-            "dest": States.CONFIRMING,
-            "conditions": "on_object",
-            "label": "object",
-        },
-        {
-            "trigger": "gripped",
-            "source": States.CLOSING,
-            "dest": States.RELEASING,
-            "before": "say_empty",
-            "label": "nothing there",
-        },
-        {
-            "trigger": "contact",
-            "source": States.CONFIRMING,
-            "dest": States.HOLDING,
-            "conditions": "both_touch",
-            "label": "both fingers touch",
-        },
-        {
-            "trigger": "deadline",
-            "source": States.CONFIRMING,
-            "dest": States.RELEASING,
-            "before": "say_unfelt",
-        },
-        {"trigger": "deadline", "source": States.HOLDING, "dest": States.RELEASING},
-        {
-            "trigger": "reached",
-            "source": States.RELEASING,
-            "dest": States.LEAVING,
-            "conditions": "from_gripper",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.BACKING_OFF,
-            "dest": States.LEAVING,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "resumed",
-            "source": [
+        on("deadline", States.BASELINE, States.RUNNING_UP, "running_up", label="run-up"),
+        on("deadline", States.BASELINE, States.SEEKING_FORWARD),
+        on("pre_touch", States.RUNNING_UP, States.REVERSING, "by_right", label="right finger"),
+        on(
+            "standstill",
+            list(_turning),
+            States.LEAVING,
+            ["from_mover", "touch_held"],
+            do="conclude_touched",
+            label="a touch stands",
+        ),
+        on("standstill", States.REVERSING, States.SEEKING_FORWARD, "from_mover"),
+        on("pre_touch", States.SEEKING_FORWARD, States.TURNING, "by_left", label="left finger"),
+        on("reached", list(_seeking), States.LEAVING, "from_mover", do="conclude_unseen", label="not seen"),
+        on("contact", list(_seeking), States.BACKING_OFF, "under_way", do="conclude_touched"),
+        on(
+            "contact_held",
+            list(_seeking),
+            States.BACKING_OFF,
+            do="conclude_touched",
+            label="a touch while it was not heeded",
+        ),
+        on("standstill", States.TURNING, States.SEEKING_BACKWARD, "from_mover"),
+        on("pre_touch", States.SEEKING_BACKWARD, States.STOPPING, "by_right", label="right finger"),
+        on("standstill", States.STOPPING, States.CENTERING, "from_mover"),
+        on("reached", States.CENTERING, States.RESTING, ["from_mover", "grasping"], label="to grasp"),
+        on("reached", States.CENTERING, States.LEAVING, "from_mover"),
+        on("deadline", States.RESTING, States.CLOSING),
+        on(
+            "gripped", States.CLOSING, States.HOLDING, ["on_object", "both_touch"], label="both fingers touch"
+        ),
+        on("gripped", States.CLOSING, States.CONFIRMING, "on_object", label="object"),
+        on("gripped", States.CLOSING, States.RELEASING, do="conclude_empty", label="nothing there"),
+        on("contact", States.CONFIRMING, States.HOLDING, "both_touch", label="both fingers touch"),
+        on("deadline", States.CONFIRMING, States.RELEASING, do="conclude_unfelt"),
+        on("deadline", States.HOLDING, States.RELEASING),
+        on("reached", States.RELEASING, States.LEAVING, "from_gripper"),
+        on("standstill", States.BACKING_OFF, States.LEAVING, "from_mover"),
+        on(
+            "resumed",
+            [
                 *(States.BASELINE, *_seeking, *_turning),
                 *(States.STOPPING, States.CENTERING, States.RESTING),
             ],
-            "dest": States.ENTERING,
-        },
-        {
-            "trigger": "resumed",
-            "source": [States.CLOSING, States.CONFIRMING],
-            "dest": States.RELEASING,
-            "before": "say_broken_off",
-        },
-        {
-            "trigger": "resumed",
-            "source": [States.HOLDING, States.RELEASING],
-            "dest": States.RELEASING,
-        },
-        {"trigger": "resumed", "source": States.BACKING_OFF, "dest": States.LEAVING},
-        *going_out(States, rests=(States.BASELINE, States.RESTING, States.CONFIRMING, States.HOLDING)),
+            States.ENTERING,
+        ),
+        on("resumed", [States.CLOSING, States.CONFIRMING], States.RELEASING, do="conclude_broken_off"),
+        on("resumed", [States.HOLDING, States.RELEASING], States.RELEASING),
+        on("resumed", States.BACKING_OFF, States.LEAVING),
+        *going_out(States),
     )
     settings: CenteringSettings
 
@@ -292,24 +184,24 @@ class Centering(SonicBehavior):
 
     # what is said of the outcome
 
-    def say_unseen(self) -> None:
+    def conclude_unseen(self) -> None:
         """The sweep ended before the finger ahead saw anything."""
         finger = "left" if self.state is self.States.SEEKING_FORWARD else "right"
         self.conclude("no_contact", f"the {finger} finger saw nothing within {self.settings.sweep_m:.6g} m")
 
-    def say_touched(self) -> None:
+    def conclude_touched(self) -> None:
         """The search touched what it should have seen."""
         self.conclude("contact", "touched during the search")
 
-    def say_empty(self) -> None:
+    def conclude_empty(self) -> None:
         """The jaws closed on nothing."""
         self.conclude("no_contact", "the jaws closed on nothing")
 
-    def say_unfelt(self) -> None:
+    def conclude_unfelt(self) -> None:
         """The jaws hold something that the fingers do not feel."""
         self.conclude("no_contact", f"no contact felt within {self.settings.confirm_s:.6g} s of the grip")
 
-    def say_broken_off(self) -> None:
+    def conclude_broken_off(self) -> None:
         """A pause came between the jaws and what they were to hold."""
         self.conclude("no_contact", "a pause broke the grip off")
 

@@ -7,7 +7,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from drivers.messages import Chirp, Excite
 from drivers.settings import DeviceName, Settings, StreamName
 
@@ -67,20 +67,12 @@ class ChirpSweep(Behavior):
 
     initial = States.SILENT
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
-    table = (
-        {"trigger": "deadline", "source": States.SILENT, "dest": States.SWEEPING},
-        {
-            "trigger": "reached",
-            "source": States.SWEEPING,
-            "dest": States.RINGING,
-            "conditions": "from_exciter",
-            "label": "sweep over",
-        },
-        {"trigger": "deadline", "source": States.RINGING, "dest": States.DONE},
-        {"trigger": "resumed", "source": [States.SILENT, States.SWEEPING], "dest": States.SILENT},
-        *failures(_alive, States.FAILED),
-        {"trigger": "deadline", "source": States.SWEEPING, "dest": States.FAILED, "before": "say_stuck"},
+    table = with_failures(
+        States,
+        on("deadline", States.SILENT, States.SWEEPING),
+        on("reached", States.SWEEPING, States.RINGING, "from_exciter", label="sweep over"),
+        on("deadline", States.RINGING, States.DONE),
+        on("resumed", [States.SILENT, States.SWEEPING], States.SILENT),
     )
 
     def __init__(self, settings: ChirpSettings, factors: ChirpFactors, detectors: frozenset[str]) -> None:

@@ -109,8 +109,7 @@ class Behavior:
 
     @staticmethod
     def _wired(row: Row) -> dict[str, Any]:
-        source = row["source"] if isinstance(row["source"], Enum) else list(row["source"])
-        return {key: value for key, value in row.items() if key != "label"} | {"source": source}
+        return {key: value for key, value in row.items() if key != "label"} | {"source": sources(row)}
 
     @property
     def event(self) -> Event:
@@ -146,7 +145,7 @@ class Behavior:
             if event.t_s >= self.wake_s - 1e-9:
                 self._fire("deadline")
         else:
-            self._came[_told(event)] = None
+            self._came[_described(event)] = None
             self._fire(trigger_of(event))
         return self._taken()
 
@@ -163,17 +162,17 @@ class Behavior:
         """Whether the status is the mover's."""
         return getattr(self.event, "device", None) == self._mover
 
-    def say_why(self) -> None:
+    def conclude_fault(self) -> None:
         """Before a transition on a failure: a device or detector could not go on."""
         self.outcome = "fault"
         who = getattr(self.event, "device", getattr(self.event, "detector", ""))
         self.reason = f"{who} {trigger_of(self.event).replace('_', ' ')}: {getattr(self.event, 'reason', '')}"
 
-    def say_guard(self) -> None:
+    def conclude_guard(self) -> None:
         """Before a transition on the guard's stop."""
         self.outcome, self.reason = "guard", getattr(self.event, "reason", "")
 
-    def say_late(self) -> None:
+    def conclude_late(self) -> None:
         """Before a transition on a deadline: what was waited for did not come, and nothing is wrong with the bench."""
         self.outcome = "aborted"
         came = ", ".join(self._came) or "nothing"
@@ -186,15 +185,14 @@ class Behavior:
         """What would have ended the present state in time, and who tells it."""
         words: dict[str, None] = {}
         for row in self.table:
-            sources = row["source"] if isinstance(row["source"], list | tuple) else [row["source"]]
-            if self.state in sources and row["trigger"] not in _NOT_AWAITED:
+            if self.state in sources(row) and row["trigger"] not in _NOT_AWAITED:
                 words[row["trigger"].replace("_", " ")] = None
         who = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
         return " or ".join(words) + (f" of {', '.join(who)}" if who else "")
 
-    def say_stuck(self) -> None:
+    def conclude_stuck(self) -> None:
         """Before a transition on the deadline of a motion: a device did not do its part."""
-        self.say_late()
+        self.conclude_late()
         self.outcome = "fault"
 
     def _fire(self, trigger: str) -> None:
@@ -213,10 +211,36 @@ class Behavior:
         return taken
 
 
-def failures(states: Sequence[Enum], failed: Enum) -> Sequence[Row]:
-    """Rows that every behavior has: from any of `states` to `failed` when a device or the guard gives up."""
-    given_up = [on(trigger, states, failed, do="say_why") for trigger in ("refused", "stalled", "failed")]
-    return [*given_up, on("guard_stopped", states, failed, do="say_guard")]
+def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
+    """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
+
+    A device or the guard that gives up fails the trial. So does a deadline in a state in which no row without a
+    condition says what follows from it: a device did not do its part.
+
+    Args:
+        states: Of the behavior, with `DONE` and `FAILED` at the end.
+        rows: What happens otherwise.
+    """
+    failed = states["FAILED"]
+    alive = [state for state in states if state not in (states["DONE"], failed)]
+    resting = {
+        state
+        for row in rows
+        if row["trigger"] == "deadline" and "conditions" not in row
+        for state in sources(row)
+    }
+    given_up = [
+        on(trigger, alive, failed, do="conclude_fault") for trigger in ("refused", "stalled", "failed")
+    ]
+    waiting = [state for state in alive if state not in resting]
+    stuck = [on("deadline", waiting, failed, do="conclude_stuck")] if waiting else []
+    return (*rows, *given_up, on("guard_stopped", alive, failed, do="conclude_guard"), *stuck)
+
+
+def sources(row: Row) -> Sequence[Enum]:
+    """The states from which a row leads."""
+    source = row["source"]
+    return [source] if isinstance(source, Enum) else list(source)
 
 
 _NOT_AWAITED = frozenset(
@@ -224,7 +248,7 @@ _NOT_AWAITED = frozenset(
 )
 
 
-def _told(event: Event) -> str:
+def _described(event: Event) -> str:
     """An event in a few words: what, of whom."""
     who = getattr(event, "device", getattr(event, "detector", ""))
     return f"{trigger_of(event).replace('_', ' ')}{f' of {who}' if who else ''}"
@@ -246,12 +270,11 @@ def mermaid(behavior: type[Behavior]) -> str:
     alive = [state for state in behavior.States if state not in behavior.final]
     for row in behavior.table:
         label = row["trigger"] + (f" [{row['label']}]" if "label" in row else "")
-        sources = list(row["source"]) if isinstance(row["source"], list | tuple) else [row["source"]]
-        if len(sources) > 2:
-            said = "any state" if sources == alive else ", ".join(source.name for source in sources)
+        if len(sources(row)) > 2:
+            said = "any state" if sources(row) == alive else ", ".join(each.name for each in sources(row))
             notes.setdefault((row["dest"].name, said), []).append(label)
         else:
-            lines += [f"    {source.name} --> {row['dest'].name}: {label}" for source in sources]
+            lines += [f"    {source.name} --> {row['dest'].name}: {label}" for source in sources(row)]
     lines += [f"    {state.name} --> [*]" for state in behavior.States if state in behavior.final]
     for (destination, said), labels in notes.items():
         lines.append(f"    note right of {destination}: from {said} on {', '.join(labels)}")

@@ -11,7 +11,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from behaviors.events import BaselineReady, Contact
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from drivers.messages import Home, MoveAt, Stop, Twist
 from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
@@ -113,78 +113,34 @@ class Pointer(Behavior):
 
     initial = States.HOMING
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
-    table = (
-        {"trigger": "reached", "source": States.HOMING, "dest": States.ZEROING, "conditions": "from_mover"},
-        {"trigger": "deadline", "source": States.ZEROING, "dest": States.TURNING},
-        {"trigger": "reached", "source": States.TURNING, "dest": States.WAITING, "conditions": "from_mover"},
-        {
-            "trigger": "standstill",
-            "source": States.TURNING,
-            "dest": States.WAITING,
-            "conditions": "from_mover",
-            "label": "the same angle again",
-        },
-        {
-            "trigger": "baseline_ready",
-            "source": States.WAITING,
-            "dest": States.DESCENDING,
-            "conditions": "of_touch",
-        },
-        {
-            "trigger": "contact",
-            "source": States.DESCENDING,
-            "dest": States.STOPPING,
-            "conditions": "touched",
-        },
-        {
-            "trigger": "reached",
-            "source": States.DESCENDING,
-            "dest": States.LIFTING,
-            "conditions": "from_mover",
-            "before": "say_no_contact",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.STOPPING,
-            "dest": States.RESTING,
-            "conditions": "from_mover",
-        },
-        {"trigger": "deadline", "source": States.RESTING, "dest": States.RECORDING},
-        {"trigger": "deadline", "source": States.RECORDING, "dest": States.LIFTING, "before": "say_recorded"},
-        {
-            "trigger": "reached",
-            "source": States.LIFTING,
-            "dest": States.UNTURNING,
-            "conditions": ["from_mover", "finished"],
-            "label": "all angles touched, or one without contact",
-        },
-        {
-            "trigger": "reached",
-            "source": States.LIFTING,
-            "dest": States.HOMING,
-            "conditions": ["from_mover", "astray"],
-            "label": "after a pause",
-        },
-        {"trigger": "reached", "source": States.LIFTING, "dest": States.TURNING, "conditions": "from_mover"},
-        {
-            "trigger": "reached",
-            "source": States.UNTURNING,
-            "dest": States.RETURNING,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.UNTURNING,
-            "dest": States.RETURNING,
-            "conditions": "from_mover",
-            "label": "not turned",
-        },
-        {"trigger": "reached", "source": States.RETURNING, "dest": States.DONE, "conditions": "from_mover"},
-        {"trigger": "resumed", "source": [States.HOMING, States.ZEROING], "dest": States.HOMING},
-        {
-            "trigger": "resumed",
-            "source": [
+    table = with_failures(
+        States,
+        on("reached", States.HOMING, States.ZEROING, "from_mover"),
+        on("deadline", States.ZEROING, States.TURNING),
+        on("reached", States.TURNING, States.WAITING, "from_mover"),
+        on("standstill", States.TURNING, States.WAITING, "from_mover", label="the same angle again"),
+        on("baseline_ready", States.WAITING, States.DESCENDING, "of_touch"),
+        on("contact", States.DESCENDING, States.STOPPING, "touched"),
+        on("reached", States.DESCENDING, States.LIFTING, "from_mover", do="conclude_no_contact"),
+        on("standstill", States.STOPPING, States.RESTING, "from_mover"),
+        on("deadline", States.RESTING, States.RECORDING),
+        on("deadline", States.RECORDING, States.LIFTING, do="count_recorded"),
+        on(
+            "reached",
+            States.LIFTING,
+            States.UNTURNING,
+            ["from_mover", "finished"],
+            label="all angles touched, or one without contact",
+        ),
+        on("reached", States.LIFTING, States.HOMING, ["from_mover", "astray"], label="after a pause"),
+        on("reached", States.LIFTING, States.TURNING, "from_mover"),
+        on("reached", States.UNTURNING, States.RETURNING, "from_mover"),
+        on("standstill", States.UNTURNING, States.RETURNING, "from_mover", label="not turned"),
+        on("reached", States.RETURNING, States.DONE, "from_mover"),
+        on("resumed", [States.HOMING, States.ZEROING], States.HOMING),
+        on(
+            "resumed",
+            [
                 States.TURNING,
                 States.WAITING,
                 States.DESCENDING,
@@ -193,36 +149,12 @@ class Pointer(Behavior):
                 States.RECORDING,
                 States.LIFTING,
             ],
-            "dest": States.LIFTING,
-            "before": "say_astray",
-        },
-        {
-            "trigger": "resumed",
-            "source": [States.UNTURNING, States.RETURNING],
-            "dest": States.RETURNING,
-        },
-        {
-            "trigger": "baseline_refused",
-            "source": [States.WAITING, States.DESCENDING],
-            "dest": States.FAILED,
-            "before": "say_why",
-        },
-        *failures(_alive, States.FAILED),
-        {
-            "trigger": "deadline",
-            "source": [
-                States.HOMING,
-                States.TURNING,
-                States.DESCENDING,
-                States.STOPPING,
-                States.LIFTING,
-                States.UNTURNING,
-                States.RETURNING,
-            ],
-            "dest": States.FAILED,
-            "before": "say_stuck",
-        },
-        {"trigger": "deadline", "source": States.WAITING, "dest": States.FAILED, "before": "say_late"},
+            States.LIFTING,
+            do="note_astray",
+        ),
+        on("resumed", [States.UNTURNING, States.RETURNING], States.RETURNING),
+        on("baseline_refused", [States.WAITING, States.DESCENDING], States.FAILED, do="conclude_fault"),
+        on("deadline", States.WAITING, States.FAILED, do="conclude_late"),
     )
 
     def __init__(self, settings: PointerSettings, factors: PointerFactors, detectors: frozenset[str]) -> None:
@@ -278,17 +210,17 @@ class Pointer(Behavior):
 
     # what is said
 
-    def say_astray(self) -> None:
+    def note_astray(self) -> None:
         """A turn may have been broken off: the angle counts from the start pose once more."""
         self._astray = True
 
-    def say_recorded(self) -> None:
+    def count_recorded(self) -> None:
         """One touch more is on record."""
         self._recorded += 1
         if self.finished():
             self.conclude("contact")
 
-    def say_no_contact(self) -> None:
+    def conclude_no_contact(self) -> None:
         """A descent ended at its limit."""
         self._missed = True
         angle_rad = self.settings.turns_rad[self._recorded]

@@ -9,7 +9,7 @@ from enum import Enum, auto
 from typing import Any
 
 from behaviors.events import Contact, Detected
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from drivers.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
 
@@ -18,14 +18,14 @@ def _following(source: Enum, trigger: str, steps: Sequence[Enum]) -> Sequence[Ma
     """Rows from a state to whatever step comes next."""
     mover = ["from_mover"] if trigger == "reached" else []
     return [
-        {
-            "trigger": trigger,
-            "source": source,
-            "dest": step,
-            "conditions": [*mover, f"next_is_{step.name.lower()}"],
-            "before": "take_step",
-            "label": f"next: {step.name.lower()}",
-        }
+        on(
+            trigger,
+            source,
+            step,
+            [*mover, f"next_is_{step.name.lower()}"],
+            do="take_step",
+            label=f"next: {step.name.lower()}",
+        )
         for step in steps
         if step is not source
     ]
@@ -64,139 +64,57 @@ class RollSlip(Behavior):
 
     initial = States.HOMING
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
     _pressed = (States.HOLDING, States.LOADING, States.ROLLING, States.SLIPPING)
-    table = (
-        {"trigger": "reached", "source": States.HOMING, "dest": States.ZEROING, "conditions": "from_mover"},
-        {
-            "trigger": "deadline",
-            "source": States.ZEROING,
-            "dest": States.TILTING,
-            "conditions": "tilted",
-            "label": "tilted touch",
-        },
-        {"trigger": "deadline", "source": States.ZEROING, "dest": States.RESTING},
-        {"trigger": "reached", "source": States.TILTING, "dest": States.RESTING, "conditions": "from_mover"},
-        {"trigger": "deadline", "source": States.RESTING, "dest": States.DESCENDING},
-        {
-            "trigger": "contact",
-            "source": States.DESCENDING,
-            "dest": States.STOPPING,
-            "conditions": "touched",
-        },
-        {
-            "trigger": "reached",
-            "source": States.DESCENDING,
-            "dest": States.LIFTING,
-            "conditions": "from_mover",
-            "before": "say_no_contact",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.STOPPING,
-            "dest": States.PRESSING,
-            "conditions": "from_mover",
-            "before": "note_touch",
-        },
+    table = with_failures(
+        States,
+        on("reached", States.HOMING, States.ZEROING, "from_mover"),
+        on("deadline", States.ZEROING, States.TILTING, "tilted", label="tilted touch"),
+        on("deadline", States.ZEROING, States.RESTING),
+        on("reached", States.TILTING, States.RESTING, "from_mover"),
+        on("deadline", States.RESTING, States.DESCENDING),
+        on("contact", States.DESCENDING, States.STOPPING, "touched"),
+        on("reached", States.DESCENDING, States.LIFTING, "from_mover", do="conclude_no_contact"),
+        on("standstill", States.STOPPING, States.PRESSING, "from_mover", do="note_touch"),
         *_following(States.PRESSING, "reached", _pressed),
         *_following(States.HOLDING, "deadline", _pressed),
         *_following(States.LOADING, "reached", _pressed),
         *_following(States.ROLLING, "reached", _pressed),
         *_following(States.SLIPPING, "reached", _pressed),
-        {"trigger": "deadline", "source": States.HOLDING, "dest": States.LIFTING},
-        {"trigger": "reached", "source": States.LOADING, "dest": States.LIFTING, "conditions": "from_mover"},
-        {"trigger": "reached", "source": States.ROLLING, "dest": States.LIFTING, "conditions": "from_mover"},
-        {"trigger": "reached", "source": States.SLIPPING, "dest": States.LIFTING, "conditions": "from_mover"},
-        {
-            "trigger": "slip_started",
-            "source": [States.LOADING, States.ROLLING, States.SLIPPING],
-            "dest": States.HALTING,
-            "conditions": "must_stop",
-            "before": "cut_step",
-            "label": "stop_on_slip",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.HALTING,
-            "dest": States.STOPPED,
-            "conditions": "from_mover",
-        },
-        {"trigger": "deadline", "source": States.STOPPED, "dest": States.LIFTING},
-        {
-            "trigger": "reached",
-            "source": States.LIFTING,
-            "dest": States.HOMING,
-            "conditions": ["from_mover", "anew"],
-            "label": "after a pause in the descent",
-        },
-        {
-            "trigger": "reached",
-            "source": States.LIFTING,
-            "dest": States.LEVELLING,
-            "conditions": ["from_mover", "turned"],
-            "label": "tip at an angle",
-        },
-        {
-            "trigger": "reached",
-            "source": States.LIFTING,
-            "dest": States.RETURNING,
-            "conditions": "from_mover",
-        },
-        {
-            "trigger": "reached",
-            "source": States.LEVELLING,
-            "dest": States.RETURNING,
-            "conditions": "from_mover",
-        },
-        {"trigger": "reached", "source": States.RETURNING, "dest": States.DONE, "conditions": "from_mover"},
-        {
-            "trigger": "resumed",
-            "source": [States.HOMING, States.ZEROING, States.TILTING, States.RESTING],
-            "dest": States.HOMING,
-        },
-        {
-            "trigger": "resumed",
-            "source": States.DESCENDING,
-            "dest": States.LIFTING,
-            "before": "say_anew",
-        },
-        {
-            "trigger": "resumed",
-            "source": [States.STOPPING, States.PRESSING, *_pressed, States.HALTING, States.STOPPED],
-            "dest": States.LIFTING,
-            "before": "say_interrupted",
-        },
-        {
-            "trigger": "resumed",
-            "source": [States.LIFTING, States.LEVELLING, States.RETURNING],
-            "dest": States.LIFTING,
-        },
-        {
-            "trigger": "baseline_refused",
-            "source": [States.RESTING, States.DESCENDING],
-            "dest": States.FAILED,
-            "before": "say_why",
-        },
-        *failures(_alive, States.FAILED),
-        {
-            "trigger": "deadline",
-            "source": [
-                States.HOMING,
-                States.TILTING,
-                States.DESCENDING,
-                States.STOPPING,
-                States.PRESSING,
-                States.LOADING,
-                States.ROLLING,
-                States.SLIPPING,
-                States.HALTING,
-                States.LIFTING,
-                States.LEVELLING,
-                States.RETURNING,
-            ],
-            "dest": States.FAILED,
-            "before": "say_stuck",
-        },
+        on("deadline", States.HOLDING, States.LIFTING),
+        on("reached", States.LOADING, States.LIFTING, "from_mover"),
+        on("reached", States.ROLLING, States.LIFTING, "from_mover"),
+        on("reached", States.SLIPPING, States.LIFTING, "from_mover"),
+        on(
+            "slip_started",
+            [States.LOADING, States.ROLLING, States.SLIPPING],
+            States.HALTING,
+            "must_stop",
+            do="cut_step",
+            label="stop_on_slip",
+        ),
+        on("standstill", States.HALTING, States.STOPPED, "from_mover"),
+        on("deadline", States.STOPPED, States.LIFTING),
+        on(
+            "reached",
+            States.LIFTING,
+            States.HOMING,
+            ["from_mover", "anew"],
+            label="after a pause in the descent",
+        ),
+        on("reached", States.LIFTING, States.LEVELLING, ["from_mover", "turned"], label="tip at an angle"),
+        on("reached", States.LIFTING, States.RETURNING, "from_mover"),
+        on("reached", States.LEVELLING, States.RETURNING, "from_mover"),
+        on("reached", States.RETURNING, States.DONE, "from_mover"),
+        on("resumed", [States.HOMING, States.ZEROING, States.TILTING, States.RESTING], States.HOMING),
+        on("resumed", States.DESCENDING, States.LIFTING, do="begin_anew"),
+        on(
+            "resumed",
+            [States.STOPPING, States.PRESSING, *_pressed, States.HALTING, States.STOPPED],
+            States.LIFTING,
+            do="conclude_interrupted",
+        ),
+        on("resumed", [States.LIFTING, States.LEVELLING, States.RETURNING], States.LIFTING),
+        on("baseline_refused", [States.RESTING, States.DESCENDING], States.FAILED, do="conclude_fault"),
     )
 
     def __init__(
@@ -327,15 +245,15 @@ class RollSlip(Behavior):
         done = (self.event.t_s - self._entered_s) / step.duration_s
         self._turned_rad -= step.turn_rad * (1.0 - min(1.0, max(0.0, done)))
 
-    def say_no_contact(self) -> None:
+    def conclude_no_contact(self) -> None:
         """The descent ended at its limit."""
         self.conclude("no_contact", f"no contact up to {self.settings.descend_limit_m:.6g} m")
 
-    def say_anew(self) -> None:
+    def begin_anew(self) -> None:
         """Paused in the descent: a contact is not heeded while paused, so the tip may stand on the table."""
         self._anew = True
 
-    def say_interrupted(self) -> None:
+    def conclude_interrupted(self) -> None:
         """Paused in contact: what was pressed and rolled cannot be taken up again."""
         if self.state is self.States.ROLLING:
             self._turned_rad = 0.0  # broken off somewhere: `Home` turns back what there is, and no more

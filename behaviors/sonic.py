@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from enum import Enum
-from typing import Any
 
 from pydantic import Field
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, Event
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, Row, StatePlan, on
 from drivers.messages import Command, Excite, Home, MovePose, Release, Stop, Tone
 from drivers.settings import DeviceName, Settings
 
@@ -51,7 +50,7 @@ class SonicSettings(Settings):
     """Longest stay in any state that waits for a motion."""
 
 
-def coming_in(states: type[Enum]) -> Sequence[Mapping[str, Any]]:
+def coming_in(states: type[Enum]) -> Sequence[Row]:
     """Rows of the way in: up to where the jaws are empty, open them there, down to the place, rest.
 
     A pause on this way begins it anew. Nobody leaves the rest towards an object with a touch that stands: it was said,
@@ -61,46 +60,26 @@ def coming_in(states: type[Enum]) -> Sequence[Mapping[str, Any]]:
     clearing, calibrating, opening, entering = way
     baseline, leaving = states["BASELINE"], states["LEAVING"]
     return [
-        {"trigger": "reached", "source": clearing, "dest": calibrating, "conditions": "from_mover"},
-        {"trigger": "reached", "source": calibrating, "dest": opening, "conditions": "from_gripper"},
-        {"trigger": "reached", "source": opening, "dest": entering, "conditions": "from_gripper"},
-        {"trigger": "reached", "source": entering, "dest": baseline, "conditions": "from_mover"},
-        {"trigger": "resumed", "source": way, "dest": clearing},
+        on("reached", clearing, calibrating, "from_mover"),
+        on("reached", calibrating, opening, "from_gripper"),
+        on("reached", opening, entering, "from_gripper"),
+        on("reached", entering, baseline, "from_mover"),
+        on("resumed", way, clearing),
         *(
-            {
-                "trigger": trigger,
-                "source": baseline,
-                "dest": leaving,
-                "conditions": "touched",
-                "before": "say_touched_at_rest",
-                "label": "a touch stands",
-            }
+            on(trigger, baseline, leaving, "touched", do="conclude_touched_at_rest", label="a touch stands")
             for trigger in ("deadline", "resumed")
         ),
     ]
 
 
-def going_out(states: type[Enum], *, rests: Sequence[Enum]) -> Sequence[Mapping[str, Any]]:
-    """Rows of the end: away and done, or failed.
-
-    Args:
-        states: Of the behavior.
-        rests: States in which no device is waited for. In any other one a deadline is a device that did not do its
-            part.
-    """
+def going_out(states: type[Enum]) -> Sequence[Row]:
+    """Rows of the end: away and done, or failed for want of a baseline."""
     leaving, done, failed = states["LEAVING"], states["DONE"], states["FAILED"]
     alive = [state for state in states if state not in (done, failed)]
     return [
-        {"trigger": "reached", "source": leaving, "dest": done, "conditions": "from_mover"},
-        {"trigger": "resumed", "source": leaving, "dest": leaving},
-        {"trigger": "baseline_refused", "source": alive, "dest": failed, "before": "say_why"},
-        *failures(alive, failed),
-        {
-            "trigger": "deadline",
-            "source": [state for state in alive if state not in rests],
-            "dest": failed,
-            "before": "say_stuck",
-        },
+        on("reached", leaving, done, "from_mover"),
+        on("resumed", leaving, leaving),
+        on("baseline_refused", alive, failed, do="conclude_fault"),
     ]
 
 
@@ -165,7 +144,7 @@ class SonicBehavior(Behavior):
 
     # what is said of the outcome
 
-    def say_touched_at_rest(self) -> None:
+    def conclude_touched_at_rest(self) -> None:
         """There is a touch where there should be none."""
         who = ", ".join(sorted(self._touching))
         self.outcome = "contact"

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from drivers.messages import Excite, Home, MoveTo, Stop
 from drivers.settings import DeviceName, Settings, StreamName
 
@@ -94,35 +94,19 @@ class Static(Behavior):
 
     initial = States.HOMING
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
-    table = (
-        {"trigger": "reached", "source": States.HOMING, "dest": States.STARTING, "conditions": "from_mover"},
-        {
-            "trigger": "reached",
-            "source": States.STARTING,
-            "dest": States.SETTLING,
-            "conditions": "from_mover",
-        },
-        {"trigger": "deadline", "source": States.SETTLING, "dest": States.PLACING},
-        {"trigger": "reached", "source": States.PLACING, "dest": States.RESTING, "conditions": "from_mover"},
-        {"trigger": "deadline", "source": States.RESTING, "dest": States.RECORDING},
-        {"trigger": "deadline", "source": States.RECORDING, "dest": States.RETRACTING},
-        {"trigger": "reached", "source": States.RETRACTING, "dest": States.DONE, "conditions": "from_mover"},
-        {"trigger": "resumed", "source": States.HOMING, "dest": States.HOMING},
-        {"trigger": "resumed", "source": States.STARTING, "dest": States.STARTING},
-        {
-            "trigger": "resumed",
-            "source": [States.PLACING, States.RESTING, States.RECORDING],
-            "dest": States.PLACING,
-        },
-        {"trigger": "resumed", "source": States.RETRACTING, "dest": States.RETRACTING},
-        *failures(_alive, States.FAILED),
-        {
-            "trigger": "deadline",
-            "source": [States.HOMING, States.STARTING, States.PLACING, States.RETRACTING],
-            "dest": States.FAILED,
-            "before": "say_stuck",
-        },
+    table = with_failures(
+        States,
+        on("reached", States.HOMING, States.STARTING, "from_mover"),
+        on("reached", States.STARTING, States.SETTLING, "from_mover"),
+        on("deadline", States.SETTLING, States.PLACING),
+        on("reached", States.PLACING, States.RESTING, "from_mover"),
+        on("deadline", States.RESTING, States.RECORDING),
+        on("deadline", States.RECORDING, States.RETRACTING),
+        on("reached", States.RETRACTING, States.DONE, "from_mover"),
+        on("resumed", States.HOMING, States.HOMING),
+        on("resumed", States.STARTING, States.STARTING),
+        on("resumed", [States.PLACING, States.RESTING, States.RECORDING], States.PLACING),
+        on("resumed", States.RETRACTING, States.RETRACTING),
     )
 
     def __init__(self, settings: StaticSettings, factors: StaticFactors, detectors: frozenset[str]) -> None:

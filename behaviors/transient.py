@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from behaviors.events import Contact, Detected
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from drivers.messages import Excite, Home, MoveAt, MoveTo, Stop
 from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
@@ -94,86 +94,32 @@ class Transient(Behavior):
 
     initial = States.HOMING
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
-    table = (
-        {"trigger": "reached", "source": States.HOMING, "dest": States.STARTING, "conditions": "from_mover"},
-        {
-            "trigger": "reached",
-            "source": States.STARTING,
-            "dest": States.SETTLING,
-            "conditions": ["from_mover", "unsettled"],
-            "label": "first time",
-        },
-        {
-            "trigger": "reached",
-            "source": States.STARTING,
-            "dest": States.BASELINE,
-            "conditions": "from_mover",
-            "label": "after a pause",
-        },
-        {"trigger": "deadline", "source": States.SETTLING, "dest": States.BASELINE},
-        {
-            "trigger": "baseline_ready",
-            "source": States.BASELINE,
-            "dest": States.APPROACH,
-            "conditions": "all_ready",
-            "label": "all detectors",
-        },
-        {
-            "trigger": "contact",
-            "source": States.BASELINE,
-            "dest": States.RETRACTING,
-            "conditions": "acting",
-            "before": "say_contact",
-            "label": "while another detector still learns",
-        },
-        {"trigger": "contact", "source": States.APPROACH, "dest": States.STOPPING, "conditions": "acting"},
-        {
-            "trigger": "reached",
-            "source": States.APPROACH,
-            "dest": States.RETRACTING,
-            "conditions": "from_mover",
-            "before": "say_no_contact",
-        },
-        {
-            "trigger": "deadline",
-            "source": States.APPROACH,
-            "dest": States.STOPPING,
-            "before": "say_no_contact",
-        },
-        {
-            "trigger": "standstill",
-            "source": States.STOPPING,
-            "dest": States.HOLDING,
-            "conditions": "from_mover",
-        },
-        {"trigger": "deadline", "source": States.HOLDING, "dest": States.RETRACTING},
-        {"trigger": "reached", "source": States.RETRACTING, "dest": States.DONE, "conditions": "from_mover"},
-        {
-            "trigger": "resumed",
-            "source": [States.STARTING, States.BASELINE, States.APPROACH],
-            "dest": States.STARTING,
-        },
-        {"trigger": "resumed", "source": States.HOMING, "dest": States.HOMING},
-        {
-            "trigger": "resumed",
-            "source": [States.STOPPING, States.HOLDING, States.RETRACTING],
-            "dest": States.RETRACTING,
-        },
-        {
-            "trigger": "baseline_refused",
-            "source": States.BASELINE,
-            "dest": States.FAILED,
-            "before": "say_why",
-        },
-        *failures(_alive, States.FAILED),
-        {
-            "trigger": "deadline",
-            "source": [States.HOMING, States.STARTING, States.STOPPING, States.RETRACTING],
-            "dest": States.FAILED,
-            "before": "say_stuck",
-        },
-        {"trigger": "deadline", "source": States.BASELINE, "dest": States.FAILED, "before": "say_late"},
+    table = with_failures(
+        States,
+        on("reached", States.HOMING, States.STARTING, "from_mover"),
+        on("reached", States.STARTING, States.SETTLING, ["from_mover", "unsettled"], label="first time"),
+        on("reached", States.STARTING, States.BASELINE, "from_mover", label="after a pause"),
+        on("deadline", States.SETTLING, States.BASELINE),
+        on("baseline_ready", States.BASELINE, States.APPROACH, "all_ready", label="all detectors"),
+        on(
+            "contact",
+            States.BASELINE,
+            States.RETRACTING,
+            "acting",
+            do="conclude_contact",
+            label="while another detector still learns",
+        ),
+        on("contact", States.APPROACH, States.STOPPING, "acting"),
+        on("reached", States.APPROACH, States.RETRACTING, "from_mover", do="conclude_no_contact"),
+        on("deadline", States.APPROACH, States.STOPPING, do="conclude_no_contact"),
+        on("standstill", States.STOPPING, States.HOLDING, "from_mover"),
+        on("deadline", States.HOLDING, States.RETRACTING),
+        on("reached", States.RETRACTING, States.DONE, "from_mover"),
+        on("resumed", [States.STARTING, States.BASELINE, States.APPROACH], States.STARTING),
+        on("resumed", States.HOMING, States.HOMING),
+        on("resumed", [States.STOPPING, States.HOLDING, States.RETRACTING], States.RETRACTING),
+        on("baseline_refused", States.BASELINE, States.FAILED, do="conclude_fault"),
+        on("deadline", States.BASELINE, States.FAILED, do="conclude_late"),
     )
 
     def __init__(
@@ -221,11 +167,11 @@ class Transient(Behavior):
 
     # what is said of the outcome
 
-    def say_contact(self) -> None:
+    def conclude_contact(self) -> None:
         """The acting detector spoke before the approach began: the measure will call it false."""
         self.conclude("contact")
 
-    def say_no_contact(self) -> None:
+    def conclude_no_contact(self) -> None:
         """The approach ended at its limit."""
         self.conclude("no_contact", f"no contact up to {self.settings.approach_limit_m:.6g} m")
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from drivers.messages import Ask, Loaded, LoadWeight
 from drivers.settings import DeviceName, Settings, StreamName
 
@@ -118,37 +118,16 @@ class Weights(Behavior):
 
     initial = States.SETTING_UP
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
-    table = (
-        {
-            "trigger": "answered",
-            "source": States.SETTING_UP,
-            "dest": States.HANGING,
-            "conditions": "from_operator",
-        },
-        {
-            "trigger": "loaded",
-            "source": States.HANGING,
-            "dest": States.DONE,
-            "conditions": ["as_asked", "finished"],
-            "label": "all taken off at the end",
-        },
-        {"trigger": "loaded", "source": States.HANGING, "dest": States.SWINGING, "conditions": "as_asked"},
-        {"trigger": "deadline", "source": States.SWINGING, "dest": States.RECORDING},
-        {"trigger": "deadline", "source": States.RECORDING, "dest": States.HANGING, "before": "say_recorded"},
-        {"trigger": "resumed", "source": States.SETTING_UP, "dest": States.SETTING_UP},
-        {
-            "trigger": "resumed",
-            "source": [States.HANGING, States.SWINGING, States.RECORDING],
-            "dest": States.HANGING,
-        },
-        *failures(_alive, States.FAILED),
-        {
-            "trigger": "deadline",
-            "source": [States.SETTING_UP, States.HANGING],
-            "dest": States.FAILED,
-            "before": "say_nobody",
-        },
+    table = with_failures(
+        States,
+        on("answered", States.SETTING_UP, States.HANGING, "from_operator"),
+        on("loaded", States.HANGING, States.DONE, ["as_asked", "finished"], label="all taken off at the end"),
+        on("loaded", States.HANGING, States.SWINGING, "as_asked"),
+        on("deadline", States.SWINGING, States.RECORDING),
+        on("deadline", States.RECORDING, States.HANGING, do="count_recorded"),
+        on("resumed", States.SETTING_UP, States.SETTING_UP),
+        on("resumed", [States.HANGING, States.SWINGING, States.RECORDING], States.HANGING),
+        on("deadline", [States.SETTING_UP, States.HANGING], States.FAILED, do="conclude_unanswered"),
     )
 
     def __init__(self, settings: WeightsSettings, factors: WeightsFactors, detectors: frozenset[str]) -> None:
@@ -195,13 +174,13 @@ class Weights(Behavior):
 
     # what is said
 
-    def say_recorded(self) -> None:
+    def count_recorded(self) -> None:
         """One load more is on record."""
         self._recorded += 1
         if self.finished():
             self.conclude("contact")
 
-    def say_nobody(self) -> None:
+    def conclude_unanswered(self) -> None:
         """The person did not answer."""
         self.outcome = "aborted"
         self.reason = (

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from behaviors.events import Contact, Detected, Event
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from benchmarks.results import save, table
 from benchmarks.silent import Silent
 from config import assemble
@@ -80,14 +80,12 @@ class BackAndForth(Behavior):
 
     initial = States.HOMING
     final = frozenset({States.DONE, States.FAILED})
-    _alive = tuple(States)[:-2]
-    table = (
-        {"trigger": "reached", "source": States.HOMING, "dest": States.MOVING},
-        {"trigger": "contact", "source": States.MOVING, "dest": States.STOPPING},
-        {"trigger": "standstill", "source": States.STOPPING, "dest": States.DONE, "conditions": "enough"},
-        {"trigger": "standstill", "source": States.STOPPING, "dest": States.MOVING},
-        *failures(_alive, States.FAILED),
-        {"trigger": "deadline", "source": _alive, "dest": States.FAILED, "before": "say_late"},
+    table = with_failures(
+        States,
+        on("reached", States.HOMING, States.MOVING),
+        on("contact", States.MOVING, States.STOPPING),
+        on("standstill", States.STOPPING, States.DONE, "enough"),
+        on("standstill", States.STOPPING, States.MOVING),
     )
 
     def __init__(self, mover: str, stops: int) -> None:

@@ -43,7 +43,7 @@ EXPERIMENT = '''
 
 from enum import Enum, auto
 
-from behaviors.machine import Behavior, StatePlan, failures, on
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from drivers.settings import Settings, StreamName
 
 COLUMNS = ("force_n",)
@@ -66,9 +66,9 @@ class Rest(Behavior):
 
     initial = States.RESTING
     final = frozenset({States.DONE, States.FAILED})
-    table = (
+    table = with_failures(
+        States,
         on("deadline", States.RESTING, States.DONE),
-        *failures([States.RESTING], States.FAILED),
     )
 
     def __init__(self, settings: RestSettings, factors: RestFactors, detectors: frozenset[str]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, GuardStopped, Paused, Resumed
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from controller import loop as loop_module
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
@@ -154,15 +154,13 @@ class Approach(Behavior):
 
     initial = States.REST
     final = frozenset({States.DONE, States.FAILED})
-    table = (
-        {"trigger": "deadline", "source": States.REST, "dest": States.APPROACH},
-        {"trigger": "contact", "source": States.APPROACH, "dest": States.STOPPING},
-        {"trigger": "reached", "source": States.APPROACH, "dest": States.DONE},
-        {"trigger": "deadline", "source": States.APPROACH, "dest": States.FAILED, "before": "say_stuck"},
-        {"trigger": "standstill", "source": States.STOPPING, "dest": States.DONE},
-        {"trigger": "deadline", "source": States.STOPPING, "dest": States.FAILED, "before": "say_stuck"},
-        {"trigger": "resumed", "source": States.APPROACH, "dest": States.REST},
-        *failures((States.REST, States.APPROACH, States.STOPPING), States.FAILED),
+    table = with_failures(
+        States,
+        on("deadline", States.REST, States.APPROACH),
+        on("contact", States.APPROACH, States.STOPPING),
+        on("reached", States.APPROACH, States.DONE),
+        on("standstill", States.STOPPING, States.DONE),
+        on("resumed", States.APPROACH, States.REST),
     )
 
     def __init__(self, rest_s=0.1, listening=frozenset({"contact"}), resting=frozenset(), **named):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from behaviors.machine import Behavior, StatePlan, failures
+from behaviors.machine import Behavior, StatePlan, on, with_failures
 from controller.guard import Guard, GuardSettings
 from controller.loop import Loop, LoopSettings
 from controller.rig import Rig
@@ -49,10 +49,10 @@ class Hasty(Behavior):
 
     initial = States.FIRST
     final = frozenset({States.DONE, States.FAILED})
-    table = (
-        {"trigger": "deadline", "source": States.FIRST, "dest": States.SECOND},
-        {"trigger": "reached", "source": States.SECOND, "dest": States.DONE},
-        *failures((States.FIRST, States.SECOND), States.FAILED),
+    table = with_failures(
+        States,
+        on("deadline", States.FIRST, States.SECOND),
+        on("reached", States.SECOND, States.DONE),
     )
 
     def __init__(self):
