@@ -29,9 +29,9 @@ from benchmarks.slip.wording import per_reset
 from controller.detectors.calibration import Statistic, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.slip_verdicts import VERDICTS
+from drivers.mock.physics.fingertip_settings import CONVERTER_V, FINGER, PLANTS, Sensor, SlipBenchSettings
 from drivers.mock.physics.noise import gaussian_at
-from drivers.mock.wiring.slip_bench import SlipBench
-from drivers.mock.wiring.slip_scene import CONVERTER_V, FINGER, PLANTS, Sensor, SlipBenchSettings
+from drivers.mock.wiring import benches
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Rolling:
         return found
 
 
-def read(bench: SlipBench, sensor: Sensor, times_s: Floats) -> Floats:
+def read(bench: Any, sensor: Sensor, times_s: Floats) -> Any:
     """What the sensor's device sends, in the unit of its stream, shape (n, channels)."""
     if sensor == "fingertip":
         return CONVERTER_V * np.rint(bench.sample("fingertip", times_s)[:, 2:] / CONVERTER_V)
@@ -113,8 +113,8 @@ def recording(sensor: Sensor, number: int, bumps_hz: float) -> Floats:
         RuntimeError: it slipped.
     """
     settings = SlipBenchSettings(bumps_hz=bumps_hz)
-    bench = SlipBench(settings)
-    bench.mount(Rolling(settings.radius_m))  # type: ignore[arg-type] # nobody asks for the axis here
+    bench = benches.slip(settings)
+    bench.mount(Rolling(settings.radius_m))
     bench.begin(0.0, SEED, number, {"sensor": sensor}, settings.model_dump())
     rate_hz = RATES_HZ[sensor]
     parts = []

@@ -139,18 +139,18 @@ SIGNALS: Mapping[str, KindEntry] = {
 PLANTS: Mapping[str, KindEntry] = {
     "finger": KindEntry(
         "the resonant finger and the probe that meets it",
-        "drivers.mock.wiring.finger_bench:FingerBench",
-        "drivers.mock.wiring.finger_bench:FingerBenchSettings",
+        "drivers.mock.wiring.benches:finger",
+        "drivers.mock.physics.finger_part:FingerBenchSettings",
     ),
     "slip": KindEntry(
         "a tip on a table, touching, rolling and slipping, with one of five force sensors",
-        "drivers.mock.wiring.slip_bench:SlipBench",
-        "drivers.mock.wiring.slip_scene:SlipBenchSettings",
+        "drivers.mock.wiring.benches:slip",
+        "drivers.mock.physics.fingertip_settings:SlipBenchSettings",
     ),
     "aura": KindEntry(
         "two sonic fingers on a gripper, an object between them or before one of them",
-        "drivers.mock.wiring.aura_bench:AuraBench",
-        "drivers.mock.wiring.aura_bench:AuraBenchSettings",
+        "drivers.mock.wiring.benches:aura",
+        "drivers.mock.physics.gripper_part:AuraBenchSettings",
     ),
 }
 

@@ -17,7 +17,7 @@ from benchmarks.aura.scenes import DOWN, EDGE_S, Passage, begun, chained, demodu
 from benchmarks.results import FOLDER, save, table
 from drivers.mock.physics.aura import ENVELOPE_HZ, RIGHT
 from drivers.mock.physics.aura_settings import AuraSettings
-from drivers.mock.wiring.aura_bench import AuraBench
+from drivers.mock.physics.bench import Bench
 
 SPEEDS_M_S = (0.01, 0.03, 0.3)
 """The paper's two (Fig. 4d), and one far beyond them."""
@@ -55,7 +55,7 @@ def decibels(amplitude: float) -> float:
     return 20.0 * float(np.log10(amplitude))
 
 
-def cost_s(bench: AuraBench, last: int, times: int) -> dict[str, float]:
+def cost_s(bench: Bench, last: int, times: int) -> dict[str, float]:
     """Processor time of computing the last second of a bench, at each level, in long and in short turns."""
     found = {}
     for name, turn in (("long", LONG_MS), ("short", TURN_MS)):

@@ -12,8 +12,10 @@ from controller.signals.iq import Iq, IqSettings
 from drivers.messages import SampleBlock
 from drivers.mock.physics.aura import COUNTS
 from drivers.mock.physics.aura_drive import FRAME_HZ
+from drivers.mock.physics.bench import Bench
+from drivers.mock.physics.gripper_part import AuraBenchSettings
 from drivers.mock.physics.stage_axis import AxisMotion, Piece
-from drivers.mock.wiring.aura_bench import AuraBench, AuraBenchSettings
+from drivers.mock.wiring import benches
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -57,10 +59,10 @@ class Passage(AxisMotion):
         return found
 
 
-def begun(passage: Passage, **about: Any) -> AuraBench:
+def begun(passage: Passage, **about: Any) -> Bench:
     """A bench at the beginning of its trial, driven at 40 kHz."""
     settings = AuraBenchSettings(scene="ahead", **about)
-    bench = AuraBench(settings)
+    bench = benches.aura(settings)
     bench.mount(passage)
     bench.restart()
     bench.begin(0.0, 1, 1, {}, settings.model_dump(mode="json"))
@@ -68,7 +70,7 @@ def begun(passage: Passage, **about: Any) -> AuraBench:
     return bench
 
 
-def demodulated(bench: AuraBench, first: int, n: int) -> Complexes:
+def demodulated(bench: Bench, first: int, n: int) -> Complexes:
     """I and Q of milliseconds `first` to `first + n - 1` from the carrier, by one long filter in double precision.
 
     Returns:
@@ -83,7 +85,7 @@ def demodulated(bench: AuraBench, first: int, n: int) -> Complexes:
     return np.asarray(windows @ low_pass, dtype=np.complex128)
 
 
-def chained(bench: AuraBench, first: int, n: int, finger: int) -> tuple[Floats, Complexes]:
+def chained(bench: Bench, first: int, n: int, finger: int) -> tuple[Floats, Complexes]:
     """I and Q of a finger through the program's own chain, from the carrier of `n` milliseconds from `first` on.
 
     Returns:

@@ -13,8 +13,8 @@ from drivers.messages import SampleBlock
 from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraPlant, Motion
 from drivers.mock.physics.aura_jaws import jaws_settings
 from drivers.mock.physics.aura_objects import OBJECTS
+from drivers.mock.physics.gripper_part import AuraBenchSettings
 from drivers.mock.physics.tool_motion import ToolMotion
-from drivers.mock.wiring.aura_bench import AuraBenchSettings
 from drivers.ur_arm.stream import RATE_HZ as ENCODER_HZ
 
 Floats = NDArray[np.float64]

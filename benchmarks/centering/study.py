@@ -16,7 +16,7 @@ from benchmarks.centering.search import Course, Found, Tuning, block_of, finder,
 from controller.signals.along import as_complex
 from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraPlant, Motion
 from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, SIX
-from drivers.mock.wiring.aura_bench import AuraBenchSettings
+from drivers.mock.physics.gripper_part import AuraBenchSettings
 
 SEED_TUNE, SEED_CALIBRATE, SEED_TEST, SEED_OBJECTS, SEED_SCATTER = 41_000, 42_000, 43_000, 44_000, 45_000
 """Every part has noise and places of its own; what was chosen was chosen on the first."""

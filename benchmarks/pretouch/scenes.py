@@ -18,7 +18,7 @@ from drivers.messages import SampleBlock
 from drivers.mock.physics.aura import BOTH, LEFT, RIGHT, AuraPlant, Motion
 from drivers.mock.physics.aura_drive import FRAME_HZ
 from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, SIDES, SIX, Side
-from drivers.mock.wiring.aura_bench import AuraBenchSettings
+from drivers.mock.physics.gripper_part import AuraBenchSettings
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

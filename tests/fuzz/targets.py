@@ -48,7 +48,7 @@ from drivers.mock.devices.barrett_hand import (
     EmulatedBarrettHandSettings,
     SteadyForces,
 )
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, Matrix, SteadyTexels
+from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, SteadyTexels
 from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from drivers.mock.devices.slcan import EmulatedSlcan
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
@@ -56,6 +56,7 @@ from drivers.mock.devices.ur_controller.dashboard import DashboardSession
 from drivers.mock.devices.ur_controller.rtde import PackageError
 from drivers.mock.devices.ur_controller.session import RtdeSession, ScriptSession
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from drivers.mock.physics.fingertip_settings import Matrix
 from drivers.mock.physics.stage_axis import StageAxis
 from drivers.mock.wiring.control_port import ControlPort
 from drivers.operator import codec as person

@@ -20,9 +20,9 @@ from drivers.mock.wiring.emulator_process import EmulatorProcess
 
 WIRING = "drivers.mock.wiring.emulated"
 BENCHES = {
-    "finger": "drivers.mock.wiring.finger_bench:FingerBench",
-    "slip": "drivers.mock.wiring.slip_bench:SlipBench",
-    "aura": "drivers.mock.wiring.aura_bench:AuraBench",
+    "finger": ("drivers.mock.wiring.benches:finger", "drivers.mock.physics.finger_part:FingerBenchSettings"),
+    "slip": ("drivers.mock.wiring.benches:slip", "drivers.mock.physics.fingertip_settings:SlipBenchSettings"),
+    "aura": ("drivers.mock.wiring.benches:aura", "drivers.mock.physics.gripper_part:AuraBenchSettings"),
 }
 
 
@@ -31,8 +31,8 @@ def emulator() -> Iterator[Callable[..., EmulatorProcess]]:
     running: list[EmulatorProcess] = []
 
     def start(bench: str, *devices: str) -> EmulatorProcess:
-        made = BENCHES[bench]
-        plant = {"made": made, "settings_class": f"{made}Settings", "settings": {}}
+        made, settings = BENCHES[bench]
+        plant = {"made": made, "settings_class": settings, "settings": {}}
         wired = {name: {"made": f"{WIRING}:{name}", "settings": {}} for name in devices}
         running.append(EmulatorProcess({"plant": plant, "devices": wired, "faults": []}))
         return running[-1]

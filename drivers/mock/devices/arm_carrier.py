@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from drivers.mock.devices.ur_controller.script import STEP_S
-from drivers.mock.physics.bench import ToolBench
+from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.rigid import Array, rotation, rotation_vector
 from drivers.mock.physics.tool_motion import STRAIGHT, Leg, ToolTrack
 from drivers.ur_arm.settings import Axis
@@ -31,7 +31,7 @@ class ArmCarrier(ToolTrack):
         bench: Where the tool works.
     """
 
-    def __init__(self, axis: Axis, bench: ToolBench) -> None:
+    def __init__(self, axis: Axis, bench: Bench) -> None:
         super().__init__(axis.direction, LEGS)
         self._axis = axis
         self._bench = bench

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from pydantic import Field
 
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
+from drivers.mock.physics.fingertip_settings import Matrix
 from drivers.settings import Settings
 
 Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "reboot"]
@@ -34,14 +35,6 @@ UNKNOWN = 13
 
 FASTEST_HZ = 1000
 """Most frames a second that it takes (assumption: its clock counts milliseconds)."""
-
-
-class Matrix(NamedTuple):
-    """What there is of one matrix."""
-
-    rows: int
-    columns: int
-    texel_m: float
 
 
 class Source(Protocol):

@@ -32,7 +32,7 @@ from drivers.messages import (
     Twist,
 )
 from drivers.mock.devices.faults import FaultSchedule
-from drivers.mock.physics.bench import ToolBench
+from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.tool_motion import ToolMotion
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.guidance import CYCLE_S, leash_end, line_speed, travel_end
@@ -79,7 +79,7 @@ class MockUrArm:
         name: str,
         settings: MockUrArmSettings,
         clock: Clock,
-        bench: ToolBench,
+        bench: Bench,
         faults: FaultSchedule | None = None,
     ) -> None:
         self.name = name

@@ -29,7 +29,7 @@ from drivers.messages import (
     StreamInfo,
 )
 from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.physics.bench import ProbeBench
+from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
 from drivers.zaber_stage.codec import LONGEST_S
 from drivers.zaber_stage.commands import NOT_HOMED, refusal, valid
@@ -68,7 +68,7 @@ class MockZaberStage:
         name: str,
         settings: MockZaberStageSettings,
         clock: Clock,
-        bench: ProbeBench,
+        bench: Bench,
         faults: FaultSchedule | None = None,
     ) -> None:
         self.name = name

@@ -1,15 +1,20 @@
-"""What a bench and its devices know of each other: the arm that carries its tool, and parts that some benches have."""
+"""A bench: parts around one tool that a mover carries, in one time, and what devices are wired to.
+
+A part lets its own time pass, says where things are and what it does to the tool; what devices ask for, each part
+offers by name. Which parts there are: `drivers.mock.wiring.benches`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import RefusedError
 from drivers.mock.physics.stage_axis import Piece
+from drivers.settings import Settings
 
 Floats = NDArray[np.float64]
 
@@ -47,48 +52,174 @@ class ToolCarrier(Carrier, Protocol):
         """Displacement from the start pose along base axes, m, and integrated angular velocity, rad, (n, 6)."""
 
 
-class ProbeBench(Protocol):
-    """A bench whose tool a stage may carry."""
+class Part:
+    """A part of a bench. What is here is what a part does that has nothing of the kind.
 
-    def mount(self, carrier: Carrier) -> None:
-        """Fix the tool to what carries it.
-
-        Raises:
-            RefusedError: something carries it already.
-        """
-
-    def on_plan(self, t_s: float) -> None:
-        """The tool's motion changes at `t_s`, or changed there already where time has passed it."""
-
-
-class ToolBench(Protocol):
-    """A bench whose tool an arm may carry.
-
-    It hears of a change of motion at `t_s`, or later where it has lived through that time already; until then it
-    goes on under the motion that was.
+    Args:
+        bench: That it becomes a part of, after those that it depends on.
     """
 
-    key: tuple[int, int]
-    """Seed of the run and number of the trial, which key every noise."""
+    offers: ClassVar[tuple[str, ...]] = ()
+    """What devices, and whoever scores a trial, may ask the bench for."""
 
-    t_s: float
-    """How far time has passed here."""
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        bench.add(self)
 
-    def mount(self, carrier: ToolCarrier) -> None:
-        """Fix the tool to what carries it.
+    def warm_up(self) -> None:
+        """Let compiled code load, or compile on first use, before anybody waits for an answer."""
+
+    def restart(self) -> None:
+        """Time begins anew."""
+
+    def begin(self, settings: Any, factors: Mapping[str, Any]) -> None:
+        """Be as a trial begins, at the bench's present time.
+
+        Args:
+            settings: Of the plant, for this trial.
+            factors: Of the trial.
 
         Raises:
-            RefusedError: something carries it already.
+            RefusedError: this trial cannot be.
         """
+
+    def advance(self, t_s: float) -> None:
+        """Let the part's own time pass until `t_s`, which is later than the bench's."""
+
+    def replan(self) -> None:
+        """The tool's motion has changed at the bench's present time."""
+
+    def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
+        """What it does to the tool; see `Bench.wrench`."""
+        return np.zeros((len(times_s), 6))
+
+    def scene(self, t_s: float) -> Mapping[str, float]:
+        """Where things stand."""
+        return {}
+
+    def account(self) -> Mapping[str, Any]:
+        """What it computed."""
+        return {}
+
+
+class Bench:
+    """Parts around one tool. Its time is the devices', continuous from trial to trial.
+
+    Args:
+        settings: Of the plant; a trial's may differ.
+        tool: What the mover carries, in words.
+        one_axis: Why a mover along one axis alone will not do, in words; "" where it does.
+
+    Attributes:
+        t_s: How far time has passed here.
+        origin_s: When the present trial began.
+        key: Seed of the run and number of the trial, which key every noise.
+        observed: Streams of the sensor board that somebody listens to.
+        felt: Whether the mover's own force sensor is listened to.
+        mover: What carries the tool, or None.
+    """
+
+    def __init__(self, settings: Settings, tool: str, one_axis: str = "") -> None:
+        self.t_s = self.origin_s = 0.0
+        self.key = (0, 0)
+        self.observed: frozenset[str] = frozenset()
+        self.felt = False
+        self.mover: Any = None
+        self._settings = settings
+        self._tool, self._one_axis = tool, one_axis
+        self._parts: list[Part] = []
+
+    def add(self, part: Part) -> None:
+        """One more part; what it offers, no other may."""
+        taken = {name for other in self._parts for name in other.offers} & set(part.offers)
+        assert not taken, taken
+        self._parts.append(part)
+
+    def __getattr__(self, name: str) -> Any:
+        """What one of the parts offers."""
+        for part in self.__dict__.get("_parts", ()):
+            if name in part.offers:
+                return getattr(part, name)
+        raise AttributeError(f"this bench has no {name}")
+
+    def warm_up(self) -> None:
+        """Let compiled code load, or compile on first use, before anybody waits for an answer."""
+        for part in self._parts:
+            part.warm_up()
+
+    def mount(self, carrier: Any) -> None:
+        """Fix the tool to what carries it: a `Carrier`, or a `ToolCarrier` where one axis will not do.
+
+        Raises:
+            RefusedError: something carries it already, or the mover cannot do what this bench needs.
+        """
+        if self.mover is not None:
+            advice = 'leave one mover on this bench: devices.NAME = "none" takes another away'
+            raise RefusedError(self._tool, "being mounted", "another mover carries it already", advice)
+        if self._one_axis and not hasattr(carrier, "offsets"):
+            advice = 'take an arm: driver = "ur_arm"'
+            raise RefusedError(self._tool, "being mounted", self._one_axis, advice)
+        self.mover = carrier
+
+    def restart(self) -> None:
+        """Time begins anew: the tool stands at its start pose."""
+        self.origin_s = 0.0
+        for part in self._parts:
+            part.restart()
+        if self.mover is not None:
+            self.mover.place(0.0, 0.0)
+
+    def begin(
+        self, t_s: float, seed: int, trial: int, factors: Mapping[str, Any], plant: Mapping[str, Any]
+    ) -> None:
+        """Put the bench into a trial's scene at time `t_s`: the tool is where it is.
+
+        Args:
+            t_s: Present time of the devices.
+            seed: Of the run; keys the noise together with `trial`.
+            trial: Number of the trial.
+            factors: Its factors; those that are settings of this plant stand before the plant section.
+            plant: The profile's plant section for this trial.
+
+        Raises:
+            RefusedError: a part cannot be so.
+        """
+        known = type(self._settings).model_fields
+        chosen = {name: value for name, value in factors.items() if name in known and value is not None}
+        settings = type(self._settings).model_validate({**plant, **chosen})
+        self.t_s = self.origin_s = t_s
+        self.key = (seed, trial)
+        self.observed = frozenset()
+        for part in self._parts:
+            part.begin(settings, factors)
 
     def on_plan(self, t_s: float) -> None:
         """The tool's motion changes at `t_s`, or changed there already where time has passed it."""
+        self.advance(t_s)
+        for part in self._parts:
+            part.replan()
 
     def feel(self, on: bool) -> None:
-        """Whether the arm's own force sensor is listened to."""
+        """Whether the mover's own force sensor is listened to."""
+        self.felt = on
 
     def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
-        """Let time pass until `t_s`."""
+        """Let time pass until `t_s`; `observe` names the board's streams that are listened to, None those of last
+        time."""
+        if observe is not None:
+            self.observed = observe
+        if t_s <= self.t_s:
+            return
+        for part in self._parts:
+            part.advance(t_s)
+        self.t_s = t_s
+
+    def places(self, times_s: Floats) -> Floats:
+        """Displacement of the tool from its start pose, m, and its turn, rad, shape (n, 6)."""
+        if self.mover is None:
+            return np.zeros((len(times_s), 6))
+        found: Floats = self.mover.offsets(times_s)
+        return found
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
         """What the bench does to the tool at instants of the last advance, base axes, N and N m, shape (n, 6).
@@ -97,26 +228,18 @@ class ToolBench(Protocol):
             times_s: Shape (n,).
             direction: The approach direction, unit vector in the base frame.
         """
+        found: Floats = sum(
+            (part.wrench(times_s, direction) for part in self._parts), start=np.zeros((len(times_s), 6))
+        )
+        return found
 
+    def scene(self, t_s: float) -> Mapping[str, float]:
+        """Where things stand: what a person at the bench would see."""
+        return {name: value for part in self._parts for name, value in part.scene(t_s).items()}
 
-def mountable(present: object, carrier: object, what: str, one_axis: str = "") -> None:
-    """See that a carrier may take a bench's tool.
-
-    Args:
-        present: What carries it already, or None.
-        carrier: Who is to carry it.
-        what: The tool, in words.
-        one_axis: Why a mover along one axis alone will not do, in words; "" where it does.
-
-    Raises:
-        RefusedError: it may not.
-    """
-    if present is not None:
-        advice = 'leave one mover on this bench: devices.NAME = "none" takes another away'
-        raise RefusedError(what, "being mounted", "another mover carries it already", advice)
-    if one_axis and not hasattr(carrier, "offsets"):
-        advice = 'take an arm: driver = "ur_arm"'
-        raise RefusedError(what, "being mounted", one_axis, advice)
+    def account(self) -> Mapping[str, Any]:
+        """What was computed."""
+        return {name: value for part in self._parts for name, value in part.account().items()}
 
 
 PARTS = {
@@ -124,11 +247,15 @@ PARTS = {
     "fingers": ("the fingers of a hand", "slip"),
     "taxels": ("tactile matrices", "slip"),
     "carrier": ("fingers that sound", "aura"),
+    "streams": ("the sensors of a board", "finger"),
+    "load": ("a fingertip for weights", "slip"),
 }
 """What a device may look for on a bench, and a kind of plant that has it."""
 
 
-def part(bench: object, name: Literal["jaws", "fingers", "taxels", "carrier"], device: str) -> Any:
+def part(
+    bench: object, name: Literal["jaws", "fingers", "taxels", "carrier", "streams", "load"], device: str
+) -> Any:
     """What a device is wired to.
 
     Args:

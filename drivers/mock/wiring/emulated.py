@@ -10,7 +10,7 @@ from typing import Any
 
 from drivers.errors import RefusedError
 from drivers.mock.devices.arm_carrier import ArmCarrier
-from drivers.mock.devices.audio import AudioBench, EmulatedAudio, EmulatedAudioSettings
+from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings
 from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
@@ -21,11 +21,9 @@ from drivers.mock.devices.ur_controller.controller import UrController, UrContro
 from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
 from drivers.mock.physics import arm, rigid
-from drivers.mock.physics.bench import ToolBench, part
+from drivers.mock.physics.bench import Bench, part
 from drivers.mock.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
-from drivers.mock.physics.weight_set import WeightBench
 from drivers.mock.wiring.far_ends import Line, Network
-from drivers.mock.wiring.finger_bench import FingerBench
 from drivers.mock.wiring.tcp_line import TcpLine
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
@@ -33,19 +31,20 @@ JOGGED_M = -0.005
 """Where the arm's tool is before anybody sends it home, on the approach axis (assumption: jogged near the start)."""
 
 
-def zaber_stage(settings: Mapping[str, Any], bench: FingerBench) -> Line:
+def zaber_stage(settings: Mapping[str, Any], bench: Bench) -> Line:
     """The stage, with the bench's probe on it."""
     axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
     bench.mount(axis)
     return Line(EmulatedZaberStage(EmulatedZaberStageSettings(), axis, bench.on_plan))
 
 
-def sensor_board(settings: Mapping[str, Any], bench: FingerBench) -> Line:
+def sensor_board(settings: Mapping[str, Any], bench: Bench) -> Line:
     """The board that is wired to the bench's sensors and drive."""
+    part(bench, "streams", "board")
     return Line(EmulatedSensorBoard(EmulatedSensorBoardSettings(), bench))
 
 
-def ur_arm(settings: Mapping[str, Any], bench: ToolBench) -> Network:
+def ur_arm(settings: Mapping[str, Any], bench: Bench) -> Network:
     """The controller and its arm, with what the bench has in the arm's tool.
 
     Raises:
@@ -98,12 +97,13 @@ def dsa_matrix(settings: Mapping[str, Any], bench: object) -> Line:
     return Line(EmulatedDsaMatrix(matrix, taxels))
 
 
-def operator(settings: Mapping[str, Any], bench: WeightBench) -> Line:
+def operator(settings: Mapping[str, Any], bench: Bench) -> Line:
     """Somebody who hangs weights on the bench's fingertip."""
+    part(bench, "load", "operator")
     return Line(EmulatedPerson(EmulatedPersonSettings(), bench))
 
 
-def audio(settings: Mapping[str, Any], bench: AudioBench) -> TcpLine:
+def audio(settings: Mapping[str, Any], bench: Bench) -> TcpLine:
     """A recorder on the network, wired to the bench's fingers and to their drive.
 
     Raises:

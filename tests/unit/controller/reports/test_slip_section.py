@@ -14,7 +14,7 @@ from controller.reports.report import build_report
 from controller.reports.slip import interval
 from controller.reports.slip_scores import PLAIN, PLANT, TABLE_1, condition_of, read_scores
 from controller.reports.slip_verdicts import NOT_JUDGED, verdict_of
-from drivers.mock.wiring.slip_scene import SlipBenchSettings
+from drivers.mock.physics.fingertip_settings import SlipBenchSettings
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from drivers.clock import Clock, WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.messages import SampleBlock, Status
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, Matrix
+from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix
+from drivers.mock.physics.fingertip_settings import Matrix
 
 TURN_S = 0.005
 STEP_S = 0.001

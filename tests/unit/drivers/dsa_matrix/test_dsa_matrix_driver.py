@@ -11,7 +11,7 @@ import pytest
 
 from drivers.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
 from drivers.messages import Command, Failed, Home, Listen, Lost, Saturated
-from drivers.mock.devices.dsa_matrix import Matrix
+from drivers.mock.physics.fingertip_settings import Matrix
 from tests.unit.drivers.dsa_matrix.dsa_bench import Bench
 
 TEXELS = "dsa.taxels"

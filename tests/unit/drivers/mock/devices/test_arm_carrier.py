@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from drivers.mock.devices.arm_carrier import ArmCarrier
+from drivers.mock.physics.finger_part import FingerBenchSettings
 from drivers.mock.physics.rigid import displaced, matrix, pose
 from drivers.mock.physics.stage_axis import AxisMotion, Piece
-from drivers.mock.wiring.finger_bench import FingerBench, FingerBenchSettings
+from drivers.mock.wiring import benches
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
 START = (0.4, -0.1, 0.25, 0.0, 3.1416, 0.0)
@@ -21,7 +22,7 @@ class Scene:
     """An arm in front of a finger that nobody excites, and a clock for both."""
 
     def __init__(self) -> None:
-        self.bench = FingerBench(FingerBenchSettings())
+        self.bench = benches.finger(FingerBenchSettings())
         self.carrier = ArmCarrier(AXIS, self.bench)
         self.bench.mount(self.carrier)
         self.cycle(0, 0.0, 0.0)
@@ -69,7 +70,7 @@ def test_the_finger_s_force_on_the_tool_is_that_of_a_probe_on_an_axis():
     scene = Scene()
     force = scene.approach(400)
     # The same motion in one piece, on another bench: 8 mm, of which 5 are in the finger.
-    bench = FingerBench(FingerBenchSettings())
+    bench = benches.finger(FingerBenchSettings())
     axis = AxisMotion()
     bench.mount(axis)
     axis.replace(CYCLE_S, [Piece(CYCLE_S, 0.0, SPEED_M_S, 0.0)])

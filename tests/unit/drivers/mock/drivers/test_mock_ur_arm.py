@@ -26,8 +26,9 @@ from drivers.messages import (
 )
 from drivers.mock.devices.faults import Fault, FaultSchedule
 from drivers.mock.drivers.ur_arm import MockUrArm, MockUrArmSettings
+from drivers.mock.physics.finger_part import FingerBenchSettings
 from drivers.mock.physics.stage_axis import AxisMotion
-from drivers.mock.wiring.finger_bench import FingerBench, FingerBenchSettings
+from drivers.mock.wiring import benches
 
 FORCE, POSITION, POSE = "arm.force", "arm.position", "arm.pose"
 START = (0.4, -0.1333, 0.25, 0.0, 3.1416, 0.0)
@@ -38,7 +39,7 @@ class Hand:
     """Turns the crank, as the loop does."""
 
     def __init__(self, *faults: Fault, **settings: Any) -> None:
-        self.bench = FingerBench(FingerBenchSettings())
+        self.bench = benches.finger(FingerBenchSettings())
         self.clock = VirtualClock()
         given = {"host": "mock", "start_pose": START, "travel_max_m": 0.02, **settings}
         self.arm = MockUrArm(

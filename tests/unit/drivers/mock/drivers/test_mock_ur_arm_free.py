@@ -31,9 +31,9 @@ from drivers.mock.drivers.can_gripper import MockCanGripper, MockCanGripperSetti
 from drivers.mock.drivers.dsa_matrix import MockDsaMatrix, MockDsaMatrixSettings
 from drivers.mock.drivers.ur_arm import MockUrArm, MockUrArmSettings
 from drivers.mock.physics.bench import ToolCarrier
+from drivers.mock.physics.finger_part import FingerBenchSettings
 from drivers.mock.physics.rigid import rotation
-from drivers.mock.wiring import emulated
-from drivers.mock.wiring.finger_bench import FingerBench, FingerBenchSettings
+from drivers.mock.wiring import benches, emulated
 
 START = (0.4, -0.1, 0.25, 0.0, 3.0, 0.5)
 POSE, FORCE = "arm.pose", "arm.force"
@@ -252,7 +252,7 @@ MOCKS = [
 
 @pytest.mark.parametrize(("driver", "settings", "words"), MOCKS)
 def test_a_device_whose_part_the_bench_does_not_have_says_so_in_one_line(driver, settings, words):
-    bench = FingerBench(FingerBenchSettings())
+    bench = benches.finger(FingerBenchSettings())
     with pytest.raises(RefusedError, match=f"does not have .*{words}") as caught:
         driver("device", settings(), VirtualClock(), bench)
     assert "\n" not in str(caught.value)
@@ -261,4 +261,4 @@ def test_a_device_whose_part_the_bench_does_not_have_says_so_in_one_line(driver,
 @pytest.mark.parametrize("wire", [emulated.can_gripper, emulated.barrett_hand, emulated.dsa_matrix])
 def test_so_does_its_far_end(wire):
     with pytest.raises(RefusedError, match="does not have"):
-        wire({}, FingerBench(FingerBenchSettings()))
+        wire({}, benches.finger(FingerBenchSettings()))

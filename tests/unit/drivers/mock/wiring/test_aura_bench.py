@@ -12,8 +12,10 @@ from scipy.signal import firwin
 
 from drivers.errors import RefusedError
 from drivers.mock.physics.aura import COUNTS, LEFT, RIGHT
+from drivers.mock.physics.bench import Bench
+from drivers.mock.physics.gripper_part import AuraBenchSettings
 from drivers.mock.physics.stage_axis import AxisMotion
-from drivers.mock.wiring.aura_bench import AuraBench, AuraBenchSettings
+from drivers.mock.wiring import benches
 
 Floats = NDArray[np.float64]
 PIPE_M = 0.01905
@@ -38,10 +40,10 @@ class Tool:
         return found
 
 
-def begun(tool: Any, trial: int = 1, factors: dict[str, Any] | None = None, **about: Any) -> AuraBench:
+def begun(tool: Any, trial: int = 1, factors: dict[str, Any] | None = None, **about: Any) -> Bench:
     """A bench at the beginning of a trial, its drive on."""
     settings = AuraBenchSettings(**about)
-    bench = AuraBench(settings)
+    bench = benches.aura(settings)
     bench.mount(tool)
     bench.restart()
     bench.begin(0.0, 7, trial, factors or {}, settings.model_dump(mode="json"))
@@ -57,7 +59,7 @@ def pressing(speed_m_s: float = 0.01) -> Tool:
     return Tool([1.0, arrival_s, arrival_s + 1.0, 2.0 * arrival_s], [here, far, far, here])
 
 
-def heard(bench: AuraBench, until_s: float, turn_s: float) -> Any:
+def heard(bench: Bench, until_s: float, turn_s: float) -> Any:
     """The envelope, read at every turn."""
     parts, known = [], 0
     for turn in range(1, round(until_s / turn_s) + 1):
@@ -150,7 +152,7 @@ def test_an_object_slides_before_one_finger_and_stays_where_it_was_pushed() -> N
     assert bench.distances(np.array([5.4]))[0] == pytest.approx([gap_m - 0.003, gap_m + 0.003], abs=1e-5)
 
 
-def calibrated(bench: AuraBench) -> float:
+def calibrated(bench: Bench) -> float:
     """Let the gripper find its ends and open; returns when it has."""
     bench.jaws.calibrate()
     bench.jaws.advance(5.0)
@@ -160,7 +162,7 @@ def calibrated(bench: AuraBench) -> float:
     return 8.0
 
 
-def gripping(turn_s: float) -> AuraBench:
+def gripping(turn_s: float) -> Bench:
     """Above the object until 8 s, then down over it, then the jaws close on it at 10 s until 11.5 s."""
     above, down = (0.0, 0.0, 0.1), (0.002, 0.0, 0.0)
     bench = begun(Tool([8.0, 9.9], [above, down]))
@@ -266,7 +268,7 @@ def test_silence_and_sweeps_begin_at_the_benchs_present_time() -> None:
 
 
 def test_a_mover_of_one_axis_is_refused() -> None:
-    bench = AuraBench(AuraBenchSettings())
+    bench = benches.aura(AuraBenchSettings())
     with pytest.raises(RefusedError, match="moves along one axis alone"):
         bench.mount(AxisMotion())
 

@@ -25,7 +25,8 @@ from drivers.messages import (
 from drivers.mock.drivers.audio import MockAudio, MockAudioSettings
 from drivers.mock.drivers.can_gripper import MockCanGripper, MockCanGripperSettings
 from drivers.mock.drivers.ur_arm import MockUrArm, MockUrArmSettings
-from drivers.mock.wiring.aura_bench import AuraBench, AuraBenchSettings
+from drivers.mock.physics.gripper_part import AuraBenchSettings
+from drivers.mock.wiring import benches
 
 ARM = {
     "host": "mock",
@@ -48,7 +49,7 @@ class Bench:
     def __init__(self, turn_s: float, **about: Any) -> None:
         settings = AuraBenchSettings(**about)
         self.clock = VirtualClock()
-        self.bench = AuraBench(settings)
+        self.bench = benches.aura(settings)
         self.devices: dict[str, Any] = {
             "arm": MockUrArm("arm", MockUrArmSettings(**ARM), self.clock, self.bench),
             "gripper": MockCanGripper("gripper", MockCanGripperSettings(), self.clock, self.bench),

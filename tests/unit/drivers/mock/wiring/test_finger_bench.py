@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from drivers.mock.physics.finger_part import FingerBenchSettings
 from drivers.mock.physics.stage_axis import StageAxis
-from drivers.mock.wiring.finger_bench import FingerBench, FingerBenchSettings
+from drivers.mock.wiring import benches
 
 PLANT = FingerBenchSettings(noise_scale=0.0)
 CELL = frozenset({"load_cell"})
@@ -12,7 +13,7 @@ PLACES_M = (0.0035, 0.008, 0.0155)
 
 
 def begun(position_m):
-    bench = FingerBench(PLANT)
+    bench = benches.finger(PLANT)
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026, position_m=position_m)
     bench.mount(axis)
     bench.begin(0.0, 1, 1, {"location": "f"}, PLANT.model_dump(mode="json"))

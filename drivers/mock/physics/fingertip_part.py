@@ -1,4 +1,4 @@
-"""A tip on a table, in an arm's tool: what mock drivers and emulated devices of the slip bench share."""
+"""A tip with a force sensor, in an arm's tool, on a table, as a part of a bench."""
 
 from __future__ import annotations
 
@@ -8,13 +8,8 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import RefusedError
-from drivers.mock.devices.dsa_matrix import Matrix
-from drivers.mock.physics.bench import StreamSpec, ToolCarrier, mountable
-from drivers.mock.physics.noise import gaussian_at
-from drivers.mock.physics.slip import SlipPlant, SlipSettings
-from drivers.mock.physics.slip_sensors import SENSORS
-from drivers.mock.physics.slip_track import SlipTruth, Track
-from drivers.mock.wiring.slip_scene import (
+from drivers.mock.physics.bench import Bench, Floats, Part, StreamSpec
+from drivers.mock.physics.fingertip_settings import (
     BRIDGES,
     FINGER,
     MATRIX,
@@ -24,38 +19,43 @@ from drivers.mock.wiring.slip_scene import (
     STREAM_TEXELS,
     STREAMS,
     Bridge,
-    Floats,
+    Matrix,
     Sensor,
     SlipBenchSettings,
 )
+from drivers.mock.physics.noise import gaussian_at
+from drivers.mock.physics.slip import SlipPlant, SlipSettings
+from drivers.mock.physics.slip_sensors import SENSORS
+from drivers.mock.physics.slip_track import SlipTruth, Track
 
 
-class SlipBench:
+class Fingertip(Part):
     """One plant, the one whose sensor the tip carries; the others' sensors touch nothing and read their noise.
 
     The table lies flat in the arm's base frame: the tool presses along -z, slides along x, rolls about y. The arm
     turns the tip about the axis of its cylinder: moving by radius x angle while it turns, it rolls without slipping.
 
-    Its time is that of the devices, continuous from trial to trial; the plant's begins anew with each.
-
     Args:
-        settings: Of the bench.
+        bench: Whose tool is the tip.
+        settings: Of the plant.
 
     Attributes:
-        t_s: How far time has passed here, on the devices' clock.
-        key: Seed of the run and number of the trial, which key every noise.
         sensor: At the tip.
         truth: When contact and slip really began and ended in this trial.
     """
 
-    def __init__(self, settings: SlipBenchSettings) -> None:
-        self._carrier: ToolCarrier | None = None
+    offers = (
+        *("streams", "sample", "events", "excite", "set_tendon", "load", "sensor", "contacts", "slips"),
+        *("fingers", "finger_n", "taxels", "texels_v"),
+    )
+
+    def __init__(self, bench: Bench, settings: SlipBenchSettings) -> None:
+        super().__init__(bench)
         self._settings = settings
-        self._origin_s = 0.0
         self._plants: dict[SlipSettings, SlipPlant] = {}
         self.fingers = Fingers(self)
         self.taxels = Taxels(self)
-        self._begin((0, 0), "fingertip")
+        self._begin("fingertip")
 
     def warm_up(self) -> None:
         """Let compiled code load, or compile on first use, before anybody waits for an answer."""
@@ -65,32 +65,8 @@ class SlipBench:
         plant.advance(1e-3 * ramp, 1e-4 * ramp, 0.1 * ramp)
         gaussian_at((0, 0), STREAM_IDLE, np.arange(1))
 
-    def mount(self, carrier: ToolCarrier) -> None:
-        """Fix the tip to what carries it.
-
-        Raises:
-            RefusedError: something carries it already, or cannot tell where it is beside the axis.
-        """
-        mountable(self._carrier, carrier, "tip", "this mover cannot slide and roll")
-        self._carrier = carrier
-
-    def restart(self) -> None:
-        """Time begins anew: the tool stands at its start pose."""
-        self._origin_s = 0.0
-        if self._carrier is not None:
-            self._carrier.place(0.0, 0.0)
-
-    def begin(
-        self, t_s: float, seed: int, trial: int, factors: Mapping[str, Any], plant: Mapping[str, Any]
-    ) -> None:
-        """Put the bench into a trial's scene at time `t_s`: nothing has slid yet, the tool is where it is.
-
-        Args:
-            t_s: Present time of the devices.
-            seed: Of the run; keys the noise together with `trial`.
-            trial: Number of the trial.
-            factors: Its factors; `sensor` is the one that matters here.
-            plant: The profile's plant section for this trial.
+    def begin(self, settings: SlipBenchSettings, factors: Mapping[str, Any]) -> None:
+        """Nothing has slid yet, the tool is where it is; the factor `sensor` says what the tip carries.
 
         Raises:
             RefusedError: no such sensor.
@@ -100,37 +76,24 @@ class SlipBench:
             raise RefusedError(
                 "tip", f"carrying {sensor}", "no such sensor", f"choose one of {', '.join(PLANTS)}"
             )
-        self._settings = SlipBenchSettings.model_validate(plant)
-        self._origin_s = t_s
-        self._begin((seed, trial), sensor)
+        self._settings = settings
+        self._begin(sensor)
 
-    def _begin(self, key: tuple[int, int], sensor: Sensor) -> None:
+    def _begin(self, sensor: Sensor) -> None:
         wanted = self._settings.of(sensor)
         if wanted not in self._plants:
             self._plants = {wanted: SlipPlant(wanted)}
         self._plant = self._plants[wanted]
-        self.t_s, self.key, self.sensor = self._origin_s, key, sensor
-        arm_m, press_m, roll_rad = (float(track[0]) for track in self._tracks(np.array([self.t_s])))
-        self._plant.begin(key=key, arm_m=arm_m, press_m=press_m, roll_rad=roll_rad)
+        self.sensor = sensor
+        arm_m, press_m, roll_rad = (float(track[0]) for track in self._tracks(np.array([self.bench.t_s])))
+        self._plant.begin(key=self.bench.key, arm_m=arm_m, press_m=press_m, roll_rad=roll_rad)
         self._track = Track(wanted.rate_hz, len(wanted.bridges) + len(_BEHIND))
-        self.truth = SlipTruth(wanted.rate_hz, self._origin_s)
+        self.truth = SlipTruth(wanted.rate_hz, self.bench.origin_s)
 
-    # what the arm tells and feels
-
-    def on_plan(self, t_s: float) -> None:
-        """The tool's motion changes at `t_s`, or changed there already where time has passed it."""
-        self.advance(t_s)
-
-    def feel(self, on: bool) -> None:
-        """Whether the arm's own sensor is listened to: it costs nothing here."""
+    # what the arm feels
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
-        """What the table does to the tool, base axes, N and N m, shape (n, 6), at recent instants.
-
-        Args:
-            times_s: Shape (n,).
-            direction: The approach direction, down: this bench knows it.
-        """
+        """What the table does; see `Bench.wrench`."""
         tangential_n, normal_n = self._behind(times_s)[:, :2].T
         found = np.zeros((len(times_s), 6))
         found[:, 0] = -tangential_n
@@ -167,16 +130,13 @@ class SlipBench:
         """No stream of this board is irregular."""
         return np.empty(0), np.empty(0)
 
-    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
-        """Let time pass until `t_s`; whoever hears what, the tip's own state must be followed."""
-        if t_s <= self.t_s:
-            return
-        self.t_s = t_s
-        last = self._track.number(t_s - self._origin_s)
+    def advance(self, t_s: float) -> None:
+        """See `Part`; whoever listens to what, the tip's own state must be followed."""
+        last = self._track.number(t_s - self.bench.origin_s)
         while self._track.count < last:
             first = self._track.count + 1
             numbers = np.arange(first, min(last, first + self._track.room - 1) + 1)
-            times_s = self._origin_s + numbers / self._plant.settings.rate_hz
+            times_s = self.bench.origin_s + numbers / self._plant.settings.rate_hz
             plant, tracks = self._plant, self._tracks(times_s)
             values = plant.advance(*tracks)
             self.truth.follow(numbers, plant.slid_m, plant.normal_n)
@@ -210,8 +170,10 @@ class SlipBench:
         """
         bridge = SENSORS[PLANTS["dsa"]].bridges[0]
         cells = MATRIX.rows * MATRIX.columns
-        numbers = self._track.number(times_s - self._origin_s)
-        noise = gaussian_at(self.key, STREAM_TEXELS, (numbers[:, None] * cells + np.arange(cells)).ravel())
+        numbers = self._track.number(times_s - self.bench.origin_s)
+        noise = gaussian_at(
+            self.bench.key, STREAM_TEXELS, (numbers[:, None] * cells + np.arange(cells)).ravel()
+        )
         values_mv = self._settings.noise_scale * bridge.noise * noise.reshape(-1, cells)
         if self.sensor == "dsa":
             rows = self._rows(times_s)
@@ -234,7 +196,7 @@ class SlipBench:
         return self.truth.slips
 
     def scene(self, t_s: float) -> Mapping[str, float]:
-        """Where things stand: what a person at the bench would see."""
+        """Where the tip is."""
         arm_m, press_m, roll_rad = (float(track[0]) for track in self._tracks(np.array([t_s])))
         return {"arm_m": arm_m, "press_m": press_m, "roll_rad": roll_rad}
 
@@ -246,7 +208,7 @@ class SlipBench:
 
     def _tracks(self, times_s: Floats) -> tuple[Floats, Floats, Floats]:
         """Place of the tip along the table, how far it presses, and its angle, at each instant."""
-        places = np.zeros((len(times_s), 6)) if self._carrier is None else self._carrier.offsets(times_s)
+        places = self.bench.places(times_s)
         roll_rad = places[:, 4]
         return (
             places[:, 0] - self._settings.radius_m * roll_rad,
@@ -255,15 +217,15 @@ class SlipBench:
         )
 
     def _rows(self, times_s: Floats) -> Floats:
-        return self._track.at(times_s - self._origin_s)
+        return self._track.at(times_s - self.bench.origin_s)
 
     def _behind(self, times_s: Floats) -> Floats:
         return self._rows(times_s)[:, -len(_BEHIND) :]
 
     def _idle(self, stream: int, times_s: Floats) -> Floats:
         """Deviates of a sensor that touches nothing, one for each sample of 1 kHz."""
-        numbers = np.floor((times_s - self._origin_s) * 1000.0 + 1e-6).astype(np.int64)
-        return gaussian_at(self.key, STREAM_IDLE + stream, np.maximum(numbers, 0))
+        numbers = np.floor((times_s - self.bench.origin_s) * 1000.0 + 1e-6).astype(np.int64)
+        return gaussian_at(self.bench.key, STREAM_IDLE + stream, np.maximum(numbers, 0))
 
 
 _BEHIND = ("tangential_n", "normal_n", "roll_rad")
@@ -273,23 +235,23 @@ _BEHIND = ("tangential_n", "normal_n", "roll_rad")
 class Fingers:
     """The hand's side of the bench: see `drivers.mock.devices.barrett_hand.Source`."""
 
-    def __init__(self, bench: SlipBench) -> None:
-        self._bench = bench
+    def __init__(self, tip: Fingertip) -> None:
+        self._tip = tip
 
     def advance(self, t_s: float) -> None:
         """Let time pass until `t_s`."""
-        self._bench.advance(t_s)
+        self._tip.bench.advance(t_s)
 
     def forces_n(self, finger: int, times_s: Floats) -> Floats:
         """Force at a fingertip, shape (n,)."""
-        return self._bench.finger_n(finger, times_s)
+        return self._tip.finger_n(finger, times_s)
 
 
 class Taxels:
     """The matrices' side of the bench: see `drivers.mock.devices.dsa_matrix.Source`."""
 
-    def __init__(self, bench: SlipBench) -> None:
-        self._bench = bench
+    def __init__(self, tip: Fingertip) -> None:
+        self._tip = tip
 
     def matrices(self) -> Sequence[Matrix]:
         """One matrix: the tip has one fingertip."""
@@ -297,8 +259,8 @@ class Taxels:
 
     def advance(self, t_s: float) -> None:
         """Let time pass until `t_s`."""
-        self._bench.advance(t_s)
+        self._tip.bench.advance(t_s)
 
     def texels_v(self, times_s: Floats) -> Floats:
         """What the texels read, shape (n, cells)."""
-        return self._bench.texels_v(times_s)
+        return self._tip.texels_v(times_s)

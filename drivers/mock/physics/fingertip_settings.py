@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.mock.devices.dsa_matrix import Matrix
 from drivers.mock.physics.bench import StreamSpec
 from drivers.mock.physics.slip import SlipSettings
 from drivers.mock.physics.slip_sensors import SENSORS
 from drivers.settings import Settings
 
-Floats = NDArray[np.float64]
 Sensor = Literal["fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa"]
 Bridge = Literal["x", "y", "t"]
 
@@ -38,6 +34,15 @@ STREAMS = (
 )
 
 BRIDGES: Mapping[Bridge, int] = {"x": 0, "y": 1, "t": 2}
+
+
+class Matrix(NamedTuple):
+    """What there is of one tactile matrix."""
+
+    rows: int
+    columns: int
+    texel_m: float
+
 
 FINGER = 11
 """Node of the BarrettHand's finger that carries the tip (assumption: the first)."""

@@ -1,0 +1,31 @@
+"""The benches that profiles name: which parts each is made of."""
+
+from __future__ import annotations
+
+from drivers.mock.physics.aura_part import Aura
+from drivers.mock.physics.bench import Bench
+from drivers.mock.physics.finger_part import Finger, FingerBenchSettings
+from drivers.mock.physics.fingertip_part import Fingertip
+from drivers.mock.physics.fingertip_settings import SlipBenchSettings
+from drivers.mock.physics.gripper_part import AuraBenchSettings, Gripper
+
+
+def finger(settings: FingerBenchSettings) -> Bench:
+    """A probe and the resonant finger that it meets."""
+    bench = Bench(settings, "probe")
+    Finger(bench, settings)
+    return bench
+
+
+def slip(settings: SlipBenchSettings) -> Bench:
+    """A tip with one of five force sensors, on a table."""
+    bench = Bench(settings, "tip", one_axis="this mover cannot slide and roll")
+    Fingertip(bench, settings)
+    return bench
+
+
+def aura(settings: AuraBenchSettings) -> Bench:
+    """A gripper with two sonic fingers, an object between them or before one of them."""
+    bench = Bench(settings, "gripper", one_axis="this mover moves along one axis alone")
+    Aura(bench, Gripper(bench, settings), settings)
+    return bench
