@@ -15,7 +15,7 @@ from pydantic import Field
 from drivers.can_frame import CanFrame
 from drivers.clock import Clock
 from drivers.errors import PortError
-from drivers.links import JOIN_TIMEOUT_S, open_serial
+from drivers.links import JOIN_TIMEOUT_S, SerialPort, open_serial
 from drivers.settings import Settings
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
     """
     if port.interface == "slcan":
         # python-can says neither which error it was nor that another program holds the port.
-        open_serial(device, port.port, port.tty_baud, clock).close()
+        open_serial(device, SerialPort(port=port.port, baud=port.tty_baud), clock).close()
     import can
 
     try:
@@ -126,6 +126,13 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
         with suppress(OSError):  # who comes next is told that it is held
             bus.serialPortOrig.exclusive = True  # type: ignore[attr-defined]
     return CanLink(device, bus, clock)
+
+
+def strange_frames(others: int, link: CanLink) -> str:
+    """What came instead of an answer, in words; "" where nothing did."""
+    if not (others or link.malformed):
+        return ""
+    return f"{others} frames of others and {link.malformed} malformed ones came, and no answer"
 
 
 class CanLink:

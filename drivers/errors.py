@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class DeviceError(Exception):
     """A device cannot do its part.
@@ -39,3 +41,20 @@ class RefusedError(DeviceError, RuntimeError):
 
 class CommandError(DeviceError, ValueError):
     """The command makes no sense for this device: not finite, out of range, of another kind."""
+
+
+def wrong(device: str, command: object, reason: str, advice: str) -> CommandError:
+    """The error of a command that a device cannot take."""
+    return CommandError(device, f"applying {type(command).__name__}", reason, advice)
+
+
+def check_streams(device: str, command: object, streams: Iterable[str], known: Iterable[str]) -> None:
+    """See that a command names streams of the device's alone.
+
+    Raises:
+        CommandError: it names another.
+    """
+    has = sorted(known)
+    for stream in sorted(set(streams).difference(has)):
+        advice = f"it has: {', '.join(has) or 'none before it is open'}"
+        raise wrong(device, command, f"it has no stream {stream}", advice)

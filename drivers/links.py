@@ -9,9 +9,11 @@ from collections import deque
 from contextlib import suppress
 
 import serial
+from pydantic import Field
 
 from drivers.clock import Clock
 from drivers.errors import PortError
+from drivers.settings import Settings
 
 JOIN_TIMEOUT_S = 1.0
 """Longest wait for the reader thread at close; it is woken, so this is not expected to pass (assumption)."""
@@ -32,20 +34,29 @@ _ADVICE = {
 }
 
 
-def open_serial(device: str, port: str, baud: int, clock: Clock) -> SerialLink:
+class SerialPort(Settings):
+    """Where a serial device is; settings of drivers on one are derived from these."""
+
+    port: str = Field(min_length=1)
+    """Path of the port, `/dev/serial/by-id/...` or a pty."""
+    baud: int = Field(default=115_200, ge=1_200, le=12_000_000)
+    """Line speed in bits per second; 8 data bits, no parity, 1 stop bit, no flow control."""
+
+
+def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
     """Open a serial port, or a pty, for this program alone.
 
     Args:
         device: Name in the profile, for errors.
-        port: Path of the port.
-        baud: Line speed in bits per second; 8 data bits, no parity, 1 stop bit, no flow control.
+        where: It is.
         clock: Says when bytes arrive.
 
     Raises:
         PortError: absent, busy, forbidden or no serial port: one line with what to do.
     """
+    port = where.port
     try:
-        opened = serial.Serial(port, baud, timeout=None, exclusive=True)
+        opened = serial.Serial(port, where.baud, timeout=None, exclusive=True)
     except (OSError, ValueError) as error:
         # pyserial keeps the number of a failed open, but not that of a failed tcgetattr.
         configured = isinstance(error, serial.SerialException) and error.errno is None

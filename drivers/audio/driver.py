@@ -16,22 +16,18 @@ from drivers.audio.source import Declined, Found, Happening, Packet, Source, Swe
 from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import (
-    Applied,
     Chirp,
     Command,
     DeviceInfo,
     Excite,
-    Failed,
     Listen,
-    Lost,
     Reached,
     Refused,
-    SampleBlock,
     Saturated,
-    Sent,
     Status,
     Tone,
 )
+from drivers.wire import WireDriver
 
 BITS_MIN: Final = 24
 """Of a sample: the fingers' sound moves by less than 16 bits resolve (III.B: a 24-bit converter)."""
@@ -45,7 +41,7 @@ TURN_MAX_S: Final = 0.05
 MENDING: Final = "see docs/reference/audio.md"
 
 
-class Audio:
+class Audio(WireDriver[Source]):
     """The fingers' sound; implements `drivers.protocols.Device`. It moves nothing.
 
     The stream `<name>.fingers` has raw 24-bit counts of the right and the left finger. Its `seq` counts the frames of
@@ -63,11 +59,9 @@ class Audio:
     """
 
     def __init__(self, name: str, settings: AudioSettings, clock: Clock) -> None:
-        self.name = name
+        super().__init__(name, settings, clock, make_source)
         self._settings = settings
-        self._clock = clock
         self._info = fingers_info(name)
-        self._source: Source | None = None
         self._closed_account: Mapping[str, object] = {}
         self._forget()
 
@@ -77,34 +71,17 @@ class Audio:
         self._excursions = Excursions(RATE_HZ)
         self._stillness = Stillness(RATE_HZ, s.silence_timeout_s)
         self._listening = False
-        self._failure: str | None = None
-        self._blocks: list[SampleBlock] = []
-        self._statuses: list[Status] = []
         self._saturations = 0
         self._driven = 0  # id of what the drive was last told
         self._turned_s = self._clock.monotonic_s()
         self._unheard_s = 0.0
 
-    def open(self) -> DeviceInfo:
-        """Connect, see that the sound fits, listen for a moment; the drive is silent.
-
-        Raises:
-            PortError: the source is absent or busy, or what reaches it is not installed.
-            SilentError: nothing comes.
-            ProtocolError: it is no source of two fingers' sound of 24 bits at 96 kHz, or it is clipped or silent.
-        """
-        self.close()
-        self._forget()
-        source = make_source(self.name, self._settings, self._clock)
-        try:
-            found = source.open()
-            self._check(found)
-            if self._settings.look_s > 0.0:
-                self._look(source, found)
-        except BaseException:
-            source.close()
-            raise
-        self._source = source
+    def _identify(self, source: Source) -> DeviceInfo:
+        """See that the sound fits, listen for a moment; clipped, silent or 16-bit sound is refused."""
+        found = source.open()
+        self._check(found)
+        if self._settings.look_s > 0.0:
+            self._look(source, found)
         self._turned_s = self._clock.monotonic_s()
         return DeviceInfo(
             self.name,
@@ -124,59 +101,37 @@ class Audio:
     def close(self) -> None:
         """Silence the drive, let go of the source. Never raises; may be called twice."""
         self._closed_account = self.account()
-        source, self._source = self._source, None
-        if source is not None:
-            source.close()
+        super().close()
 
-    def apply(self, command: Command) -> Applied:
-        """Drive the transducers, or listen to the fingers.
+    def _valid(self, command: Command) -> Command:
+        return checked(self.name, command)
 
-        Raises:
-            CommandError: not for audio, not finite or out of range. Nothing was sent.
-            PortError: it is not open.
-        """
-        command = checked(self.name, command)
-        if self._source is None:
-            raise PortError(
-                self.name, f"applying {type(command).__name__}", "it is not open", "open it first"
-            )
-        now_s = self._clock.now()
-        if self._failure is not None:
-            self._statuses.append(Refused(now_s, self.name, command, self._failure))
-            return Applied(command, now_s)
+    def _carry_out(self, command: Command) -> None:
+        assert self._link is not None
         if isinstance(command, Listen):
-            self._listen(bool(command.streams), self._source)
+            self._listen(bool(command.streams), self._link)
         elif isinstance(command, Tone | Chirp | Excite):
-            self._source.drive(command)
+            self._link.drive(command)
             self._driven = command.id
-        self._statuses.append(Sent(now_s, self.name, command))
-        return Applied(command, now_s)
-
-    def read(self) -> Sequence[SampleBlock]:
-        """Sound that has come since the last call."""
-        self._turn()
-        blocks, self._blocks = self._blocks, []
-        return blocks
+        self._sent(command)
 
     def poll(self) -> Sequence[Status]:
         """Statuses since the last call, in order."""
-        if (
-            not self._listening
-        ):  # else `read` hears, so that no sound is left behind the end that is told here
-            self._turn()
-        statuses, self._statuses = self._statuses, []
-        return statuses
+        if self._listening:  # `read` hears, so that no sound is left behind the end that is told here
+            statuses, self._statuses = self._statuses, []
+            return statuses
+        return super().poll()
 
     def account(self) -> Mapping[str, object]:
         """Frames taken and lost, excursions to full scale, the drift of the converter's clock: also after `close`."""
-        if self._source is None:
+        if self._link is None:
             return self._closed_account
         return {
             "frames": self._frames.taken,
             "frames_lost": self._frames.lost,
             "saturations": self._saturations,
             "drift_ppm": self._frames.clock.model.drift_ppm,
-            **self._source.account(),
+            **self._link.account(),
         }
 
     # at open
@@ -239,29 +194,23 @@ class Audio:
         self._stillness.begin()
         source.listen(on)
 
-    def _turn(self) -> None:
+    def _heed(self, source: Source) -> str | None:
         """Hear what has come; notice what has not."""
         now_s = self._clock.monotonic_s()
         passed_s, self._turned_s = min(now_s - self._turned_s, TURN_MAX_S), now_s
-        source = self._source
-        if source is None or self._failure is not None:
-            return
         self._unheard_s = self._unheard_s + passed_s if self._listening else 0.0
         for happening in source.receive():
             self._take(happening)
         limit_s = self._settings.silence_timeout_s
-        if source.fault is not None:
-            self._fail(source.fault)
-        elif self._unheard_s > limit_s:
-            self._fail(f"no sound in {limit_s:g} s; is the source running?")
+        return f"no sound in {limit_s:g} s; is the source running?" if self._unheard_s > limit_s else None
 
     def _take(self, happening: Happening) -> None:
         if isinstance(happening, Swept):
             t_s = self._frames.time_s(happening.frame, happening.arrival_s)
-            self._statuses.append(Reached(t_s, self.name, 0.0, command_id=self._driven))
+            self._say(Reached(t_s, self.name, 0.0, command_id=self._driven))
         elif isinstance(happening, Declined):
             t_s = self._clock.from_monotonic(happening.arrival_s)
-            self._statuses.append(Refused(t_s, self.name, happening.command, happening.reason))
+            self._say(Refused(t_s, self.name, happening.command, happening.reason))
         elif self._listening and self._failure is None:
             self._unheard_s = 0.0
             self._hear(happening)
@@ -273,24 +222,19 @@ class Audio:
             self._fail(str(error))
             return
         if lost:
-            self._statuses.append(Lost(block.t0_s, self.name, block.stream, lost))
+            self._lost(block.t0_s, block.stream, lost)
         self._blocks.append(block)
         counts = packet.counts[:, list(self._settings.channels)]
         for place, finger in self._excursions.push(clipped(counts)):
             self._saturations += 1
             t_s, value = block.t0_s + place / RATE_HZ, float(counts[place, finger]) / FULL_SCALE
-            self._statuses.append(Saturated(t_s, self.name, block.stream, value))
+            self._say(Saturated(t_s, self.name, block.stream, value))
         silent = self._stillness.push(counts)
         if silent is not None:
             waited_s = self._settings.silence_timeout_s
             self._fail(
                 f"the {silent} finger is silent: nothing has moved in {waited_s:g} s; is it plugged in?"
             )
-
-    def _fail(self, reason: str) -> None:
-        if self._failure is None:
-            self._failure = reason
-            self._statuses.append(Failed(self._clock.now(), self.name, reason))
 
 
 __all__ = ["Audio", "AudioSettings"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -10,26 +10,12 @@ from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import Strain, StrainSettings
-from drivers.can_link import Beat, CanLink, CanPort, Heard, open_can
+from drivers.can_link import Beat, CanLink, CanPort, Heard, open_can, strange_frames
 from drivers.clock import Clock
-from drivers.errors import CommandError, PortError, ProtocolError, SilentError
-from drivers.messages import (
-    Applied,
-    Command,
-    DeviceInfo,
-    Failed,
-    Listen,
-    Lost,
-    Refused,
-    SampleBlock,
-    Sent,
-    Status,
-    Tare,
-)
+from drivers.errors import check_streams, wrong
+from drivers.messages import Command, DeviceInfo, Listen, Tare
 from drivers.numbering import Runs, Track, host_clock
-
-OPEN_TURN_S = 0.001
-"""Pause between two looks at the bus while opening (assumption: several frames long)."""
+from drivers.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 10
 """How often a finger is asked while opening (assumption: frames may be lost, and a busy machine may sleep through
@@ -58,7 +44,7 @@ class BarrettHandSettings(CanPort, StrainSettings):
     """Silence after which the hand has failed (assumption: 25 lost answers)."""
 
 
-class BarrettHand:
+class BarrettHand(WireDriver[CanLink]):
     """A hand whose fingers' torques are heard; implements `drivers.protocols.Device`. It moves nothing.
 
     The link's thread asks at a steady beat, all fingers with one question, or one finger by itself where one alone is
@@ -73,20 +59,22 @@ class BarrettHand:
         name: Name in the profile.
         settings: Of the hand.
         clock: Gives bench time.
+        connect: Opens the link.
     """
 
-    def __init__(self, name: str, settings: BarrettHandSettings, clock: Clock) -> None:
-        self.name = name
+    def __init__(
+        self,
+        name: str,
+        settings: BarrettHandSettings,
+        clock: Clock,
+        connect: Callable[[str, CanPort, Clock], CanLink] = open_can,
+    ) -> None:
+        super().__init__(name, settings, clock, connect)
         self._settings = settings
-        self._clock = clock
         gauge = StrainSettings(newton_per_count=settings.newton_per_count, zero_counts=settings.zero_counts)
         self._strains = {finger: Strain(name, finger, settings.poll_hz, gauge) for finger in settings.fingers}
         self._fingers = {strain.info.name: finger for finger, strain in self._strains.items()}
-        self._link: CanLink | None = None
-        self._failed = False
-        self._statuses: list[Status] = []
-        self._blocks: list[SampleBlock] = []
-        self._lost = 0
+        self._missing = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -96,23 +84,8 @@ class BarrettHand:
             finger: Track(host_clock(), self._settings.poll_hz) for finger in self._settings.fingers
         }
 
-    def open(self) -> DeviceInfo:
-        """Connect and read every finger once.
-
-        Raises:
-            PortError: the bus is absent, busy or was taken away.
-            SilentError: a finger does not answer.
-            ProtocolError: what comes is no BarrettHand's.
-        """
-        self.close()
-        self._forget()
-        self._failed = False
-        self._link = open_can(self.name, self._settings, self._clock)
-        try:
-            readings = {finger: self._reading(self._link, finger) for finger in self._settings.fingers}
-        except BaseException:
-            self.close()
-            raise
+    def _identify(self, link: CanLink) -> DeviceInfo:
+        readings = {finger: self._reading(link, finger) for finger in self._settings.fingers}
         return DeviceInfo(
             self.name,
             model="BarrettHand",
@@ -121,60 +94,32 @@ class BarrettHand:
             details={"readings_counts": readings, "safe_counts": codec.SAFE_COUNTS},
         )
 
-    def close(self) -> None:
-        """Ask no more, let go of the bus. Never raises; may be called twice."""
-        link, self._link = self._link, None
-        if link is not None:
-            link.ask(None)
-            link.close()
+    def _leave(self, link: CanLink, failure: str | None) -> None:
+        link.ask(None)
 
-    def apply(self, command: Command) -> Applied:
-        """Listen to fingers, or tare one.
-
-        Raises:
-            CommandError: not for this hand. Nothing was sent.
-        """
+    def _valid(self, command: Command) -> Command:
         match command:
             case Listen(streams=streams):
-                self._listen(frozenset(self._finger(command, stream) for stream in streams))
+                check_streams(self.name, command, streams, self._fingers)
             case Tare(stream=stream):
-                tared = self._strains[self._finger(command, stream)].tare()
-                now_s = self._clock.now()
-                reason = "nothing has been read of it; listen to it first"
-                self._statuses.append(
-                    Sent(now_s, self.name, command) if tared else Refused(now_s, self.name, command, reason)
-                )
+                check_streams(self.name, command, (stream,), self._fingers)
             case _:
-                advice = "a hand can Listen and Tare"
-                raise CommandError(
-                    self.name, f"applying {type(command).__name__}", "it has no such command", advice
-                )
-        return Applied(command, self._clock.now())
+                raise wrong(self.name, command, "it has no such command", "a hand can Listen and Tare")
+        return command
 
-    def read(self) -> Sequence[SampleBlock]:
-        """Blocks that have arrived since the last call, in order for each stream."""
-        self._turn()
-        blocks, self._blocks = self._blocks, []
-        return blocks
-
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        self._turn()
-        statuses, self._statuses = self._statuses, []
-        return statuses
+    def _carry_out(self, command: Command) -> None:
+        if isinstance(command, Listen):
+            self._listen(frozenset(self._fingers[stream] for stream in command.streams))
+        elif isinstance(command, Tare) and self._strains[self._fingers[command.stream]].tare():
+            self._sent(command)
+        else:
+            self._refuse(command, "nothing has been read of it; listen to it first")
 
     def account(self) -> Mapping[str, object]:
         """How the bus did so far, for the manifest."""
         malformed = 0 if self._link is None else self._link.malformed
         zeros = {strain.info.name: strain.zero for strain in self._strains.values()}
-        return {"lost": self._lost, "malformed": malformed, "zero_counts": zeros}
-
-    def _finger(self, command: Command, stream: str) -> int:
-        if stream not in self._fingers:
-            doing = f"applying {type(command).__name__}"
-            advice = f"it has: {', '.join(sorted(self._fingers))}"
-            raise CommandError(self.name, doing, f"it has no stream {stream}", advice)
-        return self._fingers[stream]
+        return {"lost": self._missing, "malformed": malformed, "zero_counts": zeros}
 
     def _listen(self, fingers: frozenset[int]) -> None:
         link = self._link
@@ -202,10 +147,7 @@ class BarrettHand:
             )
         )
 
-    def _turn(self) -> None:
-        link = self._link
-        if link is None or self._failed:
-            return
+    def _heed(self, link: CanLink) -> str | None:
         answers = {finger: list[_Answer]() for finger in sorted(self._heard)}
         for heard in link.receive():
             reply = _strain(heard)
@@ -217,10 +159,9 @@ class BarrettHand:
             self._heard_s = now_s
         for finger, taken in answers.items():
             self._take(finger, taken)
-        if link.fault is not None:
-            self._fail(link.fault)
-        elif now_s - self._heard_s > self._settings.silence_timeout_s:
-            self._fail(f"no answer in {self._settings.silence_timeout_s:g} s; is the hand powered?")
+        if now_s - self._heard_s > self._settings.silence_timeout_s:
+            return f"no answer in {self._settings.silence_timeout_s:g} s; is the hand powered?"
+        return None
 
     def _take(self, finger: int, answers: Sequence[_Answer]) -> None:
         """Make blocks of what a finger answered."""
@@ -235,40 +176,31 @@ class BarrettHand:
             self._blocks.append(block)
             self._statuses += strain.saturation(block)
         if lost:
-            self._lost += lost
-            self._statuses.append(Lost(self._clock.now(), self.name, strain.info.name, lost))
-
-    def _fail(self, reason: str) -> None:
-        self._failed = True
-        self._statuses.append(Failed(self._clock.now(), self.name, reason))
+            self._missing += lost
+            self._lost(self._clock.now(), strain.info.name, lost)
 
     def _reading(self, link: CanLink, finger: int) -> int:
-        """Ask one finger until it answers.
-
-        Raises:
-            PortError: the bus was taken away.
-            SilentError: it does not answer.
-            ProtocolError: what comes is no BarrettHand's.
-        """
+        """Ask one finger until it answers; raises a `DeviceError`."""
         strangers = 0
-        for _ in range(OPEN_ATTEMPTS):
-            link.send(codec.encode_request(codec.Get(finger, codec.Property.STRAIN)))
-            until_s = self._clock.monotonic_s() + self._settings.answer_timeout_s
-            while self._clock.monotonic_s() < until_s and link.fault is None:
-                for heard in link.receive():
-                    reply = _strain(heard)
-                    strangers += reply is None
-                    if reply is not None and reply.sender == finger:
-                        return reply.value
-                self._clock.rest(OPEN_TURN_S)
-        doing = f"asking finger {finger} at {self._settings.port}"
-        if link.fault is not None:
-            raise PortError(self.name, doing, link.fault, "is the adapter plugged in?")
-        if strangers or link.malformed:
-            reason = f"{strangers} frames of others and {link.malformed} malformed ones came, and no answer"
-            raise ProtocolError(self.name, doing, reason, "is a BarrettHand on this bus, at its bit rate?")
-        waited_s = OPEN_ATTEMPTS * self._settings.answer_timeout_s
-        raise SilentError(self.name, doing, f"no answer in {waited_s:g} s", "is the hand powered?")
+
+        def hear(heard: Heard) -> int | None:
+            nonlocal strangers
+            reply = _strain(heard)
+            strangers += reply is None
+            return reply.value if reply is not None and reply.sender == finger else None
+
+        inquiry = Inquiry(
+            self.name,
+            f"asking finger {finger} at {self._settings.port}",
+            link,
+            self._clock,
+            self._settings.answer_timeout_s,
+            strange=lambda: strange_frames(strangers, link),
+            stranger="is a BarrettHand on this bus, at its bit rate?",
+            silent="is the hand powered?",
+        )
+        question = codec.encode_request(codec.Get(finger, codec.Property.STRAIN))
+        return inquiry.ask(lambda: link.send(question), hear, OPEN_ATTEMPTS)
 
 
 def _strain(heard: Heard) -> codec.Reply | None:

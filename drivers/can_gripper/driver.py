@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,27 +26,21 @@ from drivers.can_gripper.words import (
     State,
     Watchdog,
 )
-from drivers.can_link import CanLink, Heard, open_can
+from drivers.can_link import CanLink, CanPort, Heard, open_can
 from drivers.clock import Clock
 from drivers.messages import (
     Applied,
     Command,
     DeviceInfo,
-    Failed,
     Grip,
     Listen,
-    Lost,
-    Refused,
     Release,
     SampleBlock,
-    Sent,
-    Status,
     Stop,
     StreamInfo,
 )
 from drivers.numbering import Run, Runs
-
-NOT_OPEN = "it is not open"
+from drivers.wire import WireDriver
 
 IDLE = Drive(0, 0, 0, activate=False, go=False)
 
@@ -56,7 +50,7 @@ class _Sample(NamedTuple):
     closing_ma: int
 
 
-class CanGripper:
+class CanGripper(WireDriver[CanLink]):
     """A gripper whose jaws open and close; implements `drivers.protocols.Device`.
 
     `Home` clears faults and calibrates where that has not been done since power-up: the jaws open and close
@@ -76,23 +70,26 @@ class CanGripper:
         name: Name in the profile.
         settings: Of the gripper.
         clock: Gives bench time.
+        connect: Opens the link.
     """
 
-    def __init__(self, name: str, settings: CanGripperSettings, clock: Clock) -> None:
-        self.name = name
+    def __init__(
+        self,
+        name: str,
+        settings: CanGripperSettings,
+        clock: Clock,
+        connect: Callable[[str, CanPort, Clock], CanLink] = open_can,
+    ) -> None:
+        super().__init__(name, settings, clock, connect)
         self._settings = settings
-        self._clock = clock
         self._brackets = Brackets(settings.closed_width_m, settings.force_n_per_ma)
         self._infos = (
             StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
             StreamInfo(f"{name}.force", ("force",), "N", settings.force_n_per_ma, longest_s=LONGEST_S),
         )
-        self._link: CanLink | None = None
-        self._failure: str | None = NOT_OPEN
-        self._statuses: list[Status] = []
         self._runs = Runs[_Sample]()
         self._seq = 0
-        self._lost = 0
+        self._unanswered = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -105,27 +102,13 @@ class CanGripper:
         self._missing = 0  # questions in a row without an answer
         self._faults: list[str] = []
 
-    def open(self) -> DeviceInfo:
-        """Connect, identify, set the watchdog; a gripper that is found moving is stopped.
-
-        Raises:
-            PortError: the bus is absent, busy or was taken away.
-            SilentError: nothing answers.
-            ProtocolError: what answers is no SSG-48.
-        """
-        self.close()
-        self._forget()
-        self._link = open_can(self.name, self._settings, self._clock)
-        try:
-            found = identify(self.name, self._settings, self._link, self._clock)
-            self._say(self._link, Watchdog(round(self._settings.watchdog_s * 1e3)))
-            if found.state.calibrated and found.state.going and found.state.finding is Finding.MOVING:
-                steady_ma = self._brackets.current_ma(self._settings.release_force_n)
-                self._say(self._link, Drive(found.state.position, 0, steady_ma))
-        except BaseException:
-            self.close()
-            raise
-        self._failure = None
+    def _identify(self, link: CanLink) -> DeviceInfo:
+        """A gripper that is found moving is stopped."""
+        found = identify(self.name, self._settings, link, self._clock)
+        self._write(link, Watchdog(round(self._settings.watchdog_s * 1e3)))
+        if found.state.calibrated and found.state.going and found.state.finding is Finding.MOVING:
+            steady_ma = self._brackets.current_ma(self._settings.release_force_n)
+            self._write(link, Drive(found.state.position, 0, steady_ma))
         self._state = found.state
         self._watch.faulty = bool(found.errors.active)
         self._asked.clear()
@@ -147,18 +130,12 @@ class CanGripper:
             },
         )
 
-    def close(self) -> None:
-        """Stop what moves, switch the watchdog off, let go of the bus. Never raises; may be called twice."""
-        link, self._link = self._link, None
-        if link is None:
-            return
-        if self._failure is None:
+    def _leave(self, link: CanLink, failure: str | None) -> None:
+        """Stop what moves, switch the watchdog off: what is held stays held."""
+        if failure is None:
             if not self._watch.resting:
-                self._say(link, *self._stopping())
-            self._say(link, Watchdog(0))
-        self._failure = NOT_OPEN
-        link.close()
-        self._forget()
+                self._write(link, *self._stopping())
+            self._write(link, Watchdog(0))
 
     def apply(self, command: Command) -> Applied:
         """Queue a command; it is written when this returns.
@@ -168,22 +145,26 @@ class CanGripper:
         Raises:
             CommandError: not for a gripper, not finite or out of range. Nothing was sent.
         """
-        s = self._settings
-        command = valid(self.name, self._brackets, s.max_speed_m_s, s.max_force_n, command)
         if isinstance(command, Listen):
             self._heard = command.streams & {info.name for info in self._infos}
             return Applied(command, self._clock.now())
-        link, refusal = self._link, self._refusal(command)
-        if link is None or refusal is not None:
-            self._statuses.append(Refused(self._clock.now(), self.name, command, refusal or NOT_OPEN))
-        else:
-            orders = self._orders(command)
-            self._say(link, *orders)
-            sent_s = self._clock.now()
-            self._watch.begin(command, sent_s, drives=any(map(_drives, orders)))
-            if link.fault is None:
-                self._statuses.append(Sent(sent_s, self.name, command))
-        return Applied(command, self._clock.now())
+        return super().apply(command)
+
+    def _valid(self, command: Command) -> Command:
+        s = self._settings
+        return valid(self.name, self._brackets, s.max_speed_m_s, s.max_force_n, command)
+
+    def _carry_out(self, command: Command) -> None:
+        assert self._link is not None
+        refusal = self._refusal(command)
+        if refusal is not None:
+            self._refuse(command, refusal)
+            return
+        orders = self._orders(command)
+        self._write(self._link, *orders)
+        self._watch.begin(command, self._clock.now(), drives=any(map(_drives, orders)))
+        if self._link.fault is None:
+            self._sent(command)
 
     def read(self) -> Sequence[SampleBlock]:
         """Widths and forces that have arrived since the last call."""
@@ -196,24 +177,16 @@ class CanGripper:
             for run in runs
         ]
 
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        self._turn()
-        statuses, self._statuses = self._statuses, []
-        return statuses
-
     def account(self) -> Mapping[str, object]:
         """How the bus did so far, for the manifest."""
         malformed = 0 if self._link is None else self._link.malformed
-        answered = self._seq - self._lost
-        return {"states": answered, "lost": self._lost, "malformed": malformed, "faults": self._faults}
+        answered = self._seq - self._unanswered
+        return {"states": answered, "lost": self._unanswered, "malformed": malformed, "faults": self._faults}
 
     # what is said
 
     def _refusal(self, command: Command) -> str | None:
         """Why a command cannot be carried out now."""
-        if self._failure is not None:
-            return self._failure
         if isinstance(command, Grip | Release):
             if self._watch.faulty:
                 return "it has a fault; send Home, which clears it"
@@ -247,7 +220,7 @@ class CanGripper:
         self._order = self._brackets.hold(self._state, self._order)
         return (self._order,)
 
-    def _say(self, link: CanLink, *orders: Order) -> None:
+    def _write(self, link: CanLink, *orders: Order) -> None:
         for order in orders:
             sent_s = link.send(encode_order(self._settings.node, order))
             if isinstance(order, Poll | Drive) and sent_s is not None:
@@ -256,23 +229,17 @@ class CanGripper:
 
     # what is heard
 
-    def _turn(self) -> None:
+    def _heed(self, link: CanLink) -> str | None:
         """Hear what has come, ask what is due."""
-        link = self._link
-        if link is None or self._failure is not None:
-            return
         for heard in link.receive():
             self._hear(link, heard)
         now_s = self._clock.monotonic_s()
         self._give_up(now_s)
-        if link.fault is not None:
-            self._fail(link.fault)
-        elif self._missing * self._settings.reply_timeout_s >= self._settings.silence_timeout_s:
-            self._fail(
-                f"{self._missing} questions in a row have no answer; is it powered, and the bus whole?"
-            )
-        elif not self._asked and now_s - self._asked_s >= self._interval_s():
-            self._say(link, Poll())
+        if self._missing * self._settings.reply_timeout_s >= self._settings.silence_timeout_s:
+            return f"{self._missing} questions in a row have no answer; is it powered, and the bus whole?"
+        if link.fault is None and not self._asked and now_s - self._asked_s >= self._interval_s():
+            self._write(link, Poll())
+        return None
 
     def _interval_s(self) -> float:
         watched = self._heard or self._watch.busy or self._order.go
@@ -287,7 +254,7 @@ class CanGripper:
         self._missing = 0
         asked_s = self._asked.popleft() if self._asked else heard.arrival_s
         if fault and not self._watch.faulty:
-            self._say(link, Ask(Code.ERRORS))
+            self._write(link, Ask(Code.ERRORS))
         self._state = answer
         self._statuses += self._watch.push(self._clock.from_monotonic(asked_s), answer, fault)
         if self._heard:
@@ -302,13 +269,10 @@ class CanGripper:
         while self._asked and now_s - self._asked[0] > self._settings.reply_timeout_s:
             t_s = self._clock.from_monotonic(self._asked.popleft())
             self._seq += 1
-            self._lost += 1
+            self._unanswered += 1
             self._missing += 1
-            self._statuses += [Lost(t_s, self.name, stream, 1) for stream in sorted(self._heard)]
-
-    def _fail(self, reason: str) -> None:
-        self._failure = reason
-        self._statuses.append(Failed(self._clock.now(), self.name, reason))
+            for stream in sorted(self._heard):
+                self._lost(t_s, stream, 1)
 
     def _block(self, info: StreamInfo, run: Run[_Sample]) -> SampleBlock:
         width = info is self._infos[0]

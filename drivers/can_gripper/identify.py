@@ -7,12 +7,9 @@ from typing import NamedTuple, TypeVar
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.codec import CodecError, decode_answer, encode_order
 from drivers.can_gripper.words import Answer, Ask, Code, Errors, Info, Number, Order, Poll, State
-from drivers.can_link import CanLink, Heard
+from drivers.can_link import CanLink, Heard, strange_frames
 from drivers.clock import Clock
-from drivers.errors import PortError, ProtocolError, SilentError
-
-TURN_S = 0.001
-"""Pause between two looks at the bus (assumption: several frames long)."""
+from drivers.wire import Inquiry
 
 ATTEMPTS = 4
 """How often a question is asked (assumption: three frames may be lost)."""
@@ -64,25 +61,26 @@ def _answer(
     name: str, settings: CanGripperSettings, link: CanLink, clock: Clock, order: Order, kind: type[T]
 ) -> T:
     strangers = 0
-    for _ in range(ATTEMPTS):
-        link.send(encode_order(settings.node, order))
-        until_s = clock.monotonic_s() + settings.reply_timeout_s
-        while clock.monotonic_s() < until_s and link.fault is None:
-            for heard in link.receive():
-                said = heard_from(settings.node, heard)
-                strangers += said is None
-                if said is not None and isinstance(said[0], kind) and _fits(order, said[0]):
-                    return said[0]
-            clock.rest(TURN_S)
-    doing = f"asking who is at {settings.port}"
-    if link.fault is not None:
-        raise PortError(name, doing, link.fault, "is the adapter plugged in?")
+
+    def hear(heard: Heard) -> T | None:
+        nonlocal strangers
+        said = heard_from(settings.node, heard)
+        strangers += said is None
+        mine = said is not None and isinstance(said[0], kind) and _fits(order, said[0])
+        return said[0] if mine else None  # type: ignore[index, return-value]
+
     where = f"node {settings.node}, and the bus at {settings.bitrate} bit/s?"
-    if strangers or link.malformed:
-        reason = f"{strangers} frames of others and {link.malformed} malformed ones came, and no answer"
-        raise ProtocolError(name, doing, reason, f"is the gripper {where}")
-    waited_s = ATTEMPTS * settings.reply_timeout_s
-    raise SilentError(name, doing, f"no answer in {waited_s:g} s", f"is it powered with 24 V, {where}")
+    inquiry = Inquiry(
+        name,
+        f"asking who is at {settings.port}",
+        link,
+        clock,
+        settings.reply_timeout_s,
+        strange=lambda: strange_frames(strangers, link),
+        stranger=f"is the gripper {where}",
+        silent=f"is it powered with 24 V, {where}",
+    )
+    return inquiry.ask(lambda: link.send(encode_order(settings.node, order)), hear, ATTEMPTS)
 
 
 def _fits(order: Order, answer: object) -> bool:

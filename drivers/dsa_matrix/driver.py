@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pydantic import Field
@@ -12,20 +12,10 @@ from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.frames import Frames
 from drivers.dsa_matrix.identify import Identity, identify
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
-from drivers.errors import CommandError, RefusedError
-from drivers.links import SerialLink, open_serial
-from drivers.messages import (
-    Applied,
-    Command,
-    DeviceInfo,
-    Failed,
-    Listen,
-    SampleBlock,
-    Sent,
-    Status,
-    StreamInfo,
-)
-from drivers.settings import Settings
+from drivers.errors import RefusedError, check_streams, wrong
+from drivers.links import SerialLink, SerialPort, open_serial
+from drivers.messages import Command, DeviceInfo, Listen, StreamInfo
+from drivers.wire import WireDriver
 
 BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
@@ -34,13 +24,9 @@ OVERHEAD_BYTES = 13
 """Of a frame beside its texels: preamble, id, length, time, flags, CRC (interface page: 153 bytes for 70 cells)."""
 
 
-class DsaMatrixSettings(Settings):
-    """Tactile matrices."""
+class DsaMatrixSettings(SerialPort):
+    """Tactile matrices, at the line speed of the interface page unless told otherwise."""
 
-    port: str = Field(min_length=1)
-    """Path of the serial port."""
-    baud: int = Field(default=115_200, ge=9_600, le=921_600)
-    """Line speed in bits per second (interface page)."""
     frame_hz: int = Field(default=100, ge=1, le=1000)
     """Frames that are asked for, a second (the paper, 5.4: 10 ms between samples)."""
     rle: bool = True
@@ -66,7 +52,7 @@ class _Order:
     repeated: bool = False
 
 
-class DsaMatrix:
+class DsaMatrix(WireDriver[SerialLink]):
     """Tactile matrices whose texels are heard; implements `drivers.protocols.Device`. It moves nothing.
 
     Which matrices there are and how many cells they have they say themselves. The stream `<name>.taxels` has one
@@ -78,49 +64,36 @@ class DsaMatrix:
         name: Name in the profile.
         settings: Of the matrices.
         clock: Gives bench time.
+        connect: Opens the link.
     """
 
-    def __init__(self, name: str, settings: DsaMatrixSettings, clock: Clock) -> None:
-        self.name = name
+    def __init__(
+        self,
+        name: str,
+        settings: DsaMatrixSettings,
+        clock: Clock,
+        connect: Callable[[str, SerialPort, Clock], SerialLink] = open_serial,
+    ) -> None:
+        super().__init__(name, settings, clock, connect)
         self._settings = settings
-        self._clock = clock
         self._stream = f"{name}.taxels"
-        self._link: SerialLink | None = None
-        self._decoder = PacketDecoder()
         self._frames: Frames | None = None
-        self._statuses: list[Status] = []
         self._forget()
 
     def _forget(self) -> None:
-        self._failed = False
+        self._decoder = PacketDecoder()
         self._listening = False
         self._order: _Order | None = None
+        self._refusal: str | None = None
         self._heard_s = 0.0
 
-    def open(self) -> DeviceInfo:
-        """Connect, stop whatever an earlier host has left on, ask what there is; wait for one that is powering up.
-
-        Raises:
-            PortError: the port is absent, busy or was taken away.
-            SilentError: nothing answers.
-            ProtocolError: what answers is no DSACON32-M.
-            RefusedError: it has no matrix, refuses a setting, or the line is too slow for what is asked.
-        """
+    def _identify(self, link: SerialLink) -> DeviceInfo:
+        """Stop whatever an earlier host has left on, ask what there is; wait for one that is powering up."""
         s = self._settings
-        self.close()
-        self._forget()
-        self._decoder = PacketDecoder()
-        self._link = open_serial(self.name, s.port, s.baud, self._clock)
-        try:
-            found = identify(
-                self.name, s.port, self._link, self._decoder, self._clock, s.power_up_s, s.reply_timeout_s
-            )
-            if s.threshold_counts is not None:
-                found.set_threshold(s.threshold_counts)
-            info = self._stream_info(found)
-        except BaseException:
-            self.close()
-            raise
+        found = identify(self.name, s.port, link, self._decoder, self._clock, s.power_up_s, s.reply_timeout_s)
+        if s.threshold_counts is not None:
+            found.set_threshold(s.threshold_counts)
+        info = self._stream_info(found)
         self._frames = Frames(self.name, info, self._clock, s.max_drift_ppm)
         return DeviceInfo(
             self.name,
@@ -145,45 +118,25 @@ class DsaMatrix:
             },
         )
 
-    def close(self) -> None:
-        """Stop the frames, let go of the port. Never raises; may be called twice."""
-        link, self._link = self._link, None
-        if link is not None:
-            link.send(encode_packet(codec.encode_request(self._acquire(False))))
-            link.close()
+    def _leave(self, link: SerialLink, failure: str | None) -> None:
+        link.send(encode_packet(codec.encode_request(self._acquire(False))))
 
-    def apply(self, command: Command) -> Applied:
-        """Listen to the texels, or no more.
-
-        Raises:
-            CommandError: not for these matrices. Nothing was sent.
-        """
-        doing = f"applying {type(command).__name__}"
+    def _valid(self, command: Command) -> Command:
         if not isinstance(command, Listen):
-            raise CommandError(self.name, doing, "it has no such command", "matrices can Listen")
-        unknown = sorted(command.streams - {self._stream})
-        if unknown:
-            raise CommandError(self.name, doing, f"it has no stream {unknown[0]}", f"it has: {self._stream}")
-        wanted = bool(command.streams)
-        if wanted != self._listening and self._link is not None and not self._failed:
-            self._turn()
-            self._listening = wanted
-            if wanted and self._frames is not None:
-                self._frames.begin()
-            self._say(self._link, self._acquire(wanted))
-            self._statuses.append(Sent(self._clock.now(), self.name, command))
-        return Applied(command, self._clock.now())
+            raise wrong(self.name, command, "it has no such command", "matrices can Listen")
+        check_streams(self.name, command, command.streams, (self._stream,))
+        return command
 
-    def read(self) -> Sequence[SampleBlock]:
-        """Frames that have arrived since the last call."""
+    def _carry_out(self, command: Command) -> None:
+        wanted = isinstance(command, Listen) and bool(command.streams)
+        if wanted == self._listening or self._link is None or self._frames is None:
+            return
         self._turn()
-        return () if self._frames is None else self._frames.take_blocks()
-
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        self._turn()
-        statuses, self._statuses = self._statuses, []
-        return statuses
+        self._listening = wanted
+        if wanted:
+            self._frames.begin()
+        self._ask(self._link, self._acquire(wanted))
+        self._sent(command)
 
     def account(self) -> Mapping[str, object]:
         """What came of the bytes on the line, and the drift of the controller's clock, for the manifest."""
@@ -222,16 +175,15 @@ class DsaMatrix:
             )
         return StreamInfo(self._stream, channels, "V", codec.VOLT_PER_COUNT, float(s.frame_hz))
 
-    def _say(self, link: SerialLink, request: codec.Request) -> None:
+    def _ask(self, link: SerialLink, request: codec.Request) -> None:
         link.send(encode_packet(codec.encode_request(request)))
         now_s = self._heard_s = self._clock.monotonic_s()
         self._order = _Order(request, now_s + self._settings.reply_timeout_s)
 
-    def _turn(self) -> None:
+    def _heed(self, link: SerialLink) -> str | None:
         """Hear what has come; notice what has not."""
-        link, frames = self._link, self._frames
-        if link is None or frames is None or self._failed:
-            return
+        frames = self._frames
+        assert frames is not None
         for arrival_s, data in link.receive():
             self._heard_s = arrival_s
             for packet in self._decoder.feed(data):
@@ -245,15 +197,14 @@ class DsaMatrix:
                 elif isinstance(answer, codec.Done):
                     self._settle(answer)
         self._statuses += frames.take_statuses()
-        fault = link.fault or self._overdue(link) or self._silent()
-        if fault is not None:
-            self._fail(fault)
+        self._blocks += frames.take_blocks()
+        return self._refusal or link.fault or self._overdue(link) or self._silent()
 
     def _settle(self, done: codec.Done) -> None:
         if done.id is codec.Id.ACQUIRE:
             self._order = None
         if done.error:
-            self._fail(f"it refuses to send frames: {codec.meaning(done.error)}")
+            self._refusal = f"it refuses to send frames: {codec.meaning(done.error)}"
 
     def _overdue(self, link: SerialLink) -> str | None:
         """Say an order again that has no answer, once."""
@@ -262,7 +213,7 @@ class DsaMatrix:
             return None
         if order.repeated:
             return f"no answer to an order, said twice in {2 * self._settings.reply_timeout_s:g} s"
-        self._say(link, order.request)
+        self._ask(link, order.request)
         self._order = _Order(order.request, now_s + self._settings.reply_timeout_s, repeated=True)
         return None
 
@@ -271,8 +222,3 @@ class DsaMatrix:
         if not self._listening or self._clock.monotonic_s() - self._heard_s <= silence_s:
             return None
         return f"no frame in {silence_s:g} s; is the controller powered?"
-
-    def _fail(self, reason: str) -> None:
-        if not self._failed:
-            self._failed = True
-            self._statuses.append(Failed(self._clock.now(), self.name, reason))

@@ -9,11 +9,9 @@ from typing import TypeVar
 from drivers.clock import Clock
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
-from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
+from drivers.errors import ProtocolError, RefusedError
 from drivers.links import SerialLink
-
-TURN_S = 0.002
-"""Pause between two looks at the port (assumption: twenty bytes at 115,200 baud)."""
+from drivers.wire import Inquiry
 
 ATTEMPTS = 3
 """How often a question is asked of a controller that has answered before (assumption)."""
@@ -95,30 +93,34 @@ class _Dialogue:
         self._doing = f"asking who is at {port}"
         self._link = link
         self._decoder = decoder
-        self._clock = clock
-        self._timeout_s = timeout_s
+        self._inquiry = Inquiry(
+            name,
+            self._doing,
+            link,
+            clock,
+            timeout_s,
+            strange=self._strange,
+            stranger="is another device at this port, or the baud rate wrong?",
+            silent="is it powered?",
+        )
 
     def ask(self, request: codec.Request, kind: type[T], attempts: int = ATTEMPTS) -> T:
         """Ask until this packet's answer comes."""
         packet = codec.encode_request(request)
-        for _ in range(attempts):
-            self._link.send(encode_packet(packet))
-            until_s = self._clock.monotonic_s() + self._timeout_s
-            while self._clock.monotonic_s() < until_s and self._link.fault is None:
-                answer = self._heard(packet.id, kind)
-                if answer is not None:
-                    return answer
-                self._clock.rest(TURN_S)
-            self._decoder.flush()
-        raise self._error(attempts)
 
-    def _heard(self, number: int, kind: type[T]) -> T | None:
-        found: T | None = None
-        for _, data in self._link.receive():
-            for packet in self._decoder.feed(data):
-                if packet.id == number:
-                    found = self._decoded(packet, kind) or found
-        return found
+        def say() -> None:
+            self._decoder.flush()  # what the last attempt has left
+            self._link.send(encode_packet(packet))
+
+        def hear(arrived: tuple[float, bytes]) -> T | None:
+            answers = [
+                self._decoded(heard, kind)
+                for heard in self._decoder.feed(arrived[1])
+                if heard.id == packet.id
+            ]
+            return next((answer for answer in answers if answer is not None), None)
+
+        return self._inquiry.ask(say, hear, attempts)
 
     def _decoded(self, packet: Packet, kind: type[T]) -> T | None:
         try:
@@ -131,13 +133,7 @@ class _Dialogue:
             raise RefusedError(self._name, self._doing, reason, "is its sensor plugged in?")
         return answer if isinstance(answer, kind) else None
 
-    def _error(self, attempts: int) -> Exception:
-        if self._link.fault is not None:
-            return PortError(self._name, self._doing, self._link.fault, "is it plugged in and powered?")
-        waited_s = attempts * self._timeout_s
+    def _strange(self) -> str:
         noise = self._decoder.noise.replace(codec.POWER_UP_NOISE, b"")
-        if noise or self._decoder.counts.good:
-            reason = f"only {noise!r} in {waited_s:g} s" if noise else f"no answer in {waited_s:g} s"
-            advice = "is another device at this port, or the baud rate wrong?"
-            return ProtocolError(self._name, self._doing, reason, advice)
-        return SilentError(self._name, self._doing, f"no answer in {waited_s:g} s", "is it powered?")
+        packets = self._decoder.counts.good
+        return f"{noise!r} and {packets} packets came, and no answer" if noise or packets else ""

@@ -1,11 +1,14 @@
-"""What a sensor board refuses of a command, whoever makes the board: the same on the mock bench. Pure."""
+"""What a sensor board takes and refuses of a command, whoever makes the board: the same on the mock bench. Pure."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 from pydantic import Field
 
-from drivers.errors import CommandError
-from drivers.messages import Command, SetTendon
+from drivers.errors import check_streams, wrong
+from drivers.messages import Command, Excite, Listen, SetTendon, Tare
 from drivers.settings import Settings
 
 
@@ -18,31 +21,34 @@ class BoardLimits(Settings):
     """Greatest tendon position (assumption: the finger's tendon travel)."""
 
 
-def mine(device: str, command: Command) -> Command:
-    """The command, where it is for this board.
+def valid(device: str, limits: BoardLimits, streams: Iterable[str], command: Command) -> Command:
+    """The command as the board will see it: a tendon's position is rounded to the micrometre.
+
+    Args:
+        device: Name in the profile.
+        limits: Of the tendon.
+        streams: That the board has.
+        command: As asked for.
 
     Raises:
-        CommandError: it is for another device.
+        CommandError: not for this board, not finite or out of range.
     """
     if command.device != device:
         raise wrong(device, command, f"it is for {command.device}", f"send it to {command.device}")
-    return command
-
-
-def tendon_um(device: str, limits: BoardLimits, command: SetTendon) -> int:
-    """The tendon's position in whole micrometres.
-
-    Raises:
-        CommandError: not finite, or out of range.
-    """
-    position_m, least_m, most_m = command.position_m, limits.tendon_min_m, limits.tendon_max_m
-    # Written so that NaN is out of range too.
-    if not least_m <= position_m <= most_m:
-        advice = f"choose from {least_m:g} to {most_m:g} m"
-        raise wrong(device, command, f"{position_m:g} m is out of range", advice)
-    return round(position_m * 1e6)
-
-
-def wrong(device: str, command: Command, reason: str, advice: str) -> CommandError:
-    """The error of a command that a board cannot take."""
-    return CommandError(device, f"applying {type(command).__name__}", reason, advice)
+    match command:
+        case Excite():
+            return command
+        case SetTendon(position_m=position_m):
+            # Written so that NaN is out of range too.
+            if not limits.tendon_min_m <= position_m <= limits.tendon_max_m:
+                advice = f"choose from {limits.tendon_min_m:g} to {limits.tendon_max_m:g} m"
+                raise wrong(device, command, f"{position_m:g} m is out of range", advice)
+            return replace(command, position_m=round(position_m * 1e6) * 1e-6)
+        case Tare(stream=stream):
+            check_streams(device, command, (stream,), streams)
+            return command
+        case Listen():
+            check_streams(device, command, command.streams, streams)
+            return command
+    advice = "a sensor board can Excite, SetTendon, Tare and Listen"
+    raise wrong(device, command, "it has no such command", advice)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.clock import Clock
-from drivers.errors import PortError, ProtocolError, SilentError
+from drivers.errors import ProtocolError
 from drivers.links import SerialLink
 from drivers.messages import Command
 from drivers.sensor_board.codec import Code, CodecError, CommandFrame, Hello, Kind, Reply, decode, encode
 from drivers.sensor_board.framing import FrameDecoder
+from drivers.wire import Inquiry
 
 HELLO_ATTEMPTS = 4
 """How often a board is asked who it is. Assumption: the first answer may be lost in a half-heard frame."""
-
-TURN_S = 0.001
-"""Pause between two looks at the port while opening and closing (assumption: a fraction of any reply)."""
 
 TAGS = 256
 """The tag is a u8. It comes round only after as many orders: the replies to those are long in."""
@@ -136,24 +134,25 @@ def identify(
     """
     doing = f"asking who is at {port}"
     heard = 0
-    for attempt in range(HELLO_ATTEMPTS):
-        # The delimiter ahead closes whatever the board has half heard.
-        link.send(b"\0" + encode(CommandFrame(Code.HELLO, attempt)))
-        until_s = clock.monotonic_s() + timeout_s
-        while clock.monotonic_s() < until_s and link.fault is None:
-            for _, data in link.receive():
-                heard += len(data)
-                hello = _hello(name, doing, decoder.feed(data))
-                if hello is not None:
-                    return hello
-            clock.rest(TURN_S)
-    if link.fault is not None:
-        raise PortError(name, doing, link.fault, "is it plugged in and powered?")
-    if not heard:
-        waited_s = HELLO_ATTEMPTS * timeout_s
-        raise SilentError(name, doing, f"no reply in {waited_s:g} s", "is it powered, and is this its port?")
-    reason = f"{heard} bytes came, and none say hello as a sensor board does"
-    raise ProtocolError(name, doing, reason, "is another device at this port, or the baud rate wrong?")
+
+    def hear(arrived: tuple[float, bytes]) -> Hello | None:
+        nonlocal heard
+        heard += len(arrived[1])
+        return _hello(name, doing, decoder.feed(arrived[1]))
+
+    inquiry = Inquiry(
+        name,
+        doing,
+        link,
+        clock,
+        timeout_s,
+        strange=lambda: f"{heard} bytes came, and none say hello as a sensor board does" if heard else "",
+        stranger="is another device at this port, or the baud rate wrong?",
+        silent="is it powered, and is this its port?",
+    )
+    # The delimiter ahead closes whatever the board has half heard.
+    question = b"\0" + encode(CommandFrame(Code.HELLO, 0))
+    return inquiry.ask(lambda: link.send(question), hear, HELLO_ATTEMPTS)
 
 
 def _hello(name: str, doing: str, bodies: list[bytes]) -> Hello | None:

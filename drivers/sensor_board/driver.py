@@ -3,35 +3,62 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+
+from pydantic import Field, model_validator
 
 from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError
-from drivers.links import SerialLink, open_serial
-from drivers.messages import (
-    Applied,
-    Command,
-    DeviceInfo,
-    Excite,
-    Listen,
-    SampleBlock,
-    SetTendon,
-    Status,
-    Tare,
-)
-from drivers.sensor_board.codec import Code
-from drivers.sensor_board.commands import mine, tendon_um, wrong
-from drivers.sensor_board.dialogue import TURN_S, identify
+from drivers.links import SerialLink, SerialPort, open_serial
+from drivers.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
+from drivers.sensor_board.codec import Code, CodecError, Reply, ReplyStatus, Samples, Times, decode
+from drivers.sensor_board.commands import BoardLimits, valid
+from drivers.sensor_board.dialogue import Dialogue, Order, identify
 from drivers.sensor_board.framing import FrameDecoder
-from drivers.sensor_board.session import SensorBoardSettings, Session
-from drivers.sensor_board.streams import stream_info
+from drivers.sensor_board.streams import BoardStreams, stream_info
+from drivers.wire import TURN_S, WireDriver
 
 CLOSE_S = 0.25
 """Longest wait at close for the board to say that all is off (assumption: as long as a reply may take)."""
 
+TURN_MAX_S = 0.05
+"""A turn that comes later counts as this: a host that was away must not blame the board (assumption)."""
 
-class SensorBoard:
+FEEDS = 4
+"""Times that the watchdog is fed in its period: three may be lost or late (assumption)."""
+
+REFUSALS: Mapping[int, str] = {
+    ReplyStatus.UNKNOWN: "the board does not know this command",
+    ReplyStatus.REFUSED: "the board refuses it",
+    ReplyStatus.BUSY: "the board is busy",
+}
+
+
+class SensorBoardSettings(SerialPort, BoardLimits):
+    """The sensor board."""
+
+    baud: int = Field(default=921_600, ge=9_600, le=12_000_000)
+    """Line speed in bits per second. Assumption: four times what two streams of 1 kHz in small blocks need."""
+    reply_timeout_s: float = Field(default=0.25, gt=0.0, le=10.0)
+    """How long a reply may take. Assumption: 15 times the longest arrival delay measured on a pty."""
+    watchdog_s: float = Field(default=1.0, ge=0.1, le=65.0)
+    """The board switches excitation and streams off when the host is silent for this long (assumption)."""
+    silence_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    """A regular stream that sends nothing for this long has failed. Assumption: 50 blocks of 10 ms."""
+    max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
+    """Bound on the drift between the board's clock and the host's. Assumption: two crystals of 100 ppm."""
+
+    @model_validator(mode="after")
+    def _watchdog_outlasts_a_lost_reply(self) -> SensorBoardSettings:
+        if self.watchdog_s < 2.0 * self.reply_timeout_s:
+            raise ValueError(
+                "watchdog_s must be at least twice reply_timeout_s, or one lost reply ends the run"
+            )
+        return self
+
+
+class SensorBoard(WireDriver[SerialLink]):
     """A board of sensor streams; implements `drivers.protocols.Device`.
 
     What it can send it says itself. Blocks carry raw counts with their scale; their times come from the
@@ -42,149 +69,212 @@ class SensorBoard:
 
     A command without a reply is written once more; then the board has failed. The board's watchdog is fed
     from `read` and `poll`, by no thread: a host that hangs or dies loses the excitation. Where that has
-    happened under way the device fails, rather than go on unexcited.
+    happened under way the device fails, rather than go on unexcited. A tendon position is rounded to the micrometre.
 
     Args:
         name: Name in the profile.
         settings: Of the board.
         clock: Gives bench time.
+        connect: Opens the link.
     """
 
-    def __init__(self, name: str, settings: SensorBoardSettings, clock: Clock) -> None:
-        self.name = name
+    def __init__(
+        self,
+        name: str,
+        settings: SensorBoardSettings,
+        clock: Clock,
+        connect: Callable[[str, SerialPort, Clock], SerialLink] = open_serial,
+    ) -> None:
+        super().__init__(name, settings, clock, connect)
         self._settings = settings
-        self._clock = clock
-        self._link: SerialLink | None = None
-        self._session: Session | None = None
         self._numbers: Mapping[str, int] = {}
+        self._forget()
 
-    def open(self) -> DeviceInfo:
-        """Connect, ask who it is, stop its streams, set its watchdog; excitation and tendon stay as they are.
+    def _forget(self) -> None:
+        self._decoder = FrameDecoder()
+        self._infos: Mapping[int, StreamInfo] = {}
+        self._malformed = 0
+        self._excited = False
+        self._heard_s: dict[int, float] = {}
+        """For each stream that is on: when it was last heard, by the watch."""
+        self._fault: str | None = None
+        self._watch_s = 0.0
+        self._turned_s = self._fed_s = self._clock.monotonic_s()
 
-        Raises:
-            PortError: the port is absent, busy or was taken away.
-            SilentError: nothing answers.
-            ProtocolError: what answers is no sensor board.
-        """
+    def account(self) -> Mapping[str, object]:
+        """Frames on the line by what came of them, and the drift of the board's clock in ppm."""
+        if not self._infos:
+            return {}
+        drift_ppm = self._streams.clock.model.drift_ppm
+        return {**asdict(self._decoder.counts), "malformed": self._malformed, "drift_ppm": drift_ppm}
+
+    # open and close; excitation and tendon stay as they are at the one, and are switched off at the other
+
+    def _identify(self, link: SerialLink) -> DeviceInfo:
         s = self._settings
-        self.close()
-        self._link = open_serial(self.name, s.port, s.baud, self._clock)
-        try:
-            decoder = FrameDecoder()
-            hello = identify(self.name, s.port, self._link, decoder, self._clock, s.reply_timeout_s)
-            infos = {
-                stream.id: stream_info(
-                    f"{self.name}.{stream.name}",
-                    stream.channel_names,
-                    stream.unit,
-                    stream.scale,
-                    stream.rate_hz,
-                )
-                for stream in hello.streams
-            }
-            self._numbers = {info.name: number for number, info in infos.items()}
-            session = Session(self.name, s, self._clock, self._link, decoder, infos)
-            self._session = self._begun(session, self._link)
-        except BaseException:
-            self.close()
-            raise
+        hello = identify(self.name, s.port, link, self._decoder, self._clock, s.reply_timeout_s)
+        self._infos = {
+            stream.id: stream_info(
+                f"{self.name}.{stream.name}",
+                stream.channel_names,
+                stream.unit,
+                stream.scale,
+                stream.rate_hz,
+            )
+            for stream in hello.streams
+        }
+        self._numbers = {info.name: number for number, info in self._infos.items()}
+        self._streams = BoardStreams(self._infos, self._clock, s.max_drift_ppm)
+        self._dialogue = Dialogue(link, s.reply_timeout_s)
+        self._set_up(link)
         return DeviceInfo(
             self.name,
             model=hello.board,
             serial=hello.serial,
             version=hello.version,
-            streams={info.name: info for info in infos.values()},
+            streams={info.name: info for info in self._infos.values()},
             clock=f"{self.name} microseconds",
             details={"port": s.port, "watchdog_s": s.watchdog_s},
         )
 
-    def close(self) -> None:
-        """Switch excitation and streams off, let go of the port. Never raises; may be called twice."""
-        link, self._link = self._link, None
-        session, self._session = self._session, None
-        if link is None:
-            return
-        try:
-            if session is not None:
-                session.leave()
-                self._wait(session, CLOSE_S)
-        finally:
-            link.close()
-
-    def apply(self, command: Command) -> Applied:
-        """Queue a command; it is written when this returns. A tendon position is rounded to the micrometre.
-
-        Raises:
-            CommandError: not for a sensor board, not finite or out of range. Nothing was sent.
-            PortError: the board is not open.
-        """
-        code, argument, command = self._translated(command)
-        if self._session is None:
-            raise PortError(self.name, f"applying {command}", "it is not open", "open it first")
-        self._session.order(code, argument, command)
-        return Applied(command, self._clock.now())
-
-    def read(self) -> Sequence[SampleBlock]:
-        """Blocks that have arrived since the last call, in order for each stream."""
-        if self._session is None:
-            return ()
-        self._session.turn()
-        return self._session.take_blocks()
-
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        if self._session is None:
-            return ()
-        self._session.turn()
-        return self._session.take_statuses()
-
-    def account(self) -> Mapping[str, object]:
-        """What came of the frames on the line, and the drift of the board's clock, for the manifest."""
-        return {} if self._session is None else self._session.account()
-
-    def _translated(self, command: Command) -> tuple[Code, int | None, Command]:
-        """Code and argument of a command, and the command as the board will see it."""
-        mine(self.name, command)
-        match command:
-            case Excite():
-                return Code.EXCITE, int(command.on), command
-            case SetTendon():
-                um = tendon_um(self.name, self._settings, command)
-                return Code.TENDON, um, replace(command, position_m=um * 1e-6)
-            case Tare():
-                return Code.TARE, self._number(command, command.stream), command
-            case Listen(streams=streams) if not streams:
-                return Code.STOP, None, command
-            case Listen():
-                mask = sum(1 << self._number(command, stream) for stream in command.streams)
-                return Code.START, mask, command
-            case _:
-                advice = "a sensor board can Excite, SetTendon, Tare and Listen"
-                raise wrong(self.name, command, "it has no such command", advice)
-
-    def _number(self, command: Command, stream: str) -> int:
-        if stream not in self._numbers:
-            known = ", ".join(sorted(self._numbers)) or "none before it is open"
-            raise wrong(self.name, command, f"it has no stream {stream}", f"it has: {known}")
-        return self._numbers[stream]
-
-    def _begun(self, session: Session, link: SerialLink) -> Session:
-        """The session, once the board has stopped its streams and taken its watchdog."""
-        session.begin()
-        self._wait(session, math.inf)
-        if session.failure is not None:
+    def _set_up(self, link: SerialLink) -> None:
+        """Stop whatever an earlier host has left on, and set the watchdog."""
+        self._dialogue.ask(self._watch_s, Code.STOP)
+        self._feed(self._clock.monotonic_s())
+        fault = self._settled(link, math.inf)
+        if fault is not None:
             error = ProtocolError if link.fault is None else PortError
             advice = "does the board's firmware fit this version of the program?"
-            raise error(self.name, "setting it up", session.failure, advice)
-        session.forget()
-        return session
+            raise error(self.name, "setting it up", fault, advice)
+        # What came so far was for somebody else.
+        self._blocks.clear()
+        self._statuses.clear()
 
-    def _wait(self, session: Session, limit_s: float) -> None:
-        """Let every order have its reply, at most for `limit_s`."""
-        until_s = self._clock.now() + limit_s
-        while not session.idle and session.failure is None and self._clock.now() < until_s:
+    def _settled(self, link: SerialLink, limit_s: float) -> str | None:
+        """Let every order have its reply, at most for `limit_s`; what went wrong meanwhile."""
+        until_s = self._clock.monotonic_s() + limit_s
+        fault = link.fault
+        while fault is None and not self._dialogue.idle and self._clock.monotonic_s() < until_s:
             self._clock.rest(TURN_S)
-            session.turn()
+            fault = self._heed(link) or link.fault
+        return fault
+
+    def _leave(self, link: SerialLink, failure: str | None) -> None:
+        self._dialogue.ask(self._watch_s, Code.EXCITE, 0)
+        self._dialogue.ask(self._watch_s, Code.STOP)
+        if failure is None:
+            self._settled(link, CLOSE_S)
+
+    # what is said
+
+    def _valid(self, command: Command) -> Command:
+        return valid(self.name, self._settings, self._numbers, command)
+
+    def _carry_out(self, command: Command) -> None:
+        code, argument = self._translated(command)
+        if not (self._heard_s or self._excited):  # what is off could starve for as long as it liked
+            self._fed_s = self._clock.monotonic_s()
+        order = self._dialogue.ask(self._watch_s, code, argument, command)
+        if order.sent_s is not None:
+            self._sent(command, order.sent_s)
+            return
+        assert self._link is not None
+        reason = self._link.fault or "the port is closed"
+        self._fail(reason)
+        self._refuse(command, reason)
+
+    def _translated(self, command: Command) -> tuple[Code, int | None]:
+        match command:
+            case Excite(on=on):
+                return Code.EXCITE, int(on)
+            case SetTendon(position_m=position_m):
+                return Code.TENDON, round(position_m * 1e6)
+            case Tare(stream=stream):
+                return Code.TARE, self._numbers[stream]
+            case Listen(streams=streams) if streams:
+                return Code.START, sum(1 << self._numbers[stream] for stream in streams)
+        return Code.STOP, None
+
+    def _feed(self, now_s: float) -> None:
+        self._fed_s = now_s
+        self._dialogue.ask(self._watch_s, Code.WATCHDOG, round(self._settings.watchdog_s * 1e3))
+
+    # what is heard
+
+    def _heed(self, link: SerialLink) -> str | None:
+        """Hear what has come, repeat what is overdue, feed the watchdog, notice what is silent."""
+        now_s = self._clock.monotonic_s()
+        self._watch_s += min(now_s - self._turned_s, TURN_MAX_S)
+        self._turned_s = now_s
+        for arrival_s, data in link.receive():
+            for body in self._decoder.feed(data):
+                self._hear(body, arrival_s)
+        fault = (
+            self._fault
+            or link.fault
+            or self._starved(now_s)
+            or self._dialogue.turn(self._watch_s)
+            or self._silent()
+        )
+        # A feed that waits for its reply is not replaced: it is repeated, and fails by itself.
+        due = now_s - self._fed_s >= self._settings.watchdog_s / FEEDS
+        if fault is None and due and not self._dialogue.awaits(Code.WATCHDOG):
+            self._feed(now_s)
+        return fault
+
+    def _hear(self, body: bytes, arrival_s: float) -> None:
+        try:
+            message = decode(body)
+            if isinstance(message, Samples | Times):
+                self._take(message, arrival_s)
+            elif isinstance(message, Reply):
+                self._settle(message)
+        except CodecError:
+            self._malformed += 1
+
+    def _take(self, frame: Samples | Times, arrival_s: float) -> None:
+        block, lost = self._streams.push(frame, arrival_s)
+        if lost is not None:
+            self._lost(self._clock.from_monotonic(arrival_s), block.stream, lost)
+        self._blocks.append(block)
+        if frame.stream in self._heard_s:
+            self._heard_s[frame.stream] = self._watch_s
+
+    def _settle(self, reply: Reply) -> None:
+        order = self._dialogue.answered(reply)
+        if order is None:
+            return
+        reason = REFUSALS.get(reply.status, f"the board says {reply.status}")
+        if reply.status == ReplyStatus.OK:
+            self._follow(order)
+        elif order.command is not None:
+            self._refuse(order.command, reason)
+        elif reply.status != ReplyStatus.BUSY:
+            self._fault = f"{reason}: {order.code.name.lower()}"
+
+    def _follow(self, order: Order) -> None:
+        """The board has done it. Its reply stands on the line between the frames before and after."""
+        if order.code is Code.EXCITE:
+            self._excited = bool(order.argument)
+        elif order.code in (Code.START, Code.STOP):
+            mask = order.argument or 0
+            on = [number for number in self._infos if mask >> number & 1]
+            self._streams.begin(number for number in on if number not in self._heard_s)
+            self._heard_s = {number: self._heard_s.get(number, self._watch_s) for number in on}
+
+    # what is wrong
+
+    def _starved(self, now_s: float) -> str | None:
+        if now_s - self._fed_s <= self._settings.watchdog_s or not (self._heard_s or self._excited):
+            return None
+        return f"the host was away for {now_s - self._fed_s:.2f} s, so the board's watchdog switched it off"
+
+    def _silent(self) -> str | None:
+        limit_s = self._settings.silence_timeout_s
+        for number, heard_s in self._heard_s.items():
+            if self._infos[number].rate_hz is not None and self._watch_s - heard_s > limit_s:
+                return f"nothing of {self._infos[number].name} in {limit_s:g} s; is the board powered?"
+        return None
 
 
 __all__ = ["SensorBoard", "SensorBoardSettings"]

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, PortError, ProtocolError, RefusedError, SilentError
-from drivers.messages import (
-    Applied,
-    Command,
-    DeviceInfo,
-    Failed,
-    Listen,
-    Refused,
-    SampleBlock,
-    Stalled,
-    Standstill,
-    Status,
-    Stop,
-)
+from drivers.messages import Applied, Command, DeviceInfo, Listen, Stalled, Standstill, Status, Stop
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.host import ArmHost
 from drivers.ur_arm.pipe import Broken, Opened, Row
 from drivers.ur_arm.settings import Axis, UrArmSettings
 from drivers.ur_arm.stream import Streams
+from drivers.wire import NOT_OPEN, Driver
 
 ERRORS: dict[str, type[DeviceError]] = {
     "port": PortError,
@@ -42,10 +31,8 @@ SILENCE_S = 0.3
 RETRY_S = 0.5
 """Pause before the next attempt to connect (assumption)."""
 
-NOT_OPEN = "it is not open"
 
-
-class UrArm:
+class UrArm(Driver):
     """An arm on an approach axis; implements `drivers.protocols.Device`.
 
     The client library can block for ever, and can crash: it lives in a process of its own, which moves the arm,
@@ -68,14 +55,11 @@ class UrArm:
     """
 
     def __init__(self, name: str, settings: UrArmSettings, clock: Clock) -> None:
-        self.name = name
+        super().__init__(name, clock)
         self._settings = settings
-        self._clock = clock
         self._streams = Streams(name, settings, clock)
         self._host: ArmHost | None = None
         self._ready = False
-        self._failure = NOT_OPEN
-        self._statuses: list[Status] = []
         self._stop: Stop | None = None  # not yet answered by a Standstill
         self._lost_s = 0.0
         self._retry_s = 0.0
@@ -100,7 +84,7 @@ class UrArm:
         except BaseException:
             host.kill()
             raise
-        self._host, self._ready, self._failure = host, True, ""
+        self._host, self._ready, self._failure = host, True, None
         return self._info(opened)
 
     def close(self) -> None:
@@ -116,29 +100,21 @@ class UrArm:
         Raises:
             CommandError: not for an arm, not finite or out of range. Nothing was sent.
         """
-        command = valid(self.name, self._settings, self._streams.info, command)
         if isinstance(command, Listen):
             self._streams.listening = command.streams & self._streams.info.keys()
-        elif isinstance(command, Stop) and not self._failure:
+            return Applied(command, self._clock.now())
+        return super().apply(command)
+
+    def _valid(self, command: Command) -> Command:
+        return valid(self.name, self._settings, self._streams.info, command)
+
+    def _carry_out(self, command: Command) -> None:
+        if isinstance(command, Stop):
             self._stop = command
-            self._send(command)
-        elif self._failure or not self._ready:
-            reason = self._failure or f"{self._reason}; connecting again"
-            self._say(Refused(self._clock.now(), self.name, command, reason))
-        else:
-            self._send(command)
-        return Applied(command, self._clock.now())
-
-    def read(self) -> Sequence[SampleBlock]:
-        """Blocks that have arrived since the last call."""
-        self._turn()
-        return self._streams.blocks()
-
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        self._turn()
-        statuses, self._statuses = self._statuses, []
-        return statuses
+        elif not self._ready:
+            self._refuse(command, f"{self._reason}; connecting again")
+            return
+        self._send(command)
 
     def account(self) -> Mapping[str, object]:
         """Rows that came since it was made, rows that did not, and how often the link was lost."""
@@ -206,7 +182,8 @@ class UrArm:
                 else:
                     self._hear(message)
             self._statuses += self._streams.take(rows)
-        if not self._failure:
+            self._blocks += self._streams.blocks()
+        if self._failure is None:
             self._mind(now_s)
         self._turned_s = now_s
 
@@ -227,7 +204,7 @@ class UrArm:
         """Replace a process that is gone or hangs, as long as there is time for it."""
         host = self._host
         if not self._ready and self._clock.monotonic_s() - self._lost_s >= self._settings.reconnect_s:
-            self._fail()
+            self._give_up()
         elif host is None:
             if now_s >= self._retry_s:
                 self._host = ArmHost(self.name, self._settings, self._clock, again=True)
@@ -253,17 +230,13 @@ class UrArm:
         else:
             self._retry_s = now_s + RETRY_S
 
-    def _fail(self) -> None:
+    def _give_up(self) -> None:
         if self._host is not None:
             self._host.kill()
             self._host = None
-        self._failure = f"{self._reason}; is {self._settings.host} up, and the cable in?"
         self._stop = None
-        self._say(Failed(self._clock.now(), self.name, self._failure))
+        self._fail(f"{self._reason}; is {self._settings.host} up, and the cable in?")
 
     def _send(self, command: Command) -> None:
         if self._host is not None and self._ready:
             self._host.send(command)
-
-    def _say(self, status: Status) -> None:
-        self._statuses.append(status)

@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
 import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
-from drivers.links import SerialLink, open_serial
+from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import (
     Applied,
     Command,
     DeviceInfo,
     Failed,
     Listen,
-    Lost,
     Reached,
-    Refused,
     SampleBlock,
-    Sent,
     Stalled,
     Standstill,
-    Status,
     Stop,
     StreamInfo,
 )
 from drivers.numbering import Runs
+from drivers.wire import WireDriver
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import doing, valid
 from drivers.zaber_stage.dialogue import Answer, Dialogue, Question
@@ -39,10 +36,7 @@ OPEN_TURN_S = 0.0005
 """Pause between two looks at the port while opening (assumption: a tenth of an exchange at 115,200 baud)."""
 
 
-NOT_OPEN = "it is not open"
-
-
-class ZaberStage:
+class ZaberStage(WireDriver[SerialLink]):
     """A stage on its approach axis; implements `drivers.protocols.Device`.
 
     A motion is a chain of absolute moves: the first goes as far as the command's `blind_travel_m`, the next ones are
@@ -60,21 +54,23 @@ class ZaberStage:
         name: Name in the profile.
         settings: Of the stage.
         clock: Gives bench time.
+        connect: Opens the link.
     """
 
-    def __init__(self, name: str, settings: ZaberStageSettings, clock: Clock) -> None:
-        self.name = name
+    def __init__(
+        self,
+        name: str,
+        settings: ZaberStageSettings,
+        clock: Clock,
+        connect: Callable[[str, SerialPort, Clock], SerialLink] = open_serial,
+    ) -> None:
+        super().__init__(name, settings, clock, connect)
         self._settings = settings
-        self._clock = clock
         self._mounting = Mounting(settings)
         self._procedures = Procedures(settings, self._mounting)
         self._info = StreamInfo(
             f"{name}.position", ("position",), "m", settings.microstep_m, longest_s=codec.LONGEST_S
         )
-        self._link: SerialLink | None = None
-        self._dialogue: Dialogue | None = None
-        self._failure: str | None = NOT_OPEN
-        self._statuses: list[Status] = []
         self._runs = Runs[int]()
         self._seq = 0
         self._renewals = self._halts = 0
@@ -96,30 +92,13 @@ class ZaberStage:
         self._asked_s = -math.inf
         self._flag = codec.NO_FLAG
 
-    def open(self) -> DeviceInfo:
-        """Connect, identify, set travel and speed limits in the device, move nothing.
-
-        A stage that is found moving, left so by a host that died, is stopped.
-
-        Raises:
-            PortError: the port is absent, busy or was taken away.
-            SilentError: nothing answers.
-            ProtocolError: what answers is no Zaber ASCII.
-            RefusedError: the device does not take the limits.
-        """
+    def _identify(self, link: SerialLink) -> DeviceInfo:
+        """A stage that is found moving, left so by a host that died, is stopped."""
         s = self._settings
-        self._forget()
-        self._link = open_serial(self.name, s.port, s.baud, self._clock)
-        try:
-            self._dialogue = Dialogue(
-                self._link, s.address, self._clock, retry_s=s.retry_s, timeout_s=s.reply_timeout_s
-            )
-            found = self._converse(self._link, self._dialogue, self._procedures.identify())
-            self._dialogue.checksums_due = found.checksums
-        except BaseException:
-            self.close()
-            raise
-        self._failure = None
+        dialogue = Dialogue(link, s.address, self._clock, retry_s=s.retry_s, timeout_s=s.reply_timeout_s)
+        found = self._converse(link, dialogue, self._procedures.identify())
+        dialogue.checksums_due = found.checksums
+        self._dialogue = dialogue
         return DeviceInfo(
             self.name,
             model=f"Zaber device {found.device_id}",
@@ -130,15 +109,8 @@ class ZaberStage:
             details={**asdict(found), "homed": codec.UNHOMED.isdisjoint(found.flags)},
         )
 
-    def close(self) -> None:
-        """Stop what moves, let go of the port. Never raises; may be called twice."""
-        if self._link is not None:
-            if self._dialogue is not None and self._failure != NOT_OPEN:
-                self._dialogue.ask("stop")
-            self._link.close()
-        self._link = self._dialogue = None
-        self._failure = NOT_OPEN
-        self._forget()
+    def _leave(self, link: SerialLink, failure: str | None) -> None:
+        self._dialogue.ask("stop")
 
     def apply(self, command: Command) -> Applied:
         """Queue a command; a `Stop` is on the wire when this returns. Too great a speed is clamped.
@@ -146,18 +118,21 @@ class ZaberStage:
         Raises:
             CommandError: not for a stage, not finite or out of range. Nothing was sent.
         """
-        command = valid(self.name, self._settings, command)
+        if isinstance(command, Stop):  # whatever has failed before
+            self._write_stop(command)
+            return Applied(command, self._clock.now())
         if isinstance(command, Listen):
             self._listening = self._info.name in command.streams
-        elif isinstance(command, Stop):
-            self._write_stop(command)
-        elif self._failure is not None:
-            self._refuse(command, self._failure)
-        else:
-            self._abandon()
-            self._waiting = command
-            self._turn()
-        return Applied(command, self._clock.now())
+            return Applied(command, self._clock.now())
+        return super().apply(command)
+
+    def _valid(self, command: Command) -> Command:
+        return valid(self.name, self._settings, command)
+
+    def _carry_out(self, command: Command) -> None:
+        self._abandon()
+        self._waiting = command
+        self._turn()
 
     def read(self) -> Sequence[SampleBlock]:
         """Positions that have arrived since the last call."""
@@ -180,41 +155,35 @@ class ZaberStage:
         """
         return {"positions": self._seq, "sent_on": self._renewals, "halted_unseen": self._halts}
 
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        self._turn()
-        statuses, self._statuses = self._statuses, []
-        return statuses
-
     # what is said
 
     def _write_stop(self, command: Stop) -> None:
         """Past everything: no answer is waited for, and no line of an unfinished procedure follows."""
         self._abandon()
-        if self._dialogue is not None:
+        reason = self._failure
+        if self._link is not None:
             if self._halt is not None:
                 self._dialogue.withdraw(self._halt)
             self._halt = self._dialogue.ask("stop")
             self._since_s = self._halt.sent_s
             self._stopping = command
-            self._failure = self._failure or self._dialogue.fault
-        if self._failure is None:
-            self._say_status(Sent(self._bench_s(self._since_s), self.name, command))
+            reason = reason or self._dialogue.fault
+        if reason is None:
+            self._sent(command, self._since_s)
         else:  # it may have been written, but nobody will see the stage stand still
-            self._fail(self._failure)
+            self._failure = reason
+            self._say(Failed(self._clock.now(), self.name, reason))
 
     def _abandon(self) -> None:
         for question in (self._question, self._renewal):
-            if question is not None and self._dialogue is not None:
+            if question is not None:
                 self._dialogue.withdraw(question)
         self._question = self._renewal = None
         self._procedure = self._command = self._waiting = self._motion = None
 
-    def _turn(self) -> None:
+    def _heed(self, link: SerialLink) -> str | None:
         """Hear what has come, say what is due."""
         dialogue = self._dialogue
-        if dialogue is None or self._failure is not None:
-            return
         for question, answer in dialogue.turn():
             self._hear(dialogue, question, answer)
         if dialogue.fault is not None:
@@ -222,6 +191,7 @@ class ZaberStage:
             self._fail(f"{dialogue.fault} while {what}; is the cable in {self._settings.port}?")
         elif not (self._halt or self._poll or self._question or self._renewal):
             self._proceed(dialogue)
+        return None
 
     def _proceed(self, dialogue: Dialogue) -> None:
         watched = self._listening or self._stopping is not None or self._motion is not None
@@ -229,17 +199,17 @@ class ZaberStage:
         if self._waiting is not None:
             self._command, self._waiting = self._waiting, None
             self._procedure = self._procedures.carry_out(self._command)
-            self._say(dialogue, next(self._procedure))
+            self._ask(dialogue, next(self._procedure))
         elif self._clock.monotonic_s() - self._asked_s >= interval_s:
             self._poll = dialogue.ask("get pos")
             self._asked_s = self._poll.sent_s
 
-    def _say(self, dialogue: Dialogue, line: Line) -> None:
+    def _ask(self, dialogue: Dialogue, line: Line) -> None:
         self._question = dialogue.ask(line.text)
         if line.decisive and self._command is not None and dialogue.fault is None:
             self._since_s = self._question.sent_s
             self._stopping = None
-            self._say_status(Sent(self._bench_s(self._since_s), self.name, self._command))
+            self._sent(self._command, self._since_s)
 
     # what is heard
 
@@ -253,7 +223,8 @@ class ZaberStage:
             self._renewal = None
             if not answer.reply.accepted:
                 self._stall(
-                    self._bench_s(answer.arrival_s), f"it rejects {question.text!r} with {answer.reply.data}"
+                    self._clock.from_monotonic(answer.arrival_s),
+                    f"it rejects {question.text!r} with {answer.reply.data}",
                 )
                 self._motion = None
         elif question is self._question:
@@ -265,7 +236,7 @@ class ZaberStage:
         assert command is not None
         assert procedure is not None
         try:
-            self._say(dialogue, procedure.send(answer.reply))
+            self._ask(dialogue, procedure.send(answer.reply))
         except StopIteration as end:
             self._question = self._procedure = self._command = None
             self._motion, self._way = command, end.value
@@ -280,9 +251,9 @@ class ZaberStage:
             self._fail(f"it answers 'get pos' with {reply.data!r}; is this a linear stage?")
             return
         counts = self._mounting.counts(int(reply.data))
-        t_s = self._bench_s(0.5 * (answer.sent_s + answer.arrival_s))
+        t_s = self._clock.from_monotonic(0.5 * (answer.sent_s + answer.arrival_s))
         if self._listening:
-            self._sample(question.attempts - 1, t_s, counts, self._bench_s(answer.arrival_s))
+            self._sample(question.attempts - 1, t_s, counts, self._clock.from_monotonic(answer.arrival_s))
         newly = reply.flag != self._flag
         self._flag = reply.flag
         if newly and codec.astray(reply.flag):
@@ -307,7 +278,7 @@ class ZaberStage:
 
     def _sample(self, lost: int, t_s: float, counts: int, arrival_s: float) -> None:
         if lost:
-            self._say_status(Lost(t_s, self.name, self._info.name, lost))
+            self._lost(t_s, self._info.name, lost)
         self._seq += lost
         self._runs.push(self._seq, t_s, arrival_s, counts)
         self._seq += 1
@@ -315,7 +286,7 @@ class ZaberStage:
     def _stand_still(self, t_s: float, counts: int) -> None:
         position_m = self._mounting.position_m(counts)
         if self._stopping is not None:
-            self._say_status(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
+            self._say(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
         elif self._motion is not None and self._way is None and self._flag in codec.UNHOMED:
             self._stall(t_s, f"{codec.meaning(self._flag)} after homing ({self._flag})")
         elif self._motion is not None and self._way is not None and self._way.target != counts:
@@ -323,25 +294,18 @@ class ZaberStage:
             reason = f"it stopped at {position_m:.6f} m on the way to {aim_m:.6f} m ({self._flag})"
             self._stall(t_s, reason)
         elif self._motion is not None:
-            self._say_status(Reached(t_s, self.name, position_m, command_id=self._motion.id))
+            self._say(Reached(t_s, self.name, position_m, command_id=self._motion.id))
         self._stopping = None
         self._motion = None
 
     def _stall(self, t_s: float, reason: str) -> None:
         under_way = self._motion or self._stopping
         command_id = 0 if under_way is None else under_way.id
-        self._say_status(Stalled(t_s, self.name, reason, command_id=command_id))
-
-    def _say_status(self, status: Status) -> None:
-        self._statuses.append(status)
-
-    def _refuse(self, command: Command, reason: str) -> None:
-        self._say_status(Refused(self._clock.now(), self.name, command, reason))
+        self._say(Stalled(t_s, self.name, reason, command_id=command_id))
 
     def _fail(self, reason: str) -> None:
-        self._failure = reason
         self._abandon()
-        self._say_status(Failed(self._clock.now(), self.name, reason))
+        super()._fail(reason)
 
     # the rest
 
@@ -370,6 +334,3 @@ class ZaberStage:
             )
         advice = f"is it powered, set to the ASCII protocol, and device {address} on its line?"
         raise SilentError(self.name, "opening", f"{dialogue.fault} from {port}", advice)
-
-    def _bench_s(self, monotonic: float) -> float:
-        return self._clock.from_monotonic(monotonic)

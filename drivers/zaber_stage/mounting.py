@@ -7,6 +7,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from drivers.links import SerialPort
 from drivers.messages import MoveAt, MoveTo
 from drivers.settings import Settings
 from drivers.zaber_stage import codec
@@ -49,13 +50,9 @@ class StageLimits(Settings):
         return self
 
 
-class ZaberStageSettings(StageLimits):
-    """A stage on a serial port."""
+class ZaberStageSettings(SerialPort, StageLimits):
+    """A stage on a serial port, at its factory's line speed unless told otherwise."""
 
-    port: str
-    """Serial port, `/dev/serial/by-id/...` or a pty."""
-    baud: int = Field(default=115200, ge=9600, le=921600)
-    """Line speed in bits per second (assumption: the factory default)."""
     address: int = Field(default=1, ge=1, le=99)
     """Device number on the line (assumption: the factory default)."""
     position_interval_s: float = Field(default=0.01, ge=0.001, le=1.0)

@@ -25,6 +25,10 @@ class MemoryLine:
         self._clock = clock
         self._arrived: list[tuple[float, bytes]] = []
 
+    def connect(self, *_: Any) -> Any:
+        """What `open_serial` is, for this line."""
+        return self
+
     def send(self, data: bytes) -> float:
         now_s = self._clock.monotonic_s()
         if not self.lost:

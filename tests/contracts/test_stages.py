@@ -35,7 +35,6 @@ from drivers.messages import (
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
 from drivers.mock.drivers.zaber_stage import MockZaberStage, MockZaberStageSettings
 from drivers.mock.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
-from drivers.zaber_stage import driver as real
 from drivers.zaber_stage.codec import MICROSTEP_M
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
@@ -79,10 +78,8 @@ def emulated(**limits: float) -> StageBench:
     clock = VirtualClock()
     axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
     line = MemoryLine(EmulatedZaberStage(EmulatedZaberStageSettings(), axis), clock)
-    stage = ZaberStage("stage", ZaberStageSettings(port="-", **limits), clock)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(real, "open_serial", lambda *_: line)
-        bench = StageBench(stage, axis)
+    settings = ZaberStageSettings(port="-", **limits)  # type: ignore[arg-type]
+    bench = StageBench(ZaberStage("stage", settings, clock, line.connect), axis)
     bench.line = line  # type: ignore[attr-defined]
     return bench
 

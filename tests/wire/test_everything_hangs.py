@@ -33,7 +33,7 @@ from controller.rig import Rig
 from drivers.can_frame import CanFrame
 from drivers.can_link import CanPort, open_can
 from drivers.clock import VirtualClock
-from drivers.links import open_serial
+from drivers.links import SerialPort, open_serial
 from drivers.messages import DeviceInfo, Home, SampleBlock, Sent, Standstill, Stop, StreamInfo
 from drivers.protocols import Question
 from drivers.ur_arm.pipe import Pipe
@@ -125,7 +125,7 @@ class Bench:
         self.clock = VirtualClock()
         self.lines = [Line(), Line()]
         self.can = open_can("gripper", CanPort(port=self.lines[0].path), self.clock)
-        self.serial = open_serial("stage", self.lines[1].path, 115_200, self.clock)
+        self.serial = open_serial("stage", SerialPort(port=self.lines[1].path), self.clock)
         near, self._far = socket.socketpair(type=socket.SOCK_SEQPACKET)
         self.pipe = Pipe(near)
         self.refused = 0

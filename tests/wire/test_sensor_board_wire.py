@@ -253,7 +253,7 @@ class Nobody(Other):
 
 @pytest.mark.parametrize(
     ("device", "error", "words"),
-    [(Other(), ProtocolError, "none say hello"), (Nobody(), SilentError, "no reply in 0.4 s")],
+    [(Other(), ProtocolError, "none say hello"), (Nobody(), SilentError, "no answer in 0.4 s")],
 )
 def test_what_is_no_sensor_board_is_not_opened(
     serve: Serve, device: Any, error: type[Exception], words: str

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.clock import WallClock
 from drivers.errors import PortError
-from drivers.links import SerialLink, open_serial
+from drivers.links import SerialLink, SerialPort, open_serial
 
 
 class Pty:
@@ -37,7 +37,7 @@ def pty() -> Iterator[Pty]:
 
 @pytest.fixture
 def link(pty: Pty) -> Iterator[SerialLink]:
-    opened = open_serial("stage", pty.path, 115200, WallClock())
+    opened = open_serial("stage", SerialPort(port=pty.path), WallClock())
     yield opened
     opened.close()
 
@@ -88,7 +88,7 @@ def test_a_port_that_takes_no_more_bytes_is_a_fault_and_does_not_hold_the_caller
 
 
 def test_closing_twice_is_allowed_and_ends_the_thread(pty: Pty) -> None:
-    link = open_serial("stage", pty.path, 115200, WallClock())
+    link = open_serial("stage", SerialPort(port=pty.path), WallClock())
     link.close()
     link.close()
     assert not link._reader.is_alive()
@@ -97,21 +97,21 @@ def test_closing_twice_is_allowed_and_ends_the_thread(pty: Pty) -> None:
 
 def test_a_port_that_is_absent_says_where_to_look() -> None:
     with pytest.raises(PortError, match=r"^stage: /dev/ttyNONE does not exist .*ls /dev/serial/by-id$"):
-        open_serial("stage", "/dev/ttyNONE", 115200, WallClock())
+        open_serial("stage", SerialPort(port="/dev/ttyNONE"), WallClock())
 
 
 def test_a_port_that_another_program_holds_says_how_to_find_it(pty: Pty, link: SerialLink) -> None:
     with pytest.raises(PortError, match=f"held by another program .*fuser -v {pty.path}$"):
-        open_serial("stage", pty.path, 115200, WallClock())
+        open_serial("stage", SerialPort(port=pty.path), WallClock())
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/", __file__])
 def test_what_is_no_serial_port_is_called_so(path: str) -> None:
     with pytest.raises(PortError, match="is no serial port"):
-        open_serial("stage", path, 115200, WallClock())
+        open_serial("stage", SerialPort(port=path), WallClock())
 
 
 def test_each_error_is_one_line_and_an_os_error(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="stage: ") as raised:
-        open_serial("stage", str(tmp_path / "absent"), 115200, WallClock())
+        open_serial("stage", SerialPort(port=str(tmp_path / "absent")), WallClock())
     assert "\n" not in str(raised.value)

@@ -301,7 +301,8 @@ def test_a_stop_while_the_limits_are_being_set_lets_no_move_follow(bench: Callab
 def test_a_stop_whose_answer_is_lost_is_said_again(bench: Callable[..., Bench]) -> None:
     b = bench()
     b.begin(MoveAt("stage", 0.005, 0.02))
-    b.turn_until(lambda: b.stage._poll is None)
+    # Else the answer to another question is the one that is lost.
+    b.turn_until(lambda: not b.stage._dialogue._open)
     b.inject("lose")
     b.stage.apply(Stop("stage"))
     b.expect(Standstill)

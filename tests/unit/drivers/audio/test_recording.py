@@ -16,7 +16,18 @@ import soundfile
 from drivers.audio.driver import Audio, AudioSettings
 from drivers.clock import WallClock
 from drivers.errors import CommandError, DeviceError, PortError, ProtocolError
-from drivers.messages import Chirp, Failed, Listen, Reached, SampleBlock, Saturated, Sent, Status, Tone
+from drivers.messages import (
+    Chirp,
+    Failed,
+    Listen,
+    Reached,
+    Refused,
+    SampleBlock,
+    Saturated,
+    Sent,
+    Status,
+    Tone,
+)
 
 FINGERS = frozenset({"audio.fingers"})
 
@@ -244,8 +255,10 @@ def test_a_port_of_no_known_kind_gets_one_clear_line(port: str) -> None:
 
 def test_nothing_is_applied_before_it_is_open(tmp_path: Path) -> None:
     device = audio("take.wav")
-    with pytest.raises(PortError, match="not open"):
-        device.apply(Listen("audio", FINGERS))
+    listen = Listen("audio", FINGERS)
+    device.apply(listen)
+    (refused,) = device.poll()
+    assert refused == Refused(refused.t_s, "audio", listen, "it is not open")
     with pytest.raises(CommandError, match="it is for board"):
         device.apply(Listen("board", FINGERS))
     device.close()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.can_frame import CanFrame
-from drivers.can_link import Beat, CanPort, Heard
+from drivers.can_link import Beat, Heard
 from drivers.clock import WallClock
 from drivers.errors import PortError
 from drivers.messages import Failed, Listen, Lost
@@ -33,7 +35,7 @@ class Link:
         self.waiting: list[Heard] = []
         self.closed = False
 
-    def open(self, name: str, port: CanPort, clock: WallClock) -> Link:
+    def open(self, *_: object) -> Any:
         return self
 
     def send(self, frame: CanFrame) -> float:
@@ -53,15 +55,13 @@ class Link:
 
 
 @pytest.fixture
-def link(monkeypatch: pytest.MonkeyPatch) -> Link:
-    made = Link()
-    monkeypatch.setattr("drivers.barrett_hand.driver.open_can", made.open)
-    return made
+def link() -> Link:
+    return Link()
 
 
 @pytest.fixture
 def hand(link: Link) -> BarrettHand:
-    made = BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock())
+    made = BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock(), link.open)
     made.open()
     return made
 
@@ -136,5 +136,5 @@ def test_a_bus_that_is_gone_is_a_failure_once(hand: BarrettHand, link: Link) -> 
 def test_a_bus_that_goes_while_opening_is_a_port_error(link: Link) -> None:
     link.fault = "the bus was taken away"
     with pytest.raises(PortError, match="asking finger 11 at can0"):
-        BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock()).open()
+        BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock(), link.open).open()
     assert link.closed

@@ -20,7 +20,7 @@ SCENE = JawsSettings(closed_width_m=0.010, objects={"mug": GripObject(width_m=0.
 
 
 @pytest.fixture
-def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
+def make_bench() -> Callable[..., Bench]:
     """`make_bench(calibrated=…, …driver's settings)`; not yet open."""
 
     def made(*, calibrated: bool = True, **driver: Any) -> Bench:
@@ -31,7 +31,6 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
             drive.advance(3.0)
             drive.restart()
         host = Host(EmulatedCanGripper(EmulatedCanGripperSettings(), drive), BEGIN_S)
-        monkeypatch.setattr("drivers.can_gripper.driver.open_can", host.open)
         settings = {"port": "can0", "closed_width_m": SCENE.closed_width_m, **driver}
         return Bench(host, drive, CanGripperSettings(**settings))
 

@@ -17,7 +17,7 @@ BEGIN_S = 5000.0
 
 
 @pytest.fixture
-def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
+def make_bench() -> Callable[..., Bench]:
     """`make_bench(matrices=[…], emulated={…}, …driver's settings)`; not yet open."""
 
     def made(
@@ -27,7 +27,6 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
     ) -> Bench:
         source = Ramp(matrices)
         host = Host(EmulatedDsaMatrix(EmulatedDsaMatrixSettings(**(emulated or {})), source), BEGIN_S)
-        monkeypatch.setattr("drivers.dsa_matrix.driver.open_serial", host.open)
         return Bench(host, source, DsaMatrixSettings(port="/dev/dsa", **driver))
 
     return made

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import Clock, WallClock
+from drivers.clock import WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.messages import SampleBlock, Status
 from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix
@@ -50,7 +51,7 @@ class Host:
         self._arrived: list[tuple[float, bytes]] = []
         matrices.step(begin_s)
 
-    def open(self, name: str, port: str, baud: int, clock: Clock) -> Host:
+    def open(self, *_: object) -> Any:
         self.closed = False
         return self
 
@@ -103,7 +104,7 @@ class Bench:
         self.host = host
         self.source = source
         self.clock = HostClock(host)
-        self.driver = DsaMatrix("dsa", settings, self.clock)
+        self.driver = DsaMatrix("dsa", settings, self.clock, host.open)
         self.blocks: list[SampleBlock] = []
         self.statuses: list[Status] = []
 

@@ -117,5 +117,6 @@ def test_after_close_nothing_is_asked(person):
     person.close()
     person.close()
     assert person.question is None
-    with pytest.raises(PortError, match="open it first"):
-        person.apply(LoadWeight("operator", "x", 0.5))
+    person.poll()
+    person.apply(LoadWeight("operator", "x", 0.5))
+    assert [status.reason for status in person.poll()] == ["it is not open"]

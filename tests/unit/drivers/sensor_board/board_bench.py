@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from random import Random
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,7 @@ class Host:
 
     # as a link
 
-    def open(self) -> Host:
+    def connect(self, *_: object) -> Any:
         self.closed = False
         return self
 

@@ -16,19 +16,16 @@ BEGIN_S = 5000.0
 
 
 @pytest.fixture
-def make_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
+def make_bench() -> Callable[..., Bench]:
     """`make_bench(board={…}, driver={…})`: both with their defaults but for these settings; not yet open."""
 
     def made(board: dict[str, Any] | None = None, driver: dict[str, Any] | None = None) -> Bench:
         source = Source(BEGIN_S)
         emulated = EmulatedSensorBoard(EmulatedSensorBoardSettings(**(board or {})), source)
         host = Host(emulated, BEGIN_S)
-        monkeypatch.setattr(
-            "drivers.sensor_board.driver.open_serial", lambda name, port, baud, clock: host.open()
-        )
         clock = HostClock(host)
         settings = SensorBoardSettings(port="/dev/board", **(driver or {}))
-        return Bench(source, emulated, host, clock, SensorBoard("board", settings, clock))
+        return Bench(source, emulated, host, clock, SensorBoard("board", settings, clock, host.connect))
 
     return made
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import CommandError, PortError, ProtocolError, SilentError
+from drivers.errors import CommandError, ProtocolError, SilentError
 from drivers.messages import (
     Excite,
     Failed,
@@ -99,7 +99,9 @@ def test_a_silent_port_is_said_to_be_silent(make_bench: MakeBench) -> None:
     bench = make_bench()
     bench.host.hush = lambda data: b""
     begin_s = bench.host.t_s
-    with pytest.raises(SilentError, match=r"board: no reply in 1 s while asking who is at /dev/board; is it"):
+    with pytest.raises(
+        SilentError, match=r"board: no answer in 1 s while asking who is at /dev/board; is it"
+    ):
         bench.driver.open()
     assert bench.host.t_s - begin_s < 1.2
     assert bench.host.closed
@@ -161,9 +163,10 @@ def test_closing_a_board_that_has_failed_still_switches_off(bench: Bench) -> Non
 
 def test_a_board_that_is_not_open_says_so(make_bench: MakeBench) -> None:
     bench = make_bench()
-    assert bench.driver.read() == bench.driver.poll() == ()
-    with pytest.raises(PortError, match="it is not open"):
-        bench.driver.apply(Excite("board", True))
+    assert bench.driver.read() == bench.driver.poll() == []
+    excite = Excite("board", True)
+    bench.driver.apply(excite)
+    assert bench.driver.poll() == [Refused(0.0, "board", excite, "it is not open")]
 
 
 # --- commands ------------------------------------------------------------------------------------
