@@ -7,7 +7,7 @@ import os
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from config.verbs import (
     complain,
     endpoints_option,
     explained,
+    jobs_options,
     out_option,
     realtime_option,
     recording_options,
@@ -32,10 +33,12 @@ from config.verbs import (
     say,
     say_at_once,
     set_option,
+    shard,
     span,
 )
 
 if TYPE_CHECKING:
+    from config.jobs import Crew
     from config.profile import Profile
     from controller.campaign import CampaignPlan, Console
     from controller.console import Operator
@@ -165,6 +168,13 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
 @report_option
 @endpoints_option
 @realtime_option
+@jobs_options
+@click.option(
+    "--shard",
+    callback=shard,
+    metavar="I/N",
+    help="Every N-th trial from the I-th on alone; `merge` joins all N.",
+)
 def run(
     profile: str,
     overrides: Mapping[str, str],
@@ -175,6 +185,9 @@ def run(
     reported: bool,
     endpoints: Path | None,
     realtime: bool,
+    jobs: int | None,
+    scheduler: str | None,
+    shard: tuple[int, int] | None,
 ) -> int:
     """Run the experiment of a PROFILE and write a run folder with its report.
 
@@ -186,12 +199,13 @@ def run(
       run.py run mock/transient
       run.py run mock/transient --only 1 --set plant.noise_scale=0.5
       run.py run hardware/transient --trials my_trials.csv
+      run.py run mock/centering --jobs 4
 
     Exit codes: 0 done, 1 the experiment failed, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130
     interrupted.
     """
     from config.assemble import plan_campaign
-    from config.trials import only
+    from config.trials import chosen
 
     loaded = _loaded(profile, overrides, csv)
     if realtime and (loaded.bench != "emulated" or endpoints is not None):
@@ -203,9 +217,13 @@ def run(
         "set": dict(overrides),
         "trials": str(csv.resolve()) if csv else None,
         "only": list(numbers),
+        **({"shard": list(shard)} if shard else {}),
     }
-    plan = plan_campaign(loaded, only(trials, numbers) if numbers else trials, seed, asked=asked)
-    return _carried_out(loaded, plan, out, endpoints, reported, realtime=realtime)
+    picked = chosen(trials, numbers, None)
+    others = {trial.id for trial in picked} - {trial.id for trial in chosen(picked, (), shard)}
+    plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
+    with _crew(loaded, plan, jobs, scheduler) as crew:
+        return _carried_out(loaded, plan, out, endpoints, reported, crew, realtime=realtime)
 
 
 @cli.command(cls=Verb, short_help="Go on with a run that broke off.")
@@ -213,7 +231,10 @@ def run(
 @out_option
 @report_option
 @endpoints_option
-def resume(run: str, out: Path, reported: bool, endpoints: Path | None) -> int:
+@jobs_options
+def resume(
+    run: str, out: Path, reported: bool, endpoints: Path | None, jobs: int | None, scheduler: str | None
+) -> int:
     """Go on with a RUN where it stopped, in its own folder.
 
     Trials that are done stay. One that was torn, or that ended the run by a fault, the guard or the operator, is run
@@ -240,7 +261,25 @@ def resume(run: str, out: Path, reported: bool, endpoints: Path | None) -> int:
             f"{resumed.folder.path.name}: all {len(trials)} trials are done; `run.py report {run}` shows them"
         )
         return DONE
-    return _carried_out(loaded, plan, out, endpoints, reported, resumed)
+    with _crew(loaded, plan, jobs, scheduler) as crew:
+        return _carried_out(loaded, plan, out, endpoints, reported, crew, resumed)
+
+
+@cli.command(cls=Verb, short_help="Join the shards of a run.")
+@click.argument("shards", nargs=-1, required=True, metavar="RUN...")
+@out_option
+def merge(shards: Sequence[str], out: Path) -> None:
+    """Join runs that were made with --shard into the run folder that one run would have written.
+
+    It is refused where profile, seed or program differ, and where a trial is missing or there twice.
+
+    \b
+    Example:
+      run.py merge shard_1/* shard_2/* shard_3/*
+    """
+    from config.merging import merged
+
+    say(f"{merged(shards, out).path}")
 
 
 def _carried_out(
@@ -249,17 +288,25 @@ def _carried_out(
     out: Path,
     endpoints: Path | None,
     reported: bool,
+    crew: Crew | None,
     resumed: Resumed | None = None,
     realtime: bool = False,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
-    from config.assemble import build_rig
-    from controller.campaign import Campaign
     from controller.console import Operator
 
-    rig = build_rig(loaded, _endpoints(endpoints), realtime)
-    with closing(rig), Operator(asking=rig.asking) as operator:
-        outcome = Campaign(plan, rig, _console(operator), out, resumed).run()
+    if crew is not None:
+        from config.jobs import in_parts
+
+        with Operator() as operator:
+            outcome = in_parts(crew, loaded, plan, _console(operator), out, resumed).run()
+    else:
+        from config.assemble import build_rig
+        from controller.campaign import Campaign
+
+        rig = build_rig(loaded, _endpoints(endpoints), realtime)
+        with closing(rig), Operator(asking=rig.asking) as operator:
+            outcome = Campaign(plan, rig, _console(operator), out, resumed).run()
     if outcome.error is None:
         (complain if outcome.exit_code else say)(outcome.line)
     try:
@@ -459,6 +506,19 @@ def _loaded(profile: str, overrides: Mapping[str, str], csv: Path | None = None)
 
     rows, labels = read_csv(csv) if csv else (None, None)
     return load_profile(profile, overrides, table=Table(), rows=rows, labels=labels)
+
+
+def _crew(
+    loaded: Profile, plan: CampaignPlan, jobs: int | None, scheduler: str | None
+) -> AbstractContextManager[Crew | None]:
+    """Who runs the trials; None is this process."""
+    from config.jobs import cluster, cores, jobs_for
+
+    if scheduler is None:
+        count = jobs_for(loaded, plan, jobs)
+        return closing(cores(count)) if count > 1 else nullcontext()
+    jobs_for(loaded, plan, 2)
+    return closing(cluster(scheduler))
 
 
 def _endpoints(path: Path | None) -> Mapping[str, Any] | None:

@@ -405,8 +405,8 @@ def plan_campaign(
         profile_hash=profile.hash,
         experiment=profile.experiment,
         seed=seed,
+        left=left,
         trials=_trial_plans(profile, left, seed),
-        count=len(left),
         factors=tuple(names),
         columns=measures.COLUMNS,
         loop=profile.loop,  # type: ignore[arg-type]

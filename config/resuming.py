@@ -8,7 +8,7 @@ from typing import Any
 from config.assemble import Table, own_modules
 from config.profile import Profile, load_profile, load_resolved
 from config.source import ProfileError, flatten
-from config.trials import Trial, only, read_csv
+from config.trials import Trial, chosen, read_csv
 from controller.campaign import program
 from controller.recording.run_folder import RunFolderError
 
@@ -39,24 +39,22 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
     except ProfileError as error:
         raise RunFolderError(f"{name}: its profile can no longer be loaded: {error.problems[0]}") from None
     _check_program(name, {"own": kept.get("own", {})}, {"own": own_modules(present)})
-    differing = _differing(kept["resolved"], present.resolved)
-    if differing:
+    other = differing(kept["resolved"], present.resolved)
+    if other:
         raise RunFolderError(
-            f"{name}: its profile was changed since ({differing}); change it back, or run it anew"
+            f"{name}: its profile was changed since ({other}); change it back, or run it anew"
         )
     trials = loaded.trials(int(manifest["seed"]))
-    return loaded, only(trials, asked["only"]) if asked.get("only") else trials
+    return loaded, chosen(trials, asked.get("only", ()), asked.get("shard"))
 
 
 def _check_program(name: str, began: Mapping[str, Any], present: Mapping[str, Any]) -> None:
-    differing = _differing(began, present)
-    if differing:
-        raise RunFolderError(
-            f"{name}: was run by another program ({differing}); go back to that, or run it anew"
-        )
+    other = differing(began, present)
+    if other:
+        raise RunFolderError(f"{name}: was run by another program ({other}); go back to that, or run it anew")
 
 
-def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+def differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     """Settings that are not the same, "key: before → after" each; "" where all are."""
     old, new = dict(flatten(before)), dict(flatten(after))
     keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]

@@ -134,6 +134,16 @@ def only(trials: Sequence[Trial], numbers: Sequence[int]) -> list[Trial]:
     return [trial for trial in trials if trial.id in numbers]
 
 
+def chosen(trials: Sequence[Trial], numbers: Sequence[int], shard: Sequence[int] | None) -> list[Trial]:
+    """The trials with these numbers, all where there are none; and of them every n-th from the i-th on.
+
+    Raises:
+        ProfileError: there is no such trial.
+    """
+    found = only(trials, numbers) if numbers else list(trials)
+    return found[shard[0] - 1 :: shard[1]] if shard else found
+
+
 def distinct(trials: Sequence[Trial]) -> list[Trial]:
     """The first trial of each combination of factors: repetitions left out."""
     first: dict[str, Trial] = {}

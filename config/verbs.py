@@ -75,6 +75,7 @@ class Verb(click.Command):
 
 def explained(error: Exception) -> tuple[int, str]:
     """Exit code and line for an error; one that nobody foresaw is the program's own."""
+    from config.jobs import JobsError
     from config.source import ProfileError
     from controller.guard import GuardRefusal
     from controller.recording.run_folder import RecordingError, RunFolderError
@@ -85,7 +86,7 @@ def explained(error: Exception) -> tuple[int, str]:
         lines = list(error.problems[:MISTAKES])
         more = len(error.problems) - len(lines)
         return USAGE, "\n".join([*lines, f"and {more} more"] if more else lines)
-    if isinstance(error, RunFolderError | ReplayError):
+    if isinstance(error, RunFolderError | ReplayError | JobsError):
         return USAGE, str(error)
     if isinstance(error, DeviceError):
         return DEVICE, str(error)
@@ -200,6 +201,33 @@ realtime_option = click.option(
     is_flag=True,
     help="Let an emulated bench's time pass with the wall's, whoever is late: to measure latencies.",
 )
+
+
+def shard(ctx: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Which shard of how many, out of `3/7`."""
+    if value is None:
+        return None
+    which, _, count = value.partition("/")
+    if not (which.isdecimal() and count.isdecimal() and 1 <= int(which) <= int(count)):
+        raise click.BadParameter(f"'{value}' is no shard; write for example 1/7 to 7/7")
+    return int(which), int(count)
+
+
+def jobs_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Where the trials of a simulated campaign are run."""
+    for decorate in (
+        click.option(
+            "--scheduler", metavar="ADDRESS", help="Run the trials on the workers of a Dask scheduler."
+        ),
+        click.option(
+            "--jobs",
+            type=click.IntRange(min=1),
+            metavar="N",
+            help="Run the trials in N processes; by default on all cores, where it is worth their start.",
+        ),
+    ):
+        verb = decorate(verb)
+    return verb
 
 
 def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:

@@ -75,8 +75,8 @@ class CampaignPlan:
         profile_hash: Of the resolved profile.
         experiment: Name.
         seed: Of order and noise.
-        trials: In the order of running; made one by one, when their turn has come.
-        count: How many there are.
+        left: The trials that are to be run, in the order of running, as the profile has them.
+        trials: The same, ready to run; made one by one, when their turn has come.
         factors: Names of the factors, in the order of the columns.
         columns: Names of what is measured.
         loop: Rates.
@@ -91,8 +91,8 @@ class CampaignPlan:
     profile_hash: str
     experiment: str
     seed: int
+    left: Sequence[Any]
     trials: Iterable[TrialPlan]
-    count: int
     factors: Sequence[str]
     columns: Sequence[str]
     loop: LoopSettings
@@ -100,6 +100,11 @@ class CampaignPlan:
     signals: Mapping[str, StreamInfo] = field(default_factory=dict)
     asked: Mapping[str, Any] = field(default_factory=dict)
     own: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """How many trials are to be run."""
+        return len(self.left)
 
 
 class Console(LoopOperator, Protocol):
@@ -186,8 +191,10 @@ class Campaign:
         folder.write_manifest(self._manifest)
         folder.keep_room()
         fault: Exception | None = None
+        counted = ""
         try:
             code, status, line = self._on_bench(folder, started)
+            counted = self._counted()
         except (Aborted, KeyboardInterrupt):
             code, status, line = EXIT_INTERRUPTED, "aborted", "interrupted"
         except GuardRefusal as refusal:
@@ -207,6 +214,8 @@ class Campaign:
         warnings = [told["warning"] for told in self._manifest["signals"].values() if "warning" in told]
         line = "; ".join(part for part in (line, *warnings) if part)
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
+        if counted:
+            line = f"{line} ({counted})" if line else counted
         try:
             folder.end(self._manifest)
         except RecordingError as error:
@@ -267,7 +276,6 @@ class Campaign:
         plan = self._plan
         self._console.campaign_started(plan.profile, plan.count, folder.path)
         offset_s = 0.0
-        counts = self._manifest["outcomes"]
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:
             self._console.trial_started(trial.trial, trial.factors)
@@ -284,8 +292,7 @@ class Campaign:
                 code, status = EXIT_DEVICE, "fault"
                 line = line or f"trial {trial.trial}"
                 break
-        said = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in sorted(counts.items()))
-        return code, status, f"{line} ({said})" if line else said
+        return code, status, line
 
     def _trial(
         self, trial: TrialPlan, recorder: Recorder, infos: Mapping[str, DeviceInfo], offset_s: float
@@ -330,7 +337,7 @@ class Campaign:
             finally:
                 counts = self._manifest["outcomes"]
                 counts[outcome] = counts.get(outcome, 0) + 1
-                recorder.end_trial(outcome, row)
+                recorder.end_trial(outcome, row, self._rig.clock.now())
         return outcome, reason or trial.behavior.reason, row, self._rig.clock.now()
 
     def _evidence(
@@ -377,6 +384,10 @@ class Campaign:
             gc.freeze()
 
     # the manifest
+
+    def _counted(self) -> str:
+        counts = sorted(self._manifest["outcomes"].items())
+        return ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in counts)
 
     def _account(self, loop: Loop, signals: Sequence[Signal]) -> None:
         account = loop.account

@@ -60,7 +60,11 @@ _MESSAGE_HEAD = [
 ]
 MESSAGE = struct.Struct("<BQHIQQ")
 _ENTRY = struct.Struct("<QQ")  # log time, offset in the uncompressed chunk
-_INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+"""One message in a chunk's index: its log time, and where it begins in the chunk."""
+
+CHANNEL_AT, TIMES_AT = 9, (15, 23)
+"""Where in a message's record its channel and its two times stand: behind opcode (1), length (8), sequence (4)."""
 
 
 class McapWriter:
@@ -80,8 +84,10 @@ class McapWriter:
         self._offset = 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
-        self._metadata: list[MetadataIndex] = []
+        # As they are written at the end: a campaign has 100,000 trials, and as objects they would take 1 kB each.
+        self._chunks, self._metadata = bytearray(), bytearray()
+        self._chunk_count = self._metadata_count = 0
+        self._span_ns: tuple[int, int] | None = None
         self._counts: dict[int, int] = {}
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._pieces: list[bytes] = []
@@ -111,9 +117,7 @@ class McapWriter:
     def add_metadata(self, name: str, metadata: Mapping[str, str]) -> None:
         """Write a metadata record between two chunks, ending the present one."""
         self.end_chunk()
-        data = _encoded(Metadata(name, dict(metadata)))
-        self._metadata.append(MetadataIndex(self._offset, len(data), name))
-        self._write(data)
+        self._write_metadata(_encoded(Metadata(name, dict(metadata))), name)
 
     def add_message(self, channel: int, log_time_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one message to the present chunk."""
@@ -138,7 +142,7 @@ class McapWriter:
         records["sequence"] = sequence & 0xFFFFFFFF
         records["log_time"] = records["publish_time"] = log_times_ns
         records["data"] = data
-        entries = np.empty(count, _INDEX_ENTRY)
+        entries = np.empty(count, INDEX_ENTRY)
         entries["log_time"] = log_times_ns
         entries["offset"] = self._size + np.arange(count) * records.itemsize
         times = int(log_times_ns.min()), int(log_times_ns.max())
@@ -152,6 +156,13 @@ class McapWriter:
         self._size += len(records)
         if self._size >= CHUNK_BYTES:
             self.end_chunk()
+
+    def add_chunk(self, plain: bytes, index: Mapping[int, bytes], log_times_ns: tuple[int, int]) -> None:
+        """Write messages of another file as a chunk: their bytes, their index by channel, first and last time."""
+        self.end_chunk()
+        self._pieces, self._entries = [plain], {channel: [entries] for channel, entries in index.items()}
+        self._start_ns, self._end_ns = log_times_ns
+        self.end_chunk()
 
     def end_chunk(self) -> None:
         """Compress and write the present chunk, if it holds anything, with its index."""
@@ -169,7 +180,7 @@ class McapWriter:
             offsets[channel] = self._offset + len(chunk) + len(tail)
             tail += RECORD.pack(Opcode.MESSAGE_INDEX, 6 + len(index))
             tail += struct.pack("<HI", channel, len(index)) + index
-        self._chunks.append(
+        self._note_chunk(
             ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=self._offset,
@@ -194,7 +205,8 @@ class McapWriter:
         elif opcode == Opcode.CHANNEL:
             self._channels.append(Channel.read(stream))
         else:
-            self._metadata.append(MetadataIndex(self._offset, len(record), Metadata.read(stream).name))
+            self._write_metadata(record, Metadata.read(stream).name)
+            return
         self._write(record)
 
     def adopt_chunk(self, record: bytes, index: Sequence[bytes]) -> None:
@@ -202,7 +214,7 @@ class McapWriter:
         chunk = Chunk.read(ReadDataStream(BytesIO(record[RECORD.size :])))
         parts = [MessageIndex.read(ReadDataStream(BytesIO(part[RECORD.size :]))) for part in index]
         starts = accumulate(map(len, index), initial=self._offset + len(record))
-        self._chunks.append(
+        self._note_chunk(
             ChunkIndex(
                 chunk_length=len(record),
                 chunk_start_offset=self._offset,
@@ -243,23 +255,22 @@ class McapWriter:
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunk_count,
             message_count=sum(self._counts.values()),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            metadata_count=len(self._metadata),
+            message_end_time=(self._span_ns or (0, 0))[1],
+            message_start_time=(self._span_ns or (0, 0))[0],
+            metadata_count=self._metadata_count,
             schema_count=len(self._schemas),
         )
-        groups: list[tuple[Opcode, list[Any]]] = [
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, self._metadata),
+        groups: list[tuple[Opcode, bytes]] = [
+            (Opcode.SCHEMA, b"".join(map(_encoded, self._schemas))),
+            (Opcode.CHANNEL, b"".join(map(_encoded, self._channels))),
+            (Opcode.STATISTICS, _encoded(statistics)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
+            (Opcode.METADATA_INDEX, bytes(self._metadata)),
         ]
         start, summary, offsets = self._offset, b"", b""
-        for opcode, records in groups:
-            data = b"".join(_encoded(record) for record in records)
+        for opcode, data in groups:
             offsets += _encoded(SummaryOffset(opcode, start + len(summary), len(data))) if data else b""
             summary += data
         offset_start = start + len(summary)
@@ -267,6 +278,17 @@ class McapWriter:
         footer_head = RECORD.pack(Opcode.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
         crc = zlib.crc32(summary + footer_head)
         self._write(summary + _encoded(Footer(start, offset_start, crc)) + MAGIC)
+
+    def _write_metadata(self, record: bytes, name: str) -> None:
+        self._metadata += _encoded(MetadataIndex(self._offset, len(record), name))
+        self._metadata_count += 1
+        self._write(record)
+
+    def _note_chunk(self, chunk: ChunkIndex) -> None:
+        start_ns, end_ns = self._span_ns or (chunk.message_start_time, chunk.message_end_time)
+        self._span_ns = min(start_ns, chunk.message_start_time), max(end_ns, chunk.message_end_time)
+        self._chunks += _encoded(chunk)
+        self._chunk_count += 1
 
     def _write(self, data: bytes) -> None:
         view = memoryview(data)

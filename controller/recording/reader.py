@@ -18,6 +18,7 @@ from controller.recording.mcap_repair import CLOSED_AFTERWARDS, close_cut
 from controller.recording.run_folder import RunFolder, RunFolderError
 from controller.recording.schemas import block_schema, decode_block, skipped_schema
 from controller.recording.series import TrialRecording
+from controller.recording.stream_writer import TRIAL
 
 _TABLES = {"profile", "devices", "roles", "plant", "loop", "loss", "signals", "outcomes", "exit"}
 """What of a manifest is a table of its own."""
@@ -184,7 +185,7 @@ class _Index:
         for record in records(path):
             if isinstance(record, Channel):
                 channels[record.id] = record
-            elif isinstance(record, Metadata) and record.name == "trial":
+            elif isinstance(record, Metadata) and record.name == TRIAL:
                 present = int(record.metadata["trial"])
                 self.factors[present] = dict(json.loads(record.metadata["factors"]))
                 self.chunks[present] = []  # a trial that was run again replaces its first attempt

@@ -98,8 +98,8 @@ class Recorder:
         )
         self._disk.post(self._streams, self._log_event, event, state, next_state or state, given)
 
-    def end_trial(self, outcome: str, measures: Mapping[str, object]) -> None:
-        """Append the trial's row to trials.csv, on the disk when this returns.
+    def end_trial(self, outcome: str, measures: Mapping[str, object], length_s: float = 0.0) -> None:
+        """Append the trial's row to trials.csv, on the disk when this returns; it took `length_s` of bench time.
 
         Raises:
             RecordingError: the row, or anything of the run before it, cannot be written.
@@ -108,6 +108,7 @@ class Recorder:
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
         self._disk.post(self._ledger, self._ledger.add, self._ledger.line(row))
         self._log(self._now_s, "trial", f"trial {self.trial.trial} ends: {outcome}", "INFO")
+        self._disk.post(self._streams, self._streams.end_trial, length_s)
         self._disk.flush(sync=False)
         self._raise_failure()
 

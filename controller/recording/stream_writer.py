@@ -6,10 +6,13 @@ import json
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
 
-from controller.recording.mcap_file import McapWriter
+from controller.recording.mcap_file import CHANNEL_AT, MESSAGE, RECORD, TIMES_AT, McapWriter, message_heads
 from controller.recording.run_folder import RecordingError
 from controller.recording.schemas import (
     LOG_LEVELS,
@@ -20,6 +23,13 @@ from controller.recording.schemas import (
     skipped_schema,
 )
 from drivers.messages import SampleBlock, StreamInfo
+
+TRIAL, TRIAL_END = "trial", "trial_end"
+"""Metadata records before and behind the chunks of a trial."""
+
+_EVENTS = "/events"
+
+Topic = tuple[Channel, Schema]
 
 
 class StreamWriter:
@@ -41,7 +51,10 @@ class StreamWriter:
         self._start_ns = self._base_ns = round(wall_start.timestamp() * 1e6) * 1000  # exact to datetime's us
         self._streams = dict(streams)
         self._topics: dict[str, tuple[SampleSchema, int, int]] = {}
+        self._channels: dict[str, int] = {}
         self._samples: dict[str, list[SampleBlock]] = {}
+        self._lines: list[tuple[int, bytes]] = []
+        self._trial = -1
         self._block, self._skipped, self._log = block_schema(), skipped_schema(), log_schema()
         try:
             self._file = McapWriter(path, library="touchbench")
@@ -51,10 +64,22 @@ class StreamWriter:
 
     def begin_trial(self, trial: int, factors: Mapping[str, object], offset_s: float) -> None:
         """From now on bench time counts from `offset_s` of campaign time."""
-        self._write_samples()
         self._base_ns = self._start_ns + round(offset_s * 1e9)
+        self._trial = trial
         text = json.dumps(factors, default=str)
-        self._file.add_metadata("trial", {"trial": str(trial), "offset_s": repr(offset_s), "factors": text})
+        told = {
+            "trial": str(trial),
+            "offset_s": repr(offset_s),
+            "base_ns": str(self._base_ns),
+            "factors": text,
+        }
+        self.commit(sync=False)
+        self._file.add_metadata(TRIAL, told)
+
+    def end_trial(self, length_s: float) -> None:
+        """The trial took so long; the next one begins behind it."""
+        self.commit(sync=False)
+        self._file.add_metadata(TRIAL_END, {"trial": str(self._trial), "length_s": repr(length_s)})
 
     def block(self, block: SampleBlock) -> None:
         """Write a sample block."""
@@ -73,22 +98,78 @@ class StreamWriter:
         """Write a line for the log panel; `level` is one of `LOG_LEVELS`."""
         message = self._log.message(name=name, message=text, level=LOG_LEVELS.index(level))
         message.timestamp.FromNanoseconds(self._ns(t_s))
-        self._file.add_message(self._log_channel, self._ns(t_s), message.SerializeToString())
+        self._lines.append((self._ns(t_s), message.SerializeToString()))
 
     def commit(self, sync: bool) -> None:
         """End the chunk, and with `sync` see it on the disk."""
         self._write_samples()
+        self._file.end_chunk()
+        for (
+            log_time_ns,
+            line,
+        ) in self._lines:  # in a chunk of their own: each bears its time within it as well
+            self._file.add_message(self._log_channel, log_time_ns, line)
+        self._lines.clear()
         self._file.end_chunk()
         if sync:
             self._file.sync()
 
     def finish(self) -> None:
         """Write the index and the footer, and close."""
+        self.commit(sync=False)
         self._file.finish()
 
     def abandon(self) -> None:
         """Close the file as it is, without a summary."""
         self._file.abandon()
+
+    def take_over(
+        self, plain: bytes, index: Mapping[int, NDArray[Any]], topics: Mapping[int, Topic], base_ns: int
+    ) -> None:
+        """Write a chunk of another recording, in this one's time.
+
+        Args:
+            plain: Its messages.
+            index: Times and places of the messages, by channel there.
+            topics: The channels there, with their schemas.
+            base_ns: Log time there of the trial's bench time zero.
+        """
+        if any(channel.topic == _EVENTS for channel, _ in topics.values()):
+            for offset, (_, length, _, _, time_ns, _) in message_heads(plain):
+                told = self._log.message.FromString(
+                    plain[offset + MESSAGE.size : offset + RECORD.size + length]
+                )
+                level = LOG_LEVELS[told.level]
+                self.log((time_ns - base_ns) * 1e-9, told.name, told.message, level)
+            return
+        data = np.frombuffer(plain, np.uint8).copy()
+        moved = {}
+        for number in sorted(index):
+            entries = index[number].copy()
+            entries["log_time"] += np.uint64(
+                (self._base_ns - base_ns) % 2**64
+            )  # backwards: around to the same
+            at = entries["offset"].astype(np.int64)[:, None]
+            times = np.ascontiguousarray(entries["log_time"]).view(np.uint8).reshape(-1, 8)
+            for place in TIMES_AT:
+                data[at + (place + np.arange(8))] = times
+            here = self._same_channel(*topics[number])
+            data[at + (CHANNEL_AT + np.arange(2))] = np.frombuffer(here.to_bytes(2, "little"), np.uint8)
+            moved[here] = entries
+        times_ns = np.concatenate([entries["log_time"] for entries in moved.values()])
+        packed = {channel: entries.tobytes() for channel, entries in moved.items()}
+        self._file.add_chunk(data.tobytes(), packed, (int(times_ns.min()), int(times_ns.max())))
+
+    def _same_channel(self, channel: Channel, schema: Schema) -> int:
+        if channel.topic not in self._channels:
+            raw = schema.name == self._block.name
+            number = self._block_schema if raw else self._file.add_schema(schema.name, schema.data)
+            self._channel(channel.topic, number, channel.metadata)
+        return self._channels[channel.topic]
+
+    def _channel(self, topic: str, schema: int, described: Mapping[str, str]) -> int:
+        self._channels[topic] = self._file.add_channel(topic, schema, described)
+        return self._channels[topic]
 
     def _ns(self, t_s: float) -> int:
         return self._base_ns + round(t_s * 1e9)
@@ -96,8 +177,8 @@ class StreamWriter:
     def _write_schemas(self) -> None:
         self._block_schema = self._file.add_schema(self._block.name, self._block.descriptors)
         schemas = [self._file.add_schema(each.name, each.descriptors) for each in (self._skipped, self._log)]
-        self._skipped_channel = self._file.add_channel("/skipped", schemas[0], {})
-        self._log_channel = self._file.add_channel("/events", schemas[1], {})
+        self._skipped_channel = self._channel("/skipped", schemas[0], {})
+        self._log_channel = self._channel(_EVENTS, schemas[1], {})
 
     def _write_samples(self) -> None:
         """The plotted messages of all blocks since the last call: many at once cost as little as one."""
@@ -119,7 +200,7 @@ class StreamWriter:
         described = {"stream": block.stream, "unit": info.unit, "scale": repr(block.scale)}
         described["rate_hz"] = "" if block.rate_hz is None else repr(block.rate_hz)
         numbers = self._file.add_schema(schema.name, schema.descriptors), self._block_schema
-        samples = self._file.add_channel(topic, numbers[0], described)
-        raw = self._file.add_channel(f"/raw{topic}", numbers[1], described)
+        samples = self._channel(topic, numbers[0], described)
+        raw = self._channel(f"/raw{topic}", numbers[1], described)
         self._topics[block.stream] = schema, samples, raw
         return self._topics[block.stream]

@@ -1,0 +1,294 @@
+"""The trials of a simulated campaign on several cores or machines, in parts that come back in order.
+
+A part is run as a campaign of its own, so that nothing in it knows that there are others. Nothing heavy is imported
+here: it is the first that a worker loads.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from config.profile import Profile
+    from config.trials import Trial
+    from controller.campaign import Campaign, CampaignPlan, Console
+    from controller.parts import Part
+    from controller.recording.resuming import Resumed
+
+PART_S = 1.0
+"""What a part is to take, s of wall time: beginning one costs 0.02 s, and at the end no worker waits long."""
+
+PART_MOST = 256
+"""Most trials of a part: what it holds passes through memory."""
+
+AHEAD = 3
+"""Parts that are handed out for each worker: none waits while the first one is put into the folder."""
+
+WAIT_S = 0.1
+"""How often the operator is asked meanwhile, s."""
+
+DEATHS = 3
+"""How often workers may die in a row before any trial of theirs is done: by then it is the trial's doing."""
+
+
+class JobsError(RuntimeError):
+    """Trials cannot be run elsewhere."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a worker has to know of a campaign beside the trials.
+
+    Attributes:
+        name: Of the profile.
+        resolved: All its settings, as JSON.
+        factors: Names of what all trials vary, in the order of the columns.
+        seed: Of the noise.
+    """
+
+    name: str
+    resolved: str
+    factors: Sequence[str]
+    seed: int
+
+    @classmethod
+    def of(cls, profile: Profile, trials: Sequence[Trial], factors: Sequence[str], seed: int) -> Order:
+        """The trials themselves come with each part: of the profile's own one is kept, which validates."""
+        one = {"list": [dict(trials[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
+        return cls(profile.name, json.dumps({**profile.resolved, "trials": one}), tuple(factors), seed)
+
+
+class _Silent:
+    """Nobody at a worker's side."""
+
+    def poll(self) -> None: ...
+
+    def suspend(self) -> None: ...
+
+    def state(self, name: str, t_s: float) -> None: ...
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
+
+    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None: ...
+
+    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None: ...
+
+    def campaign_ended(self, line: str) -> None: ...
+
+
+def run_part(order: Order, trials: Sequence[Trial]) -> Part:
+    """Run some trials of a campaign here; the same rows, events and samples wherever that is."""
+    from config.assemble import build_rig, plan_campaign
+    from controller.campaign import Campaign
+    from controller.parts import Part
+    from drivers.clock import monotonic_s
+
+    begun_s = monotonic_s()
+    profile = _profile(order.name, order.resolved)
+    plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
+    with tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder, closing(build_rig(profile)) as rig:
+        outcome = Campaign(plan, rig, _Silent(), Path(folder)).run()
+        return Part.of(outcome.folder, outcome.error, monotonic_s() - begun_s)
+
+
+@lru_cache(maxsize=1)
+def _profile(name: str, resolved: str) -> Profile:
+    from config.assemble import Table
+    from config.profile import load_resolved
+
+    return load_resolved(name, json.loads(resolved), table=Table())
+
+
+# --- who runs them -------------------------------------------------------------------------------
+
+
+class Crew:
+    """Workers, and a way to get new ones where some died.
+
+    Args:
+        count: How many there are.
+        begin: Starts them.
+        end: Lets them go; what they are at is not waited for.
+    """
+
+    def __init__(self, count: int, begin: Callable[[], Executor], end: Callable[[Executor], None]) -> None:
+        self.count = count
+        self._begin = begin
+        self._end = end
+        self._executor: Executor | None = None
+
+    def submit(self, order: Order, trials: Sequence[Trial]) -> Future[Part]:
+        """Have some trials run."""
+        if self._executor is None:
+            self._executor = self._begin()
+        return self._executor.submit(run_part, order, trials)
+
+    def close(self) -> None:
+        """Let all go; those that are needed later are started anew."""
+        executor, self._executor = self._executor, None
+        if executor is not None:
+            self._end(executor)
+
+
+def cores(count: int) -> Crew:
+    """Processes on this machine; each ends with this one, whatever ends it."""
+    others = set(multiprocessing.active_children())
+
+    def begin() -> Executor:
+        spawn = multiprocessing.get_context("spawn")  # this process has threads, and is not to be copied
+        return ProcessPoolExecutor(count, spawn, initializer=_in_a_worker)
+
+    def end(executor: Executor) -> None:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()
+
+    return Crew(count, begin, end)
+
+
+def _in_a_worker() -> None:
+    import ctypes
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the parent decides
+    pr_set_pdeathsig = 1  # prctl(2)
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
+    for library in ("OPENBLAS", "OMP", "MKL"):  # a worker is a core
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+
+
+def cluster(address: str) -> Crew:
+    """The workers of a Dask scheduler.
+
+    Raises:
+        JobsError: Dask is not installed, nobody answers there, or it has no workers.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise JobsError("--scheduler needs Dask: pip install distributed") from None
+    try:
+        client = Client(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise JobsError(f"--scheduler {address}: {error or 'no answer in 10 s'}; is it running?") from None
+    count = sum(client.nthreads().values())
+    if not count:
+        client.close()
+        raise JobsError(f"--scheduler {address}: it has no workers; start some with `dask worker {address}`")
+
+    def end(executor: Executor) -> None:
+        executor.shutdown(wait=False)
+        client.close()
+
+    return Crew(count, client.get_executor, end)
+
+
+# --- the parts -----------------------------------------------------------------------------------
+
+
+def parts(crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[], None]) -> Iterator[Part]:
+    """Have trials run, and give their parts in the order of the trials; every trial once, whoever dies.
+
+    Args:
+        crew: Who runs them.
+        order: What they are of.
+        trials: In the order of running.
+        waiting: Called again and again meanwhile.
+
+    Raises:
+        JobsError: workers die of it.
+    """
+    left = deque(trials)
+    given: deque[tuple[Future[Part], list[Trial]]] = deque()
+    size, deaths = 1, 0
+    with ExitStack() as stack:
+        stack.callback(crew.close)
+        while left or given:
+            while left and len(given) < crew.count * AHEAD:
+                even = -(-len(left) // crew.count)  # at the end everyone gets a share
+                some = [left.popleft() for _ in range(min(size, even))]
+                given.append((crew.submit(order, some), some))
+            future, some = given[0]
+            waiting()
+            wait([future], WAIT_S)
+            if not future.done():
+                continue
+            try:
+                part = future.result()
+            except BrokenExecutor:
+                deaths += 1
+                if deaths >= DEATHS:
+                    numbers = ", ".join(str(trial.id) for trial in some)
+                    raise JobsError(
+                        f"a worker died {deaths} times at one of the trials {numbers} or beside them; "
+                        "is there memory enough? try --jobs 1"
+                    ) from None
+                crew.close()
+                given = deque((_again(crew, order, *each), each[1]) for each in given)
+                continue
+            given.popleft()
+            deaths = 0
+            size = max(1, min(PART_MOST, round(PART_S / max(part.took_s / len(some), 1e-6))))
+            yield part
+
+
+def _again(crew: Crew, order: Order, future: Future[Part], trials: list[Trial]) -> Future[Part]:
+    """A part that was lost with its worker is run again, one that is done stays."""
+    if future.done() and not future.cancelled() and future.exception() is None:
+        return future
+    return crew.submit(order, trials)
+
+
+def in_parts(
+    crew: Crew,
+    profile: Profile,
+    plan: CampaignPlan,
+    console: Console,
+    out: Path,
+    resumed: Resumed | None = None,
+) -> Campaign:
+    """A campaign that a crew runs.
+
+    Args:
+        crew: Who.
+        profile: Of the campaign.
+        plan: What is run.
+        console: The person's side.
+        out: Folder of all runs.
+        resumed: A run that goes on.
+    """
+    from controller.parts import CampaignInParts
+    from controller.rig import Rig
+    from drivers.clock import VirtualClock
+
+    order = Order.of(profile, plan.left, plan.factors, plan.seed)
+    rig = Rig("mock", {}, VirtualClock())
+    return CampaignInParts(
+        plan, rig, console, out, resumed, parts=lambda poll: parts(crew, order, plan.left, poll)
+    )
+
+
+def jobs_for(profile: Profile, plan: CampaignPlan, asked: int | None) -> int:
+    """In how many processes a campaign is run.
+
+    Raises:
+        JobsError: it is no simulation, and several were asked for.
+    """
+    if profile.bench != "mock":
+        if asked is not None and asked > 1:
+            raise JobsError(
+                f"{profile.name}: there is one {profile.bench} bench; leave --jobs and --scheduler out"
+            )
+        return 1
+    return min(asked or 1, plan.count)
