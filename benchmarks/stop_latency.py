@@ -122,10 +122,16 @@ class BackAndForth(Behavior):
         self.command(Stop(self._mover))
 
 
-def measure(mover: str, stops: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
-    """Run the stops; returns seconds from the sample on, by part of the way, and how loop and link did."""
+def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, list[float]], dict[str, Any]]:
+    """Run the stops; returns seconds from the sample on, by part of the way, and how loop and link did.
+
+    Args:
+        mover: Which.
+        stops: How many.
+        realtime: Whether bench time waits for nobody: what the machine does is measured then.
+    """
     profile = load_profile(PROFILES[mover], {}, table=assemble.Table())
-    rig = assemble.build_rig(profile, realtime=True)  # what the machine does is measured here
+    rig = assemble.build_rig(profile, realtime=realtime)
     detector = AtRandom("at_random")
     behavior = BackAndForth(mover, stops)
     with tempfile.TemporaryDirectory() as folder:

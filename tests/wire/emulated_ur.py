@@ -1,4 +1,4 @@
-"""An emulated UR controller in a process of its own, on a loopback address of its own."""
+"""An emulated UR controller in a process of its own, on a loopback address and a clock of its own."""
 
 import itertools
 import json
@@ -6,11 +6,12 @@ import os
 import select
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+from drivers.bench_clock import BenchClock, ClockPage
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,6 +30,8 @@ def free_host() -> str:
 class EmulatedUr:
     """Starts the controller, gives it orders, ends it.
 
+    Time on its clock stands still while a machine holds it or those up who wait on the clock.
+
     Args:
         plane_m: Height of a stiff plane above the base.
         settings: Of the controller.
@@ -46,14 +49,16 @@ class EmulatedUr:
         command = [
             sys.executable,
             "-m",
-            "drivers.mock.devices.ur_controller",
+            "drivers.mock.wiring.ur_controller",
             "--settings",
             json.dumps(options),
         ]
         if plane_m is not None:
             command += ["--plane-m", str(plane_m)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert json.loads(self._line())["arm"]["host"] == self.host
+        said = json.loads(self._line())
+        assert said["arm"]["host"] == self.host
+        self.clock = BenchClock(ClockPage(said["clock"]))
 
     def __enter__(self) -> Self:
         return self
@@ -73,12 +78,12 @@ class EmulatedUr:
 
     def until(self, found: Callable[[dict[str, Any]], bool], timeout_s: float = 5.0) -> dict[str, Any]:
         """The state once it is as wanted."""
-        end_s = time.monotonic() + timeout_s
-        while time.monotonic() < end_s:
+        end_s = self.clock.monotonic_s() + timeout_s
+        while self.clock.monotonic_s() < end_s:
             state = self.order()
             if found(state):
                 return state
-            time.sleep(0.01)
+            self.clock.rest(0.01)
         raise AssertionError(f"the controller never came to it: {self.order()}")
 
     def kill(self) -> None:

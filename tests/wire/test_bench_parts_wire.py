@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -10,9 +9,9 @@ import numpy as np
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
+from drivers.bench_clock import BenchClock, ClockPage
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
-from drivers.clock import WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.errors import RefusedError
 from drivers.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
@@ -42,32 +41,40 @@ def emulator() -> Iterator[Callable[..., EmulatorProcess]]:
         one.close()
 
 
-def await_(device: Any, found: Callable[[list[Any]], bool], timeout_s: float = 15.0) -> list[Any]:
+def clock_of(emulator: EmulatorProcess) -> BenchClock:
+    """The bench's own: it waits for a machine that is busy."""
+    return BenchClock(ClockPage(emulator.endpoints["clock"]))
+
+
+def await_(
+    device: Any, clock: BenchClock, found: Callable[[list[Any]], bool], timeout_s: float = 15.0
+) -> list[Any]:
     """Blocks and statuses until they are as wanted."""
     heard: list[Any] = []
-    end_s = time.monotonic() + timeout_s
-    while time.monotonic() < end_s:
+    end_s = clock.monotonic_s() + timeout_s
+    while clock.monotonic_s() < end_s:
         heard += [*device.read(), *device.poll()]
         if found(heard):
             return heard
-        time.sleep(0.005)
+        clock.rest(0.005)
     raise AssertionError(f"it never came: {heard[-5:]}")
 
 
-def do(device: Any, command: Command, kind: type) -> Any:
+def do(device: Any, clock: BenchClock, command: Command, kind: type) -> Any:
     device.apply(command)
-    return await_(device, lambda heard: isinstance(heard[-1:] and heard[-1], kind))[-1]
+    return await_(device, clock, lambda heard: isinstance(heard[-1:] and heard[-1], kind))[-1]
 
 
 def test_the_gripper_on_the_bench_s_jaws_finds_its_ends_and_goes_to_a_width(emulator) -> None:
     started = emulator("aura", "can_gripper")
     port = started.endpoints["devices"]["can_gripper"]["port"]
-    gripper = CanGripper("gripper", CanGripperSettings(port=port, closed_width_m=0.015), WallClock())
+    clock = clock_of(started)
+    gripper = CanGripper("gripper", CanGripperSettings(port=port, closed_width_m=0.015), clock)
     gripper.open()
     try:
-        do(gripper, Home("gripper"), Reached)
+        do(gripper, clock, Home("gripper"), Reached)
         # 55 mm, wider than the pipe that may stand between the fingers.
-        gripped = do(gripper, Grip("gripper", 0.055, 0.05, 10.0), Gripped)
+        gripped = do(gripper, clock, Grip("gripper", 0.055, 0.05, 10.0), Gripped)
         assert gripped.width_m == pytest.approx(0.055, abs=5e-4)
         assert started.scene()["width_m"] == pytest.approx(gripped.width_m, abs=5e-4)
     finally:
@@ -75,14 +82,17 @@ def test_the_gripper_on_the_bench_s_jaws_finds_its_ends_and_goes_to_a_width(emul
 
 
 def test_hand_and_matrices_on_the_slip_bench_are_heard(emulator) -> None:
-    devices = emulator("slip", "barrett_hand", "dsa_matrix").endpoints["devices"]
-    hand = BarrettHand("hand", BarrettHandSettings(port=devices["barrett_hand"]["port"]), WallClock())
-    matrix = DsaMatrix("matrix", DsaMatrixSettings(port=devices["dsa_matrix"]["port"]), WallClock())
+    started = emulator("slip", "barrett_hand", "dsa_matrix")
+    devices, clock = started.endpoints["devices"], clock_of(started)
+    hand = BarrettHand("hand", BarrettHandSettings(port=devices["barrett_hand"]["port"]), clock)
+    matrix = DsaMatrix("matrix", DsaMatrixSettings(port=devices["dsa_matrix"]["port"]), clock)
     for device, stream in ((hand, "hand.strain_11"), (matrix, "matrix.taxels")):
         assert stream in device.open().streams
         try:
             device.apply(Listen(device.name, frozenset({stream})))
-            heard = await_(device, lambda heard: sum(isinstance(one, SampleBlock) for one in heard) >= 3)
+            heard = await_(
+                device, clock, lambda heard: sum(isinstance(one, SampleBlock) for one in heard) >= 3
+            )
             values = np.concatenate([one.physical for one in heard if isinstance(one, SampleBlock)])
             assert values.shape[1] == (1 if device is hand else 70)
             # Nothing touches: no more than noise, in N and in V.

@@ -42,18 +42,15 @@ def test_a_terminal_that_takes_nothing_holds_neither_the_loop_nor_the_end_up(mon
         termios.tcflow(terminal.file.fileno(), termios.TCOOFF)  # what Ctrl+S does
     console.campaign_started("mock/transient", 42, Path("runs/x"))
     thread, pictures = console._drawer._thread, console._drawer._pictures
-    longest_s, waiting_s, until_s = 0.0, 0.0, time.monotonic() + 20.0
-    while waiting_s < 0.3:  # until its thread has hung in one drawing for so long
-        began_s = time.monotonic()
-        assert began_s < until_s, "the terminal takes all there is"
+    hung = turns = 0
+    while hung < 60:  # turns in one drawing of its thread's
         console.poll()
-        longest_s = max(longest_s, time.monotonic() - began_s)
         time.sleep(0.005)
-        waiting_s = waiting_s + time.monotonic() - began_s if pictures.full() else 0.0
-    began_s = time.monotonic()
+        turns += 1
+        assert turns < 4000, "the terminal takes all there is"
+        hung = hung + 1 if pictures.full() else 0
+    # nobody reads before all turns are made and the end is told: what waited for the terminal would wait for ever
     console.campaign_ended("")
-    assert time.monotonic() - began_s < 3.0
-    assert longest_s < 0.25, "a drawing that blocks takes for ever; a busy machine, some of this"
     if how == "stopped":
         termios.tcflow(terminal.file.fileno(), termios.TCOON)
     with ThreadPoolExecutor(1) as reader:

@@ -1,7 +1,6 @@
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -25,10 +24,10 @@ recorder.begin_trial(0, {}, 0.0)
 recorder.end_trial("contact", {})
 recorder.begin_trial(1, {}, 10.0)
 start = time.monotonic()
-print(time.monotonic(), flush=True)
 while time.monotonic() - start < 20:
     now = time.monotonic() - start
     recorder.record([SampleBlock("board.load_cell", 0, now, np.ones((1, 1), np.int32), 1000.0)])
+    print(now, flush=True)
     time.sleep(0.005)
 """
 
@@ -40,10 +39,10 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
         [sys.executable, "-c", RECORD_FOR_EVER, tmp_path], stdout=subprocess.PIPE, cwd=root
     )
     try:
-        start_s = float(child.stdout.readline())
-        time.sleep(lived_s)
+        told_s = 0.0
+        while told_s < lived_s:
+            told_s = float(child.stdout.readline())
         child.send_signal(signal.SIGKILL)
-        killed_s = time.monotonic()
         child.wait(10)
     finally:
         child.kill()
@@ -52,7 +51,7 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
     assert run.cut_off
     assert [row["trial"] for row in run.trials] == [0]
     last_s = run.recording(1).stream("board.load_cell").times_s[-1]
-    assert last_s > killed_s - start_s - 1.0
+    assert last_s > told_s - 1.0
     if lived_s < 2.0:
         return
     (path,) = run.folder.recordings

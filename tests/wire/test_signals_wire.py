@@ -35,7 +35,7 @@ class Started:
         self.emulator = start_emulator(profile)
         self.out = folder / "runs"
         (folder / "bench.json").write_text(json.dumps(self.emulator.endpoints))
-        (folder / "trials.csv").write_text("location,speed_m_s\nf,0.0025\n")
+        (folder / "trials.csv").write_text("location,speed_m_s\nf,0.001\n")  # some seconds on its way
         self.hand, keyboard = os.openpty()
         options = ["--endpoints", folder / "bench.json", "--trials", folder / "trials.csv", "--out", self.out]
         self.process = subprocess.Popen(

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -47,8 +46,6 @@ def settings(emulated: EmulatedUr, **changes: Any) -> UrArmSettings:
         "start_pose": emulated.order()["pose"],
         "travel_min_m": -0.04,
         "travel_max_m": 0.04,
-        # Ten times the longest pause that two busy processes beside it have caused.
-        "link_timeout_s": 0.25,
         "open_timeout_s": 15.0,
         **changes,
     }
@@ -60,7 +57,8 @@ class Hand:
 
     def __init__(self, emulated: EmulatedUr, **changes: Any) -> None:
         self.emulated = emulated
-        self.arm = UrArm("arm", settings(emulated, **changes), WallClock())
+        self.arm = UrArm("arm", settings(emulated, **changes), emulated.clock)
+        self.clock = emulated.clock
         self.info = self.arm.open()
         self.blocks: list[SampleBlock] = []
         self.statuses: list[Status] = []
@@ -68,18 +66,18 @@ class Hand:
     def turn(self) -> None:
         self.blocks += self.arm.read()
         self.statuses += self.arm.poll()
-        time.sleep(0.002)
+        self.clock.rest(0.002)
 
     def run(self, duration_s: float) -> None:
-        end_s = time.monotonic() + duration_s
-        while time.monotonic() < end_s:
+        end_s = self.clock.monotonic_s() + duration_s
+        while self.clock.monotonic_s() < end_s:
             self.turn()
 
     def await_(self, kind: type[Status], timeout_s: float = 10.0) -> Any:
         """The next status of a kind."""
         seen = len(self.statuses)
-        end_s = time.monotonic() + timeout_s
-        while time.monotonic() < end_s:
+        end_s = self.clock.monotonic_s() + timeout_s
+        while self.clock.monotonic_s() < end_s:
             self.turn()
             for status in self.statuses[seen:]:
                 if isinstance(status, kind):
@@ -253,7 +251,7 @@ def test_an_arm_can_be_opened_again_after_it_was_closed(hand: Callable[..., Hand
 
 
 def refused(emulated: EmulatedUr, kind: type[Exception], words: str, **changes: Any) -> None:
-    arm = UrArm("arm", settings(emulated, **changes), WallClock())
+    arm = UrArm("arm", settings(emulated, **changes), emulated.clock)
     with pytest.raises(kind, match=words) as caught:
         arm.open()
     assert "\n" not in str(caught.value)
@@ -356,13 +354,14 @@ def test_a_controller_that_is_gone_is_a_failure(moving: bool) -> None:
         one = Hand(emulated, reconnect_s=1.0)
         if moving:
             one.set_out(MoveTo("arm", 0.04, 0.02))
-    one.await_(Stalled)
-    one.arm.apply(MoveTo("arm", 0.0, 0.01))
-    failed = one.await_(Failed)
-    assert "nobody answers" in failed.reason
-    assert isinstance(one.statuses[-2], Refused)
-    one.arm.apply(Stop("arm"))
-    one.arm.close()
+        emulated.order(gone=True)
+        one.await_(Stalled)
+        one.arm.apply(MoveTo("arm", 0.0, 0.01))
+        failed = one.await_(Failed)
+        assert "nobody answers" in failed.reason
+        assert isinstance(one.statuses[-2], Refused)
+        one.arm.apply(Stop("arm"))
+        one.arm.close()
 
 
 @pytest.mark.parametrize("blow", [signal.SIGSEGV, signal.SIGKILL, signal.SIGABRT])
@@ -404,18 +403,19 @@ def test_without_a_second_try_a_lost_client_is_a_failure_and_the_arm_stops_all_t
 
 
 HOST = """
-import json, sys, time
-from drivers.clock import WallClock
+import sys
+from drivers.bench_clock import BenchClock, ClockPage
 from drivers.messages import MoveAt
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings
-arm = UrArm("arm", UrArmSettings.model_validate_json(sys.argv[1]), WallClock())
+clock = BenchClock(ClockPage(sys.argv[2]))
+arm = UrArm("arm", UrArmSettings.model_validate_json(sys.argv[1]), clock)
 arm.open()
 arm.apply(MoveAt("arm", 0.02, 0.04))
 print("moving", flush=True)
 while True:
     arm.read(), arm.poll()
-    time.sleep(0.005)
+    clock.rest(0.005)
 """
 
 
@@ -441,7 +441,9 @@ def test_a_host_that_dies_or_hangs_leaves_an_arm_that_stops(
     given = settings(emulated)
     start_m = given.start_pose[2]
     host = subprocess.Popen(
-        [sys.executable, "-c", HOST, given.model_dump_json()], cwd=ROOT, stdout=subprocess.PIPE
+        [sys.executable, "-c", HOST, given.model_dump_json(), emulated.clock.path],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
     )
     assert host.stdout is not None
     try:

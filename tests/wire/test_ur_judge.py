@@ -38,7 +38,7 @@ def height():
 def pace():
     return max(map(abs, receive.getActualQd()))
 
-def seen(what, limit_s=5.0):
+def seen(what, limit_s=20.0):
     end = time.monotonic() + limit_s
     while time.monotonic() < end:
         if what():
@@ -122,9 +122,9 @@ time.sleep(0.2)
 said["speed_alone"] = receive.getActualTCPSpeed()[2]
 said["speed_stop"] = control.speedStop(2.0), pace()
 
+control.speedJ([0.1, 0, 0, 0, 0, 0], 0.05, 0.002)  # for two seconds
+seen(lambda: said.update(acceleration=receive.getTargetQdd()[0]) or said["acceleration"] > 0.04)
 control.speedJ([0.1, 0, 0, 0, 0, 0], 1.0, 0.002)
-seen(lambda: receive.getTargetQdd()[0] > 0.5)
-said["acceleration"] = receive.getTargetQdd()[0]
 seen(lambda: receive.getActualQd()[0] > 0.0999)
 said["joint_speed"] = receive.getActualQd()
 said["joint_stop"] = control.speedStop(2.0), pace()
@@ -159,7 +159,7 @@ def test_speeds_are_kept_without_anyone_and_stopped(moves: dict[str, Any]) -> No
     assert moves["speed"] == pytest.approx(-0.01, abs=1e-6)
     assert moves["speed_alone"] == pytest.approx(-0.01, abs=1e-6)
     assert moves["speed_stop"] == [True, pytest.approx(0.0, abs=1e-9)]
-    assert moves["acceleration"] == pytest.approx(1.0, rel=1e-6)
+    assert moves["acceleration"] == pytest.approx(0.05, rel=1e-6)
     assert moves["joint_speed"] == [pytest.approx(0.1, abs=1e-4), *[pytest.approx(0.0, abs=1e-6)] * 5]
     assert moves["joint_stop"] == [True, 0.0]
 
@@ -241,8 +241,9 @@ def stops(emulated: EmulatedUr) -> dict[str, Any]:
         emulated,
         f"""
 for name, call in {MOTIONS!r}.items():
+    before = receive.getActualQ()
     eval(call)
-    moves = name == "freedrive" or seen(lambda: pace() > 1e-3)
+    moves = name == "freedrive" or seen(lambda: max(abs(a - b) for a, b in zip(receive.getActualQ(), before)) > 1e-4)
     control.triggerProtectiveStop()
     stopped = seen(receive.isProtectiveStopped) and seen(lambda: pace() == 0.0)
     where = receive.getActualQ()
@@ -284,14 +285,10 @@ said["analog"] = io.setAnalogOutputVoltage(0, 0.25), io.setAnalogOutputCurrent(1
 said["volts"] = seen(lambda: abs(receive.getStandardAnalogOutput0() - 2.5) < 1e-9)
 said["amperes"] = seen(lambda: abs(receive.getStandardAnalogOutput1() - 0.012) < 1e-9)
 
-def travel_s(to):
-    first = receive.getTimestamp()
-    control.moveL(to, 0.05, 0.5)
-    return receive.getTimestamp() - first
-
-usual_s = travel_s(down(0.015))
 said["slider"] = io.setSpeedSlider(0.5), seen(lambda: receive.getTargetSpeedFraction() == 0.5)
-said["slower"] = travel_s(start) / usual_s, height(), receive.getSpeedScaling()
+control.moveL(down(0.015), 0.01, 0.5, True)  # three seconds of travel
+said["slower"] = seen(lambda: abs(receive.getActualTCPSpeed()[2] + 0.005) < 1e-6), receive.getSpeedScaling()
+said["there"] = seen(lambda: abs(height() + 0.015) < 1e-6)
 io.disconnect()
 """,
     )
@@ -314,8 +311,8 @@ def test_outputs_are_seen_as_they_are_set(panel: dict[str, Any]) -> None:
 
 def test_the_slider_halves_the_speed_of_a_move(panel: dict[str, Any]) -> None:
     assert panel["slider"] == [True, True]
-    # 0.4 s of travel; a row more or less of 2 ms at each end, and the client's own way to hear of it
-    assert panel["slower"] == [pytest.approx(2.0, rel=0.15), pytest.approx(0.0, abs=1e-6), 0.5]
+    assert panel["slower"] == [True, 0.5]
+    assert panel["there"] is True
 
 
 @pytest.fixture(scope="module")

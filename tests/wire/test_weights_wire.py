@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import pty
 import re
 import select
-import subprocess
 import sys
 import time
 from pathlib import Path
-
-import pytest
 
 from controller.recording.reader import open_run
 
@@ -53,7 +49,7 @@ class Terminal:
             os.environ.update(TERM="xterm", COLUMNS="100", LINES="40")
             os.execv(sys.executable, [sys.executable, "run.py", *arguments])
 
-    def until(self, words, seconds=40.0):
+    def until(self, words, seconds=100.0):
         """Read until the words have come since the last call; returns what was read, without its colours."""
         end_s = time.monotonic() + seconds
         while words not in self.seen:
@@ -72,7 +68,7 @@ class Terminal:
 
     def close(self):
         """Waits for its end; returns the exit code."""
-        end_s = time.monotonic() + 20.0
+        end_s = time.monotonic() + 60.0
         while time.monotonic() < end_s:
             if select.select([self.descriptor], [], [], 0.05)[0]:
                 with contextlib.suppress(OSError):
@@ -86,27 +82,11 @@ class Terminal:
         raise AssertionError("it did not end")
 
 
-@pytest.fixture
-def board_port():
-    """An emulated board, served by the program itself."""
-    child = subprocess.Popen(
-        [sys.executable, "run.py", "emulate", "emulated/weights"],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-    )
-    endpoints = json.loads(child.stdout.readline())
-    yield endpoints["devices"]["board"]["port"]
-    child.terminate()
-    child.wait(20.0)
-    child.stdout.close()
-
-
-def test_a_person_at_a_terminal_answers_pauses_goes_on_and_ends_it(tmp_path, board_port):
+def test_a_person_at_a_terminal_answers_pauses_goes_on_and_ends_it(tmp_path):
     """Enter answers, Ctrl+C pauses, Enter goes on and the question comes again, n says no."""
-    settings = [f"{key}={value}" for key, value in {**SHORT, "devices.board.port": board_port}.items()]
+    settings = [f"{key}={value}" for key, value in {**SHORT, "devices.operator.port": "console"}.items()]
     terminal = Terminal(
-        ["run", "hardware/weights", "--only", "3", "--no-report", "--out", str(tmp_path)]
+        ["run", "emulated/weights", "--only", "3", "--no-report", "--out", str(tmp_path)]
         + [word for setting in settings for word in ("--set", setting)]
     )
     terminal.until("set the fingertip up for weights on bridge Ft")

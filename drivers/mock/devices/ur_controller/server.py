@@ -133,13 +133,6 @@ class UrServer:
         self.controller = UrController(self.controller.settings, self.controller.surroundings)
         self.deaf, self.streams, self.silent_until_s = False, True, 0.0
 
-    def service(self, until_s: float) -> None:
-        """Serve until the host's monotonic time `until_s`, at least one turn."""
-        while True:
-            self.turn(max(0.0, min(self.next_s, until_s) - self.clock.monotonic_s()))
-            if self.clock.monotonic_s() >= until_s:
-                return
-
     def turn(self, wait_s: float = 0.0, now_s: float | None = None) -> None:
         """Wait for something on the sockets, handle all of it, then make the cycles that are due.
 

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.mock.devices.ur_controller import rtde
-from drivers.mock.devices.ur_controller.__main__ import answered
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.rtde import Kind
 from drivers.mock.devices.ur_controller.server import (
@@ -23,6 +22,7 @@ from drivers.mock.devices.ur_controller.server import (
 )
 from drivers.mock.devices.ur_controller.session import RtdeSession
 from drivers.mock.wiring.far_ends import HOSTS
+from drivers.mock.wiring.ur_controller import answered
 
 PATIENCE_S = 10.0
 """Loopback takes microseconds; a busy machine only takes its time."""

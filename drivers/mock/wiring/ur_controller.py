@@ -1,11 +1,12 @@
-"""A controller on its own, in front of a stiff plane: `python -m drivers.mock.devices.ur_controller`.
+"""A controller on its own, in front of a stiff plane: `python -m drivers.mock.wiring.ur_controller`.
 
-Prints one JSON line when it listens, then obeys one JSON object a line from standard input and answers each
-with the controller's state; it ends with standard input or at Ctrl+C. Keys it obeys:
+Prints one JSON line when it listens, with the clock that others may share (`drivers.bench_clock`), then obeys one JSON
+object a line from standard input and answers each with the controller's state; it ends with standard input or at
+Ctrl+C. Keys it obeys:
 
     deaf, streams, remote, accepts_scripts: true or false
     silence_s: seconds without RTDE data         drop: "control" or "receive"
-    protective_stop, emergency_stop, stop_program, unlock, restart: true
+    protective_stop, emergency_stop, stop_program, unlock, restart, gone: true
 """
 
 from __future__ import annotations
@@ -14,22 +15,17 @@ import json
 import os
 import select
 import sys
-from contextlib import suppress
 from typing import Literal
 
 import click
 from pydantic import Field, ValidationError
 
+from drivers.bench_clock import BenchClock
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.physics.arm_motion import StiffPlane
+from drivers.mock.wiring.pace import Pace
 from drivers.settings import Settings
-
-REALTIME_PRIORITY = 20
-"""SCHED_FIFO priority where the system allows it: a controller keeps its time whatever else is busy (assumption)."""
-
-LOOK_S = 0.02
-"""How often standard input is looked at, seconds (assumption)."""
 
 
 class Order(Settings):
@@ -46,6 +42,7 @@ class Order(Settings):
     emergency_stop: bool = False
     stop_program: bool = False
     unlock: bool = False
+    gone: bool = False
 
 
 def answered(server: UrServer, line: bytes) -> dict[str, object]:
@@ -77,6 +74,8 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
         controller.stop_program("asked for")
     if order.unlock:
         controller.unlock()
+    if order.gone:
+        server.close()
     return {
         "t_s": controller.t_s,
         "runtime": controller.runtime.name,
@@ -93,17 +92,18 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
 @click.option("--plane-m", type=float, default=None, help="Height of a stiff plane above the base, metres.")
 def main(settings: str, plane_m: float | None) -> None:
     """Serve one emulated controller until standard input ends."""
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
     found = UrControllerSettings.model_validate_json(settings)
     plane = StiffPlane() if plane_m is None else StiffPlane(height_m=plane_m)
     server = UrServer(UrController(found, plane))
+    pace = Pace()
+    server.clock = BenchClock(pace.page)
     server.open()
-    click.echo(json.dumps({"arm": {"host": found.host}}))
+    click.echo(json.dumps({"arm": {"host": found.host}, "clock": pace.page.path}))
     pending = b""
     try:
         while True:
-            server.service(server.clock.monotonic_s() + LOOK_S)
+            server.turn(pace.wait_s(server.next_s))
+            pace.turn()
             if not select.select([sys.stdin], [], [], 0.0)[0]:
                 continue
             data = os.read(sys.stdin.fileno(), 65536)
