@@ -53,6 +53,7 @@ class Started:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            process_group=0,  # it is suspended and continued by nobody else
         )
         os.close(keyboard)
 

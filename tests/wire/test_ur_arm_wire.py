@@ -444,6 +444,7 @@ def test_a_host_that_dies_or_hangs_leaves_an_arm_that_stops(
         [sys.executable, "-c", HOST, given.model_dump_json(), emulated.clock.path],
         cwd=ROOT,
         stdout=subprocess.PIPE,
+        process_group=0,  # it is stopped and continued by nobody else
     )
     assert host.stdout is not None
     try:
