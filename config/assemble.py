@@ -152,6 +152,11 @@ PLANTS: Mapping[str, KindEntry] = {
         "drivers.mock.wiring.benches:aura",
         "drivers.mock.physics.gripper_part:AuraBenchSettings",
     ),
+    "grasp": KindEntry(
+        "as aura, with a force sensor in the right finger's pad and an object that has a weight, on a table",
+        "drivers.mock.wiring.benches:grasp",
+        "drivers.mock.physics.pad_part:GraspBenchSettings",
+    ),
 }
 
 

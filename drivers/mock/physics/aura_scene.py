@@ -22,10 +22,30 @@ KEEP = 4096
 TOUCH_M = 1e-9
 """Nearer than this is touching: where a finger has pushed an object, the gap is zero but for rounding."""
 
-TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE = slice(0, 3), slice(3, 6), 6, 7, 8, slice(9, 11)
-COLUMNS = 11
+TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE, LOAD = slice(0, 3), slice(3, 6), 6, 7, 8, slice(9, 11), 11
+COLUMNS = 12
 """What a row holds: displacement of the tool and place of the object (m), opening (m) and its rate (m/s), speed of
-arm and jaws (m/s), force on the right and on the left finger (N)."""
+arm and jaws (m/s), force on the right and on the left finger (N), and what of the object's weight they hold (N)."""
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity (CGPM 1901)."""
+
+STATIC = 1.05
+"""How much larger static friction is (as `SlipSettings.static_excess`)."""
+
+
+class Weight(NamedTuple):
+    """Of an object that stands on a table until friction lifts it.
+
+    Attributes:
+        mass_kg: Of the object.
+        friction: Coefficient of kinetic friction of either finger.
+        hold_n_m: Tangential stiffness of both fingers together.
+    """
+
+    mass_kg: float
+    friction: float
+    hold_n_m: float
 
 
 class Layout(NamedTuple):
@@ -38,6 +58,7 @@ class Layout(NamedTuple):
         lean_rad: By how much it leans towards x.
         push_n: Force that slides it.
         press_n_m: Stiffness of a finger that is pressed on what is clamped.
+        weight: Of the object; None is one that goes wherever jaws that hold it go.
     """
 
     scene: Literal["between", "ahead"]
@@ -46,6 +67,7 @@ class Layout(NamedTuple):
     lean_rad: float
     push_n: float
     press_n_m: float
+    weight: Weight | None = None
 
 
 class AuraScene:
@@ -71,14 +93,15 @@ class AuraScene:
         self._first = tick
         self._touching = [False, False]
         self._held = False
+        self._lift = None if layout.weight is None else Lift(layout.weight, layout.place_m[2], tool_m[2])
         self._rows = np.zeros((KEEP, COLUMNS))
         row = self._rows[tick % KEEP]
         row[TOOL], row[OBJECT], row[WIDTH] = tool_m, layout.place_m, width_m
 
     @property
     def untouched(self) -> bool:
-        """Whether no finger touches anything."""
-        return not any(self._touching)
+        """Whether no finger touches anything, and nothing falls."""
+        return not any(self._touching) and (self._lift is None or self._lift.standing)
 
     def at(self, ticks: Ints) -> Floats:
         """Rows of some recent milliseconds, shape (n, columns)."""
@@ -127,7 +150,7 @@ class AuraScene:
         rows[:, WIDTH], rows[:, RATE] = last[WIDTH], 0.0
         steps_m = np.diff(tools_m[:n], axis=0, prepend=last[None, TOOL])
         rows[:, SPEED] = ENVELOPE_HZ * np.sqrt((steps_m**2).sum(axis=1))
-        rows[:, FORCE] = 0.0
+        rows[:, FORCE.start :] = 0.0
         self._rows[np.arange(self.tick + 1, self.tick + 1 + n) % KEEP] = rows
         self.tick += n
         return n
@@ -137,13 +160,15 @@ class AuraScene:
         last = self._rows[self.tick % KEEP]
         self.tick += 1
         row = self._rows[self.tick % KEEP]
-        width_m, rate_m_s = jaws.jaws.width_m, jaws.jaws.rate_m_s
+        width_m, rate_m_s, contact_n = jaws.jaws.width_m, jaws.jaws.rate_m_s, jaws.jaws.contact_n
         moved_m = tool_m - last[TOOL]
         place_m = last[OBJECT] + (moved_m if self._held else 0.0)
-        forces_n = self._touch(tool_m, place_m, width_m, jaws.jaws.contact_n)
+        forces_n = self._touch(tool_m, place_m, width_m, contact_n)
         row[TOOL], row[OBJECT], row[WIDTH], row[RATE] = tool_m, place_m, width_m, rate_m_s
         row[SPEED] = ENVELOPE_HZ * math.hypot(*moved_m) + abs(rate_m_s)
         row[FORCE] = forces_n
+        if self._lift is not None:
+            row[OBJECT][2], row[LOAD] = self._lift.step(tool_m[2], contact_n if self._held else 0.0)
 
     def between(self, tool_m: Floats) -> bool:
         """Whether the jaws would close on the object, with the tool there."""
@@ -215,3 +240,61 @@ class AuraScene:
         gaps_m[:, 0] = half_m - x_m
         gaps_m[:, 1] = half_m + x_m
         return gaps_m
+
+
+class Lift:
+    """An object's height under its weight: on the table, held by friction, sliding in the fingers, or falling.
+
+    Quasi-static where it is held: the fingers give elastically under the weight. Semi-implicit Euler, a step a
+    millisecond, where it slides or falls.
+
+    Args:
+        weight: Of the object.
+        table_m: Height of its upper end while it stands on the table.
+        tool_m: Height of the tool now.
+    """
+
+    def __init__(self, weight: Weight, table_m: float, tool_m: float) -> None:
+        self._weight = weight
+        self._table_m = self._place_m = table_m
+        self._tool_m = self._taken_m = tool_m
+        self._slides_m_s: float | None = None
+
+    @property
+    def standing(self) -> bool:
+        """Whether it stands on the table."""
+        return self._place_m == self._table_m
+
+    def step(self, tool_m: float, contact_n: float) -> tuple[float, float]:
+        """Let a millisecond pass.
+
+        Args:
+            tool_m: Height of the tool at its end.
+            contact_n: Force on either finger.
+
+        Returns:
+            Height of the object's upper end, m, and what the fingers hold of its weight, N.
+        """
+        weight, before_m = self._weight, self._tool_m
+        self._tool_m = tool_m
+        weight_n = weight.mass_kg * GRAVITY_M_S2
+        most_n = 2.0 * weight.friction * contact_n
+        # what they would hold if it stood on the table, by how far the tool is above where they took hold of it
+        pulled_n = weight.hold_n_m * (tool_m - self._taken_m)
+        held_n = min(pulled_n, weight_n)
+        if self._slides_m_s is None and abs(held_n) <= STATIC * most_n:
+            above_m = max(pulled_n - weight_n, 0.0) / weight.hold_n_m
+            self._place_m = self._table_m + above_m
+            return self._place_m, held_n
+        if self.standing:
+            held_n = min(max(pulled_n, -most_n), most_n)
+        else:
+            tool_m_s = ENVELOPE_HZ * (tool_m - before_m)
+            slides_m_s = tool_m_s if self._slides_m_s is None else self._slides_m_s
+            slides_m_s += (most_n - weight_n) / weight.mass_kg / ENVELOPE_HZ
+            self._place_m = max(self._place_m + slides_m_s / ENVELOPE_HZ, self._table_m)
+            caught = self.standing or slides_m_s >= tool_m_s
+            self._slides_m_s = None if caught else slides_m_s
+            held_n = most_n
+        self._taken_m = tool_m - (self._place_m - self._table_m) - held_n / weight.hold_n_m
+        return self._place_m, held_n

@@ -14,7 +14,7 @@ from drivers.errors import RefusedError
 from drivers.mock.physics.aura import ENVELOPE_HZ, FINGERS
 from drivers.mock.physics.aura_jaws import AuraJaws, fits, jaws_settings
 from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, AuraObject, Side
-from drivers.mock.physics.aura_scene import FORCE, TOOL, WIDTH, AuraScene, Layout
+from drivers.mock.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Layout, Weight
 from drivers.mock.physics.aura_settings import AuraSettings
 from drivers.mock.physics.bench import Bench, Floats, Part
 
@@ -69,6 +69,11 @@ class AuraBenchSettings(AuraSettings):
     """Stiffness of a finger that is pressed on what is clamped. Assumption: its foam, 1 mm thick, gives 0.5 mm at
     1 N."""
 
+    @property
+    def weight(self) -> Weight | None:
+        """Of the object; None is one that goes wherever jaws that hold it go."""
+        return None
+
 
 class Gripper(Part):
     """Jaws on a gripper, two fingers on the jaws, and an object: where they are, once a millisecond.
@@ -116,7 +121,13 @@ class Gripper(Part):
         x_m = settings.object_x_m if settings.scene == "between" else settings.surface_m
         place_m = (x_m, settings.object_y_m, settings.object_top_m)
         layout = Layout(
-            settings.scene, self.thing, place_m, settings.lean_rad, settings.push_n, settings.press_n_m
+            settings.scene,
+            self.thing,
+            place_m,
+            settings.lean_rad,
+            settings.push_n,
+            settings.press_n_m,
+            settings.weight,
         )
         self._loaded = False
         self.jaws.jaws.place(None)
@@ -157,11 +168,13 @@ class Gripper(Part):
         self.jaws.disturb()
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
-        """See `Bench.wrench`: along the line on which the jaws close."""
-        forces_n = self.track.at(ticks_of(times_s))[:, FORCE]
+        """See `Bench.wrench`: along the line on which the jaws close, and the weight that they hold."""
+        rows = self.track.at(ticks_of(times_s))
+        forces_n = rows[:, FORCE]
         found = np.zeros((len(times_s), 6))
         inward = 1.0 if self._settings.scene == "between" else -1.0
         found[:, 0] = inward * (forces_n[:, 0] - forces_n[:, 1])
+        found[:, 2] = -rows[:, LOAD]
         return found
 
     @property

@@ -160,7 +160,13 @@ class SlipPlant:
         self.begin(key=(0, 0))
 
     def begin(
-        self, *, key: tuple[int, int], arm_m: float = 0.0, press_m: float = 0.0, roll_rad: float = 0.0
+        self,
+        *,
+        key: tuple[int, int],
+        arm_m: float = 0.0,
+        press_m: float = 0.0,
+        roll_rad: float = 0.0,
+        first: int = 0,
     ) -> None:
         """Start a trial at t = 0, everything at rest.
 
@@ -169,9 +175,10 @@ class SlipPlant:
             arm_m: Where the arm stands along the table.
             press_m: How far it presses; 0 at first touch, negative above the table.
             roll_rad: Angle of the contact on the tip, theta.
+            first: Number of the sample at which it rests: it keys the noise of those after it.
         """
         self._key = key
-        self._count = 0
+        self._count = first
         self._x = np.zeros(self._kernel.STATES)
         self._flags = np.zeros(self._kernel.FLAGS, dtype=np.int64)
         self._last = (arm_m, press_m, roll_rad)

@@ -8,6 +8,7 @@ from drivers.mock.physics.finger_part import Finger, FingerBenchSettings
 from drivers.mock.physics.fingertip_part import Fingertip
 from drivers.mock.physics.fingertip_settings import SlipBenchSettings
 from drivers.mock.physics.gripper_part import AuraBenchSettings, Gripper
+from drivers.mock.physics.pad_part import GraspBenchSettings, Pad
 
 
 def finger(settings: FingerBenchSettings) -> Bench:
@@ -28,4 +29,13 @@ def aura(settings: AuraBenchSettings) -> Bench:
     """A gripper with two sonic fingers, an object between them or before one of them."""
     bench = Bench(settings, "gripper", one_axis="this mover moves along one axis alone")
     Aura(bench, Gripper(bench, settings), settings)
+    return bench
+
+
+def grasp(settings: GraspBenchSettings) -> Bench:
+    """A gripper with two sonic fingers, one of which has a force sensor in its pad, and an object on a table."""
+    bench = Bench(settings, "gripper", one_axis="this mover moves along one axis alone")
+    gripper = Gripper(bench, settings)
+    Aura(bench, gripper, settings)
+    Pad(bench, gripper, settings)
     return bench
