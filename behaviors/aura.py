@@ -9,7 +9,7 @@ from pydantic import Field, Strict
 
 from behaviors.events import Detected
 from behaviors.machine import StatePlan, on, with_failures
-from behaviors.sonic import Place, SonicBehavior, SonicSettings, coming_in, going_out
+from behaviors.sonic import COMING_IN, GOING_OUT, Place, SonicBehavior, SonicSettings
 from drivers.messages import Stop
 from drivers.settings import Settings, StreamName
 
@@ -104,7 +104,7 @@ class Aura(SonicBehavior):
     final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
         States,
-        *coming_in(States),
+        *COMING_IN,
         on("deadline", States.BASELINE, States.APPROACHING),
         on("contact", States.APPROACHING, States.STOPPING, "acting", label="where it is to touch"),
         on("reached", States.APPROACHING, States.HOLDING, "from_mover"),
@@ -127,7 +127,7 @@ class Aura(SonicBehavior):
             States.RETRACTING,
             do="note_pause",
         ),
-        *going_out(States),
+        *GOING_OUT,
     )
     settings: AuraSettings
 
@@ -147,10 +147,9 @@ class Aura(SonicBehavior):
         self._paused = False
         seen = frozenset((settings.finger_stream, settings.pose_stream))
         motion = settings.motion_timeout_s
-        plans: dict[Enum, StatePlan] = dict.fromkeys(set(states) - self.final, StatePlan(motion))
         length_m = sum((b - a) ** 2 for a, b in zip(path.start_m, path.end_m, strict=True)) ** 0.5
         travel_s = length_m / factors.speed_m_s + motion
-        plans |= {
+        plans: dict[Enum, StatePlan] = {
             states.BASELINE: StatePlan(settings.baseline_s, detectors, seen, prompt=False),
             states.APPROACHING: StatePlan(travel_s, detectors, seen, prompt=settings.touch),
             states.STOPPING: StatePlan(motion, detectors, seen),

@@ -39,10 +39,14 @@ Row = Mapping[str, Any]
 """A row of a behavior's table, as `transitions` takes it; `label` is for the diagram."""
 
 
+State = Enum | str
+"""A state, or its name where the row is a part of several behaviors."""
+
+
 def on(
     trigger: str,
-    source: Enum | Sequence[Enum],
-    dest: Enum,
+    source: State | Sequence[State],
+    dest: State,
     when: str | Sequence[str] = (),
     *,
     do: str | Sequence[str] = (),
@@ -214,13 +218,14 @@ class Behavior:
 def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
     """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
 
-    A device or the guard that gives up fails the trial. So does a deadline in a state in which no row without a
-    condition says what follows from it: a device did not do its part.
+    A device, a baseline or the guard that gives up fails the trial. So does a deadline in a state in which no row
+    without a condition says what follows from it: a device did not do its part.
 
     Args:
         states: Of the behavior, with `DONE` and `FAILED` at the end.
         rows: What happens otherwise.
     """
+    rows = tuple(_resolved(row, states) for row in rows)
     failed = states["FAILED"]
     alive = [state for state in states if state not in (states["DONE"], failed)]
     resting = {
@@ -229,12 +234,17 @@ def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
         if row["trigger"] == "deadline" and "conditions" not in row
         for state in sources(row)
     }
-    given_up = [
-        on(trigger, alive, failed, do="conclude_fault") for trigger in ("refused", "stalled", "failed")
-    ]
+    given_up = [on(trigger, alive, failed, do="conclude_fault") for trigger in _FAULTS]
     waiting = [state for state in alive if state not in resting]
     stuck = [on("deadline", waiting, failed, do="conclude_stuck")] if waiting else []
     return (*rows, *given_up, on("guard_stopped", alive, failed, do="conclude_guard"), *stuck)
+
+
+def _resolved(row: Row, states: type[Enum]) -> Row:
+    """The row with states for their names."""
+    source = [row["source"]] if isinstance(row["source"], Enum | str) else row["source"]
+    found = [states[state] if isinstance(state, str) else state for state in (*source, row["dest"])]
+    return {**row, "source": found[0] if len(found) == 2 else found[:-1], "dest": found[-1]}
 
 
 def sources(row: Row) -> Sequence[Enum]:
@@ -243,9 +253,8 @@ def sources(row: Row) -> Sequence[Enum]:
     return [source] if isinstance(source, Enum) else list(source)
 
 
-_NOT_AWAITED = frozenset(
-    ("deadline", "resumed", "refused", "stalled", "failed", "guard_stopped", "baseline_refused")
-)
+_FAULTS = ("refused", "stalled", "failed", "baseline_refused")
+_NOT_AWAITED = frozenset(("deadline", "resumed", "guard_stopped", *_FAULTS))
 
 
 def _described(event: Event) -> str:

@@ -10,8 +10,9 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.events import BaselineReady, Contact
-from behaviors.machine import Behavior, StatePlan, on, with_failures
+from behaviors.approach import Approach, Approaching, approaching
+from behaviors.events import BaselineReady
+from behaviors.machine import StatePlan, on, with_failures
 from drivers.messages import Home, MoveAt, Stop, Twist
 from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
@@ -85,7 +86,7 @@ class PointerFactors(Settings):
     """What a trial varies: nothing of its own; the force is the detector's threshold."""
 
 
-class Pointer(Behavior):
+class Pointer(Approaching):
     """Turn, touch, record, lift, until every angle has been touched in both directions.
 
     Args:
@@ -120,9 +121,7 @@ class Pointer(Behavior):
         on("reached", States.TURNING, States.WAITING, "from_mover"),
         on("standstill", States.TURNING, States.WAITING, "from_mover", label="the same angle again"),
         on("baseline_ready", States.WAITING, States.DESCENDING, "of_touch"),
-        on("contact", States.DESCENDING, States.STOPPING, "touched"),
-        on("reached", States.DESCENDING, States.LIFTING, "from_mover", do="conclude_no_contact"),
-        on("standstill", States.STOPPING, States.RESTING, "from_mover"),
+        *approaching("DESCENDING", stopped="RESTING", missed="LIFTING"),
         on("deadline", States.RESTING, States.RECORDING),
         on("deadline", States.RECORDING, States.LIFTING, do="count_recorded"),
         on(
@@ -153,7 +152,6 @@ class Pointer(Behavior):
             do="note_astray",
         ),
         on("resumed", [States.UNTURNING, States.RETURNING], States.RETURNING),
-        on("baseline_refused", [States.WAITING, States.DESCENDING], States.FAILED, do="conclude_fault"),
         on("deadline", States.WAITING, States.FAILED, do="conclude_late"),
     )
 
@@ -168,6 +166,8 @@ class Pointer(Behavior):
         )
         self.settings = settings
         self.factors = factors
+        limit_m = settings.descend_limit_m
+        self._approach = Approach(settings.detector, settings.descend_m_s, limit_m, limit_m)
         self._recorded = 0
         self._missed = self._astray = False
         self._turned_rad = 0.0
@@ -179,7 +179,7 @@ class Pointer(Behavior):
                 ),
                 states.TURNING: turning,
                 states.WAITING: StatePlan(settings.baseline_timeout_s, armed, prompt=False),
-                states.DESCENDING: StatePlan(settings.descend_limit_m / settings.descend_m_s + motion, armed),
+                states.DESCENDING: self._approach.plan(motion, armed, frozenset()),
                 states.STOPPING: StatePlan(motion),
                 states.RESTING: StatePlan(settings.rest_s),
                 states.RECORDING: StatePlan(settings.record_s, frozenset(), both, prompt=False),
@@ -195,10 +195,6 @@ class Pointer(Behavior):
     def of_touch(self) -> bool:
         """Whether the baseline is the touch detector's."""
         return isinstance(self.event, BaselineReady) and self.event.detector == self.settings.detector
-
-    def touched(self) -> bool:
-        """Whether the contact is the touch detector's."""
-        return isinstance(self.event, Contact) and self.event.detector == self.settings.detector
 
     def finished(self) -> bool:
         """Whether there is nothing left to touch, or nothing there."""
@@ -242,7 +238,7 @@ class Pointer(Behavior):
 
     def enter_DESCENDING(self) -> None:
         """Towards the table, bounded by the device."""
-        self.command(MoveAt(self.settings.mover, self.settings.descend_m_s, self.settings.descend_limit_m))
+        self.go_until_contact()
 
     def enter_STOPPING(self) -> None:
         """The table presses as hard as was asked for."""

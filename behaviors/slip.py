@@ -8,8 +8,9 @@ from dataclasses import replace
 from enum import Enum, auto
 from typing import Any
 
-from behaviors.events import Contact, Detected
-from behaviors.machine import Behavior, StatePlan, on, with_failures
+from behaviors.approach import Approach, Approaching, approaching
+from behaviors.events import Detected
+from behaviors.machine import StatePlan, on, with_failures
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from drivers.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
 
@@ -31,7 +32,7 @@ def _following(source: Enum, trigger: str, steps: Sequence[Enum]) -> Sequence[Ma
     ]
 
 
-class RollSlip(Behavior):
+class RollSlip(Approaching):
     """Touch, press, then roll, slide and hold as the sensor's steps say; lift and go home.
 
     Args:
@@ -72,9 +73,7 @@ class RollSlip(Behavior):
         on("deadline", States.ZEROING, States.RESTING),
         on("reached", States.TILTING, States.RESTING, "from_mover"),
         on("deadline", States.RESTING, States.DESCENDING),
-        on("contact", States.DESCENDING, States.STOPPING, "touched"),
-        on("reached", States.DESCENDING, States.LIFTING, "from_mover", do="conclude_no_contact"),
-        on("standstill", States.STOPPING, States.PRESSING, "from_mover", do="note_touch"),
+        *approaching("DESCENDING", stopped="PRESSING", missed="LIFTING"),
         *_following(States.PRESSING, "reached", _pressed),
         *_following(States.HOLDING, "deadline", _pressed),
         *_following(States.LOADING, "reached", _pressed),
@@ -114,7 +113,6 @@ class RollSlip(Behavior):
             do="conclude_interrupted",
         ),
         on("resumed", [States.LIFTING, States.LEVELLING, States.RETURNING], States.LIFTING),
-        on("baseline_refused", [States.RESTING, States.DESCENDING], States.FAILED, do="conclude_fault"),
     )
 
     def __init__(
@@ -124,7 +122,8 @@ class RollSlip(Behavior):
         self.factors = factors
         self.run = settings.sensors[factors.sensor]
         self._reflex = self.run.ours if settings.reflex == "ours" else self.run.paper
-        self._touched_m = 0.0
+        limit_m = settings.descend_limit_m
+        self._approach = Approach(self.run.touch, settings.descend_m_s, limit_m, limit_m)
         if self.run.forces_stream is not None:
             self.range_streams = frozenset({self.run.forces_stream})
         self._begin_steps()
@@ -153,13 +152,12 @@ class RollSlip(Behavior):
         )
         heard = StatePlan(motion, self._armed(), measured)
         quiet = replace(heard, prompt=False)
-        descent_s = settings.descend_limit_m / settings.descend_m_s
         return {
             states.HOMING: StatePlan(settings.home_timeout_s),
             states.ZEROING: StatePlan(settings.zero_s),
             states.TILTING: StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
             states.RESTING: replace(quiet, deadline_s=settings.rest_s),
-            states.DESCENDING: replace(heard, deadline_s=descent_s + motion),
+            states.DESCENDING: self._approach.plan(motion, heard.detectors, heard.measures),
             states.STOPPING: heard,
             states.PRESSING: heard,
             states.HOLDING: quiet,
@@ -192,10 +190,6 @@ class RollSlip(Behavior):
         """Whether the trial begins again once the tip is off the table."""
         return self._anew
 
-    def touched(self) -> bool:
-        """Whether the contact is the touch detector's."""
-        return isinstance(self.event, Contact) and self.event.detector == self.run.touch
-
     def must_stop(self) -> bool:
         """Whether this slip stops the arm."""
         event = self.event
@@ -223,11 +217,6 @@ class RollSlip(Behavior):
 
     # before transitions
 
-    def note_touch(self) -> None:
-        """Where the arm stood still after the touch."""
-        assert isinstance(self.event, Standstill)
-        self._touched_m = self.event.position_m
-
     def take_step(self) -> None:
         """The next step is the present one; its state ends with it."""
         self._step += 1
@@ -244,10 +233,6 @@ class RollSlip(Behavior):
         step = self.run.steps[self._step]
         done = (self.event.t_s - self._entered_s) / step.duration_s
         self._turned_rad -= step.turn_rad * (1.0 - min(1.0, max(0.0, done)))
-
-    def conclude_no_contact(self) -> None:
-        """The descent ended at its limit."""
-        self.conclude("no_contact", f"no contact up to {self.settings.descend_limit_m:.6g} m")
 
     def begin_anew(self) -> None:
         """Paused in the descent: a contact is not heeded while paused, so the tip may stand on the table."""
@@ -288,16 +273,12 @@ class RollSlip(Behavior):
 
     def enter_DESCENDING(self) -> None:
         """Towards the table, bounded by the device."""
-        self.command(MoveAt(self.settings.mover, self.settings.descend_m_s, self.settings.descend_limit_m))
-
-    def enter_STOPPING(self) -> None:
-        """The table is there."""
-        self.conclude("contact")
-        self.command(Stop(self.settings.mover))
+        self.go_until_contact()
 
     def enter_PRESSING(self) -> None:
-        """As far as the sensor is pressed in its trial."""
-        limit_m = self._touched_m + self.run.press_m
+        """From where the arm stood still after the touch, as far as the sensor is pressed in its trial."""
+        assert isinstance(self.event, Standstill)
+        limit_m = self.event.position_m + self.run.press_m
         self.command(MoveAt(self.settings.mover, self.settings.descend_m_s, limit_m))
 
     def enter_ROLLING(self) -> None:

@@ -12,6 +12,9 @@ from behaviors.machine import Behavior, Row, StatePlan, on
 from drivers.messages import Command, Excite, Home, MovePose, Release, Stop, Tone
 from drivers.settings import DeviceName, Settings
 
+CONTACTS = frozenset({"left_contact", "right_contact"})
+"""Detectors that feel a touch, one at each of two fingers."""
+
 Place = tuple[float, float, float]
 """A displacement from the mover's start pose along the axes of its base frame, m."""
 
@@ -50,37 +53,26 @@ class SonicSettings(Settings):
     """Longest stay in any state that waits for a motion."""
 
 
-def coming_in(states: type[Enum]) -> Sequence[Row]:
-    """Rows of the way in: up to where the jaws are empty, open them there, down to the place, rest.
+COMING_IN: Sequence[Row] = (
+    on("reached", "CLEARING", "CALIBRATING", "from_mover"),
+    on("reached", "CALIBRATING", "OPENING", "from_gripper"),
+    on("reached", "OPENING", "ENTERING", "from_gripper"),
+    on("reached", "ENTERING", "BASELINE", "from_mover"),
+    on("resumed", ["CLEARING", "CALIBRATING", "OPENING", "ENTERING"], "CLEARING"),
+    *(
+        on(trigger, "BASELINE", "LEAVING", "touched", do="conclude_touched_at_rest", label="a touch stands")
+        for trigger in ("deadline", "resumed")
+    ),
+)
+"""Rows of the way in: up to where the jaws are empty, open them there, down to the place, rest. A pause on this way
+begins it anew. Nobody leaves the rest towards an object with a touch that stands: it was reported, will not be reported
+again, and so could stop nothing."""
 
-    A pause on this way begins it anew. Nobody leaves the rest towards an object with a touch that stands: it was said,
-    will not be said again, and so could stop nothing.
-    """
-    way = [states[name] for name in ("CLEARING", "CALIBRATING", "OPENING", "ENTERING")]
-    clearing, calibrating, opening, entering = way
-    baseline, leaving = states["BASELINE"], states["LEAVING"]
-    return [
-        on("reached", clearing, calibrating, "from_mover"),
-        on("reached", calibrating, opening, "from_gripper"),
-        on("reached", opening, entering, "from_gripper"),
-        on("reached", entering, baseline, "from_mover"),
-        on("resumed", way, clearing),
-        *(
-            on(trigger, baseline, leaving, "touched", do="conclude_touched_at_rest", label="a touch stands")
-            for trigger in ("deadline", "resumed")
-        ),
-    ]
-
-
-def going_out(states: type[Enum]) -> Sequence[Row]:
-    """Rows of the end: away and done, or failed for want of a baseline."""
-    leaving, done, failed = states["LEAVING"], states["DONE"], states["FAILED"]
-    alive = [state for state in states if state not in (done, failed)]
-    return [
-        on("reached", leaving, done, "from_mover"),
-        on("resumed", leaving, leaving),
-        on("baseline_refused", alive, failed, do="conclude_fault"),
-    ]
+GOING_OUT: Sequence[Row] = (
+    on("reached", "LEAVING", "DONE", "from_mover"),
+    on("resumed", "LEAVING", "LEAVING"),
+)
+"""Rows of the end: away, and done."""
 
 
 class SonicBehavior(Behavior):
@@ -90,7 +82,7 @@ class SonicBehavior(Behavior):
         settings: Of the experiment.
         place_m: Where the fingers rest before what is measured.
         contacts: Detectors whose word of a touch counts.
-        plans: What each state needs.
+        plans: What states need beyond the time for a motion.
     """
 
     settings: SonicSettings
@@ -107,7 +99,8 @@ class SonicBehavior(Behavior):
         self._contacts = contacts
         self._touching: set[str] = set()
         self._held: set[str] = set()
-        super().__init__(plans, mover=settings.mover)
+        waiting = dict.fromkeys(set(self.States) - self.final, StatePlan(settings.motion_timeout_s))
+        super().__init__({**waiting, **plans}, mover=settings.mover)
 
     def handle(self, event: Event) -> Sequence[Command]:
         """Hear one event; who touches is kept in mind, whatever the state makes of it."""

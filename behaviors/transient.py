@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum, auto
 from typing import Literal
 
 from pydantic import Field
 
-from behaviors.events import Contact, Detected
-from behaviors.machine import Behavior, StatePlan, on, with_failures
-from drivers.messages import Excite, Home, MoveAt, MoveTo, Stop
+from behaviors.approach import Approach, Approaching, approaching
+from behaviors.events import Detected
+from behaviors.machine import StatePlan, on, with_failures
+from drivers.messages import Excite, Home, MoveTo, Stop
 from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
 
@@ -69,7 +71,7 @@ class TransientFactors(Settings):
     """Where the probe touches (Fig. 6); set by hand on a real bench."""
 
 
-class Transient(Behavior):
+class Transient(Approaching):
     """Approach until contact.
 
     Args:
@@ -105,20 +107,17 @@ class Transient(Behavior):
             "contact",
             States.BASELINE,
             States.RETRACTING,
-            "acting",
+            "touched",
             do="conclude_contact",
             label="while another detector still learns",
         ),
-        on("contact", States.APPROACH, States.STOPPING, "acting"),
-        on("reached", States.APPROACH, States.RETRACTING, "from_mover", do="conclude_no_contact"),
+        *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
         on("deadline", States.APPROACH, States.STOPPING, do="conclude_no_contact"),
-        on("standstill", States.STOPPING, States.HOLDING, "from_mover"),
         on("deadline", States.HOLDING, States.RETRACTING),
         on("reached", States.RETRACTING, States.DONE, "from_mover"),
         on("resumed", [States.STARTING, States.BASELINE, States.APPROACH], States.STARTING),
         on("resumed", States.HOMING, States.HOMING),
         on("resumed", [States.STOPPING, States.HOLDING, States.RETRACTING], States.RETRACTING),
-        on("baseline_refused", States.BASELINE, States.FAILED, do="conclude_fault"),
         on("deadline", States.BASELINE, States.FAILED, do="conclude_late"),
     )
 
@@ -133,15 +132,16 @@ class Transient(Behavior):
         self._detectors = detectors
         self._ready: set[str] = set()
         self._settled = False
-        travel_s = abs(settings.approach_limit_m - settings.start_m) / factors.speed_m_s
+        way_m = settings.approach_limit_m - settings.start_m
+        velocity_m_s = math.copysign(factors.speed_m_s, way_m)
+        self._approach = Approach(settings.detector, velocity_m_s, settings.approach_limit_m, abs(way_m))
         super().__init__(
             {
                 states.HOMING: StatePlan(settings.home_timeout_s),
                 states.STARTING: StatePlan(motion),
                 states.SETTLING: StatePlan(settings.settle_s),
                 states.BASELINE: StatePlan(settings.baseline_timeout_s, detectors, measured, prompt=False),
-                # The device ends the approach at its limit; the deadline is for one that does not say so.
-                states.APPROACH: StatePlan(travel_s + motion, detectors, measured),
+                states.APPROACH: self._approach.plan(motion, detectors, measured),
                 states.STOPPING: StatePlan(motion, frozenset(), measured),
                 states.HOLDING: StatePlan(settings.hold_s, frozenset(), measured, prompt=False),
                 states.RETRACTING: StatePlan(motion),
@@ -161,19 +161,11 @@ class Transient(Behavior):
         self._ready.add(self.event.detector)
         return self._ready >= self._detectors
 
-    def acting(self) -> bool:
-        """Whether the contact is the acting detector's."""
-        return isinstance(self.event, Contact) and self.event.detector == self.settings.detector
-
     # what is said of the outcome
 
     def conclude_contact(self) -> None:
         """The acting detector spoke before the approach began: the measure will call it false."""
         self.conclude("contact")
-
-    def conclude_no_contact(self) -> None:
-        """The approach ended at its limit."""
-        self.conclude("no_contact", f"no contact up to {self.settings.approach_limit_m:.6g} m")
 
     # what is commanded on entry
 
@@ -193,14 +185,7 @@ class Transient(Behavior):
 
     def enter_APPROACH(self) -> None:
         """Towards the finger, bounded by the device."""
-        forward = 1.0 if self.settings.approach_limit_m >= self.settings.start_m else -1.0
-        velocity_m_s = forward * self.factors.speed_m_s
-        self.command(MoveAt(self.settings.mover, velocity_m_s, self.settings.approach_limit_m))
-
-    def enter_STOPPING(self) -> None:
-        """Stop at once."""
-        self.conclude("contact")
-        self.command(Stop(self.settings.mover))
+        self.go_until_contact()
 
     def enter_RETRACTING(self) -> None:
         """Away from the finger."""

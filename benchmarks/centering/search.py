@@ -53,7 +53,7 @@ class Tuning:
 
 @dataclass(frozen=True)
 class Course:
-    """How the search is gone about: see `behaviors.centering_settings.CenteringSettings`."""
+    """How the search is gone about: see `behaviors.search.SearchSettings`."""
 
     sweep_m: float = 0.033
     baseline_s: float = 1.0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from behaviors.centering_settings import CenteringSettings
+from behaviors.centering import CenteringSettings
 from behaviors.events import Contact, PreTouch
 from controller.measures.trial import TrialEvidence
 from drivers.messages import Gripped, Reached, Sent, Standstill, Stop

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from behaviors.centering_settings import CenteringFactors
+from behaviors.centering import CenteringFactors
 from controller.recording.reader import Run
 from controller.reports.approaches import mean_of
 from controller.reports.counts import factor as beside_bound

@@ -2,8 +2,7 @@ import math
 
 import pytest
 
-from behaviors.centering import Centering
-from behaviors.centering_settings import CenteringFactors, CenteringSettings
+from behaviors.centering import Centering, CenteringFactors, CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
 from drivers.messages import (
     Excite,

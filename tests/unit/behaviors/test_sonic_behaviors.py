@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from behaviors.aura import Aura, AuraFactors, AuraSettings
-from behaviors.centering import Centering
-from behaviors.centering_settings import CenteringFactors, CenteringSettings
+from behaviors.centering import Centering, CenteringFactors, CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
 from drivers.messages import (
     Grip,

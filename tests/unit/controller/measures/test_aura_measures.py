@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from behaviors.aura import AuraSettings
-from behaviors.centering_settings import CenteringSettings
+from behaviors.centering import CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
 from controller.measures import aura, centering
 from controller.measures.trial import TrialEvidence

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from behaviors.centering_settings import CenteringFactors
+from behaviors.centering import CenteringFactors
 from controller.measures import aura as aura_measures
 from controller.measures import centering as centering_measures
 from controller.recording.reader import open_run

@@ -1,0 +1,63 @@
+"""Approach at constant speed until a detector reports contact, stop, stand still: a part of a trial."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from behaviors.events import Contact
+from behaviors.machine import Behavior, Row, StatePlan, on
+from drivers.messages import MoveAt, Stop
+
+
+def approaching(approach: str, *, stopped: str, missed: str) -> Sequence[Row]:
+    """Rows: `approach` until contact, `STOPPING`, then `stopped`; `missed` where the approach ends at its limit."""
+    return (
+        on("contact", approach, "STOPPING", "touched"),
+        on("reached", approach, missed, "from_mover", do="conclude_no_contact"),
+        on("standstill", "STOPPING", stopped, "from_mover"),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """How one approach is made.
+
+    Attributes:
+        detector: Detector whose contact ends it.
+        velocity_m_s: On the mover's axis, with its direction.
+        limit_m: Where the device ends an approach without contact, on the mover's axis.
+        length_m: From where it begins.
+    """
+
+    detector: str
+    velocity_m_s: float
+    limit_m: float
+    length_m: float
+
+    def plan(self, motion_s: float, detectors: frozenset[str], measures: frozenset[str]) -> StatePlan:
+        """What its state needs; the device ends it at its limit, and the deadline is for one that does not say so."""
+        return StatePlan(self.length_m / abs(self.velocity_m_s) + motion_s, detectors, measures)
+
+
+class Approaching(Behavior):
+    """What `approaching` asks and commands."""
+
+    _approach: Approach
+
+    def touched(self) -> bool:
+        """Whether the contact is the acting detector's."""
+        return isinstance(self.event, Contact) and self.event.detector == self._approach.detector
+
+    def conclude_no_contact(self) -> None:
+        """The approach ended at its limit."""
+        self.conclude("no_contact", f"no contact up to {self._approach.limit_m:.6g} m")
+
+    def go_until_contact(self) -> None:
+        """Towards what is to be touched, bounded by the device; for the approach's `enter_…`."""
+        self.command(MoveAt(self._mover, self._approach.velocity_m_s, self._approach.limit_m))
+
+    def enter_STOPPING(self) -> None:
+        """Stop at once."""
+        self.conclude("contact")
+        self.command(Stop(self._mover))

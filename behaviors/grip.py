@@ -1,0 +1,108 @@
+"""Close on an object until both fingers feel it, let go: a part of a trial (Rupavatharam et al., IV.A.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import Enum
+
+from pydantic import Field
+
+from behaviors.machine import Row, StatePlan, on
+from behaviors.sonic import CONTACTS, SonicBehavior, SonicSettings
+from drivers.messages import Grip, Gripped, Release
+from drivers.settings import StreamName
+
+
+class GripSettings(SonicSettings):
+    """How an object between the fingers is gripped."""
+
+    width_stream: StreamName = "gripper.width"
+    """How far open the jaws are (m)."""
+
+    grip_width_m: float = Field(default=0.0, ge=0.0, le=0.2)
+    """Opening to close to; what is between the jaws keeps them from it."""
+
+    grip_speed_m_s: float = Field(default=0.02, gt=0.0, le=1.0)
+    """How fast the jaws close."""
+
+    grip_force_n: float = Field(default=10.0, gt=0.0, le=500.0)
+    """How hard they press."""
+
+    confirm_s: float = Field(default=1.0, gt=0.0, le=60.0)
+    """Longest wait, after the grip, for both fingers to feel the contact."""
+
+    hold_s: float = Field(default=1.0, ge=0.0, le=600.0)
+    """How long the object is held."""
+
+
+def gripping(felt: str) -> Sequence[Row]:
+    """Rows from the rest at the object: close, and go on to `felt` once both fingers feel it; else let go and leave."""
+    both = "both fingers touch"
+    return (
+        on("deadline", "RESTING", "CLOSING"),
+        on("gripped", "CLOSING", felt, ["on_object", "both_touch"], label=both),
+        on("gripped", "CLOSING", "CONFIRMING", "on_object", label="object"),
+        on("gripped", "CLOSING", "RELEASING", do="conclude_empty", label="nothing there"),
+        on("contact", "CONFIRMING", felt, "both_touch", label=both),
+        on("deadline", "CONFIRMING", "RELEASING", do="conclude_unfelt"),
+        on("reached", "RELEASING", "LEAVING", "from_gripper"),
+        on("resumed", "RESTING", "ENTERING"),
+        on("resumed", ["CLOSING", "CONFIRMING"], "RELEASING", do="conclude_broken_off"),
+        on("resumed", "RELEASING", "RELEASING"),
+    )
+
+
+def gripping_plans(
+    states: type[Enum], settings: GripSettings, contacts: frozenset[str], measures: frozenset[str]
+) -> Mapping[Enum, StatePlan]:
+    """What these states need: the contact detectors, which learn in the rest, and what is measured."""
+    closed = measures | {settings.width_stream}
+    plan = StatePlan(settings.motion_timeout_s, contacts, closed)
+    return {
+        states["RESTING"]: StatePlan(settings.baseline_s, contacts, closed, prompt=False),
+        states["CLOSING"]: plan,
+        states["CONFIRMING"]: StatePlan(settings.confirm_s, contacts, closed),
+        states["HOLDING"]: StatePlan(settings.hold_s, contacts, closed, prompt=False),
+        states["RELEASING"]: plan,
+    }
+
+
+class Gripping(SonicBehavior):
+    """What `gripping` asks and commands."""
+
+    settings: GripSettings
+
+    # conditions
+
+    def on_object(self) -> bool:
+        """Whether the jaws hold something."""
+        return isinstance(self.event, Gripped) and self.event.object
+
+    def both_touch(self) -> bool:
+        """Whether both fingers feel contact."""
+        return self._touching >= CONTACTS
+
+    def conclude_empty(self) -> None:
+        """The jaws closed on nothing."""
+        self.conclude("no_contact", "the jaws closed on nothing")
+
+    def conclude_unfelt(self) -> None:
+        """The jaws hold something that the fingers do not feel."""
+        self.conclude("no_contact", f"no contact felt within {self.settings.confirm_s:.6g} s of the grip")
+
+    def conclude_broken_off(self) -> None:
+        """A pause came between the jaws and what they were to hold."""
+        self.conclude("no_contact", "a pause broke the grip off")
+
+    # what is commanded on entry
+
+    def enter_CLOSING(self) -> None:
+        """Close on the object."""
+        settings = self.settings
+        self.command(
+            Grip(settings.gripper, settings.grip_width_m, settings.grip_speed_m_s, settings.grip_force_n)
+        )
+
+    def enter_RELEASING(self) -> None:
+        """Let go."""
+        self.command(Release(self.settings.gripper, self.settings.open_speed_m_s))

@@ -1,0 +1,239 @@
+"""Find an object between two fingers by its aura, go to its middle: a part of a trial (Rupavatharam et al., III.D)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from typing import Literal
+
+from pydantic import Field
+
+from behaviors.events import Detected, PreTouch
+from behaviors.machine import Row, StatePlan, on
+from behaviors.sonic import CONTACTS, Place, SonicBehavior, SonicSettings
+from drivers.messages import MoveAt, MoveTo, Standstill, Stop
+from drivers.settings import Settings, StreamName
+
+NOWHERE: Place = (0.0, 0.0, 0.0)
+"""The start pose: no displacement from it."""
+
+
+class SearchSettings(SonicSettings):
+    """How the middle is sought.
+
+    The mover's approach axis is the line on which the jaws close. Going forward on it takes the left finger towards
+    what is between the two, going backward the right one.
+    """
+
+    left_stream: StreamName = "signals.left"
+    """Envelope of the left finger."""
+
+    right_stream: StreamName = "signals.right"
+    """Envelope of the right finger."""
+
+    position_stream: StreamName = "arm.position"
+    """Where the mover is (m)."""
+
+    sweep_m: float = Field(default=0.017, gt=0.0, le=0.5)
+    """Farthest search to either side of the start pose."""
+
+    run_up: bool = False
+    """Whether the detectors of method `ours` get a long way before they speak: the right finger goes to the object
+    first, and what it finds is thrown away. A wave that is fitted with a memory along the way has a size that depends
+    a little on how long the way was; with this both ways that count are as long as the room between the places."""
+
+    blind_s: float = Field(default=0.15, ge=0.0, le=10.0)
+    """For so long after a motion of the search begins, contact is not heeded: a mover that has just been stopped or
+    sets out changes the level as a touch does. Chosen on simulated searches (benchmarks/centering): none of these
+    false alarms came later than 0.1 s. What the guard limits holds nevertheless."""
+
+    @property
+    def envelopes(self) -> frozenset[str]:
+        """What both fingers hear, and where the mover is: what is measured."""
+        return frozenset((self.left_stream, self.right_stream, self.position_stream))
+
+
+class SearchFactors(Settings):
+    """What a trial varies."""
+
+    method: Literal["paper", "ours"] = "ours"
+    """Whose detectors are asked: those named `left_METHOD` and `right_METHOD`."""
+
+    speed_m_s: float = Field(default=0.01, gt=0.0, le=1.0)
+    """Speed of the search (Fig. 4d: 0.01 and 0.03 m/s)."""
+
+    object: str = "pipe"
+    """What is between the fingers."""
+
+    object_x_m: float = Field(default=0.0, ge=-0.1, le=0.1)
+    """Where its middle really is on the mover's axis, measured by hand on a real bench. The behavior does not look at
+    it."""
+
+
+_SEEKING = ("RUNNING_UP", "SEEKING_FORWARD", "SEEKING_BACKWARD")
+_TURNING = ("REVERSING", "TURNING")
+
+SEARCHING: Sequence[Row] = (
+    on("deadline", "BASELINE", "RUNNING_UP", "running_up", label="run-up"),
+    on("deadline", "BASELINE", "SEEKING_FORWARD"),
+    on("pre_touch", "RUNNING_UP", "REVERSING", "by_right", label="right finger"),
+    on(
+        "standstill",
+        _TURNING,
+        "LEAVING",
+        ["from_mover", "touch_held"],
+        do="conclude_touched",
+        label="a touch stands",
+    ),
+    on("standstill", "REVERSING", "SEEKING_FORWARD", "from_mover"),
+    on("pre_touch", "SEEKING_FORWARD", "TURNING", "by_left", label="left finger"),
+    on("reached", _SEEKING, "LEAVING", "from_mover", do="conclude_unseen", label="not seen"),
+    on("contact", _SEEKING, "BACKING_OFF", "under_way", do="conclude_touched"),
+    on(
+        "contact_held",
+        _SEEKING,
+        "BACKING_OFF",
+        do="conclude_touched",
+        label="a touch while it was not heeded",
+    ),
+    on("standstill", "TURNING", "SEEKING_BACKWARD", "from_mover"),
+    on("pre_touch", "SEEKING_BACKWARD", "STOPPING", "by_right", label="right finger"),
+    on("standstill", "STOPPING", "CENTERING", "from_mover"),
+    on("standstill", "BACKING_OFF", "LEAVING", "from_mover"),
+    on("resumed", ["BASELINE", *_SEEKING, *_TURNING, "STOPPING", "CENTERING"], "ENTERING"),
+    on("resumed", "BACKING_OFF", "LEAVING"),
+)
+"""Rows from the rest that `COMING_IN` ends in to `CENTERING`; the behavior says what follows it. A search that sees
+nothing, or touches something, leaves; a pause begins it anew."""
+
+
+class Search(SonicBehavior):
+    """Search one way until the finger ahead of the motion sees the object, then the other way; go to the middle.
+
+    Where a finger saw it is what its detector says of the mover's position; a detector that hears no encoder leaves it
+    to where the mover came to stand. Contact during the search ends it; a touch that stands before it lets none begin.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
+        plans: What the behavior's other states need.
+    """
+
+    settings: SearchSettings
+
+    def __init__(
+        self,
+        settings: SearchSettings,
+        factors: SearchFactors,
+        detectors: frozenset[str],
+        plans: Mapping[Enum, StatePlan],
+    ) -> None:
+        states = self.States
+        self.factors = factors
+        self._left, self._right = f"left_{factors.method}", f"right_{factors.method}"
+        self._saw: dict[str, float] = {}
+        contact = detectors & CONTACTS
+        seeking = frozenset((self._left, self._right)) | contact
+        seen = settings.envelopes
+        motion, search = settings.motion_timeout_s, 2.0 * settings.sweep_m / factors.speed_m_s
+        search_plan = StatePlan(search + motion, seeking, seen)
+        # A turn names no finder, so that the way back is searched afresh.
+        turn_plan = StatePlan(motion, contact, seen)
+        # Nor does anybody feel here: after a hard stop the contact detectors begin anew, at rest in the middle.
+        numb_plan = StatePlan(motion, frozenset(), seen)
+        own = {"BASELINE": StatePlan(settings.baseline_s, seeking, seen, prompt=False)}
+        own |= dict.fromkeys(("RUNNING_UP", "SEEKING_FORWARD", "SEEKING_BACKWARD"), search_plan)
+        own |= dict.fromkeys(("REVERSING", "TURNING"), turn_plan)
+        own |= dict.fromkeys(("STOPPING", "CENTERING"), numb_plan)
+        searched = {states[name]: plan for name, plan in own.items()}
+        super().__init__(settings, NOWHERE, contact, {**searched, **plans})
+
+    @property
+    def middle_m(self) -> float:
+        """Middle of the two places at which a finger saw the object."""
+        return 0.5 * (self._saw[self._left] + self._saw[self._right])
+
+    # conditions
+
+    def by_left(self) -> bool:
+        """Whether the left finger saw it."""
+        return isinstance(self.event, Detected) and self.event.detector == self._left
+
+    def by_right(self) -> bool:
+        """Whether the right finger saw it."""
+        return isinstance(self.event, Detected) and self.event.detector == self._right
+
+    def running_up(self) -> bool:
+        """Whether the first way is thrown away."""
+        return self.settings.run_up and self.factors.method == "ours"
+
+    def under_way(self) -> bool:
+        """Whether the motion began long enough ago for a contact to be one."""
+        return self.event.t_s >= self._entered_s + self.settings.blind_s
+
+    def conclude_unseen(self) -> None:
+        """The sweep ended before the finger ahead saw anything."""
+        finger = "left" if self.state.name == "SEEKING_FORWARD" else "right"
+        self.conclude("no_contact", f"the {finger} finger saw nothing within {self.settings.sweep_m:.6g} m")
+
+    def conclude_touched(self) -> None:
+        """The search touched what it should have seen."""
+        self.conclude("contact", "touched during the search")
+
+    # what is commanded on entry
+
+    def enter_ENTERING(self) -> None:
+        """The fingers to either side of the object, which has been seen nowhere yet."""
+        self._saw.clear()
+        super().enter_ENTERING()
+
+    def enter_RUNNING_UP(self) -> None:
+        """The right finger towards the object."""
+        self._seek(-1.0)
+
+    def enter_REVERSING(self) -> None:
+        """Stop, and forget."""
+        self.command(Stop(self.settings.mover))
+
+    def enter_SEEKING_FORWARD(self) -> None:
+        """The left finger towards the object."""
+        self._seek(1.0)
+
+    def enter_TURNING(self) -> None:
+        """Remember, stop."""
+        self._remember(self._left)
+
+    def enter_SEEKING_BACKWARD(self) -> None:
+        """The right finger towards the object."""
+        self._stood_still(self._left)
+        self._seek(-1.0)
+
+    def enter_STOPPING(self) -> None:
+        """Remember, stop."""
+        self._remember(self._right)
+
+    def enter_CENTERING(self) -> None:
+        """To the middle."""
+        self._stood_still(self._right)
+        settings = self.settings
+        self.command(MoveTo(settings.mover, self.middle_m, min(self.factors.speed_m_s, 0.01)))
+
+    def enter_BACKING_OFF(self) -> None:
+        """Stop at once."""
+        self.command(Stop(self.settings.mover))
+
+    def _seek(self, direction: float) -> None:
+        settings = self.settings
+        limit_m = direction * settings.sweep_m
+        self.command(MoveAt(settings.mover, direction * self.factors.speed_m_s, limit_m))
+
+    def _remember(self, finger: str) -> None:
+        assert isinstance(self.event, PreTouch)
+        self._saw[finger] = self.event.position_m
+        self.command(Stop(self.settings.mover))
+
+    def _stood_still(self, finger: str) -> None:
+        if math.isnan(self._saw[finger]) and isinstance(self.event, Standstill):
+            self._saw[finger] = self.event.position_m
