@@ -46,7 +46,7 @@ State = Enum | str
 def on(
     trigger: str,
     source: State | Sequence[State],
-    dest: State,
+    dest: State | None,
     when: str | Sequence[str] = (),
     *,
     do: str | Sequence[str] = (),
@@ -57,7 +57,7 @@ def on(
     Args:
         trigger: Name of the event: `Contact` is "contact".
         source: Where from.
-        dest: Where to.
+        dest: Where to; None stays in the state, which is not entered again.
         when: Methods that must all say yes; the first row of several whose methods do is taken.
         do: Methods that are called before.
         label: What the conditions mean, for the diagram.
@@ -108,12 +108,11 @@ class Behavior:
             initial=self.initial,
             auto_transitions=False,
             ignore_invalid_triggers=True,
-            after_state_change=self._entered,
         )
 
-    @staticmethod
-    def _wired(row: Row) -> dict[str, Any]:
-        return {key: value for key, value in row.items() if key != "label"} | {"source": sources(row)}
+    def _wired(self, row: Row) -> dict[str, Any]:
+        wired = {key: value for key, value in row.items() if key != "label"} | {"source": sources(row)}
+        return wired if row["dest"] is None else {**wired, "after": self._entered}
 
     @property
     def event(self) -> Event:
@@ -243,8 +242,8 @@ def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
 def _resolved(row: Row, states: type[Enum]) -> Row:
     """The row with states for their names."""
     source = [row["source"]] if isinstance(row["source"], Enum | str) else row["source"]
-    found = [states[state] if isinstance(state, str) else state for state in (*source, row["dest"])]
-    return {**row, "source": found[0] if len(found) == 2 else found[:-1], "dest": found[-1]}
+    *found, dest = (states[state] if isinstance(state, str) else state for state in (*source, row["dest"]))
+    return {**row, "source": found if len(found) > 1 else found[0], "dest": dest}
 
 
 def sources(row: Row) -> Sequence[Enum]:
@@ -279,11 +278,12 @@ def mermaid(behavior: type[Behavior]) -> str:
     alive = [state for state in behavior.States if state not in behavior.final]
     for row in behavior.table:
         label = row["trigger"] + (f" [{row['label']}]" if "label" in row else "")
-        if len(sources(row)) > 2:
+        if len(sources(row)) > 2 and row["dest"] is not None:
             said = "any state" if sources(row) == alive else ", ".join(each.name for each in sources(row))
             notes.setdefault((row["dest"].name, said), []).append(label)
         else:
-            lines += [f"    {source.name} --> {row['dest'].name}: {label}" for source in sources(row)]
+            ends = [(source.name, (row["dest"] or source).name) for source in sources(row)]
+            lines += [f"    {source} --> {dest}: {label}" for source, dest in ends]
     lines += [f"    {state.name} --> [*]" for state in behavior.States if state in behavior.final]
     for (destination, said), labels in notes.items():
         lines.append(f"    note right of {destination}: from {said} on {', '.join(labels)}")

@@ -47,6 +47,11 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         "controller.measures.chirp",
         "controller.reports.chirp",
     ),
+    "grasp": Experiment(
+        "find an object by its aura, centre on it, close until it is felt, lift it, hold it against slip",
+        "behaviors.grasp:Grasp",
+        "controller.measures.grasp",
+    ),
     "pointer": Experiment(
         "touch with the tip turned over its whole range: the contact's angle against the true one (B7)",
         "behaviors.pointer:Pointer",

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from behaviors.centering import CenteringSettings
 from behaviors.events import Contact, PreTouch
+from behaviors.search import SearchSettings
 from controller.measures.trial import TrialEvidence
 from drivers.messages import Gripped, Reached, Sent, Standstill, Stop
 
@@ -26,7 +26,7 @@ COLUMNS = (
 )
 
 
-def measure(evidence: TrialEvidence, settings: CenteringSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Measure one search.
 
     Returns:
@@ -72,7 +72,7 @@ def measure(evidence: TrialEvidence, settings: CenteringSettings, outcome: str) 
 
 
 def _seen_at(
-    evidence: TrialEvidence, settings: CenteringSettings, finger: str, since_s: float | None
+    evidence: TrialEvidence, settings: SearchSettings, finger: str, since_s: float | None
 ) -> float | None:
     """Where the mover was when a finger's detector spoke, or where it came to stand if the detector does not say."""
     if since_s is None:
@@ -101,9 +101,7 @@ def _seen_at(
     return None if still is None else still.position_m
 
 
-def _stopped_after(
-    evidence: TrialEvidence, settings: CenteringSettings, seen_s: float | None
-) -> float | None:
+def _stopped_after(evidence: TrialEvidence, settings: SearchSettings, seen_s: float | None) -> float | None:
     """From a finger's seeing the object, which is when the state was entered, to the last byte of Stop."""
     if seen_s is None:
         return None
@@ -121,7 +119,7 @@ def _stopped_after(
     return None if sent is None else sent.t_s - seen_s
 
 
-def _grasp(evidence: TrialEvidence, settings: CenteringSettings) -> Mapping[str, Any]:
+def _grasp(evidence: TrialEvidence, settings: SearchSettings) -> Mapping[str, Any]:
     closing_s = evidence.entered_s.get("CLOSING")
     if closing_s is None:
         return {}

@@ -1,0 +1,81 @@
+"""Find an object by its aura, centre on it, close until it is felt, lift it, hold it against slip, set it down."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+
+from behaviors.grip import gripping, gripping_plans
+from behaviors.lift import LIFTING, Lifting, LiftSettings, lifting_plans
+from behaviors.machine import on, with_failures
+from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
+from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT, Place
+
+
+class GraspSettings(SearchSettings, LiftSettings):
+    """How an object is sought, gripped and lifted."""
+
+
+class GraspFactors(SearchFactors):
+    """What a trial varies."""
+
+
+class Grasp(Search, Lifting):
+    """A whole grasp, joined from its fragments.
+
+    Args:
+        settings: Of the experiment.
+        factors: Of the trial.
+        detectors: As of `Search`, and those of slip that the settings name.
+    """
+
+    class States(Enum):
+        """Where the trial is."""
+
+        CLEARING = auto()
+        CALIBRATING = auto()
+        OPENING = auto()
+        ENTERING = auto()
+        BASELINE = auto()
+        RUNNING_UP = auto()
+        REVERSING = auto()
+        SEEKING_FORWARD = auto()
+        TURNING = auto()
+        SEEKING_BACKWARD = auto()
+        STOPPING = auto()
+        CENTERING = auto()
+        RESTING = auto()
+        CLOSING = auto()
+        CONFIRMING = auto()
+        LIFTING = auto()
+        HOLDING = auto()
+        LOWERING = auto()
+        RELEASING = auto()
+        BACKING_OFF = auto()
+        LEAVING = auto()
+        DONE = auto()
+        FAILED = auto()
+
+    initial = States.CLEARING
+    final = frozenset({States.DONE, States.FAILED})
+    table = with_failures(
+        States,
+        *COMING_IN,
+        *SEARCHING,
+        on("reached", States.CENTERING, States.RESTING, "from_mover"),
+        *gripping(felt="LIFTING"),
+        *LIFTING,
+        *GOING_OUT,
+    )
+    settings: GraspSettings
+
+    def __init__(self, settings: GraspSettings, factors: GraspFactors, detectors: frozenset[str]) -> None:
+        contacts = detectors & CONTACTS
+        plans = {
+            **gripping_plans(self.States, settings, contacts, settings.envelopes),
+            **lifting_plans(self.States, settings, contacts, settings.envelopes),
+        }
+        super().__init__(settings, factors, detectors, plans)
+
+    @property
+    def _found_m(self) -> Place:
+        return (self.middle_m, 0.0, 0.0)

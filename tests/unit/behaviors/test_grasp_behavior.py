@@ -1,0 +1,88 @@
+"""A grasp: the fragments joined, and what the lift adds to them."""
+
+import pytest
+
+from behaviors.events import Contact, ContactLost, PreTouch, Resumed, SlipStarted, Tick
+from behaviors.grasp import Grasp, GraspFactors, GraspSettings
+from drivers.messages import Grip, Gripped, MovePose, Reached, Release, Standstill
+
+STATES = Grasp.States
+NAMES = frozenset({"left_ours", "right_ours", "left_contact", "right_contact", "slip"})
+FOUND = [
+    Reached(1.0, "arm", 0.0),
+    Reached(2.0, "gripper", 0.05),
+    Reached(3.0, "gripper", 0.05),
+    Reached(4.0, "arm", 0.0),
+    Tick(6.0),
+    PreTouch(6.5, "left_ours", 1.0, 0.5, 0.005),
+    Standstill(6.6, "arm", 0.0055),
+    PreTouch(8.0, "right_ours", 1.0, 0.5, -0.001),
+    Standstill(8.1, "arm", -0.0015),
+    Reached(9.0, "arm", 0.002),
+    Tick(11.0),
+    Gripped(12.0, "gripper", True, 0.019, 10.0),
+    Contact(12.1, "left_contact", 9.0, 5.0),
+    Contact(12.2, "right_contact", 9.0, 5.0),
+]
+
+
+@pytest.fixture
+def lifting():
+    """A grasp that both fingers feel, and what was commanded last."""
+    behavior = Grasp(GraspSettings(slip=("slip",), tightest_n=13.0), GraspFactors(), NAMES)
+    commands = behavior.begin(0.0)
+    for event in FOUND:
+        commands = behavior.handle(event)
+    assert behavior.state is STATES.LIFTING
+    return behavior, commands
+
+
+def slip(t_s):
+    return SlipStarted(t_s, "slip", 20.0, 10.0)
+
+
+def test_what_both_fingers_feel_is_lifted_from_the_middle_held_and_set_down_there(lifting):
+    behavior, commands = lifting
+    assert commands == [MovePose("arm", (0.002, 0.0, 0.02, 0.0, 0.0, 0.0), 0.01)]
+    assert not behavior.handle(Reached(14.0, "arm", 0.002))
+    assert behavior.state is STATES.HOLDING
+    lower = behavior.handle(Tick(15.0))
+    assert lower == [MovePose("arm", (0.002, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)]
+    assert behavior.outcome == "contact"
+    assert behavior.handle(Reached(17.0, "arm", 0.002)) == [Release("gripper", 0.02)]
+
+
+def test_slip_makes_the_jaws_press_harder_up_to_the_most_and_the_lift_goes_on(lifting):
+    behavior, _ = lifting
+    deadline_s = behavior.wake_s
+    assert behavior.handle(slip(12.5)) == [Grip("gripper", 0.0, 0.02, 12.0)]
+    assert behavior.handle(slip(12.6)) == [Grip("gripper", 0.0, 0.02, 13.0)]
+    assert not behavior.handle(slip(12.7))
+    assert (behavior.state, behavior.wake_s) == (STATES.LIFTING, deadline_s)
+
+
+def test_what_falls_out_of_the_jaws_is_no_grasp(lifting):
+    behavior, _ = lifting
+    behavior.handle(Gripped(13.0, "gripper", False, 0.0, 0.0))
+    assert behavior.state is STATES.LOWERING
+    assert (behavior.outcome, behavior.reason) == ("no_contact", "the object was lost in LIFTING")
+
+
+def test_what_a_finger_no_longer_feels_at_the_end_is_no_grasp(lifting):
+    behavior, _ = lifting
+    behavior.handle(Reached(14.0, "arm", 0.002))
+    behavior.handle(ContactLost(14.5, "left_contact", 0.0, 5.0))
+    behavior.handle(Tick(15.0))
+    assert (behavior.outcome, behavior.reason) == ("no_contact", "the object was lost in HOLDING")
+
+
+def test_a_pause_sets_it_down(lifting):
+    behavior, _ = lifting
+    assert behavior.handle(Resumed(13.0)) == [MovePose("arm", (0.002, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)]
+    assert behavior.reason == "a pause broke the grip off"
+
+
+def test_slip_is_listened_to_while_the_object_is_up_and_not_before():
+    behavior = Grasp(GraspSettings(slip=("slip",)), GraspFactors(), NAMES)
+    listening = {state for state, plan in behavior.plans.items() if "slip" in plan.detectors}
+    assert listening == {STATES.LIFTING, STATES.HOLDING, STATES.LOWERING}
