@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.compiled import compiled
 from drivers.mock.physics.rigid import Array, rotation, rotation_vector
 from drivers.mock.physics.stage_axis import Piece, StageAxis
 
@@ -70,6 +71,7 @@ class ToolTrack:
         self.direction: Array = np.array(direction, dtype=np.float64)
         self._legs: deque[Leg] = deque(maxlen=legs)
         self.place(0.0, 0.0)
+        self.offsets(np.zeros(1))  # compiled before anybody waits for it
 
     @property
     def arrival_s(self) -> float:
@@ -88,13 +90,16 @@ class ToolTrack:
         place = np.zeros(7)
         place[ALONG] = position_m
         self._legs.clear()
-        self._legs.append(Leg(t_s, place, np.zeros(7), np.zeros(7), STRAIGHT))
+        self._straight = True
+        self.replace(t_s, [Leg(t_s, place, np.zeros(7), np.zeros(7), STRAIGHT)])
 
     def replace(self, t_s: float, plan: Sequence[Leg]) -> None:
         """Move by these legs from `t_s` on, where the first of them begins."""
         while self._legs and self._legs[-1].t_start_s >= t_s:
             self._legs.pop()
         self._legs.extend(plan)
+        self._known: Array | None = None
+        self._straight = all(leg.turned is STRAIGHT for leg in plan) and self._straight
 
     def leg(self, t_s: float) -> Leg:
         """The motion at `t_s`, from there on.
@@ -134,16 +139,15 @@ class ToolTrack:
         Raises:
             ValueError: one of them is longer ago than the track remembers.
         """
-        legs, which = self._spans(times_s)
-        place, velocity, acceleration = (np.array([leg[part] for leg in legs])[which] for part in (1, 2, 3))
-        elapsed_s = (times_s - np.array([leg.t_start_s for leg in legs])[which])[:, None]
-        found: Array = place + elapsed_s * (velocity + 0.5 * acceleration * elapsed_s)
+        found = np.empty((len(times_s), 7))
+        _coordinates(self._table(times_s), np.ascontiguousarray(times_s), found)
         return found
 
     def offsets(self, times_s: NDArray[np.float64]) -> Array:
         """Displacement from the start pose along base axes, m, and integrated angular velocity, rad, (n, 6)."""
-        found = self.coordinates(times_s)
-        return np.hstack([found[:, :1] * self.direction + found[:, 1:4], found[:, 4:]])
+        found = np.empty((len(times_s), 6))
+        _offsets(self._table(times_s), self.direction, np.ascontiguousarray(times_s), found)
+        return found
 
     def turns(self, times_s: NDArray[np.float64]) -> Array:
         """Orientation relative to the start pose's as a rotation vector, base frame, rad, shape (n, 3).
@@ -151,9 +155,11 @@ class ToolTrack:
         It is exact while the axis of the turn does not change within a leg; where one twist passes into another about
         another axis, the leg between them is taken for a turn about its mean axis.
         """
-        legs, which = self._spans(times_s)
         angles = self.coordinates(times_s)[:, ANGULAR]
         found = np.zeros((len(times_s), 3))
+        if self._straight and not angles.any():
+            return found
+        legs, which = self._spans(times_s)
         straight = np.array([leg.turned is STRAIGHT for leg in legs])[which]
         for number in np.flatnonzero(np.any(angles != 0.0, axis=1) | ~straight):
             leg = legs[which[number]]
@@ -165,6 +171,13 @@ class ToolTrack:
         linear = np.array(six[:3], dtype=np.float64)
         along = float(np.dot(linear, self.direction))
         return np.concatenate([[along], linear - along * self.direction, six[3:]])
+
+    def _table(self, times_s: NDArray[np.float64]) -> Array:
+        """The legs from the first of these instants on, a row each: start, place, velocity, acceleration."""
+        if self._known is None or (len(times_s) and times_s.min() < self._known[0, 0]):
+            legs, _ = self._spans(times_s)
+            self._known = np.array([np.concatenate(([leg.t_start_s], *leg[1:4])) for leg in legs])
+        return self._known
 
     def _spans(self, times_s: NDArray[np.float64]) -> tuple[list[Leg], NDArray[np.int64]]:
         """The legs that these instants are in, and which of them each is in."""
@@ -318,6 +331,30 @@ class ToolMotion(ToolTrack):
         axis = StageAxis(acceleration_m_s2=self._acceleration, max_speed_m_s=self._max_speed_m_s)
         axis.replace(piece.t_start_s, [piece])
         return axis
+
+
+@compiled()
+def _coordinates(legs: Array, times_s: Array, out: Array) -> None:
+    """Place at each instant, shape (n, 7): in the last leg that has begun by then."""
+    for number in range(times_s.size):
+        row = legs.shape[0] - 1
+        while row > 0 and legs[row, 0] > times_s[number]:
+            row -= 1
+        elapsed_s = times_s[number] - legs[row, 0]
+        for k in range(7):
+            change = legs[row, 8 + k] + 0.5 * legs[row, 15 + k] * elapsed_s
+            out[number, k] = legs[row, 1 + k] + elapsed_s * change
+
+
+@compiled()
+def _offsets(legs: Array, direction: Array, times_s: Array, out: Array) -> None:
+    """Displacement along base axes and turn at each instant, shape (n, 6)."""
+    found = np.empty((times_s.size, 7))
+    _coordinates(legs, times_s, found)
+    for number in range(times_s.size):
+        for k in range(3):
+            out[number, k] = found[number, 0] * direction[k] + found[number, 1 + k]
+            out[number, 3 + k] = found[number, 4 + k]
 
 
 def _coasting(leg: Leg) -> Leg:
