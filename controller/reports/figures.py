@@ -15,10 +15,27 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-OURS, PAPER, FALSE, GOOD = "#1f5a96", "#5b5b5b", "#c2571a", "#2e7d5b"
-"""Ours, the paper's, false contacts and what is met: told apart by lightness and by marker as well."""
+OURS, PAPER, FALSE, GOOD, RIVAL = "#0072b2", "#5b5b5b", "#d55e00", "#009e73", "#cc79a7"
+"""Ours, the paper's, false contacts and the truth, what is met, and rivals: told apart by the colour-blind (Okabe and
+Ito), by lightness and by marker as well."""
+
+TRUTH = FALSE
+
+MARKERS = {OURS: "o", PAPER: "s", TRUTH: "x", GOOD: "^", RIVAL: "D"}
+"""Colour → marker, wherever points are drawn."""
 
 INK, FAINT = "#1a1a1a", "#b9bcc2"
+
+_THEMED = {
+    OURS: "ours",
+    PAPER: "paper-s",
+    FALSE: "truth",
+    GOOD: "good",
+    RIVAL: "rival",
+    INK: "ink",
+    FAINT: "faint",
+}
+"""Colour → the page's name for it, which light and dark fill in."""
 
 WIDTH_IN = 7.16
 """Two columns of a two-column page (IEEE), inches."""
@@ -49,7 +66,12 @@ _STYLE: Any = {
     "errorbar.capsize": 2.0,
     "figure.constrained_layout.use": True,
     "savefig.facecolor": "white",
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",  # words stay words: a search and a screen reader find them
+    "path.simplify_threshold": 0.4,  # points; a line on paper is twice as wide
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
     "svg.hashsalt": "touchbench",  # the same identifiers in every run
     "pdf.fonttype": 42,
 }
@@ -132,7 +154,13 @@ def _inline(text: str, prefix: str) -> str:
     """The `<svg>` element alone, scaling with the page, its identifiers made unique on it."""
     svg = text[text.index("<svg") :]
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
-    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r'\1 role="img"', svg, count=1)
+    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r'\1 role="group"', svg, count=1)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}\1"', svg)
+    svg = re.sub(r"fill: #ffffff(?=[^-])", "fill: var(--paper)", svg)
+    for colour, name in _THEMED.items():
+        svg = svg.replace(colour, f"var(--{name})")
+    svg = re.sub(
+        r"'STIXGeneral'[^;\"']*|STIXGeneral", "STIXGeneral, 'STIX Two Text', Charter, Georgia, serif", svg
+    )
     return re.sub(r'(xlink:href="#|href="#|url\(#)(?!' + prefix + ")", rf"\1{prefix}", svg)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
 
 from controller.experiments import experiment_of
 from controller.named import own_folders
@@ -20,6 +22,14 @@ from controller.reports.figures import Figures
 from controller.reports.run_account import account_of, early_end, setting_of
 from controller.reports.section import Column, Result, Section, Table
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
+from controller.reports.trial_signals import payload
+from controller.reports.trial_table import trial_table
+
+PAGE = 2_900_000
+"""What a page may take, bytes: signals fill what the rest leaves, so that it opens at once and goes by mail."""
+
+LEAST_ROOM = 400_000
+"""What signals take at least, however large the rest is, bytes."""
 
 _OURS = {
     "ur_arm": "The arm is a Universal Robots one (the papers': Stäubli RX-90, Kinova Gen3).",
@@ -124,19 +134,32 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
     ours = [_OURS[driver] for driver in dict.fromkeys(drivers) if driver in _OURS]
     ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_otherwise(part))]
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
-    return environment.get_template("report.html.j2").render(
-        heading=heading or " and ".join(dict.fromkeys(section.title for section in sections)),
-        citations=list(dict.fromkeys(section.citation for section in sections if section.citation)),
-        simulated=any(run.simulated for run in runs),
-        all_simulated=all(run.simulated for run in runs),
-        simulated_says=_SIMULATED,
-        ours=list(dict.fromkeys(ours)),
-        parts=parts,
-        apart=apart,
-        ends=[end for run in runs if (end := early_end(run)) is not None],
-        accounts=[account_of(run) for run in runs],
-        started=str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
-    )
+    page = environment.get_template("report.html.j2")
+    facts: dict[str, Any] = {
+        "heading": heading or " and ".join(dict.fromkeys(section.title for section in sections)),
+        "citations": list(dict.fromkeys(section.citation for section in sections if section.citation)),
+        "simulated": any(run.simulated for run in runs),
+        "all_simulated": all(run.simulated for run in runs),
+        "simulated_says": _SIMULATED,
+        "ours": list(dict.fromkeys(ours)),
+        "parts": parts,
+        "apart": apart,
+        "ends": [end for run in runs if (end := early_end(run)) is not None],
+        "accounts": [account_of(run) for run in runs],
+        "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
+        "trials": trial_table(runs),
+        "library": _library(),
+    }
+    rest = len(page.render(**facts, signals="").encode())
+    return page.render(**facts, signals=Markup(payload(runs, max(LEAST_ROOM, PAGE - rest))))
+
+
+def _library() -> list[Markup]:
+    """The scripts that draw, as their wheel ships them; "</script" would end the element that they stand in."""
+    from bokeh.resources import Resources
+
+    texts = Resources(mode="inline", components=["bokeh", "bokeh-api"]).js_raw
+    return [Markup(text.replace("</script", "<\\/script")) for text in texts]
 
 
 def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: Figures) -> Part:

@@ -8,7 +8,7 @@ from enum import StrEnum
 from itertools import groupby
 from typing import Any, NamedTuple
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 
 class Kind(StrEnum):
@@ -78,6 +78,11 @@ class Figure(NamedTuple):
 
     svg: Markup
     caption: str
+
+    @property
+    def labelled(self) -> Markup:
+        """The picture with its caption as the label that a screen reader says."""
+        return Markup(str(self.svg).replace("<svg", f'<svg aria-label="{escape(self.caption)}"', 1))
 
 
 class Column(NamedTuple):

@@ -37,7 +37,7 @@ def undrawn(monkeypatch):
 
 
 def text_of(path):
-    page = re.sub(r"<(svg|style)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
+    page = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
 
 

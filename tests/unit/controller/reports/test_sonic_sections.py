@@ -15,7 +15,7 @@ from controller.reports import aura, centering
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
 from controller.reports.report import build_report
-from controller.reports.section import Kind, Result
+from controller.reports.section import Kind, Result, Table
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 CAPTIONS = {
@@ -72,13 +72,16 @@ def section_of(module, *runs):
 
 def table(section, name):
     """Rows of the table with this caption, by all cells that are names; None where there is no such table."""
-    found = next((each for each in section.context["tables"] if CAPTIONS[name] in each["caption"]), None)
-    left = found["left"] if found else 0
-    return found and {tuple(row[:left]): row[left:] for row in found["rows"]}
+    found = next((each for each in tables(section) if CAPTIONS[name] in each.caption), None)
+    return found and {tuple(row[: found.left]): row[found.left :] for row in found.rows}
+
+
+def tables(section):
+    return [each for each in section.body if isinstance(each, Table)]
 
 
 def text_of(path):
-    page = re.sub(r"<(svg|style)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
+    page = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
 
 
@@ -239,9 +242,9 @@ def test_distances_are_medians_by_side_and_speed(tmp_path):
     rows = [approached(distance_m_ours=d, undulations_per_cm=u) for d, u in ((0.01, 2.3), (0.05, 2.4))]
     rows += [approached(seen_ours=0, distance_m_ours=None), approached(speed_m_s=0.03, distance_m_ours=0.04)]
     (slow, fast) = next(
-        each["rows"]
-        for each in section_of(aura, write(tmp_path, "aura", rows)).context["tables"]
-        if CAPTIONS["sides"] in each["caption"]
+        each.rows
+        for each in tables(section_of(aura, write(tmp_path, "aura", rows)))
+        if CAPTIONS["sides"] in each.caption
     )
     assert slow == ["normal", "x", "0.01", "3", "2.35", "3 of 3", "2.0", "2 of 3", "3.0"]
     assert fast[2:4] == ["0.03", "1"]
@@ -259,8 +262,7 @@ def test_a_trial_that_does_not_vary_a_factor_has_the_behaviors_default(tmp_path)
     rows = [{"method": "paper", "speed_m_s": 0.03, "object": "paper_cylinder"}, {"method": None}]
     default = CenteringFactors()
     assert {
-        tuple(row[:3])
-        for row in section_of(centering, write(tmp_path, "centering", rows)).context["tables"][0]["rows"]
+        tuple(row[:3]) for row in tables(section_of(centering, write(tmp_path, "centering", rows)))[0].rows
     } == {
         ("paper cylinder", "the paper's", "0.03"),
         (default.object, default.method, f"{default.speed_m_s:g}"),

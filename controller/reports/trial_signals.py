@@ -1,0 +1,181 @@
+"""The signals of each trial, small enough for the page: what was heard, said and true, and in which state."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.recording.reader import Run
+from controller.recording.series import Series, TrialRecording
+from controller.reports.run_account import setting_of
+from controller.reports.text import title
+
+Floats = NDArray[np.float64]
+
+POINTS = 1500
+"""Most points of one curve: two for each of the dots that a wide screen shows side by side in a plot."""
+
+LEAST_POINTS = 200
+"""Fewest: below that a curve says nothing. What does not fit then is left to the recording."""
+
+BYTES_A_POINT = 16 / 3
+"""Two numbers of 16 bits, as text (base64)."""
+
+CURVES = 12
+"""Most curves of one trial: six panels of two, as many as a page holds one above the other (assumption)."""
+
+SILENCE = 20.0
+"""A step in time so many times the usual one is a stretch in which nobody listened (assumption)."""
+
+FEW = 0.05
+"""Samples before such a stretch that are fewer than this share are left out: what follows is what was measured."""
+
+TRUTHS = ("onset_s", "touch_s", "slip_s", "slip_end_s")
+"""Columns that tell an instant of what really happened, beside those that begin with `truth_`."""
+
+
+def payload(runs: Sequence[Run], room: int) -> str:
+    """Every trial's signals as JSON; in `room` bytes, or nearly.
+
+    A curve of more points than fit keeps the least and the largest sample of each stretch of time: no peak is lost.
+    Trials that do not fit even so are not in it.
+    """
+    trials = [(run, trial) for run in runs for trial in run.recorded_trials]
+    fitting = max(1, int(room / (CURVES * LEAST_POINTS * BYTES_A_POINT)))
+    told: dict[str, Any] = {}
+    points = POINTS
+    for run, trial in trials[: max(fitting, 1)]:
+        recording = run.readable(trial)
+        if recording is None:
+            continue
+        curves = list(_chosen(run, recording))
+        share = room / max(1, min(len(trials), fitting)) / max(1, len(curves)) / BYTES_A_POINT
+        points = int(min(POINTS, max(LEAST_POINTS, share)))
+        told[key_of(runs, run, trial)] = _trial(run, trial, curves, points)
+    # "</" would end the element that it stands in
+    return json.dumps(told, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
+
+
+def key_of(runs: Sequence[Run], run: Run, trial: int) -> str:
+    """What a trial is called on the page: `r0t37`."""
+    return f"r{[each.folder.path for each in runs].index(run.folder.path)}t{trial}"
+
+
+def _chosen(run: Run, recording: TrialRecording) -> Iterator[tuple[str, str, Series, int]]:
+    """Curves as (panel, name, series, channel): first what detectors hear, then what else the profile names."""
+    named = json.dumps([setting_of(run, part) for part in ("detectors", "behavior", "limits")], default=str)
+
+    def place(stream: str) -> int:
+        found = named.find(f'"{stream}"')
+        return found if found >= 0 else len(named)
+
+    curves = 0
+    for stream in sorted(recording.streams, key=place):
+        series = recording.stream(stream)
+        if len(series) < 2:
+            continue
+        for channel in range(min(series.values.shape[1], 3, CURVES - curves)):
+            curves += 1
+            yield stream, f"{channel}" if series.values.shape[1] > 1 else "", series, channel
+
+
+def _trial(
+    run: Run, trial: int, curves: Sequence[tuple[str, str, Series, int]], points: int
+) -> dict[str, Any]:
+    row = next((row for row in run.trials if row["trial"] == trial), {})
+    events = [event for event in run.events if event.get("trial") == trial]
+    panels: dict[str, dict[str, Any]] = {}
+    for stream, name, series, channel in curves:
+        values, unit = series.values[:, channel], series.unit
+        if stream.endswith(".period"):  # heard as a frequency: what the detectors' thresholds are of
+            values, unit = 1.0 / values, "Hz"
+        elif unit == "m":
+            values, unit = 1e3 * values, "mm"
+        panel = panels.setdefault(stream, {"label": f"{stream}, {unit}" if unit else stream, "curves": []})
+        panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points)})
+    factors = ", ".join(f"{name} {row[name]}" for name in run.factors if row.get(name) is not None)
+    return {
+        "title": f"Trial {trial}, {factors}: {title(str(row.get('outcome', 'not ended')))}",
+        "run": run.folder.path.name,
+        "panels": list(panels.values()),
+        "thresholds": list(_thresholds(run, events, panels)),
+        "states": [[e["t_s"], e["next"]] for e in events if e.get("next") != e.get("state")],
+        "marks": list(_marks(run, events)),
+        "truths": [
+            [title(name.removeprefix("truth_").removesuffix("_s")), value]
+            for name, value in row.items()
+            if (name.startswith("truth_") or name in TRUTHS)
+            and name.endswith("_s")
+            and isinstance(value, int | float)
+        ],
+    }
+
+
+def _kind(run: Run, detector: object) -> str:
+    return str(setting_of(run, "detectors", str(detector), "kind") or "")
+
+
+def _marks(run: Run, events: Sequence[Mapping[str, Any]]) -> Iterator[list[Any]]:
+    """What detectors said: when, what, whose method."""
+    for event in events:
+        if event.get("detector") is not None and event["event"] != "BaselineReady":
+            whose = "paper" if _kind(run, event["detector"]).endswith(".paper") else "ours"
+            yield [event["t_s"], f"{event['event']}, {event['detector']}", whose]
+
+
+def _thresholds(
+    run: Run, events: Sequence[Mapping[str, Any]], panels: Mapping[str, Mapping[str, Any]]
+) -> Iterator[list[Any]]:
+    """Panel, detector and threshold where the threshold is one of the signal itself: of a frequency."""
+    told = {str(e["detector"]): e["threshold"] for e in events if e.get("threshold") is not None}
+    for detector, threshold in told.items():
+        for number, stream in enumerate(panels):
+            if stream.endswith(".period") and _kind(run, detector).startswith("resonance"):
+                yield [number, detector, threshold]
+
+
+def _measured(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """A curve with a break where nobody listened; the few samples before the first stretch are left out."""
+    steps_s = np.diff(times_s)
+    cuts = np.flatnonzero(steps_s > SILENCE * np.median(steps_s)) + 1
+    first = next((cut for cut in cuts[::-1] if cut <= FEW * len(times_s)), 0)
+    cuts = cuts[cuts > first] - first
+    times_s, values = times_s[first:], values[first:]
+    return np.insert(times_s, cuts, times_s[cuts - 1]), np.insert(values, cuts, np.nan)
+
+
+def _packed(times_s: Floats, values: Floats, points: int) -> dict[str, Any]:
+    """A curve in two rows of 16-bit numbers between their ends; 65535 is no value."""
+    keep = extremes(values, points)
+    ends = [float(times_s[0]), float(times_s[-1])]
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+
+    def packed(numbers: Floats, least: float, most: float) -> str:
+        scaled = np.round((numbers - least) / ((most - least) or 1.0) * 65534.0)
+        words = np.where(np.isfinite(scaled), scaled, 65535.0).astype("<u2")
+        return base64.b64encode(words.tobytes()).decode()
+
+    t, y = packed(times_s[keep], *ends), packed(values[keep], low, high)
+    return {"span": [*ends, low, high], "t": t, "y": y}
+
+
+def extremes(values: Floats, points: int) -> NDArray[np.intp]:
+    """Places of the least and the largest of each of `points` / 2 stretches, in order; all where they fit."""
+    if len(values) <= points:
+        return np.arange(len(values))
+    edges = np.linspace(0, len(values), points // 2 + 1).astype(int)
+    found: set[int] = {0, len(values) - 1}
+    for start, end in pairwise(edges):
+        part = values[start:end]
+        if np.isfinite(part).any():
+            found |= {start + int(np.nanargmin(part)), start + int(np.nanargmax(part))}
+        else:
+            found.add(int(start))
+    return np.array(sorted(found))

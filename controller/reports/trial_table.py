@@ -1,0 +1,41 @@
+"""The table of all trials, which the page sorts and filters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from controller.recording.reader import Run
+from controller.reports.generic import is_number, shown
+from controller.reports.trial_signals import key_of
+
+
+class Trials(NamedTuple):
+    """Every trial of some runs.
+
+    Attributes:
+        names: Of the columns, as trials.csv has them; the run first where there are several.
+        rows: Each a key, by which its signals are found, and its cells: what is shown, and a number's exact value.
+    """
+
+    names: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[tuple[str, str]]]]
+
+
+def trial_table(runs: Sequence[Run]) -> Trials:
+    """The trials of some runs, run by run."""
+    names = list(dict.fromkeys(name for run in runs for row in run.trials for name in row)) or ["trial"]
+    rows = []
+    for run in runs:
+        for row in run.trials:
+            cells = [
+                ("" if row.get(name) is None else shown(row[name]), _exact(row.get(name))) for name in names
+            ]
+            cells[1:1] = [(run.folder.path.name, "")] if len(runs) > 1 else []
+            rows.append((key_of(runs, run, int(row["trial"] or 0)), cells))
+    names[1:1] = ["run"] if len(runs) > 1 else []
+    return Trials(names, rows)
+
+
+def _exact(value: object) -> str:
+    return repr(value) if is_number(value) else ""

@@ -1,0 +1,126 @@
+"""The report in a real browser: Chromium without a window, which finds no network."""
+
+import shutil
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from controller.reports.report import PAGE, build_report
+from tests.unit.controller.reports.synthetic_runs import Given, write_transient
+
+LIMIT_BYTES = 3_000_000
+
+DELAYS_S = (0.20, 0.40, 0.36, 0.30)
+
+SOON_MS = 60_000
+"""How long a condition is waited for: a browser that starts beside other work takes seconds."""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    root = tmp_path_factory.mktemp("report")
+    given = [Given("d", 0.004487, delay_s, 0.05) for delay_s in DELAYS_S]
+    runs = [
+        write_transient(root, [*given, Given("f", 0.004843, outcome="false_contact")]),
+        write_transient(root, given[:2]),
+    ]
+    return build_report(runs, root)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    assert path, "no Chromium: apt-get install chromium"
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser, report):
+    page = browser.new_page()
+    page.set_default_timeout(SOON_MS)
+    asked, errors = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(report.as_uri())
+    yield page
+    page.close()
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == [], "it asks nobody"
+    assert errors == []
+
+
+def shown(page):
+    return page.locator("table.trials tbody tr:visible td:first-child").all_inner_texts()
+
+
+def test_the_signal_of_the_longest_delay_is_three_clicks_away(page):
+    page.get_by_role("link", name="Trials", exact=True).click()
+    page.get_by_role("button", name="delay_s", exact=True).click()
+    assert page.locator("th[data-name=delay_s]").get_attribute("aria-sort") == "descending"
+    row = page.locator("table.trials tbody tr").first
+    assert row.locator("td").nth(0).inner_text() == "2", "of 0.40 s"
+    row.click()
+    key = row.get_attribute("data-trial")
+    page.wait_for_selector(f'#signals-shown[data-ready="{key}"]')
+    said = page.locator("#trial").inner_text()
+    assert "Trial 2, location d" in said
+    assert "Contact, contact" in said
+    assert "Threshold: contact" in said
+    assert "APPROACH" in said
+    assert "Truth:" in said
+    assert page.locator(".signals .bk-Figure").count() >= 2
+
+
+def test_the_table_is_filtered_by_words_and_by_comparisons(page):
+    assert len(shown(page)) == 7
+    field = page.get_by_role("searchbox", name="Filter")
+    field.fill("false_contact")
+    assert shown(page) == ["5"]
+    field.fill("delay_s>0.35")
+    assert sorted(shown(page)) == ["2", "2", "3"]
+    field.fill("")
+    assert len(shown(page)) == 7
+
+
+def test_two_trials_stand_side_by_side(page):
+    page.set_viewport_size({"width": 1400, "height": 900})
+    rows = page.locator("table.trials tbody tr")
+    rows.nth(0).click()
+    page.get_by_role("button", name="Hold this one").click()
+    rows.nth(5).click()
+    page.wait_for_selector('#signals-shown[data-ready="r0t1 r1t1"]')
+    left, right = (page.locator(".signals").nth(n).bounding_box() for n in (0, 1))
+    assert left["y"] == right["y"]
+    assert left["x"] + left["width"] <= right["x"]
+
+
+def test_it_is_dark_where_the_system_is_and_where_the_switch_says_so(page):
+    def paper():
+        return page.evaluate("getComputedStyle(document.body).backgroundColor")
+
+    page.emulate_media(color_scheme="dark")
+    dark = paper()
+    page.get_by_role("button", name="Light", exact=True).click()
+    light = paper()
+    assert (dark, light) == ("rgb(22, 24, 28)", "rgb(255, 255, 255)")
+    page.get_by_role("button", name="Dark", exact=True).click()
+    assert paper() == dark
+
+
+def test_nothing_runs_over_the_edge_of_a_small_screen(page):
+    page.set_viewport_size({"width": 420, "height": 800})
+    page.locator("table.trials tbody tr").first.click()
+    page.wait_for_selector('#signals-shown[data-ready="r0t1"]')
+    assert page.evaluate("document.documentElement.scrollWidth") <= 420
+
+
+def test_words_of_the_figures_are_words(page):
+    assert page.locator("figure svg text", has_text="frequency (Hz)").count() >= 1
+    assert page.locator("figure svg[aria-label]").count() == page.locator("figure svg").count()
+
+
+def test_the_page_is_small_enough_to_be_mailed(report):
+    assert report.stat().st_size + LIMIT_BYTES > PAGE
+    assert report.stat().st_size <= LIMIT_BYTES

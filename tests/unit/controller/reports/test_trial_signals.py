@@ -1,0 +1,47 @@
+import base64
+import json
+
+import numpy as np
+
+from controller.reports.trial_signals import _measured, _packed, extremes, payload
+from tests.unit.controller.reports.synthetic_runs import Given, write_transient
+
+
+def unpacked(curve):
+    low, high = curve["span"][2:]
+    words = np.frombuffer(base64.b64decode(curve["y"]), "<u2").astype(float)
+    words[words == 65535] = np.nan
+    return low + words / 65534 * (high - low)
+
+
+def test_a_reduced_curve_keeps_every_peak():
+    values = np.random.default_rng(0).normal(size=100_000)
+    values[[123, 77_777]] = 40.0, -50.0
+    keep = extremes(values, 1500)
+    assert len(keep) <= 1502
+    assert {123, 77_777, 0, 99_999} <= set(keep.tolist())
+    assert np.all(np.diff(keep) > 0)
+
+
+def test_a_packed_curve_comes_back_within_a_dot():
+    values = np.array([1.0, np.nan, 3.0, 2.0])
+    back = unpacked(_packed(np.arange(4.0), values, 1500))
+    np.testing.assert_allclose(back, values, atol=2.0 / 65534)
+
+
+def test_a_curve_breaks_where_nobody_listened_and_begins_where_somebody_did():
+    times_s = np.concatenate([[0.0], 90.0 + 0.01 * np.arange(100), 95.0 + 0.01 * np.arange(100)])
+    shown_s, shown = _measured(times_s, times_s.copy())
+    assert shown_s[0] == 90.0
+    assert np.flatnonzero(np.isnan(shown)).tolist() == [100]
+
+
+def test_what_does_not_fit_is_left_to_the_recording(tmp_path):
+    run = write_transient(tmp_path, [Given()] * 6)
+    whole = json.loads(payload([run], 1_000_000))
+    assert list(whole) == [f"r0t{trial}" for trial in range(1, 7)]
+    assert {panel["label"] for panel in whole["r0t1"]["panels"]} >= {"board.period, Hz", "board.load_cell, N"}
+    assert whole["r0t1"]["thresholds"]
+    small = payload([run], 30_000)
+    assert 0 < len(json.loads(small)) < 6
+    assert len(small) < 45_000
