@@ -7,6 +7,7 @@ from collections.abc import Callable
 from drivers.mock.physics.aura_objects import OBJECTS
 from drivers.mock.physics.jaws import GripObject, JawsSettings
 from drivers.mock.physics.jaws_drive import JawsDrive
+from drivers.mock.physics.jaws_kernel import RESTING
 
 
 class AuraJaws(JawsDrive):
@@ -33,14 +34,15 @@ class AuraJaws(JawsDrive):
     def renew(self) -> None:
         """Be as on the first day: open, without power, at time zero."""
         self.jaws.place(None)
-        self.jaws.width_m, self.jaws.rate_m_s, self.jaws.jammed = self._start_m, 0.0, False
+        self.jaws.width_m, self.jaws.rate_m_s = self._start_m, 0.0
+        self._flags[:] = 0
         self.power_up()
         self.restart()
 
     @property
     def resting(self) -> bool:
         """Whether they stand still, and will until they are told otherwise."""
-        return self._resting
+        return bool(self._flags[RESTING])
 
 
 def jaws_settings(closed_width_m: float) -> JawsSettings:

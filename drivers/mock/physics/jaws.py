@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Any, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from drivers.can_gripper.units import STROKE_M
+from drivers.mock.physics import jaws_kernel as kernel
 from drivers.settings import Settings
-
-TICK_S = 2e-4
-"""Step of the integration: the period of the gripper's own loops (5 kHz, its interface page)."""
 
 STIFFEST_N_M = 1e6
 """Stiffest object: beyond 4 m / TICK_S^2 the semi-implicit step is unstable; this is a tenth of it."""
@@ -72,42 +71,49 @@ class JawsSettings(Settings):
             )
 
 
-class Jaws:
-    """Two jaws in sync, as one mass at their opening.
+def _number(place: int) -> Any:
+    """A property that is kept in the state."""
 
-    Semi-implicit Euler; dry friction takes speed away and never turns it round, so that the jaws come to rest
-    to the last bit. The end stops are rigid and swallow every impact.
+    def get(self: Jaws) -> float:
+        return float(self.x[place])
+
+    def put(self: Jaws, value: float) -> None:
+        self.x[place] = value
+
+    return property(get, put)
+
+
+class Jaws:
+    """Two jaws in sync, as one mass at their opening; how they move: `jaws_kernel`.
 
     Args:
         settings: Of jaws and scene.
 
     Attributes:
+        x: State, as the kernel has it; the drive's numbers are there as well.
+        flags: The same of what is counted.
         width_m: Opening.
         rate_m_s: Its rate; positive opens.
-        jammed: True where nothing moves them.
     """
+
+    width_m: float = _number(kernel.WIDTH)
+    rate_m_s: float = _number(kernel.RATE)
 
     def __init__(self, settings: JawsSettings) -> None:
         self.settings = settings
-        self._closed_m = settings.closed_width_m
-        self._open_m = settings.closed_width_m + STROKE_M
-        self._object: GripObject | None = None
-        start_m = self._open_m if settings.start_width_m is None else settings.start_width_m
-        self.width_m = min(max(start_m, self._closed_m), self._open_m)
-        self.rate_m_s = 0.0
-        self.jammed = False
+        self.x = np.zeros(kernel.NUMBERS)
+        self.flags = np.zeros(kernel.FLAGS, dtype=np.int64)
+        closed_m, open_m = settings.closed_width_m, settings.closed_width_m + STROKE_M
+        start_m = open_m if settings.start_width_m is None else settings.start_width_m
+        self.x[[kernel.CLOSED_M, kernel.OPEN_M]] = closed_m, open_m
+        self.x[[kernel.MASS, kernel.FRICTION]] = settings.mass_kg, settings.friction_n
+        self.width_m = min(max(start_m, closed_m), open_m)
         self.place(settings.object)
 
     @property
     def contact_n(self) -> float:
         """How hard the jaws press on what is between them; compression is positive."""
-        thing = self._object
-        if thing is None or self.width_m >= thing.width_m:
-            return 0.0
-        squeezed_n = (
-            thing.stiffness_n_m * (thing.width_m - self.width_m) - thing.damping_n_s_m * self.rate_m_s
-        )
-        return max(0.0, squeezed_n)
+        return float(kernel.contact_n(self.x, self.flags))
 
     def place(self, name: str | None) -> None:
         """Put an object between the jaws, or take away what is there.
@@ -116,27 +122,20 @@ class Jaws:
             ValueError: it is not in the scene, does not fit, or the jaws are not open wide enough.
         """
         self.settings.check(name)
-        thing = None if name is None else self.settings.objects[name]
-        if thing is not None and self.width_m < thing.width_m:
+        self.flags[kernel.PRESENT] = False
+        if name is None:
+            return
+        thing = self.settings.objects[name]
+        if self.width_m < thing.width_m:
             raise ValueError(
                 f"{name} is {thing.width_m * 1e3:g} mm wide and the jaws are open {self.width_m * 1e3:.1f} mm:"
                 " open them first"
             )
-        self._object = thing
+        self.show(name)
+        self.flags[kernel.PRESENT] = True
 
-    def tick(self, drive_n: float) -> None:
-        """Let `TICK_S` pass under a force of the drive; positive opens."""
-        if self.jammed:
-            self.rate_m_s = 0.0
-            return
-        settings = self.settings
-        gain = TICK_S / settings.mass_kg
-        rate_m_s = self.rate_m_s + gain * (drive_n + self.contact_n)
-        held_m_s = gain * settings.friction_n
-        rate_m_s = (
-            0.0 if abs(rate_m_s) <= held_m_s else rate_m_s - held_m_s * (1.0 if rate_m_s > 0.0 else -1.0)
-        )
-        width_m = self.width_m + TICK_S * rate_m_s
-        if not self._closed_m <= width_m <= self._open_m:
-            width_m, rate_m_s = min(max(width_m, self._closed_m), self._open_m), 0.0
-        self.width_m, self.rate_m_s = width_m, rate_m_s
+    def show(self, name: str) -> None:
+        """Let this object be the one that the jaws may meet."""
+        thing = self.settings.objects[name]
+        places = [kernel.THING, kernel.STIFFNESS, kernel.DAMPING]
+        self.x[places] = thing.width_m, thing.stiffness_n_m, thing.damping_n_s_m
