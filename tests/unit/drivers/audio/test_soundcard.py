@@ -457,6 +457,6 @@ def test_a_card_that_hears_nothing_is_refused(portaudio: Any) -> None:
                 time.sleep(0.001)
 
     portaudio.Stream = Live
-    with pytest.raises(ProtocolError, match=r"the right finger is silent: nothing has moved in 0\.[12]"):
+    with pytest.raises(ProtocolError, match=r"the right finger is silent: nothing has moved in \d"):
         audio("USB Audio 24", look_s=0.1).open()
     assert not Stream.opened[-1].running
