@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 
 import pytest
@@ -15,11 +14,12 @@ from controller.recording.reader import open_run
 from controller.rig import TrialScene
 from tests.wire.wire_campaign import Hand
 
-pytestmark = pytest.mark.timeout(180)
-
 SHORT = {
     "behavior.run_up": "false",
     "behavior.baseline_s": "0.8",
+    "behavior.hold_s": "0.2",
+    "behavior.handling_speed_m_s": "0.06",
+    "behavior.open_speed_m_s": "0.05",
     "trials.list": "[{ object_x_m = 0.001 }]",
     "trials.grid.method": '["ours"]',
     "trials.grid.speed_m_s": "[0.01]",
@@ -92,28 +92,6 @@ def test_sound_that_is_unplugged_in_the_search_stops_the_arm_in_one_line(centeri
     assert 0.0 < at_m < 0.013, "it was on its way, and the left finger sees the pipe from there on"
     time.sleep(0.3)
     assert emulator.scene()["tool_x_m"] == pytest.approx(at_m, abs=1e-6)
-
-
-def test_packets_of_sound_that_are_lost_are_counted_are_no_contact_and_leave_no_result(centering):
-    # 30 ms of silence on the wire every 0.7 s, all the time
-    lost = ", ".join(
-        f'{{ device = "audio", kind = "lose", at_s = {0.7 * number:.1f}, for_s = 0.03 }}'
-        for number in range(1, 60)
-    )
-    outcome, done, hand, _ = centering(**{"faults": f"[{lost}]", "behavior.grasp": "false"})
-    assert outcome.exit_code == EXIT_DEVICE, outcome.line
-    assert re.search(r"signals\.(left|right): no samples from .* which are measured", outcome.line)
-    manifest = done.manifest
-    frames = manifest["loss"]["audio.fingers"]
-    assert frames == manifest["devices"]["audio"]["link"]["frames_lost"]
-    assert frames % 480 == 0, "whole packets"
-    assert frames >= 5 * 3 * 480, (
-        "five losses in the search at the least, of six packets each but for the edges"
-    )
-    assert told(done, "Contact") == []
-    assert "BACKING_OFF" not in hand.seen
-    (row,) = done.trials
-    assert (row["outcome"], row["error_m"]) == ("fault", None)
 
 
 def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing():

@@ -11,11 +11,9 @@ from controller.campaign import EXIT_DONE, EXIT_GUARD, Campaign
 from controller.recording.reader import open_run
 from tests.wire.wire_campaign import Hand
 
-pytestmark = pytest.mark.timeout(180)
-
 SHORT = {
     "behavior.sensors.fingertip.steps": "["
-    '{ do = "roll", duration_s = 1.2, turn_rad = 0.3 },'
+    '{ do = "roll", duration_s = 0.6, turn_rad = 0.15 },'
     '{ do = "load", duration_s = 0.6, speed_m_s = 0.0005 },'
     '{ do = "slip", duration_s = 1.0, speed_m_s = 0.01 },'
     "]",

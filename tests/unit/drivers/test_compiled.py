@@ -138,10 +138,9 @@ def test_a_kernel_of_the_program_follows_an_edit_of_the_file_that_it_calls_into(
     first, said = echoed(copied("first"))
     assert "compiling what this machine has not compiled before" in said
     assert echoed(copied("second")) == (first, ""), "loaded: nothing is compiled"
-    noise = tmp_path / "second" / "drivers" / "mock" / "noise.py"
+    noise = tmp_path / "second" / "drivers" / "mock" / "physics" / "noise.py"
     noise.write_text(noise.read_text().replace("_ROUNDS = 10", "_ROUNDS = 9"))
     assert echoed(tmp_path / "second")[0] != first
-    assert echoed(tmp_path / "first") == (first, "")
 
 
 def test_damaged_code_is_made_anew(tmp_path, kept):
