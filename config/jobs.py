@@ -54,12 +54,14 @@ class Order:
     Attributes:
         name: Of the profile.
         resolved: All its settings, as JSON.
+        folders: Where modules of the user's own that it names are looked for.
         factors: Names of what all trials vary, in the order of the columns.
         seed: Of the noise.
     """
 
     name: str
     resolved: str
+    folders: tuple[Path, ...]
     factors: Sequence[str]
     seed: int
 
@@ -67,7 +69,8 @@ class Order:
     def of(cls, profile: Profile, trials: Sequence[Trial], factors: Sequence[str], seed: int) -> Order:
         """The trials themselves come with each part: of the profile's own one is kept, which validates."""
         one = {"list": [dict(trials[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
-        return cls(profile.name, json.dumps({**profile.resolved, "trials": one}), tuple(factors), seed)
+        resolved = json.dumps({**profile.resolved, "trials": one})
+        return cls(profile.name, resolved, profile.source.folders, tuple(factors), seed)
 
 
 class _Silent:
@@ -96,7 +99,7 @@ def run_part(order: Order, trials: Sequence[Trial]) -> Part:
     from drivers.clock import monotonic_s
 
     begun_s = monotonic_s()
-    profile = _profile(order.name, order.resolved)
+    profile = _profile(order.name, order.resolved, order.folders)
     plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
     with tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder, closing(build_rig(profile)) as rig:
         outcome = Campaign(plan, rig, _Silent(), Path(folder)).run()
@@ -104,11 +107,11 @@ def run_part(order: Order, trials: Sequence[Trial]) -> Part:
 
 
 @lru_cache(maxsize=1)
-def _profile(name: str, resolved: str) -> Profile:
+def _profile(name: str, resolved: str, folders: tuple[Path, ...]) -> Profile:
     from config.assemble import Table
     from config.profile import load_resolved
 
-    return load_resolved(name, json.loads(resolved), table=Table())
+    return load_resolved(name, json.loads(resolved), table=Table(), folders=folders)
 
 
 # --- who runs them -------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from config.assemble import Table
 from config.profile import load_resolved
 from config.resuming import differing
 from config.trials import chosen
+from controller.named import own_folders
 from controller.parts import add_part
 from controller.recording.joining import Joiner, Parts
 from controller.recording.run_folder import RunFolder, RunFolderError
@@ -35,7 +36,9 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     """
     shards = [Parts(RunFolder.find(name, out)) for name in names]
     manifest = _common(shards)
-    profile = load_resolved(manifest["profile"]["name"], manifest["profile"]["resolved"], table=Table())
+    kept = manifest["profile"]
+    folders = own_folders(manifest)
+    profile = load_resolved(kept["name"], kept["resolved"], table=Table(), folders=folders)
     asked = manifest["profile"]["asked"]
     order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), asked["only"], None)]
     holders = _holders(shards, order)

@@ -199,13 +199,21 @@ def load_profile(
     return _validated(source, table)
 
 
-def load_resolved(name: str, resolved: Mapping[str, Any], *, table: SettingsTable) -> Profile:
+def load_resolved(
+    name: str, resolved: Mapping[str, Any], *, table: SettingsTable, folders: Sequence[Path] = ()
+) -> Profile:
     """Load what `Profile.resolved` gave, for example from a manifest.
+
+    Args:
+        name: Of the profile.
+        resolved: Its settings.
+        table: Which settings class validates what.
+        folders: Where modules of the user's own are looked for.
 
     Raises:
         ProfileError: it was written by a program that knew other settings.
     """
-    return _validated(Source(name, (name,), {}, {}).joined(resolved, name), table)
+    return _validated(Source(name, (name,), {}, {}, tuple(folders)).joined(resolved, name), table)
 
 
 def _validated(source: Source, table: SettingsTable) -> Profile:

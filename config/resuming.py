@@ -10,6 +10,7 @@ from config.profile import Profile, load_profile, load_resolved
 from config.source import ProfileError, flatten
 from config.trials import Trial, chosen, read_csv
 from controller.campaign import program
+from controller.named import own_folders
 from controller.recording.run_folder import RunFolderError
 
 SHOWN = 5
@@ -35,7 +36,8 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
         present = load_profile(
             asked.get("profile", kept["name"]), asked.get("set"), table=Table(), rows=rows, labels=labels
         )
-        loaded = load_resolved(kept["name"], kept["resolved"], table=Table())
+        folders = own_folders(manifest)
+        loaded = load_resolved(kept["name"], kept["resolved"], table=Table(), folders=folders)
     except ProfileError as error:
         raise RunFolderError(f"{name}: its profile can no longer be loaded: {error.problems[0]}") from None
     _check_program(name, {"own": kept.get("own", {})}, {"own": own_modules(present)})

@@ -54,17 +54,14 @@ class Source:
         files: Every file that was joined, parents first, as they are shown to people.
         data: The joined tables.
         origins: For the path of each value, the file (or `--set`) that gave it.
+        folders: Where modules that the profile names are looked for: beside it, then beside what it extends.
     """
 
     name: str
     files: tuple[str, ...]
     data: Table
     origins: Mapping[KeyPath, str]
-
-    @property
-    def folders(self) -> Sequence[Path]:
-        """Where modules that the profile names are looked for: beside it, then beside what it extends."""
-        return list(dict.fromkeys(Path(file).resolve().parent for file in reversed(self.files)))
+    folders: tuple[Path, ...] = ()
 
     def origin(self, path: KeyPath) -> str:
         """The file that gave a value, or for what is missing the last one to say anything around it."""
@@ -80,7 +77,7 @@ class Source:
     def joined(self, top: Mapping[str, Any], label: str) -> Source:
         """This source with more tables laid over it, which came from `label`."""
         origins = dict(self.origins)
-        return Source(self.name, self.files, _join(self.data, top, (), label, origins), origins)
+        return replace(self, data=_join(self.data, top, (), label, origins), origins=origins)
 
     def with_rows(self, rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> Source:
         """This source with trials from elsewhere in place of its own; `labels` say where each stands."""
@@ -90,7 +87,7 @@ class Source:
         data = {**self.data, "trials": {**asked, "list": list(rows)}}
         origins = {key: file for key, file in self.origins.items() if key[:2] != ("trials", "grid")}
         origins |= {("trials", "list", str(row)): label for row, label in enumerate(labels)}
-        return Source(self.name, self.files, data, origins)
+        return replace(self, data=data, origins=origins)
 
 
 def profile_names() -> list[str]:
@@ -118,6 +115,7 @@ def read_source(name_or_path: str | Path, overrides: Mapping[str, str] | None = 
         files=tuple(_shown(file) for file in files),
         data={},
         origins={},
+        folders=tuple(dict.fromkeys(file.parent for file in reversed(files))),
     )
     for file, table in files.items():
         source = source.joined({key: table[key] for key in table if key != "extends"}, _shown(file))

@@ -186,6 +186,14 @@ def test_an_experiment_of_the_users_own_is_checked_run_and_reported(verb, lab):
     assert "force" in (run / "report.html").read_text()
 
 
+def test_workers_find_what_the_profile_names(verb, lab):
+    assert verb("run", lab / "rest.toml", "--out", "alone", "--no-report")[0] == 0
+    code, _, err = verb("run", lab / "rest.toml", "--out", "shared", "--no-report", "--jobs", "2")
+    assert code == 0, err
+    alone, shared = (next(lab.parent.glob(f"{name}/*/trials.csv")) for name in ("alone", "shared"))
+    assert shared.read_bytes() == alone.read_bytes()
+
+
 def test_a_run_is_not_resumed_by_another_version_of_the_users_own_code(verb, lab):
     assert verb("run", lab / "rest.toml", "--out", "runs", "--no-report")[0] == 0
     assert "all 2 trials are done" in verb("resume", "latest")[1]
