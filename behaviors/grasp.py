@@ -69,10 +69,10 @@ class Grasp(Search, Lifting):
     settings: GraspSettings
 
     def __init__(self, settings: GraspSettings, factors: GraspFactors, detectors: frozenset[str]) -> None:
-        contacts = detectors & CONTACTS
+        feeling = detectors & CONTACTS | frozenset(settings.slip)  # from the rest on, where they learn
         plans = {
-            **gripping_plans(self.States, settings, contacts, settings.envelopes),
-            **lifting_plans(self.States, settings, contacts, settings.envelopes),
+            **gripping_plans(self.States, settings, feeling, settings.envelopes),
+            **lifting_plans(self.States, settings, feeling, settings.envelopes),
         }
         super().__init__(settings, factors, detectors, plans)
 

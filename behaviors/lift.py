@@ -20,6 +20,8 @@ _UP = ("LIFTING", "HOLDING")
 LIFTING: Sequence[Row] = (
     on("reached", "LIFTING", "HOLDING", "from_mover"),
     on("slip_started", _UP, None, "may_tighten", do="tighten", label="press harder"),
+    on("slip_ended", _UP, None, do="note_held"),
+    on("gripped", _UP, None, "slips_on", do="tighten", label="slips on: press harder still"),
     on("gripped", _UP, "LOWERING", "dropped", do="conclude_dropped", label="nothing between the jaws"),
     on("deadline", "HOLDING", "LOWERING", do="conclude_held"),
     on("reached", "LOWERING", "RELEASING", "from_mover"),
@@ -51,12 +53,12 @@ class LiftSettings(GripSettings):
 
 
 def lifting_plans(
-    states: type[Enum], settings: LiftSettings, contacts: frozenset[str], measures: frozenset[str]
+    states: type[Enum], settings: LiftSettings, feeling: frozenset[str], measures: frozenset[str]
 ) -> Mapping[Enum, StatePlan]:
-    """What these states need: who feels contact and who feels slip, and what is measured."""
+    """What these states need: the detectors of contact and of slip, and what is measured."""
     held = StatePlan(
         settings.lift_m / settings.lift_speed_m_s + settings.motion_timeout_s,
-        contacts | frozenset(settings.slip),
+        feeling,
         measures | {settings.width_stream, settings.pose_stream},
     )
     return {
@@ -71,12 +73,17 @@ class Lifting(Gripping):
 
     settings: LiftSettings
     _force_n = 0.0
+    _slipping = False
 
     # conditions
 
     def may_tighten(self) -> bool:
         """Whether the jaws can press harder still."""
         return isinstance(self.event, SlipStarted) and self._force_n < self.settings.tightest_n
+
+    def slips_on(self) -> bool:
+        """Whether the jaws press as hard as they were told, and what they hold slips still."""
+        return self._slipping and not self.dropped() and self._force_n < self.settings.tightest_n
 
     def dropped(self) -> bool:
         """Whether the jaws report that they hold nothing."""
@@ -86,9 +93,13 @@ class Lifting(Gripping):
 
     def tighten(self) -> None:
         """Press harder, to the same opening."""
-        settings = self.settings
+        settings, self._slipping = self.settings, True
         self._force_n = min(self._force_n + settings.tighten_n, settings.tightest_n)
         self.command(Grip(settings.gripper, settings.grip_width_m, settings.grip_speed_m_s, self._force_n))
+
+    def note_held(self) -> None:
+        """The slip is over."""
+        self._slipping = False
 
     def conclude_dropped(self) -> None:
         """The jaws lost what they held."""

@@ -11,7 +11,7 @@ from controller.measures import centering
 from controller.measures.trial import TrialEvidence
 from drivers.messages import Grip, Sent
 
-_OWN = ("lifted_m", "held_s", "slips", "grip_n")
+_OWN = ("lifted_m", "held_s", "slips", "slipped", "grip_n")
 COLUMNS = (*centering.COLUMNS, *_OWN)
 
 
@@ -19,8 +19,9 @@ def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> t
     """Measure one grasp.
 
     Returns:
-        The outcome, and the columns of centering with four more: how far the tool was lifted, how long the object was
-        held up there, how often slip was detected meanwhile, and how hard the jaws were told to press at the end.
+        The outcome, and the columns of centering with five more: how far the tool was lifted, how long the object was
+        held up there, how often slip was detected meanwhile, how often it really slipped (simulated benches alone),
+        and how hard the jaws were told to press at the end.
     """
     outcome, row = centering.measure(evidence, settings, outcome)
     row |= dict.fromkeys(_OWN)
@@ -32,6 +33,8 @@ def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> t
         evidence.heard(detector, lifting_s, over_s)
     slips = [event for event in evidence.events if isinstance(event, SlipStarted)]
     row["slips"] = sum(e.detector in settings.slip and lifting_s <= e.t_s <= over_s for e in slips)
+    if evidence.slips is not None:
+        row["slipped"] = sum(began and lifting_s <= t_s <= over_s for t_s, began in evidence.slips)
     sent = [event.command for event in evidence.events if isinstance(event, Sent)]
     row["grip_n"] = next((command.force_n for command in reversed(sent) if isinstance(command, Grip)), None)
     if holding_s is not None and math.isfinite(over_s):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from behaviors.events import Contact, ContactLost, PreTouch, Resumed, SlipStarted, Tick
+from behaviors.events import Contact, ContactLost, PreTouch, Resumed, SlipEnded, SlipStarted, Tick
 from behaviors.grasp import Grasp, GraspFactors, GraspSettings
 from drivers.messages import Grip, Gripped, MovePose, Reached, Release, Standstill
 
@@ -61,6 +61,15 @@ def test_slip_makes_the_jaws_press_harder_up_to_the_most_and_the_lift_goes_on(li
     assert (behavior.state, behavior.wake_s) == (STATES.LIFTING, deadline_s)
 
 
+def test_while_it_slips_on_each_grip_is_followed_by_a_harder_one(lifting):
+    behavior, _ = lifting
+    behavior.handle(slip(12.5))
+    assert behavior.handle(Gripped(12.6, "gripper", True, 0.019, 12.0)) == [Grip("gripper", 0.0, 0.02, 13.0)]
+    behavior.handle(SlipEnded(12.7, "slip", 5.0, 10.0))
+    assert not behavior.handle(Gripped(12.8, "gripper", True, 0.019, 13.0))
+    assert behavior.state is STATES.LIFTING
+
+
 def test_what_falls_out_of_the_jaws_is_no_grasp(lifting):
     behavior, _ = lifting
     behavior.handle(Gripped(13.0, "gripper", False, 0.0, 0.0))
@@ -82,7 +91,11 @@ def test_a_pause_sets_it_down(lifting):
     assert behavior.reason == "a pause broke the grip off"
 
 
-def test_slip_is_listened_to_while_the_object_is_up_and_not_before():
+def test_a_slip_before_the_lift_is_no_slip_of_the_object():
     behavior = Grasp(GraspSettings(slip=("slip",)), GraspFactors(), NAMES)
-    listening = {state for state, plan in behavior.plans.items() if "slip" in plan.detectors}
-    assert listening == {STATES.LIFTING, STATES.HOLDING, STATES.LOWERING}
+    behavior.begin(0.0)
+    for event in FOUND[:-3]:
+        behavior.handle(event)
+    assert behavior.state is STATES.CLOSING
+    assert "slip" in behavior.plan.detectors, "it has learned in the rest what noise is"
+    assert not behavior.handle(slip(11.5))
