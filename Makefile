@@ -7,8 +7,8 @@ BIN := .venv/bin
 .PHONY: run test mutants check format bench soak-test fuzz lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
-	$(BIN)/python run.py run mock/transient --no-report
 	$(BIN)/python run.py run mock/transient_study --no-report
+	$(BIN)/python run.py run mock/transient --no-report
 	$(BIN)/python run.py report latest:mock/transient_study latest:mock/transient
 
 test: .venv/dev.stamp           ## the tests; what they need is compiled before

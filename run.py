@@ -496,6 +496,30 @@ def report(runs: Sequence[str], out: Path) -> None:
     _report([folder.path for folder in folders])
 
 
+@cli.command("open", cls=Verb, short_help="Open the report of a run in the browser.")
+@click.argument("name", metavar="RUN")
+@out_option
+def open_(name: str, out: Path) -> None:
+    """Open the report of a RUN in the browser, and print where it is; it is written where there is none yet.
+
+    RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`.
+
+    \b
+    Example:
+      run.py open latest
+    """
+    import webbrowser
+
+    from controller.recording.run_folder import RunFolder
+
+    folder = RunFolder.find(name, out).path
+    if not (folder / "report.html").is_file():
+        _report([folder])
+    click.echo(folder / "report.html")
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open((folder / "report.html").resolve().as_uri())
+
+
 # --- what the verbs share ------------------------------------------------------------------------
 
 
@@ -551,9 +575,13 @@ def _console(operator: Operator) -> Console:
 
 def _report(folders: Sequence[Path]) -> None:
     from controller.recording.reader import open_run
-    from controller.reports.report import build_report
+    from controller.reports.report import tell
 
-    say(f"report: {build_report([open_run(folder) for folder in folders])}")
+    page, lines = tell([open_run(folder) for folder in folders])
+    usual = page.parent.parent.resolve() == Path("runs").resolve()
+    newest = usual and max(page.parent.parent.iterdir()).name == page.parent.name
+    where = "latest" if newest else page.parent
+    say("\n".join([*lines, f"report: {page}", f"to see it: run.py open {where}"]))
 
 
 if __name__ == "__main__":

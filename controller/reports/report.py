@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
@@ -19,6 +18,7 @@ from controller.recording.run_folder import RecordingError
 from controller.reports import generic
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
+from controller.reports.in_lines import Part, guard_lines, in_lines
 from controller.reports.run_account import account_of, early_end, setting_of
 from controller.reports.section import Column, Result, Section, Table
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
@@ -59,43 +59,27 @@ def build_report(runs: Sequence[Run], out: Path | None = None) -> Path:
     Raises:
         RecordingError: it cannot be written.
     """
+    return tell(runs, out)[0]
+
+
+def tell(runs: Sequence[Run], out: Path | None = None) -> tuple[Path, list[str]]:
+    """Write the report as `build_report` does; returns the page, and what it says in the lines of a terminal."""
     if not runs:
         raise ValueError("a report needs at least one run")
     folder = out or runs[-1].folder.path
     runs = list({run.folder.path: run for run in runs}.values())
     path = folder / "report.html"
     try:
-        page = _page(runs, folder / "figures")
+        page, parts = _page(runs, folder / "figures")
         temporary = path.with_suffix(".html.tmp")
         temporary.write_text(page, "utf-8")
         temporary.replace(path)
     except OSError as error:
         raise RecordingError(path, "writing", error) from error
-    return path
+    return path, [*(line for part in parts for line in in_lines(part)), *guard_lines(runs)]
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A section of the page and the runs that it tells of.
-
-    Attributes:
-        name: Of experiment and bench, and which of several of different settings.
-        runs: Of equal settings.
-        section: What is told of them.
-        results: The section's summary as it may be said of these runs.
-        judged: Whether every trial that was planned was measured.
-        settings: Detectors, behavior and limits beside the paper's.
-    """
-
-    name: str
-    runs: Sequence[Run]
-    section: Section
-    results: Sequence[Result]
-    judged: bool
-    settings: Table
-
-
-def _page(runs: Sequence[Run], figures_path: Path) -> str:
+def _page(runs: Sequence[Run], figures_path: Path) -> tuple[str, Sequence[Part]]:
     parts: list[Part] = []
     apart: list[Table] = []
 
@@ -151,7 +135,7 @@ def _page(runs: Sequence[Run], figures_path: Path) -> str:
         "library": _library(),
     }
     rest = len(page.render(**facts, signals="").encode())
-    return page.render(**facts, signals=Markup(payload(runs, max(LEAST_ROOM, PAGE - rest))))
+    return page.render(**facts, signals=Markup(payload(runs, max(LEAST_ROOM, PAGE - rest)))), parts
 
 
 def _library() -> list[Markup]:
@@ -186,6 +170,6 @@ def _typographic(value: object) -> object:
 def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     module = experiment_of(experiment, own_folders(runs[-1].manifest)).report
     if module:
-        tell: Callable[[Sequence[Run], Figures], Section] = import_module(module).section
-        return tell(runs, figures)
+        own: Callable[[Sequence[Run], Figures], Section] = import_module(module).section
+        return own(runs, figures)
     return generic.section(experiment, runs, figures)

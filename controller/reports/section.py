@@ -146,6 +146,7 @@ class Section:
         summary: Sentences for the page's beginning.
         not_the_papers: What is ours and not the paper's, one sentence each.
         printed: Settings that the paper prints, by their path in the profile.
+        terminal: What of it is told in a terminal, some 14 lines.
     """
 
     title: str
@@ -154,3 +155,4 @@ class Section:
     summary: list[Result] = field(default_factory=list)
     not_the_papers: list[str] = field(default_factory=list)
     printed: Mapping[str, Printed] = field(default_factory=dict)
+    terminal: Table | None = None

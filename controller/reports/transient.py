@@ -80,6 +80,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         citation=CITATION,
         summary=_summary(approaches, beside, runs[0].simulated),
         not_the_papers=_not_the_papers(runs[0]),
+        terminal=WORDS.table("terminal", map(_table_row, rows)) if rows else None,
         printed=SETTLE | {f"detectors.{acting}.{name}": printed for name, printed in RESONANCE.items()},
     )
 
@@ -210,8 +211,13 @@ def _table_row(row: Row) -> dict[str, Any]:
         theirs = getattr(paper, column.name) if paper else None
         printed = NOTHING if theirs is None else spread(Mean(theirs[0], theirs[1], 0), *shape)
         off = NOTHING if theirs is None else signed(ours.mean - theirs[0], *shape)
-        told = {"ours": spread(ours, *shape), "paper": printed, "off": off + " *" * fitted(row, column)}
-        cells |= {f"{column.name}.{whose}": text for whose, text in told.items()}
+        told: dict[str, Any] = {
+            "ours": spread(ours, *shape),
+            "paper": printed,
+            "off": off + " *" * fitted(row, column),
+        }
+        means = {"mean": ours.mean, "printed": theirs[0] if theirs else None}
+        cells |= {f"{column.name}.{whose}": value for whose, value in (told | means).items()}
     return cells
 
 

@@ -246,7 +246,9 @@ def test_run_says_each_trial_on_a_line_and_where_the_report_is(recorded):
     lines = said.stdout.splitlines()
     assert lines[0] == f"mock/transient: 2 trials into {folder}"
     assert {line.split()[2] for line in lines[1:3]} == {"16", "17"}
-    assert lines[-1] == f"report: {folder / 'report.html'}"
+    assert lines[-2:] == [f"report: {folder / 'report.html'}", f"to see it: run.py open {folder}"]
+    assert "pad f    4.84  1      0" in said.stdout, "Table I beside the paper's"
+    assert "The guard stopped nothing." in lines
     assert (folder / "report.html").is_file()
     assert json.loads((folder / "manifest.json").read_text())["exit"]["status"] == "done"
 
@@ -264,8 +266,20 @@ def test_a_report_is_written_anew_from_the_recording_alone(verb, recorded):
     page = recorded[1] / "report.html"
     page.unlink()
     code, out, _ = verb("report", "latest", "--out", recorded[1].parent)
-    assert (code, out) == (0, f"report: {page}\n")
+    assert code == 0
+    assert f"report: {page}\n" in out
     assert page.is_file()
+
+
+def test_open_prints_where_a_report_is_and_writes_one_where_there_is_none(verb, recorded, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    page = recorded[1] / "report.html"
+    page.unlink(missing_ok=True)
+    for _ in range(2):
+        code, out, _ = verb("open", "latest", "--out", recorded[1].parent)
+        assert (code, out.splitlines()[-1]) == (0, str(page))
+        assert page.is_file()
 
 
 def test_trials_from_a_file_are_run_in_their_order(verb, tmp_path):

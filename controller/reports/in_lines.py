@@ -1,0 +1,62 @@
+"""A report in the lines of a terminal: the table beside the paper's, the verdict with its size, what the guard did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from controller.recording.reader import Run
+from controller.reports.run_account import early_end
+from controller.reports.section import Result, Section, Table
+
+MARKS = {"met": "✓", "missed": "✗", "neither": "·"}
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A section of the page and the runs that it tells of.
+
+    Attributes:
+        name: Of experiment and bench, and which of several of different settings.
+        runs: Of equal settings.
+        section: What is told of them.
+        results: The section's summary as it may be said of these runs.
+        judged: Whether every trial that was planned was measured.
+        settings: Detectors, behavior and limits beside the paper's.
+    """
+
+    name: str
+    runs: Sequence[Run]
+    section: Section
+    results: Sequence[Result]
+    judged: bool
+    settings: Table
+
+
+def in_lines(part: Part) -> Iterator[str]:
+    """A part's name, its table where it has one, and its results, those that may be judged before the others."""
+    yield f"{part.section.title}, {part.name}"
+    if part.section.terminal is not None:
+        yield from _rows(part.section.terminal)
+    for result in part.results:
+        yield f"{MARKS[result.mark]} {result.said}"
+
+
+def guard_lines(runs: Sequence[Run]) -> Iterator[str]:
+    """What ended runs before their end; a word that nothing did otherwise."""
+    ends = [end for run in runs if (end := early_end(run)) is not None]
+    for end in ends:
+        yield f"{end.what}: {end.name}. {' '.join(end.stops) or end.reason}"
+    if not ends:
+        yield "The guard stopped nothing."
+
+
+def _rows(table: Table) -> Iterator[str]:
+    rows = [[column.head for column in table.columns], *([str(cell) for cell in row] for row in table.rows)]
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [
+            cell.ljust(width) if place < table.left else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield "  ".join(cells).rstrip()
