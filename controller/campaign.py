@@ -14,10 +14,11 @@ from datetime import datetime
 from importlib import metadata
 from itertools import chain
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Compiled, Detector
+from controller.glimpse import Glimpse
 from controller.guard import Guard, GuardRefusal
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.loop import Operator as LoopOperator
@@ -121,6 +122,14 @@ class Console(LoopOperator, Protocol):
 
     def campaign_ended(self, line: str) -> None:
         """After the last."""
+
+
+@runtime_checkable
+class Watching(Protocol):
+    """A console that shows the signals of a trial while it runs."""
+
+    def watch(self, glimpse: Glimpse) -> None:
+        """After each trial's recording has begun."""
 
 
 @dataclass(frozen=True)
@@ -303,6 +312,8 @@ class Campaign:
         self._rig.clock.restart()
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
+        if isinstance(self._console, Watching):
+            self._console.watch(Glimpse(recording, trial.detectors, trial.guard.settings))
         evidence = self._evidence(trial, recording, infos)
         verdict: str | None = None
         reason = ""

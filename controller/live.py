@@ -16,6 +16,7 @@ from rich.live import Live
 from rich.text import Text
 
 from controller.console import LAST_S, PAUSED, Operator, figure, telling
+from controller.glimpse import Glimpse
 from drivers.clock import monotonic_s
 
 REFRESH_S = 0.2
@@ -95,6 +96,12 @@ class LiveConsole:
         self._results: deque[tuple[int, Mapping[str, Any], str, Mapping[str, Any]]] = deque(maxlen=ROWS)
         self._started_s = self._entered_s = self._drawn_s = monotonic_s()
         self._drawer: _Drawer | None = None
+        self._glimpse: Glimpse | None = None
+        self._paused_s = 0.0
+
+    def watch(self, glimpse: Glimpse) -> None:
+        """Shows the trial's deciding signal and margins from now on."""
+        self._glimpse = glimpse
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Begins to draw."""
@@ -109,6 +116,8 @@ class LiveConsole:
 
     def state(self, name: str, t_s: float) -> None:
         """Notes the state; it is shown at a poll, after its commands are out."""
+        if self._state[0] == PAUSED:
+            self._paused_s += monotonic_s() - self._entered_s
         self._state = (name, t_s)
         self._entered_s = monotonic_s()
 
@@ -156,7 +165,11 @@ class LiveConsole:
         done, elapsed_s = self._counts.total(), monotonic_s() - self._started_s
         filled = BAR * done // max(self._trials, 1)
         running = self._trial is not None and done
-        left = f"  about {_clock(elapsed_s / done * (self._trials - done))} left" if running else ""
+        left = (
+            f"  about {_clock((elapsed_s - self._paused_s) / done * (self._trials - done))} left"
+            if running
+            else ""
+        )
         return Text.assemble(
             ("━" * filled, "cyan"),
             ("─" * (BAR - filled), "bright_black"),
@@ -198,13 +211,14 @@ class LiveConsole:
         now = Text.assemble(
             (f"trial {self._trial}", "bold"), "  ", (name, "cyan"), (stay, "dim"), f"  {factors}"
         )
+        seen = [Text(line, "dim") for line in self._glimpse.lines()] if self._glimpse else []
         if name == PAUSED:
             hint = "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
         elif (question := self._operator.question) is not None:
             hint = question.text
         else:
-            return [now, counts, Text("Ctrl+C pauses", "dim")]
-        return [now, counts, *(Text(line, "bold yellow") for line in wrap(hint, self._terminal.width))]
+            return [now, *seen, counts, Text("Ctrl+C pauses", "dim")]
+        return [now, *seen, counts, *(Text(line, "bold yellow") for line in wrap(hint, self._terminal.width))]
 
 
 def _row(cells: Sequence[str], widths: Sequence[int], left: int) -> str:

@@ -90,6 +90,18 @@ class TrialRecording:
         """The stream's blocks as they were recorded; empty where there are none."""
         return tuple(self._blocks.get(stream, ()))
 
+    def latest(self, name: str, samples: int) -> tuple[NDArray[np.float64], str]:
+        """The last samples of a stream, shape (n, channels) with n up to `samples`, and their unit."""
+        found: list[NDArray[np.float64]] = []
+        for block in reversed(self._blocks.get(name, ())):
+            if samples <= 0:
+                break
+            if len(block):
+                found.insert(0, block.physical[-samples:])
+                samples -= len(found[0])
+        unit = self._blocks[name][-1].unit if found else ""
+        return (np.concatenate(found) if found else np.empty((0, 1))), unit
+
     def stream(self, name: str) -> Series:
         """One stream as arrays; without a sample where nothing of it was recorded."""
         blocks = [block for block in self._blocks.get(name, ()) if len(block)]

@@ -1,0 +1,47 @@
+import math
+from types import SimpleNamespace
+
+import numpy as np
+
+from controller.glimpse import BARS, SPARKS, Glimpse, sparkline
+from controller.guard import GuardSettings
+from controller.recording.series import TrialRecording
+from drivers.messages import SampleBlock
+
+
+def block(stream, values, unit, start_s=0.0):
+    values = np.asarray(values, float).reshape(-1, 1)
+    return SampleBlock(stream, 0, start_s, values, 100.0, None, unit)
+
+
+def test_a_sparkline_runs_from_the_least_to_the_largest():
+    assert sparkline([0.0, 7.0, math.nan, 3.0]) == f"{BARS[0]}{BARS[7]} {BARS[3]}"
+    assert sparkline([2.0, 2.0]) == BARS[0] * 2
+    assert sparkline([]) == ""
+
+
+def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margins():
+    recording = TrialRecording(1)
+    detector = SimpleNamespace(inputs=("board.period",), threshold_hz=28.13)
+    limits = GuardSettings(
+        force_stream="board.load_cell", force_n=2.0, position_stream="stage.position", travel_m=0.012
+    )
+    glimpse = Glimpse(recording, {"contact": detector}, limits)
+    assert glimpse.lines() == [], "nothing has been heard"
+    recording.add(block("board.period", 1.0 / np.linspace(27.0, 28.0, 60), "s"))
+    recording.add(block("board.load_cell", [0.1, -0.04], "N"))
+    recording.add(block("stage.position", [0.0031], "m"))
+    signal, margins = glimpse.lines()
+    assert signal.startswith("board.period  ")
+    assert sum(letter in BARS for letter in signal) == SPARKS
+    assert signal.endswith("28 of 28.13 Hz")
+    assert margins == "force 0.04 of 2.0 N  travel 3.10 of 12.0 mm"
+
+
+def test_the_latest_samples_come_from_the_last_blocks():
+    recording = TrialRecording(1)
+    for start in range(0, 9, 3):
+        recording.add(block("a", range(start, start + 3), "N"))
+    values, unit = recording.latest("a", 4)
+    assert (values[:, 0].tolist(), unit) == ([5.0, 6.0, 7.0, 8.0], "N")
+    assert len(recording.latest("b", 4)[0]) == 0
