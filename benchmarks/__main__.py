@@ -12,7 +12,6 @@ BENCHMARKS = {
     "chain": "benchmarks.chain.run",
     "slip": "benchmarks.slip.run",
     "slip_thresholds": "benchmarks.slip_thresholds",
-    "slip_endurance": "benchmarks.slip.endurance",
     "aura": "benchmarks.aura.run",
     "pretouch": "benchmarks.pretouch.run",
     "centering": "benchmarks.centering.run",

@@ -16,7 +16,6 @@ from benchmarks.slip.wording import (
     alarm_words,
     bound_words,
     delay_s,
-    endurance_words,
     extrapolated_words,
     found,
     found_h,
@@ -231,12 +230,11 @@ def _scored_of(ours: Figures, theirs: Figures) -> str:
     return said[0] if said[0] == said[1] else f"{said[0]}; the paper's {said[1]}"
 
 
-def document(study: Mapping[str, Any], endurance: Mapping[str, Any] | None) -> str:
+def document(study: Mapping[str, Any]) -> str:
     """The page.
 
     Args:
         study: What is in the study's JSON file.
-        endurance: What is in that of the run of 1e9 samples, where there is one.
     """
     results: Sequence[Figures] = study["results"]
     scored = [r for r in results if r["population"] == "off"]
@@ -334,8 +332,6 @@ the slips that were told or missed, at least {LEAST} of them; those called early
 
 {cost_rows}
 
-{endurance_words(endurance)}
-
 The study took {study["wall_s"] / 60:.0f} minutes; {study["cpu_s"] / 60:.0f} of processor time on all cores together.
 """
 
@@ -377,9 +373,8 @@ def _verdict(r: Figures) -> str:
 
 
 def write_page(name: str) -> str:
-    """Write `results/NAME.md` from `results/NAME.json` and that of the endurance run; returns the page."""
+    """Write `results/NAME.md` from `results/NAME.json`; returns the page."""
     study = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
-    long = FOLDER / "slip_endurance.json"
-    page = document(study, json.loads(long.read_text(encoding="utf-8")) if long.exists() else None)
+    page = document(study)
     (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
     return page

@@ -166,14 +166,3 @@ def verdict_words(nominal: Sequence[Figures]) -> str:
                 "one."
             )
     return "\n\n".join(words) if words else "All five come out as the paper says."
-
-
-def endurance_words(endurance: Mapping[str, Any] | None) -> str:
-    if endurance is None:
-        return "Endurance: not run (`python -m benchmarks slip_endurance`)."
-    return (
-        f"Endurance: after {endurance['samples']:.0e} samples on an offset of {endurance['offset_sigma']:.0f} sigma, "
-        f"with one glitch of {endurance['glitch']:.0e} and a gap of NaN on the way, the evidence of `slip` is within "
-        f"{endurance['error_nats']:.1e} nats of long double arithmetic that heard the end alone (asked: "
-        f"{endurance['tolerance_nats']:.0e}; {'met' if endurance['met'] else 'missed'})."
-    )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from behaviors.events import Detected, SlipEnded, SlipStarted
+from behaviors.events import BaselineReady, BaselineRefused, Detected, SlipEnded, SlipStarted
 from controller.signals.spectrum_blocks import SpectrumBlocks
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
@@ -126,12 +126,29 @@ class SlipPaperDetector:
         return ends, power[rows, deciding] * frequency_hz[rows, deciding]
 
 
+STORED_RATIO = 3.0
+"""A first second that vibrates so many times as strongly as the stored quiet is not taken for quiet. Assumption: noise
+of one sensor differs by less from day to day, a slip by more."""
+
+MOST_FOLLOWED_NATS = math.log(2.25)
+"""So far the running median and tail of what surprises may lift the noise that knocks are held against: 1.5 times the
+amplitude. Beyond that a weak slip among load steps is swallowed."""
+
+PATIENCE = 2.0
+"""After so many times the time that it needs to learn, a detector that has learned nothing says so."""
+
+
 class SlipSettings(SlipStreamSettings):
     """The detector that waits for several knocks. Times in seconds: they hold at any sample rate."""
 
     threshold: float = Field(default=25.0, gt=0.0, le=1e12)
-    """Evidence that means slip, nats. Default: one false alarm in an hour of bumps on the simulated sensors of
-    benchmarks/slip; calibrate it on a recording without slip."""
+    """Evidence that means slip, nats. The default asks for several knocks: more than one false alarm in an hour of
+    bumps on the simulated sensors of benchmarks/slip; calibrate it on a recording without slip. Up to 15 vibration
+    alone may exceed it, which is sooner where nothing bumps."""
+
+    quiet_rms: float | None = Field(default=None, gt=0.0, le=1e300)
+    """Vibration above 15 Hz in quiet, in the input's unit: `value` of an earlier `BaselineReady`. Where it is given, a
+    first second that is three times as loud is refused, by name, and learning begins anew."""
 
     knocks_hz: float = Field(default=200.0, gt=0.0, le=1e5)
     """How often friction lets go while it slips, Hz. Assumption: about once a period of the structure; half or
@@ -161,27 +178,45 @@ class SlipSettings(SlipStreamSettings):
     """Memory of how strongly it rings, s."""
 
     scale_s: float = Field(default=2.0, gt=0.0, le=3600.0)
-    """How fast the noise level is followed, s; eight times slower while there is evidence."""
+    """How fast the noise level is followed, s."""
+
+    follow_s: float = Field(default=0.05, gt=0.0, le=60.0)
+    """Time in which the running median of what surprises, which knocks are held against, follows by a factor e, s: at
+    most to four times the variance of noise, so that no slip is swallowed."""
+
+    vibration_s: float = Field(default=0.032, gt=0.0, le=1.0)
+    """Longest window in which innovations are compared with noise, s."""
 
     learn_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """Time that sets the first guess of the noise, s; after as long again it is armed."""
 
+    hold_s: float = Field(default=0.05, ge=0.0, le=10.0)
+    """The evidence must have stayed one knock's worth below the threshold for so long before a slip is over, s."""
+
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
-    """After a gap longer than this the evidence begins anew. Assumption: a slip is over or lost by then."""
+    """After a gap longer than this all is learned anew. Assumption: a slip is over or lost by then, and what is quiet
+    may be another."""
 
 
 class SlipDetector:
-    """Slip when knocks come faster than bumps do: whitened, bounded, summed.
+    """Slip when knocks come faster than bumps do, or when the whole spectrum rises at once.
 
-    The signal's second difference is predicted from its own past, so that offset, load ramps, rolling and the
-    ringing of the structure, whatever its frequency, are foretold. What is not foretold is judged by the
-    log-likelihood ratio of "knocks at `knocks_hz`" against "knocks at `jumps_hz`", which no single sample can drive
-    beyond ln(knocks_hz / jumps_hz), and which a blow of less than `jump_s` cannot add twice. The sum, kept from
-    falling below zero, is held against the threshold (Page's CUSUM). Of several channels the one with the most
-    evidence decides.
+    Three opinions on one scale, nats; the evidence is the larger of knocks and vibration.
 
-    It needs `2 * learn_s` to arm after a reset. A gap keeps what was learned. `SlipEnded` comes when the evidence
-    has fallen one knock's worth below the threshold, 40 ms after the last knock at 1 kHz.
+    *Knocks*: the signal's second difference is predicted from its own past, so that offset, load ramps, rolling and
+    the ringing of the structure are foretold. What is not foretold, over noise whose running median is followed, is
+    judged by the log-likelihood ratio of "knocks at `knocks_hz`" against "knocks at `jumps_hz`". No single sample can
+    drive it beyond ln(knocks_hz / jumps_hz), and a blow of less than `jump_s` cannot add twice. The sum is kept from
+    falling below zero (Page's CUSUM).
+
+    *Vibration*: the smaller of what three neighbouring octaves from 15 Hz together exceed their own quiet by, and of
+    the likelihood ratio of a larger innovation. Hum shakes one octave; an arm that sets out surprises nobody. It is
+    worth 15 nats at most: one blow rings as a slip does.
+
+    It needs `2 * learn_s` to arm after a reset or a gap beyond `max_gap_s`, and says `BaselineReady` (`value`: the
+    vibration that it took for quiet, root mean square) or `BaselineRefused`. Of several channels the one with the
+    most evidence decides. `SlipEnded` comes when the evidence has been one knock's worth
+    below the threshold for `hold_s`.
 
     References: E. S. Page, "Continuous inspection schemes", Biometrika 41 (1954); P. J. Huber, "A robust version of
     the probability ratio test", Ann. Math. Statist. 36 (1965). docs/explanation/slip.md derives it.
@@ -203,17 +238,26 @@ class SlipDetector:
         self._channels: list[_Channel] = []
         self._next_seq: int | None = None
         self._slipping = False
+        self._below = 0
+        self._heard = 0
+        self._told = False
 
     def arming_s(self, rate_hz: float) -> float:
         """How long it learns after a reset, s: before that it tells nothing."""
         return 2 * _settling(self.settings, rate_hz).learn / rate_hz
 
     def least_delay_s(self, rate_hz: float) -> float:
-        """From a slip's first sample to the soonest that can tell it where there was no evidence before, s: no sample
-        is worth more than one knock, and none after the first more than the credit gets back in its time."""
-        odds = _odds(self.settings, rate_hz)
-        beyond = max(0.0, self.settings.threshold - odds.cap)
-        return math.ceil(beyond / min(odds.cap, odds.refill)) / rate_hz
+        """From a slip's first sample to the soonest that can tell it where there was no evidence before, s.
+
+        Vibration is worth `MOST_VIBRATION_NAT` at most; beyond that no sample is worth more than one knock, and none
+        after the first more than the credit gets back in its time.
+        """
+        from controller.signals.evidence import MOST_VIBRATION_NAT
+
+        odds, threshold = _odds(self.settings, rate_hz), self.settings.threshold
+        if threshold < max(odds.cap, MOST_VIBRATION_NAT):
+            return 1.0 / rate_hz
+        return math.ceil((threshold - odds.cap) / min(odds.cap, odds.refill)) / rate_hz
 
     def warm_up(self) -> None:
         """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
@@ -221,21 +265,94 @@ class SlipDetector:
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Hear the next samples."""
+        begun_anew = self._begin(block)
         trace = self.hear(block)
-        threshold, worth = self.settings.threshold, self._channels[0].odds.cap
-        times_s = block.times
-        events: list[Detected] = []
-        for i in _crossings(trace, threshold, max(0.0, threshold - worth), self._slipping):
+        events = [] if self._told else self._baseline(block)
+        threshold = self.settings.threshold
+        if begun_anew and self._slipping:
+            self._slipping = False
+            events.append(SlipEnded(float(block.times[0]), self.name, 0.0, threshold))
+        if self._slipping or (len(trace) and trace.max() > threshold):
+            times_s = block.times
+            for i in self._changes(trace, round(self.settings.hold_s * _rate_hz(block))):
+                kind = SlipStarted if trace[i] > threshold else SlipEnded
+                events.append(kind(float(times_s[i]), self.name, float(trace[i]), threshold))
+        return sorted(events, key=lambda event: event.t_s)
+
+    def _changes(self, trace: Floats, hold: int) -> list[int]:
+        """Samples at which slip begins: above the threshold; and ends: one knock's worth below, for so many samples."""
+        threshold = self.settings.threshold
+        over = trace > max(0.5 * threshold, threshold - self._channels[0].odds.cap)
+        changes: list[int] = []
+        begin = 0
+        while begin < len(trace):
+            if not self._slipping:
+                above = np.flatnonzero(trace[begin:] > threshold)
+                if not above.size:
+                    break
+                place = begin + int(above[0])
+                self._below = 0
+            else:
+                marks = np.concatenate(
+                    [[-1 - self._below], np.flatnonzero(over[begin:]), [len(trace) - begin]]
+                )
+                long = np.flatnonzero(np.diff(marks) > hold)
+                if not long.size:
+                    self._below = int(len(trace) - begin - 1 - marks[-2])
+                    break
+                place = begin + int(marks[long[0]]) + max(1, hold)
             self._slipping = not self._slipping
-            kind = SlipStarted if self._slipping else SlipEnded
-            events.append(kind(float(times_s[i]), self.name, float(trace[i]), threshold))
+            changes.append(place)
+            begin = place + 1
+        return changes
+
+    def _begin(self, block: SampleBlock) -> bool:
+        """Whether a gap, or a stream that began anew, makes it forget what it had learned."""
+        if self._next_seq is None:
+            return False
+        lost = block.seq - self._next_seq
+        if 0 <= lost <= self.settings.max_gap_s * _rate_hz(block):
+            return False
+        slipping = self._slipping
+        self.reset()
+        self._slipping = slipping
+        return True
+
+    def _baseline(self, block: SampleBlock) -> list[Detected]:
+        """That it has learned what quiet is, or that it could not; once each."""
+        before = self._heard
+        self._heard += len(block)
+        events: list[Detected] = []
+        for place, level in sorted(found for channel in self._channels for found in channel.refused):
+            stored = self.settings.quiet_rms or math.nan
+            reason = (
+                f"the first {self.arming_s(_rate_hz(block)):g} s vibrate with {level:.3g}, the stored quiet is"
+                f" {stored:.3g}: does it slip already, or is quiet_rms that of another sensor?"
+            )
+            events.append(
+                BaselineRefused(float(block.times[place]), self.name, level, STORED_RATIO * stored, reason)
+            )
+            break
+        armed = [channel for channel in self._channels if channel.armed is not None]
+        late = round(PATIENCE * self.arming_s(_rate_hz(block)) * _rate_hz(block))
+        if armed:
+            self._told = True
+            first = min(armed, key=lambda channel: channel.armed or 0)
+            t_s = float(block.times[first.armed or 0])
+            events.append(BaselineReady(t_s, self.name, first.quiet, self.settings.threshold))
+        elif before < late <= self._heard and not events:
+            reason = (
+                "no quiet could be learned: the samples are constant, or not finite; is the sensor alive?"
+            )
+            t_s = float(block.times[late - before - 1])
+            events.append(BaselineRefused(t_s, self.name, 0.0, self.settings.threshold, reason))
         return events
 
     def hear(self, block: SampleBlock) -> Floats:
         """Hear the next samples.
 
         Returns:
-            Evidence after each, nats, held at one knock's worth above the threshold, shape (n,).
+            Evidence after each, nats, held at one knock's worth above the threshold; 0 while it learns, shape (n,).
         """
         values, rate_hz = self.settings.chosen(block.physical), _rate_hz(block)
         if not self._channels:
@@ -244,50 +361,94 @@ class SlipDetector:
             for channel in self._channels:
                 channel.skip(block.seq - self._next_seq)
         self._next_seq = block.seq + len(block)
-        return self._evidence(self._channels, values, self.settings.threshold + self._channels[0].odds.cap)
+        trace = self._evidence(self._channels, values, self.settings.threshold + self._channels[0].odds.cap)
+        trace[np.isnan(trace)] = 0.0
+        return trace
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Evidence after each sample of a whole recording, nats, shape (n,); NaN for the `2 * learn_s` in which it
         learns."""
         heard = self.settings.chosen(values)
-        channels = [_Channel(self.settings, rate_hz) for _ in range(heard.shape[1])]
-        found = self._evidence(channels, heard, math.inf)
-        found[: 2 * _settling(self.settings, rate_hz).learn] = math.nan
-        return found
+        channels = [
+            _Channel(self.settings.model_copy(update={"quiet_rms": None}), rate_hz)
+            for _ in range(heard.shape[1])
+        ]
+        return self._evidence(channels, heard, math.inf)
 
     @staticmethod
     def _evidence(channels: Sequence[_Channel], values: Floats, ceiling: float) -> Floats:
         traces = [
             channel.hear(np.ascontiguousarray(values[:, i]), ceiling) for i, channel in enumerate(channels)
         ]
-        most: Floats = traces[0] if len(traces) == 1 else np.max(traces, axis=0)
+        most: Floats = traces[0] if len(traces) == 1 else np.fmax.reduce(traces, axis=0)
         return most
 
 
 class _Channel:
-    """Predictor and evidence of one channel."""
+    """Predictor, octaves and evidence of one channel.
+
+    Attributes:
+        armed: The sample of the last block with which it had learned what quiet is; None in other blocks.
+        quiet: The vibration that it took for quiet.
+        refused: Samples of the last block at which what it had learned was louder than the stored quiet, and how loud.
+    """
 
     def __init__(self, settings: SlipSettings, rate_hz: float) -> None:
-        from controller.signals import evidence, whitening
+        from controller.signals import evidence, octaves, whitening
 
         self._accumulate = evidence.accumulate
-        self._missing = evidence.MISSING
-        self._fresh = whitening.FRESH
+        self._stored = settings.quiet_rms
+        self._places = evidence
+        self._whitening = whitening
         self.odds = _odds(settings, rate_hz)
         self._settling = _settling(settings, rate_hz)
         self._predictor: Predictor = whitening.predictor(settings.order, self._settling.learn)
-        self._state = np.array([0.0, self.odds.cap, 0.0])
+        self._octaves = octaves.octaves(rate_hz)
+        self._state = np.zeros(9)
+        self._state[evidence.CREDIT] = self.odds.cap
+        self._totals = np.zeros(max(2, round(settings.vibration_s * rate_hz) + 1))
+        self.quiet = 0.0
+        self.armed: int | None = None
+        self.refused: list[tuple[int, float]] = []
 
     def hear(self, x: Floats, ceiling: float) -> Floats:
-        """Evidence after each sample, shape (n,)."""
+        """Evidence after each sample, shape (n,); NaN while it learns."""
         out = np.empty(x.size)
-        self._accumulate(self.odds, self._settling, self._predictor, self._state, x, ceiling, out)
+        self.armed, self.refused = None, []
+        begin = 0
+        while begin < x.size:
+            knew = self._state[self._places.HEARD] > 0.0
+            begin += self._accumulate(
+                self.odds,
+                self._settling,
+                self._predictor,
+                self._octaves,
+                self._state,
+                self._totals,
+                x[begin:],
+                ceiling,
+                out[begin:],
+            )
+            if not knew and self._state[self._places.HEARD] > 0.0:
+                self._judge(begin - 1, out)
         return out
 
+    def _judge(self, place: int, out: Floats) -> None:
+        """Takes what was learned for quiet, or learns anew."""
+        self.quiet = float(self._state[self._places.QUIET])
+        if self._stored is None or self.quiet <= STORED_RATIO * self._stored:
+            self.armed = place
+            return
+        self.refused.append((place, self.quiet))
+        self._predictor.counts[self._whitening.COUNT] = 0
+        self._state[self._places.HEARD] = 0.0
+        self._state[self._places.SUM] = 0.0
+        out[place] = math.nan
+
     def skip(self, samples: int) -> None:
-        """Samples were lost; a negative number is a stream that began anew, a gap of unknown length."""
-        self._predictor.counts[self._fresh] = 0
-        self._state[self._missing] += samples if samples > 0 else self.odds.patience
+        """Samples were lost."""
+        self._predictor.counts[self._whitening.FRESH] = 0
+        self._state[self._places.MISSING] += samples
 
 
 def _odds(s: SlipSettings, rate_hz: float) -> Odds:
@@ -304,6 +465,8 @@ def _odds(s: SlipSettings, rate_hz: float) -> Odds:
         cap,
         cap / (s.jump_s * rate_hz),
         round(s.max_gap_s * rate_hz) + s.order + 2,
+        1.0 / (s.follow_s * rate_hz),
+        MOST_FOLLOWED_NATS,
     )
 
 
@@ -317,19 +480,6 @@ def _settling(s: SlipSettings, rate_hz: float) -> Settling:
         scale=s.scale_s * rate_hz,
         model_error=s.model_error,
     )
-
-
-def _crossings(trace: Floats, rise: float, fall: float, above: bool) -> list[int]:
-    """Samples at which a trace rises above `rise` or falls to `fall` or below, in turn; `above` says which comes
-    first."""
-    # most blocks change nothing
-    over = trace > rise
-    if not above and not over.any():
-        return []
-    # nor do samples between the two levels
-    deciding = np.flatnonzero(over | (trace <= fall))
-    changes: list[int] = deciding[np.diff(over[deciding], prepend=above)].tolist()
-    return changes
 
 
 def _rate_hz(block: SampleBlock) -> float:

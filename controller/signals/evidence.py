@@ -1,4 +1,4 @@
-"""Running evidence: log-likelihoods that no single jump can sway, summed until they would be positive no more.
+"""Running evidence of slip: knocks that no single blow can fake, and vibration that one blow cannot drive far.
 Compiled."""
 
 from __future__ import annotations
@@ -9,13 +9,55 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.signals.whitening import Predictor, Settling, innovate
+from controller.signals.octaves import (
+    TREND_IN,
+    Octaves,
+    filter_octaves,
+    judge_octaves,
+    learn_octaves,
+    quiet_level,
+)
+from controller.signals.whitening import (
+    BARE,
+    BEYOND,
+    COUNT,
+    FRESH,
+    LIMIT,
+    NOISE,
+    Predictor,
+    Settling,
+    innovate,
+)
 from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-SUM, CREDIT, MISSING = range(3)
-"""Places in the evidence: the sum; what may still be added now; samples missing since the last good one."""
+SUM, CREDIT, MISSING, MEDIAN, TAIL, TOTAL, HEARD, VIBRATION, QUIET = range(9)
+"""Places in the evidence: the sum over knocks; what may still be added now; samples missing since the last good one;
+logarithms of the innovations' running median and of their 98 % quantile over those of normal noise; sum of the
+innovations, and how many; what vibration was worth last; its root mean square in the quiet that was learned, in the
+input's unit."""
+
+MOST_BARE = 25.0
+"""An innovation counts no more than this many variances of noise in the likelihood ratio: five standard deviations."""
+
+PER_OCTAVE_NAT = 2.0
+PER_INNOVATION_NAT = 0.75
+"""Weights of the two opinions on vibration, of which the smaller counts, beside that of knocks. Chosen on the choosing
+half of the recordings: the first so that octaves tell what knocks are too late for there, the second so that an
+arm's start, which innovations do not show, stays below a threshold of knocks."""
+
+MOST_VIBRATION_NAT = 15.0
+"""Vibration is worth no more. One blow rings as a slip does, so a threshold beyond this asks for several knocks."""
+
+MEDIAN_NORMAL = -0.7877
+TAIL_NORMAL = 1.6887
+TAIL_SHARE = 0.02
+"""Logarithms of the median and of the 98 % quantile of a chi-square variable, 1 degree of freedom: ln 0.4549, ln 5.412;
+and the share beyond. Quiet of real sensors has heavy tails: servos, converters."""
+
+FLOOR = 1e-3
+"""Share of the noise's variance that is added to an octave's energy: of a converter that stands still there is none."""
 
 
 class Odds(NamedTuple):
@@ -28,6 +70,8 @@ class Odds(NamedTuple):
         cap: Largest log-likelihood ratio, ln(knock / jump): what one knock is worth.
         refill: What may be added per sample in the long run: a knock counts once, however many samples it lasts.
         patience: Missing samples after which the sum begins anew.
+        follow: How far the logarithm of the running median moves in a sample; that of the tail, at most.
+        most_followed: Their largest value: noise that grows is followed at once up to here, a slip is not swallowed.
     """
 
     knock: float
@@ -36,6 +80,8 @@ class Odds(NamedTuple):
     cap: float
     refill: float
     patience: int
+    follow: float
+    most_followed: float
 
 
 @compiled()
@@ -47,32 +93,115 @@ def log_odds(o: Odds, squared: float) -> float:
 
 
 @compiled()
+def louder(totals: Floats, count: int) -> float:
+    """Generalized log-likelihood ratio of a larger variance in the last 1, 2, 4 ... innovations, nats.
+
+    Args:
+        totals: Running sums of squared innovations, a ring, shape (size,).
+        count: How many there were.
+    """
+    size = totals.size
+    newest, best, window = totals[count % size], 0.0, 1
+    while window < min(size, count + 1):
+        ratio = (newest - totals[(count - window) % size]) / window
+        if ratio > 1.0:
+            best = max(best, 0.5 * window * (ratio - 1.0 - math.log(ratio)))
+        window *= 2
+    return best
+
+
+@compiled()
+def _follow(o: Odds, evidence: Floats, squared: float, pace: float) -> None:
+    """Moves the running median and tail of the innovations."""
+    found = math.log(squared + 1e-12)
+    step = pace if found - MEDIAN_NORMAL > evidence[MEDIAN] else -pace
+    evidence[MEDIAN] = min(max(evidence[MEDIAN] + step, 0.0), o.most_followed)
+    beyond = 1.0 if found - TAIL_NORMAL > evidence[TAIL] else 0.0
+    evidence[TAIL] = min(max(evidence[TAIL] + pace * (beyond - TAIL_SHARE), 0.0), o.most_followed)
+
+
+@compiled()
+def _knocks(o: Odds, evidence: Floats, squared: float, ceiling: float) -> None:
+    """Takes one innovation into Page's sum."""
+    _follow(o, evidence, squared, o.follow)
+    gain = log_odds(o, squared * math.exp(-max(evidence[MEDIAN], evidence[TAIL])))
+    if gain > 0.0:
+        gain = min(gain, evidence[CREDIT])
+        evidence[CREDIT] -= gain
+    evidence[CREDIT] = min(o.cap, evidence[CREDIT] + o.refill)
+    evidence[SUM] = min(max(0.0, evidence[SUM] + gain), ceiling)
+
+
+@compiled()
+def _vibration(bands: Octaves, evidence: Floats, totals: Floats, floor: float) -> float:
+    """What octaves and innovations both say, nats."""
+    found = PER_OCTAVE_NAT * judge_octaves(bands, floor)
+    if found > 0.0:
+        found = min(found, MOST_VIBRATION_NAT, PER_INNOVATION_NAT * louder(totals, int(evidence[HEARD])))
+    return found
+
+
+@compiled()
 def accumulate(
-    o: Odds, s: Settling, p: Predictor, evidence: Floats, x: Floats, ceiling: float, out: Floats
-) -> None:
-    """Hears n samples of one channel.
+    o: Odds,
+    s: Settling,
+    p: Predictor,
+    bands: Octaves,
+    evidence: Floats,
+    totals: Floats,
+    x: Floats,
+    ceiling: float,
+    out: Floats,
+) -> int:
+    """Hears samples of one channel, up to the one with which it has learned what quiet is.
 
     Args:
         o: The two opinions.
         s: Constants of the predictor.
         p: State of the predictor, advanced.
-        evidence: Sum, credit and missing samples, shape (3,), advanced.
+        bands: Its octaves, advanced.
+        evidence: Shape (9,), advanced.
+        totals: Running sums of innovations, a ring, shape (size,), advanced.
         x: Samples, shape (n,); NaN is a gap.
         ceiling: The sum is held at this: what was certain long ago must not delay the end.
-        out: Written: the sum after each sample, shape (n,).
+        out: Written: the evidence after each sample, NaN while it learns, shape (n,).
+
+    Returns:
+        How many samples were heard.
     """
+    noise = p.scalars
     for i in range(x.size):
-        squared = innovate(s, p, x[i], evidence[SUM] < o.cap)
+        squared = innovate(s, p, x[i])
+        count = p.counts[COUNT]
+        known = abs(x[i]) < BEYOND
+        if known:
+            if p.counts[FRESH] == 1:
+                bands.scalars[TREND_IN] = x[i]
+            most = LIMIT * math.sqrt(noise[NOISE]) if noise[NOISE] > 0.0 else math.inf
+            filter_octaves(bands, x[i], most)
+        if known and s.learn < count < 2 * s.learn:
+            if count % bands.stride == 0:
+                learn_octaves(bands, FLOOR * noise[NOISE], (count - s.learn - 1) // bands.stride + 1)
+            if 2 * count > 3 * s.learn:
+                # there are weights by now; what is left of the time is short
+                _follow(o, evidence, noise[BARE], 4.0 * o.follow)
         if math.isfinite(squared):
-            gain = log_odds(o, squared)
-            if gain > 0.0:
-                gain = min(gain, evidence[CREDIT])
-                evidence[CREDIT] -= gain
-            evidence[CREDIT] = min(o.cap, evidence[CREDIT] + o.refill)
-            evidence[SUM] = min(max(0.0, evidence[SUM] + gain), ceiling)
+            _knocks(o, evidence, squared, ceiling)
             evidence[MISSING] = 0.0
+            heard = int(evidence[HEARD]) + 1
+            evidence[HEARD] = heard
+            evidence[TOTAL] += min(noise[BARE], MOST_BARE)
+            totals[heard % totals.size] = evidence[TOTAL]
+            if heard == 1:
+                evidence[QUIET] = quiet_level(bands)
+            if heard % bands.stride == 0:
+                evidence[VIBRATION] = _vibration(bands, evidence, totals, FLOOR * noise[NOISE])
         else:
             evidence[MISSING] += 1.0
             if evidence[MISSING] > o.patience:
                 evidence[SUM] = 0.0
-        out[i] = evidence[SUM]
+                evidence[VIBRATION] = 0.0
+        out[i] = max(evidence[SUM], evidence[VIBRATION]) if evidence[HEARD] > 0.0 else math.nan
+        if math.isfinite(squared) and evidence[HEARD] == 1.0:
+            return i + 1
+    return x.size

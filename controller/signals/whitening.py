@@ -19,9 +19,10 @@ from drivers.compiled import compiled
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LAST, SLOPE, NOISE, ENERGY, GAIN = range(5)
+LAST, SLOPE, NOISE, ENERGY, GAIN, BARE = range(6)
 """Places among the scalars: last sample; last first difference; variance of the white noise in the signal; mean
-square of the second difference; variance of the innovation that white noise of variance 1 makes."""
+square of the second difference; variance of the innovation that white noise of variance 1 makes; the last squared
+innovation over the variance that noise alone gives it."""
 
 FRESH, COUNT = range(2)
 """Places among the counts: samples since the last gap; second differences heard, up to the end of learning and
@@ -88,7 +89,7 @@ class Predictor(NamedTuple):
         weights: Of the prediction, shape (order,).
         factor: Cholesky factor, scratch, shape (order, order).
         first: Magnitudes heard while learning, shape (learn,).
-        scalars: Shape (5,).
+        scalars: Shape (6,).
         counts: Shape (2,).
     """
 
@@ -104,7 +105,7 @@ class Predictor(NamedTuple):
 
 def predictor(order: int, learn: int) -> Predictor:
     """A predictor that has heard nothing."""
-    scalars = np.zeros(5)
+    scalars = np.zeros(6)
     scalars[GAIN] = SECOND_DIFFERENCE_GAIN
     return Predictor(
         gram=np.zeros((order, order)),
@@ -178,14 +179,13 @@ def _solve(p: Predictor) -> None:
 
 
 @compiled()
-def innovate(s: Settling, p: Predictor, x: float, quiet: bool) -> float:
+def innovate(s: Settling, p: Predictor, x: float) -> float:
     """Hears one sample.
 
     Args:
         s: Constants.
         p: State, advanced.
         x: The sample; NaN or infinity is a gap.
-        quiet: Whether nothing is going on, so that the noise level may be followed at full speed.
 
     Returns:
         The squared innovation over the variance that noise and the prediction's own error give it; NaN while there
@@ -225,10 +225,10 @@ def innovate(s: Settling, p: Predictor, x: float, quiet: bool) -> float:
         squared = e * e
         allowed = floor + s.model_error * s.model_error * v[ENERGY]
         ratio = squared / allowed
+        v[BARE] = squared / floor
         # a signal that stands still to the last bit says nothing about its noise
         if squared > 0.0:
-            pace = s.scale if quiet else 8.0 * s.scale
-            v[NOISE] *= 1.0 + (min(squared / floor, CUT) - CUT_MEAN) / pace
+            v[NOISE] *= 1.0 + (min(v[BARE], CUT) - CUT_MEAN) / s.scale
             _learn(s, p, d, min(1.0, 1.0 / ratio))
     counts[COUNT] += 1
     if counts[COUNT] % SOLVE_EVERY == 0:

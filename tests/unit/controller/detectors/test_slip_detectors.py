@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from behaviors.events import SlipEnded, SlipStarted
+from behaviors.events import BaselineReady, BaselineRefused, SlipEnded, SlipStarted
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from drivers.messages import SampleBlock
 
@@ -77,9 +77,18 @@ def test_a_lost_block_starts_the_papers_block_anew():
 # --- ours ----------------------------------------------------------------------------------------
 
 
+def said(detector, *blocks):
+    """What it says of slip."""
+    return [e for each in blocks for e in detector.push(each) if isinstance(e, SlipStarted | SlipEnded)]
+
+
+def ours(**settings):
+    return SlipDetector("slip", SlipSettings(**{"threshold": 25.0, **settings}))
+
+
 @pytest.mark.parametrize("rate_hz", [500.0, 1000.0, 2000.0, 4000.0])
 def test_slip_is_found_and_its_end_too_at_any_rate(rate_hz):
-    events = SlipDetector("slip", SlipSettings()).push(block(slip_after_quiet(rate_hz), rate_hz))
+    events = said(ours(), block(slip_after_quiet(rate_hz), rate_hz))
     assert [type(event) for event in events] == [SlipStarted, SlipEnded]
     assert 3.0 < events[0].t_s < 3.1
     assert 4.0 < events[1].t_s < 4.3
@@ -90,7 +99,7 @@ def test_slip_is_found_and_its_end_too_at_any_rate(rate_hz):
 def test_bumps_are_not_slip(frequency):
     """Ten minutes of one bump a second, half as strong again as the knocks of slip above."""
     x = shaken(600_000, 0.001, seed=5, frequency=frequency, size=0.15)
-    assert SlipDetector("slip", SlipSettings(threshold=40.0)).push(block(x)) == []
+    assert said(ours(threshold=40.0), block(x)) == []
 
 
 def test_an_offset_a_ramp_and_a_step_are_not_slip():
@@ -98,21 +107,59 @@ def test_an_offset_a_ramp_and_a_step_are_not_slip():
     x[8000:] += 0.0001 * np.arange(12_000)
     x[12_000:] += 1.0
     x[16_000:] -= 1.0
-    assert SlipDetector("slip", SlipSettings()).push(block(x)) == []
+    assert said(ours(), block(x)) == []
 
 
-def test_it_is_not_armed_before_it_knows_the_noise():
-    """Slip from the first sample on is taken for noise: nothing is said in the first second."""
-    events = SlipDetector("slip", SlipSettings()).push(block(shaken(1000, 0.2, seed=7)))
-    assert events == []
+def test_it_says_what_it_took_for_quiet_once_it_has_learned():
+    first, *more = ours().push(block(shaken(3000, 0.0, seed=7)))
+    assert type(first) is BaselineReady
+    assert first.t_s == pytest.approx(1.0, abs=0.02)
+    assert 0.001 < first.value < 0.004
+    assert more == []
+
+
+def test_slip_that_runs_at_reset_is_refused_by_name_where_a_quiet_level_is_stored():
+    quiet = ours().push(block(shaken(3000, 0.0, seed=7)))[0].value
+    running = np.concatenate([shaken(3000, 0.2, seed=8), shaken(4000, 0.0, seed=9)])
+    events = ours(quiet_rms=quiet).push(block(running))
+    assert type(events[0]) is BaselineRefused
+    assert "stored quiet" in events[0].reason
+    assert type(events[-1]) is BaselineReady
+    assert events[-1].t_s > 3.0
+
+
+@pytest.mark.parametrize("dead", [np.zeros(5000), np.full(5000, np.nan)])
+def test_a_sensor_of_which_no_quiet_can_be_learned_is_refused_once(dead):
+    events = ours().push(block(dead))
+    assert [type(event) for event in events] == [BaselineRefused]
+    assert "is the sensor alive" in events[0].reason
+
+
+def test_weak_hum_that_is_switched_on_is_not_slip():
+    x = shaken(8000, 0.0, seed=10)
+    x[4000:] += 0.006 * np.sin(2.0 * np.pi * 160.0 * np.arange(4000) / 1000.0)
+    assert said(ours(), block(x)) == []
+
+
+def test_slip_at_low_frequencies_is_told_that_no_second_difference_shows():
+    """A soft fingertip's slip: noise of 10 to 80 Hz, ten times the quiet; within a quarter of a period, about."""
+    from scipy.signal import butter, sosfilt
+
+    rng = np.random.default_rng(11)
+    x = rng.standard_normal(3 * 2200)
+    low = sosfilt(butter(2, [10.0, 80.0], "bandpass", fs=2200.0, output="sos"), rng.standard_normal(2200))
+    x[2 * 2200 :] += 20.0 * low / low.std()
+    started = said(ours(threshold=11.0), block(x[: 3 * 2200], 2200.0))
+    assert started
+    assert 2.0 < started[0].t_s < 2.05
 
 
 def test_of_several_channels_the_one_that_slips_decides():
     slipping = slip_after_quiet()
     still = shaken(len(slipping), 0.0, seed=9)
-    both = SlipDetector("slip", SlipSettings()).push(block(np.column_stack([still, slipping])))
-    alone = SlipDetector("slip", SlipSettings(channel=1)).push(block(np.column_stack([still, slipping])))
-    other = SlipDetector("slip", SlipSettings(channel=0)).push(block(np.column_stack([still, slipping])))
+    both = said(ours(), block(np.column_stack([still, slipping])))
+    alone = said(ours(channel=1), block(np.column_stack([still, slipping])))
+    other = said(ours(channel=0), block(np.column_stack([still, slipping])))
     assert [event.t_s for event in both] == [event.t_s for event in alone]
     assert len(alone) == 2
     assert other == []
@@ -120,27 +167,27 @@ def test_of_several_channels_the_one_that_slips_decides():
 
 def test_lost_samples_in_slip_do_not_end_it():
     x = slip_after_quiet()
-    detector = SlipDetector("slip", SlipSettings())
-    events = [*detector.push(block(x[:3500])), *detector.push(block(x[3550:], seq=3550))]
+    events = said(ours(), block(x[:3500]), block(x[3550:], seq=3550))
     assert [type(event) for event in events] == [SlipStarted, SlipEnded]
     assert 4.0 < events[1].t_s < 4.3
 
 
 @pytest.mark.parametrize("lost", [700, -2000])
-def test_after_a_long_gap_or_a_stream_begun_anew_evidence_begins_anew(lost):
+def test_after_a_long_gap_or_a_stream_begun_anew_quiet_is_learned_anew(lost):
     x = slip_after_quiet()
-    detector = SlipDetector("slip", SlipSettings())
-    started = detector.push(block(x[:3500]))
-    ended = detector.push(block(shaken(500, 0.0, seed=8), seq=3500 + lost))
-    assert [type(event) for event in (*started, *ended)] == [SlipStarted, SlipEnded]
-    assert ended[0].t_s == pytest.approx((3500 + lost) / 1000.0)
+    detector = ours()
+    started = said(detector, block(x[:3500]))
+    after = detector.push(block(shaken(1500, 0.0, seed=8), seq=3500 + lost))
+    assert [type(event) for event in (*started, *after)] == [SlipStarted, SlipEnded, BaselineReady]
+    assert after[0].t_s == pytest.approx((3500 + lost) / 1000.0)
+    assert after[1].t_s > after[0].t_s + 0.9
 
 
 def test_statistic_is_what_push_holds_against_the_threshold():
     x = slip_after_quiet()
     settings = SlipSettings(threshold=20.0)
     statistic = SlipDetector("slip", settings).statistic(x[:, None], 1000.0)
-    started = SlipDetector("slip", settings).push(block(x))[0]
+    started = said(SlipDetector("slip", settings), block(x))[0]
     first = int(np.argmax(statistic > 20.0))
     assert started.t_s == pytest.approx(first / 1000.0)
     assert started.value == statistic[first]

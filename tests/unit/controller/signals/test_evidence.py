@@ -4,10 +4,28 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from controller.signals.evidence import MISSING, Odds, accumulate, log_odds
+from controller.signals.evidence import (
+    CREDIT,
+    MISSING,
+    MOST_VIBRATION_NAT,
+    Odds,
+    accumulate,
+    log_odds,
+    louder,
+)
+from controller.signals.octaves import octaves
 from controller.signals.whitening import Settling, predictor
 
-ODDS = Odds(knock=0.2, jump=0.001, ratio=30.0, cap=math.log(200.0), refill=0.6, patience=100)
+ODDS = Odds(
+    knock=0.2,
+    jump=0.001,
+    ratio=30.0,
+    cap=math.log(200.0),
+    refill=0.6,
+    patience=100,
+    follow=0.02,
+    most_followed=math.log(2.25),
+)
 SETTLING = Settling(
     learn=100,
     keep=math.exp(-1 / 4000),
@@ -17,10 +35,23 @@ SETTLING = Settling(
 )
 
 
-def trace(x, ceiling=math.inf, odds=ODDS):
-    out = np.empty(len(x))
-    accumulate(odds, SETTLING, predictor(10, SETTLING.learn), np.array([0.0, odds.cap, 0.0]), x, ceiling, out)
-    return out
+class Heard:
+    """A channel; below 60 Hz it has no octaves, and knocks alone are told."""
+
+    def __init__(self, rate_hz, ceiling=math.inf):
+        self.parts = ODDS, SETTLING, predictor(10, SETTLING.learn), octaves(rate_hz)
+        self.state, self.totals, self.ceiling = np.zeros(9), np.zeros(33), ceiling
+        self.state[CREDIT] = ODDS.cap
+
+    def __call__(self, x):
+        out, begin = np.empty(len(x)), 0
+        while begin < len(x):
+            begin += accumulate(*self.parts, self.state, self.totals, x[begin:], self.ceiling, out[begin:])
+        return np.nan_to_num(out)
+
+
+def trace(x, ceiling=math.inf):
+    return Heard(50.0, ceiling)(x)
 
 
 @pytest.mark.parametrize("z", [0.0, 0.5, 1.0, 3.0, 6.0])
@@ -68,10 +99,43 @@ def test_a_short_gap_keeps_the_sum_and_a_long_one_does_not():
 
 
 def test_missing_samples_are_counted_until_the_next_good_one():
-    state = np.array([0.0, ODDS.cap, 0.0])
-    parts = predictor(10, SETTLING.learn)
-    x = np.random.default_rng(4).standard_normal(500)
-    accumulate(ODDS, SETTLING, parts, state, x, math.inf, np.empty(500))
-    assert state[MISSING] == 0.0
-    accumulate(ODDS, SETTLING, parts, state, np.full(7, np.nan), math.inf, np.empty(7))
-    assert state[MISSING] == 7.0
+    heard = Heard(50.0)
+    heard(np.random.default_rng(4).standard_normal(500))
+    assert heard.state[MISSING] == 0.0
+    heard(np.full(7, np.nan))
+    assert heard.state[MISSING] == 7.0
+
+
+def test_noise_twice_as_strong_gives_some_evidence_and_is_then_quiet():
+    x = np.random.default_rng(5).standard_normal(20_000)
+    x[5000:] *= 2.0
+    found = trace(x)
+    assert found[5000:].max() < 25.0
+    assert found[10_000:].max() < 10.0
+
+
+def test_vibration_of_many_octaves_is_told_at_once_but_never_beyond_its_worth():
+    rng = np.random.default_rng(6)
+    x = rng.standard_normal(6000)
+    x[5000:] += np.cumsum(rng.standard_normal(1000)) * 10.0
+    knocks, both = trace(x), Heard(1000.0)(x)
+    assert np.argmax(both[5000:] > 10.0) < 4
+    assert both[:5000].max() < 8.0
+    assert (both >= knocks).all()
+    assert both[both > knocks].max() <= MOST_VIBRATION_NAT
+
+
+def test_an_arm_that_sets_out_smoothly_is_no_vibration():
+    x = np.random.default_rng(7).standard_normal(6000)
+    t_s = np.maximum(0.0, (np.arange(6000) - 5000) / 1000.0)
+    smooth = 0.5 * (t_s - 0.03 / np.pi * np.sin(np.pi * t_s / 0.03))
+    x += 1000.0 * np.where(t_s < 0.03, smooth, t_s - 0.015)
+    assert Heard(1000.0)(x)[5000:].max() < 8.0
+
+
+def test_louder_is_the_likelihood_ratio_of_the_best_window():
+    squared = np.array([1.0, 0.2, 9.0, 4.0])
+    totals = np.concatenate([[0.0], np.cumsum(squared)])
+    windows = [squared[-n:].mean() for n in (1, 2, 4)]
+    best = max(0.5 * n * (r - 1.0 - math.log(r)) for n, r in zip((1, 2, 4), windows, strict=True))
+    assert louder(totals, 4) == pytest.approx(best)

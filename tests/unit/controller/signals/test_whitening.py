@@ -18,7 +18,7 @@ SETTLING = Settling(
 
 def ratios(x, order=10, settling=SETTLING):
     state = predictor(order, settling.learn)
-    return np.array([innovate(settling, state, value, True) for value in x]), state
+    return np.array([innovate(settling, state, value) for value in x]), state
 
 
 def ring(n, frequency, damping, rate_hz=1000.0):

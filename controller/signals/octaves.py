@@ -1,0 +1,144 @@
+"""Vibration in octaves, each against its own quiet level. Compiled.
+
+A slip shakes several neighbouring octaves at once. Hum shakes one, and an arm that sets out smoothly the lowest alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+LOWEST_HZ = 15.0
+"""Where the lowest octave begins. Real slip of a soft fingertip lies at 10 to 80 Hz; below is what arms do."""
+
+TREND_HZ = 10.0
+"""A high-pass of first order ahead of all octaves takes out what an arm does. At 5 Hz starts of the arm are heard; of
+second order the slip of a soft fingertip is told later. Chosen on the choosing half of the recordings and on simulated
+starts."""
+
+CYCLES = 0.3
+"""Memory of an octave's energy, in half periods of its lower edge. Half or twice as much changes little."""
+
+NEIGHBOURS = 3
+"""So many octaves count together."""
+
+DEAD_NATS = 1.4
+"""The log energy of an octave counts from here on: twice the amplitude of quiet is nothing yet."""
+
+MOST_NATS = 4.0
+"""No octave counts more."""
+
+FOLLOW_NATS_S = 0.5
+"""How fast the quiet level of an octave is followed at most, nats a second: standing contact that vibrates more than
+the air did is the new quiet after seconds."""
+
+DECIDES_HZ = 2000.0
+"""The logarithms are taken no more often than this: they cost most."""
+
+TREND, TREND_IN = range(2)
+"""Places among the scalars: state of the high-pass ahead and its last input."""
+
+HIGH, LOW, LOW_IN, ENERGY, LEVEL = range(5)
+"""Places in an octave's state: its high-pass, its low-pass and that one's last input, its energy, its quiet level (the
+mean logarithm of the energy)."""
+
+
+class Octaves(NamedTuple):
+    """Filters of one channel; the arrays are advanced in place.
+
+    Attributes:
+        trend: Pole of the high-pass ahead.
+        poles: High-pass, low-pass and energy of each octave, shape (octaves, 3); a low-pass with pole -1 is none.
+        states: Shape (octaves, 5).
+        scalars: Shape (2,).
+        stride: Samples from one decision to the next.
+        follow: Most that a quiet level moves in a decision, nats.
+    """
+
+    trend: float
+    poles: Floats
+    states: Floats
+    scalars: Floats
+    stride: int
+    follow: float
+
+
+def octaves(rate_hz: float) -> Octaves:
+    """Filters that have heard nothing; at rates below 60 Hz there are none."""
+
+    def pole(frequency_hz: float) -> float:
+        warped = math.tan(math.pi * frequency_hz / rate_hz)
+        return (1.0 - warped) / (1.0 + warped)
+
+    rows, edge_hz = [], LOWEST_HZ
+    while 4.0 * edge_hz <= rate_hz:
+        low = pole(2.0 * edge_hz) if 2.0 * edge_hz < 0.45 * rate_hz else -1.0
+        rows.append((pole(edge_hz), low, math.exp(-2.0 * edge_hz / (CYCLES * rate_hz))))
+        edge_hz *= 2.0
+    poles = np.array(rows).reshape(-1, 3)
+    stride = max(1, int(rate_hz / DECIDES_HZ))
+    trend = pole(min(TREND_HZ, 0.1 * rate_hz))
+    return Octaves(
+        trend, poles, np.zeros((len(rows), 5)), np.zeros(2), stride, FOLLOW_NATS_S * stride / rate_hz
+    )
+
+
+@compiled()
+def filter_octaves(o: Octaves, x: float, most: float) -> None:
+    """Hears one sample; `most` bounds the step from the one before, so that a glitch does not ring for long."""
+    scalars, states = o.scalars, o.states
+    step = min(max(x - scalars[TREND_IN], -most), most)
+    scalars[TREND_IN] = x
+    before = scalars[TREND]
+    now = o.trend * before + 0.5 * (1.0 + o.trend) * step
+    scalars[TREND] = now
+    for k in range(states.shape[0]):
+        high = o.poles[k, 0] * states[k, HIGH] + 0.5 * (1.0 + o.poles[k, 0]) * (now - before)
+        states[k, HIGH] = high
+        low = high
+        if o.poles[k, 1] > -1.0:
+            low = o.poles[k, 1] * states[k, LOW] + 0.5 * (1.0 - o.poles[k, 1]) * (high + states[k, LOW_IN])
+            states[k, LOW] = low
+            states[k, LOW_IN] = high
+        states[k, ENERGY] += (1.0 - o.poles[k, 2]) * (low * low - states[k, ENERGY])
+
+
+@compiled()
+def learn_octaves(o: Octaves, floor: float, heard: int) -> None:
+    """Takes one more decision into the mean that is the quiet level, the `heard`th."""
+    for k in range(o.states.shape[0]):
+        o.states[k, LEVEL] += (math.log(o.states[k, ENERGY] + floor) - o.states[k, LEVEL]) / heard
+
+
+@compiled()
+def quiet_level(o: Octaves) -> float:
+    """Root mean square of all octaves' quiet, in the input's unit."""
+    total = 0.0
+    for k in range(o.states.shape[0]):
+        total += math.exp(o.states[k, LEVEL])
+    return math.sqrt(total)
+
+
+@compiled()
+def judge_octaves(o: Octaves, floor: float) -> float:
+    """Nats by which the loudest neighbours together exceed their quiet; follows the quiet levels.
+
+    Args:
+        o: The filters.
+        floor: Added to each energy: what noise of the converter may hide.
+    """
+    best, last, second = 0.0, 0.0, 0.0
+    for k in range(o.states.shape[0]):
+        beyond = math.log(o.states[k, ENERGY] + floor) - o.states[k, LEVEL]
+        o.states[k, LEVEL] += o.follow * min(max(beyond, -1.0), 1.0)
+        counts = min(max(beyond - DEAD_NATS, 0.0), MOST_NATS)
+        best = max(best, counts + last + second)
+        second, last = last, counts
+    return best
