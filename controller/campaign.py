@@ -14,7 +14,7 @@ from datetime import datetime
 from importlib import metadata
 from itertools import chain
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Compiled, Detector
@@ -23,7 +23,6 @@ from controller.guard import Guard, GuardRefusal
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.loop import Operator as LoopOperator
 from controller.measures.trial import MissingDataError, TrialEvidence
-from controller.recording.recorder import Recorder
 from controller.recording.resuming import Resumed, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
@@ -32,6 +31,9 @@ from controller.signals.protocol import Accountable, Signal
 from drivers.clock import utc_now
 from drivers.errors import DeviceError, RefusedError
 from drivers.messages import DeviceInfo, StreamInfo
+
+if TYPE_CHECKING:
+    from controller.recording.recorder import Recorder
 
 EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_DEVICE, EXIT_GUARD, EXIT_INTERRUPTED = 0, 1, 2, 3, 4, 130
 """Exit codes of a run."""
@@ -233,6 +235,10 @@ class Campaign:
         return Outcome(code, folder.path, line, fault)
 
     def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
+        from controller.recording.recorder import (
+            Recorder as Opened,  # what only plans a campaign writes nothing
+        )
+
         recorder: Recorder | None = None
         try:
             trials = self._warmed()
@@ -244,7 +250,7 @@ class Campaign:
                 _check_devices(self._resumed.manifest["devices"], infos)
             self._manifest["devices"] = {name: _described(info) for name, info in infos.items()}
             folder.write_manifest(self._manifest)
-            recorder = Recorder(
+            recorder = Opened(
                 folder,
                 started,
                 streams={stream: info for device in infos.values() for stream, info in device.streams.items()}

@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
-from drivers.settings import Settings
+if TYPE_CHECKING:
+    from drivers.settings import Settings
+
 
 _PARTS = {
     "detector": ("push", "reset"),
@@ -94,6 +96,8 @@ def settings_of(made: Any, parameter: str = "settings") -> type[Settings]:
     Raises:
         NamedError: there is none.
     """
+    from drivers.settings import Settings  # `list` names classes, and loads none
+
     try:
         model = get_type_hints(made.__init__).get(parameter)
     except NameError as error:

@@ -27,7 +27,7 @@ class Settings(BaseModel):
     """Validated settings; each subclass sits beside the class that it configures.
 
     Numbers are finite, integers are accepted where a float is asked for, nothing else is converted,
-    and an unknown key is an error. A field's description says what it is, its unit and its source.
+    and an unknown key is an error. The text below a field says what it is, its unit and its source.
     """
 
     model_config = ConfigDict(
@@ -35,6 +35,5 @@ class Settings(BaseModel):
         extra="forbid",
         strict=True,
         allow_inf_nan=False,
-        use_attribute_docstrings=True,
         validate_default=True,
     )

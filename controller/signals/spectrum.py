@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import periodogram
 
 
 def dominant_frequency(x: NDArray[np.float64], rate_hz: float) -> float:
@@ -20,6 +19,8 @@ def dominant_frequency(x: NDArray[np.float64], rate_hz: float) -> float:
     Returns:
         Frequency in hertz; NaN for a record without variance or with values that are not finite.
     """
+    from scipy.signal import periodogram  # half a second, and whoever only names a measure needs none of it
+
     if len(x) < 8 or not np.isfinite(x).all() or np.ptp(x) == 0.0:
         return float("nan")
     frequencies_hz, power = periodogram(x, rate_hz, window="hann", nfft=8 * len(x), detrend="constant")

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from config.source import profile_names, read_source
 from run import cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -77,6 +78,22 @@ def test_list_loads_nothing_heavy():
     code = (
         "import sys\nfrom run import cli\ntry:\n    cli.main(['list'])\nexcept SystemExit:\n    pass\n"
         "print({'numpy', 'pydantic', 'rich', 'numba', 'serial', 'matplotlib', 'scipy'} & set(sys.modules))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert said.stdout.splitlines()[-1] == "set()"
+
+
+def test_check_loads_no_compiler_and_nothing_that_records(tmp_path):
+    profiles = [
+        name
+        for name in profile_names()
+        if name.startswith("mock/") and "experiment" in read_source(name).data
+    ]
+    code = (
+        "import sys\nfrom run import cli\n"
+        f"for name in {profiles}:\n"
+        "    try:\n        cli.main(['check', name])\n    except SystemExit as ended:\n        assert not ended.code\n"
+        "print({'numba', 'scipy', 'mcap', 'pandas', 'matplotlib', 'rich'} & set(sys.modules))"
     )
     said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert said.stdout.splitlines()[-1] == "set()"

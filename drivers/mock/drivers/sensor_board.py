@@ -74,6 +74,7 @@ class MockSensorBoard:
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
+        self._excited = False
         self._heard: frozenset[str] = frozenset()
         self._next_sample = dict.fromkeys(self._infos, 0)
         self._seq = dict.fromkeys(self._infos, 0)
@@ -92,7 +93,8 @@ class MockSensorBoard:
 
     def close(self) -> None:
         """Nothing to let go of; the excitation ends."""
-        self._bench.excite(False)
+        if self._excited:
+            self._bench.excite(False)
 
     def apply(self, command: Command) -> Applied:
         """Do what was asked, now.
@@ -107,6 +109,7 @@ class MockSensorBoard:
             return Applied(command, now_s)
         self._bench.advance(now_s, self._heard)
         if isinstance(command, Excite):
+            self._excited = command.on
             self._bench.excite(command.on)
         elif isinstance(command, SetTendon):
             self._bench.set_tendon(command.position_m)

@@ -130,7 +130,9 @@ class MockUrArm:
 
     def close(self) -> None:
         """Nothing to let go of; the arm stops."""
-        self._brake(self._clock.now(), self._settings.stop_m_s2)
+        now_s = self._clock.now()
+        if self.axis.moving(now_s):
+            self._brake(now_s, self._settings.stop_m_s2)
 
     # --- commands --------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -108,19 +109,31 @@ class AuraPlant:
             self._shape = Thing(
                 thing.reflectivity, 0.5 * thing.depth_m, top_m - thing.height_m, top_m, thing.radius_m
             )
-        drawn = gaussian_at(key, STREAM_TRIAL, np.arange(2, dtype=np.int64))
         about = settings.sides[side]
-        scatter = 10.0 ** (settings.gain_scatter_db * float(drawn[0]) / 20.0)
-        turn = cmath.exp(1j * (about.phase_rad + settings.phase_scatter_rad * float(drawn[1])))
-        self._reflected = settings.reflection_fs * scatter * turn
+        self._side_rad = about.phase_rad
+        for drawn in ("_reflected", "_phases_rad"):
+            self.__dict__.pop(drawn, None)
         self._strength = about.sensitivity * self._shape.strength
         touched = 0.0 if thing is None else thing.coupling
         self._coupled = touched * about.coupling_fs * cmath.exp(1j * about.coupling_rad)
         half_db = 0.5 * settings.mismatch_db
         self._gains = (10.0 ** (half_db / 20.0), 10.0 ** (-half_db / 20.0))
+
+    # drawn when they are needed: what draws is compiled, and a plant that is only asked about itself needs none of it
+
+    @cached_property
+    def _reflected(self) -> complex:
+        settings = self.settings
+        drawn = gaussian_at(self.key, STREAM_TRIAL, np.arange(2, dtype=np.int64))
+        scatter = 10.0 ** (settings.gain_scatter_db * float(drawn[0]) / 20.0)
+        turn = cmath.exp(1j * (self._side_rad + settings.phase_scatter_rad * float(drawn[1])))
+        return settings.reflection_fs * scatter * turn
+
+    @cached_property
+    def _phases_rad(self) -> Floats:
         numbers = DRAWN_LATER + np.arange(len(PERIODS_S) * 2 * FINGERS, dtype=np.int64)
-        phases = gaussian_at(key, STREAM_TRIAL, numbers).reshape(len(PERIODS_S), -1)
-        self._phases_rad = 20.0 * phases  # so wide that it is uniform over the circle
+        phases: Floats = gaussian_at(self.key, STREAM_TRIAL, numbers).reshape(len(PERIODS_S), -1)
+        return 20.0 * phases  # so wide that it is uniform over the circle
 
     def response(self, finger: int, frequency_hz: Floats) -> Complexes:
         """What of a drive gets through a finger and back, 1 where that is best, shape (n,)."""

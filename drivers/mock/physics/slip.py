@@ -7,6 +7,7 @@ settings of this one plant, in `slip_sensors`.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -183,7 +184,7 @@ class SlipPlant:
         self._flags = np.zeros(self._kernel.FLAGS, dtype=np.int64)
         self._last = (arm_m, press_m, roll_rad)
         self._play = np.zeros((len(self.settings.bridges), 1))
-        self._tip = self._scene()
+        self.__dict__.pop("_tip", None)
         self.load_n: Floats = np.zeros(len(self.settings.bridges))
         self.slid_m: Floats = np.zeros(0)
         self.tangential_n: Floats = np.zeros(0)
@@ -270,7 +271,8 @@ class SlipPlant:
             values[:, channel] = out
         return values
 
-    def _scene(self) -> Tip:
+    @cached_property
+    def _tip(self) -> Tip:
         s = self.settings
         omega = 2.0 * math.pi * s.mode_hz
         spring, damper = s.mass_kg * omega**2, 2.0 * s.damping_ratio * omega * s.mass_kg

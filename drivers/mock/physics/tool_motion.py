@@ -71,7 +71,6 @@ class ToolTrack:
         self.direction: Array = np.array(direction, dtype=np.float64)
         self._legs: deque[Leg] = deque(maxlen=legs)
         self.place(0.0, 0.0)
-        self.offsets(np.zeros(1))  # compiled before anybody waits for it
 
     @property
     def arrival_s(self) -> float:
@@ -333,7 +332,7 @@ class ToolMotion(ToolTrack):
         return axis
 
 
-@compiled()
+@compiled("void(f8[:,::1], f8[::1], f8[:,::1])")
 def _coordinates(legs: Array, times_s: Array, out: Array) -> None:
     """Place at each instant, shape (n, 7): in the last leg that has begun by then."""
     for number in range(times_s.size):
@@ -346,7 +345,7 @@ def _coordinates(legs: Array, times_s: Array, out: Array) -> None:
             out[number, k] = legs[row, 1 + k] + elapsed_s * change
 
 
-@compiled()
+@compiled("void(f8[:,::1], f8[::1], f8[::1], f8[:,::1])")
 def _offsets(legs: Array, direction: Array, times_s: Array, out: Array) -> None:
     """Displacement along base axes and turn at each instant, shape (n, 6)."""
     found = np.empty((times_s.size, 7))

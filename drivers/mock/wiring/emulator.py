@@ -21,6 +21,7 @@ from importlib import import_module
 from typing import Any
 
 from drivers.bench_clock import BenchClock
+from drivers.compiled import make_signed
 from drivers.errors import DeviceError
 from drivers.mock.devices.faults import Fault, FaultSchedule
 from drivers.mock.wiring.control_port import ControlPort, Request
@@ -61,6 +62,7 @@ class Emulator:
             for name, device in scene["devices"].items()
         }
         self._bench.warm_up()
+        make_signed()
         faults = [Fault.model_validate(fault) for fault in scene.get("faults", ())]
         self._faults = {
             name: FaultSchedule([fault for fault in faults if fault.device == name]) for name in self._ends

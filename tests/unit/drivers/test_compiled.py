@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.compiled import DAY_S, KEPT_S, compiled
+from drivers.compiled import compiled, make_signed
+from drivers.compiling import DAY_S, KEPT_S
 
 ROOT = Path(__file__).parents[3]
 
@@ -194,13 +195,27 @@ def test_a_kernel_names_nothing_whose_content_is_unknown(tmp_path):
         result(tree(tmp_path / "tree", far=far))
 
 
-def test_a_kernel_with_a_signature_is_compiled_at_once(kept):
+def test_a_kernel_with_a_signature_can_be_compiled_before_it_is_called(kept):
     @compiled("f8(f8)")
     def twice(x):
         return 2.0 * x
 
+    assert not kept.exists()
+    make_signed()
+    assert list(kept.glob("*/*twice*.compiled"))
     assert twice(2) == 4.0
-    assert len(list(kept.glob("*/*.compiled"))) == 1
+
+
+def test_a_kernel_calls_itself_and_one_in_an_enclosing_function(kept):
+    @compiled()
+    def inner(n):
+        return 2 * n
+
+    @compiled("i8(i8)")
+    def outer(n):
+        return inner(n) if n < 2 else outer(n - 1)
+
+    assert outer(3) == 2
 
 
 def test_all_compiled_code_of_the_program_is_kept_by_its_content():
@@ -209,6 +224,6 @@ def test_all_compiled_code_of_the_program_is_kept_by_its_content():
         for room in ("config", "controller", "behaviors", "drivers")
         for file in (ROOT / room).rglob("*.py")
         if re.search(r"^\s*(import|from) numba", file.read_text(), re.MULTILINE)
-        and file.name != "compiled.py"
+        and file.name != "compiling.py"
     ]
     assert direct == []
