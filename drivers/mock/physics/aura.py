@@ -127,7 +127,8 @@ class AuraPlant:
         drawn = gaussian_at(self.key, STREAM_TRIAL, np.arange(2, dtype=np.int64))
         scatter = 10.0 ** (settings.gain_scatter_db * float(drawn[0]) / 20.0)
         turn = cmath.exp(1j * (self._side_rad + settings.phase_scatter_rad * float(drawn[1])))
-        return settings.reflection_fs * scatter * turn
+        reflected: complex = settings.reflection_fs * scatter * turn
+        return reflected
 
     @cached_property
     def _phases_rad(self) -> Floats:
