@@ -9,7 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Generic, NamedTuple, TypeVar
 
+import numpy as np
+
+from drivers.clock import Clock
 from drivers.clock_model import ClockModel, Timeline
+from drivers.messages import SampleBlock, StreamInfo
 
 T = TypeVar("T")
 
@@ -240,3 +244,54 @@ class Runs(Generic[T]):
         """Runs since the last call."""
         taken, self._runs = self._runs, []
         return taken
+
+
+class SampleStream(Generic[T]):
+    """One stream of samples that come one by one, from a device with a clock of its own, made into blocks.
+
+    Args:
+        info: Of the stream.
+        clock: Of the device.
+        bench: Turns monotonic time into bench time.
+        dtype: Of the values.
+    """
+
+    def __init__(self, info: StreamInfo, clock: DeviceClock, bench: Clock, dtype: type[np.generic]) -> None:
+        self.info = info
+        self._bench = bench
+        self._dtype = dtype
+        self._track = Track(clock, info.rate_hz)
+        self._runs = Runs[T]()
+
+    def begin(self) -> None:
+        """It goes on after a silence that was asked for: what is missing is not lost."""
+        self._track.begin()
+
+    def push(
+        self, sample: T, shown_s: float, arrival_s: float, counter: int | None = None
+    ) -> tuple[float, int | None]:
+        """Take a sample, of shape (channels,); returns its bench time and what was lost before it, as `Placed` has it.
+
+        Args:
+            sample: Its values.
+            shown_s: What the device's clock showed.
+            arrival_s: Monotonic time at which it was in hand.
+            counter: Its number by the device, where it has one.
+        """
+        placed = self._track.place(shown_s, arrival_s, counter=counter, joins=bool(self._runs))
+        self._runs.push(placed.seq, placed.t0_s, arrival_s, sample, placed.device_s)
+        return self._bench.from_monotonic(placed.t0_s), placed.lost
+
+    def take(self) -> list[SampleBlock]:
+        """Blocks since the last call."""
+        bench_s = self._bench.from_monotonic(0.0)
+        return [
+            self.info.block(
+                run.seq,
+                run.t0_s + bench_s,
+                np.array(run.samples, dtype=self._dtype),
+                device_t0_s=run.device_s,
+                arrival_s=run.arrival_s + bench_s,
+            )
+            for run in self._runs.take()
+        ]

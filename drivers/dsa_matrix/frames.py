@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.clock import Clock
 from drivers.dsa_matrix import codec
 from drivers.messages import Lost, SampleBlock, Saturated, Status, StreamInfo
-from drivers.numbering import DeviceClock, Runs, Track
+from drivers.numbering import DeviceClock, SampleStream
 
 
 class Frames:
@@ -37,15 +37,13 @@ class Frames:
         self.lost = 0
         self._device = device
         self._info = info
-        self._bench = clock
-        self._track = Track(self.clock, info.rate_hz)
+        self._stream = SampleStream[NDArray[np.uint16]](info, self.clock, clock, np.int32)
         self._saturated = False
-        self._runs = Runs[NDArray[np.uint16]]()
         self._statuses: list[Status] = []
 
     def begin(self) -> None:
         """What comes next was asked for anew: what is missing before it is not lost."""
-        self._track.begin()
+        self._stream.begin()
         self._saturated = False
 
     def push(self, frame: codec.Frame, arrival_s: float) -> None:
@@ -53,27 +51,15 @@ class Frames:
         if len(frame.texels) != len(self._info.channels):
             self.wrong += 1
             return
-        placed = self._track.place(frame.time_ms * 1e-3, arrival_s, joins=bool(self._runs))
-        self._runs.push(placed.seq, placed.t0_s, arrival_s, frame.texels, placed.device_s)
-        bench_s = self._bench.from_monotonic(placed.t0_s)
-        if placed.lost is not None:
-            self.lost += placed.lost
-            self._statuses.append(Lost(bench_s, self._device, self._info.name, placed.lost))
+        bench_s, lost = self._stream.push(frame.texels, frame.time_ms * 1e-3, arrival_s)
+        if lost is not None:
+            self.lost += lost
+            self._statuses.append(Lost(bench_s, self._device, self._info.name, lost))
         self._watch(frame, bench_s)
 
     def take_blocks(self) -> Sequence[SampleBlock]:
         """Blocks since the last call."""
-        bench_s = self._bench.from_monotonic(0.0)
-        return [
-            self._info.block(
-                run.seq,
-                run.t0_s + bench_s,
-                np.array(run.samples, dtype=np.int32),
-                device_t0_s=run.device_s,
-                arrival_s=run.arrival_s + bench_s,
-            )
-            for run in self._runs.take()
-        ]
+        return self._stream.take()
 
     def take_statuses(self) -> list[Status]:
         """Statuses since the last call."""

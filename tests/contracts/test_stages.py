@@ -32,6 +32,7 @@ from drivers.messages import (
     Stop,
     Twist,
 )
+from drivers.mock.devices.memory_line import MemoryLine
 from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
 from drivers.mock.drivers.zaber_stage import MockZaberStage, MockZaberStageSettings
 from drivers.mock.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
@@ -39,7 +40,6 @@ from drivers.zaber_stage.codec import MICROSTEP_M
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 from tests.contracts.crank import Crank
-from tests.contracts.memory_line import MemoryLine
 
 LAG_M = 0.001
 """How far a stage goes at its fastest in the turns by which a real motion begins later."""
@@ -61,11 +61,11 @@ class StageBench(Crank):
 
     @property
     def position_m(self) -> float:
-        return self.axis.position(self.clock.monotonic_s())
+        return self.axis.position(self.clock.now())
 
     @property
     def speed_m_s(self) -> float:
-        return self.axis.velocity(self.clock.monotonic_s())
+        return self.axis.velocity(self.clock.now())
 
 
 def simulated(**limits: float) -> StageBench:
@@ -79,9 +79,7 @@ def emulated(**limits: float) -> StageBench:
     axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
     line = MemoryLine(EmulatedZaberStage(EmulatedZaberStageSettings(), axis), clock)
     settings = ZaberStageSettings(port="-", **limits)  # type: ignore[arg-type]
-    bench = StageBench(ZaberStage("stage", settings, clock, line.connect), axis)
-    bench.line = line  # type: ignore[attr-defined]
-    return bench
+    return StageBench(ZaberStage("stage", settings, clock, line.connect), axis)
 
 
 MADE = {"simulated": simulated, "emulated": emulated}
@@ -109,6 +107,7 @@ def test_no_motion_before_home(bench: StageBench, command: Command) -> None:
 
 def test_home_once_is_enough(homed: StageBench) -> None:
     homed.clock.restart()
+    homed.axis.place(0.0, 0.0)
     getattr(homed.device, "restart", lambda: None)()
     said = homed.apply(MoveTo("stage", 0.001, 0.01, id=3), 1.0)
     assert [type(status) for status in said] == [Sent, Reached]

@@ -107,3 +107,12 @@ class FaultSchedule:
         if fault is None:
             return None
         return Failed(t_s, device, f"the link is gone ({fault.kind} injected at {fault.at_s:g} s)")
+
+
+def corrupted(faults: FaultSchedule, out: bytes, t_s: float) -> bytes:
+    """What comes out of a line of what a device has said at `t_s`."""
+    if faults.active(t_s, "silent") or faults.active(t_s, "lose"):
+        return b""
+    if faults.active(t_s, "corrupt"):
+        return bytes(byte ^ 0x10 if place % 7 == 3 else byte for place, byte in enumerate(out))
+    return out

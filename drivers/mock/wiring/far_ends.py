@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
 from drivers.clock import Clock
-from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.devices.faults import FaultSchedule, corrupted
 from drivers.mock.devices.ur_controller.server import UrServer
 
 READ_BYTES = 4096
@@ -114,8 +114,9 @@ class Line:
             with contextlib.suppress(OSError):
                 out = self._device.receive(os.read(self._far, READ_BYTES), t_s)
         out += self._device.step(t_s)
-        if out and not self._faults.active(trial_s, "silent"):
-            self._write(self._corrupted(out, trial_s))
+        out = corrupted(self._faults, out, trial_s)
+        if out:
+            self._write(out)
 
     def unread(self) -> bool:
         """See `FarEnd.unread`."""
@@ -135,13 +136,6 @@ class Line:
             if self._faults.begun(trial_s, kind) is not None:
                 with contextlib.suppress(ValueError):  # a board that cannot stall does not
                     self._device.inject(kind, t_s)
-
-    def _corrupted(self, out: bytes, trial_s: float) -> bytes:
-        if self._faults.active(trial_s, "lose"):
-            return b""
-        if self._faults.active(trial_s, "corrupt"):
-            return bytes(byte ^ 0x10 if place % 7 == 3 else byte for place, byte in enumerate(out))
-        return out
 
     def _write(self, out: bytes) -> None:
         try:

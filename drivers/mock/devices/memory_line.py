@@ -1,0 +1,72 @@
+"""A real driver and an emulated device in one process, in virtual time: what is written is answered at once."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.mock.devices.faults import FaultSchedule, corrupted
+
+
+class MemoryLine:
+    """What `drivers.links.SerialLink` is, to an emulated device without a port.
+
+    The device lives in bench time, which begins anew with every trial; what it says arrives in monotonic time.
+
+    Args:
+        device: The far end: `receive(data, t_s)` and `step(t_s)`, both bytes out, and `inject(kind, t_s)`.
+        clock: Of both ends.
+        faults: What goes wrong with the device and its line, and when.
+
+    Attributes:
+        fault: Why the line is gone, or None.
+    """
+
+    def __init__(self, device: Any, clock: Clock, faults: FaultSchedule | None = None) -> None:
+        self.fault: str | None = None
+        self._device = device
+        self._clock = clock
+        self._faults = faults or FaultSchedule()
+        self._arrived: list[tuple[float, bytes]] = []
+
+    def connect(self, *_: object) -> Any:
+        """What `open_serial` is, for this line; it is whole again."""
+        self.fault = None
+        self._arrived = []
+        return self
+
+    def send(self, data: bytes) -> float | None:
+        """See `SerialLink.send`."""
+        t_s = self._fail()
+        if self.fault is not None:
+            return None
+        self._take(self._device.receive(data, t_s), t_s)
+        return self._clock.monotonic_s()
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        """See `SerialLink.receive`."""
+        t_s = self._fail()
+        if self.fault is None:
+            self._take(self._device.step(t_s), t_s)
+        taken, self._arrived = self._arrived, []
+        return taken
+
+    def close(self) -> None:
+        """See `SerialLink.close`."""
+
+    def _fail(self) -> float:
+        """Let the faults happen that have begun; what time it is."""
+        t_s = self._clock.now()
+        if self._faults.begun(t_s, "unplug"):
+            self.fault = "the port was taken away"
+        for kind in ("stall", "refuse"):
+            if self._faults.begun(t_s, kind) is not None:
+                with suppress(ValueError):  # a board that cannot stall does not
+                    self._device.inject(kind, t_s)
+        return t_s
+
+    def _take(self, data: bytes, t_s: float) -> None:
+        data = corrupted(self._faults, data, t_s)
+        if data:
+            self._arrived.append((self._clock.monotonic_s(), data))

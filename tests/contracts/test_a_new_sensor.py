@@ -1,0 +1,107 @@
+"""A serial sensor made as docs/how-to/add_a_device.md says, on its emulated twin, in virtual time."""
+
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.errors import CommandError, SilentError
+from drivers.messages import Failed, Listen, Lost, MoveTo, Sent
+from drivers.mock.devices.faults import Fault, FaultSchedule
+from tests.contracts.crank import Crank
+from tests.data.force_sensor import codec
+from tests.data.force_sensor.device import MockForceSensor, MockForceSensorSettings
+
+FORCE = "scale.force"
+
+ROOM = Path("tests/data/force_sensor")
+
+
+def sensor(*faults: Fault) -> MockForceSensor:
+    bench = SimpleNamespace(force_n=1.5)
+    return MockForceSensor("scale", MockForceSensorSettings(), VirtualClock(), bench, FaultSchedule(faults))
+
+
+@pytest.fixture
+def bench() -> Crank:
+    device = sensor()
+    return Crank(device, device._clock)
+
+
+def test_a_new_serial_sensor_costs_its_codec_and_120_lines() -> None:
+    assert len((ROOM / "driver.py").read_text().splitlines()) <= 120
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (b"id FS1 0042 100 0.001 *31", codec.Identity("0042", 100.0, 0.001)),
+        (b"s 65535 655350 -12 *4D", codec.Sample(65535, 655350, -12)),
+    ],
+)
+def test_golden_lines(line: bytes, message: codec.Message) -> None:
+    assert codec.decode(line) == message
+    assert codec.encode_message(message) == line + b"\n"
+
+
+def test_it_says_who_it_is_and_what_it_sends(bench: Crank) -> None:
+    assert (bench.info.model, bench.info.serial) == ("FS1", "0042")
+    assert bench.info.streams[FORCE].unit == "N"
+
+
+def test_samples_are_numbered_dated_and_scaled(bench: Crank) -> None:
+    bench.turn(0.1)
+    assert bench.blocks == []
+    bench.listen(FORCE)
+    bench.turn(2.0)
+    assert len(bench.of(Sent)) == 1
+    blocks = bench.heard(FORCE)
+    assert sum(map(len, blocks)) == 200
+    for before, after in pairwise(blocks):
+        assert after.seq == before.seq + len(before)
+        assert after.t0_s > before.t0_s
+    assert blocks[-1].physical[-1, 0] == pytest.approx(1.5)
+    assert not bench.of(Lost)
+
+
+def test_nothing_comes_any_more_once_nobody_listens(bench: Crank) -> None:
+    bench.listen(FORCE)
+    bench.turn(0.1)
+    bench.listen()
+    bench.turn(0.1)
+    bench.blocks.clear()
+    bench.turn(0.1)
+    assert bench.blocks == []
+
+
+def test_what_is_lost_on_the_way_is_told() -> None:
+    device = sensor(Fault(device="scale", kind="lose", at_s=1.0, for_s=0.1))
+    bench = Crank(device, device._clock)
+    bench.listen(FORCE)
+    bench.turn(2.0)
+    assert sum(lost.samples for lost in bench.of(Lost)) == pytest.approx(10, abs=1)
+
+
+def test_one_that_falls_silent_fails_once() -> None:
+    device = sensor(Fault(device="scale", kind="silent", at_s=1.0))
+    bench = Crank(device, device._clock)
+    bench.listen(FORCE)
+    bench.turn(3.0)
+    (failed,) = bench.of(Failed)
+    assert failed.reason == "no sample in 0.5 s; is it powered?"
+
+
+def test_one_that_is_not_there_is_said_to_be_silent() -> None:
+    device = sensor(Fault(device="scale", kind="silent", at_s=0.0))
+    with pytest.raises(
+        SilentError, match=r"^scale: no answer in 0.6 s while asking who is at mock; is it powered"
+    ):
+        device.open()
+
+
+def test_a_command_that_is_not_for_it_is_refused_in_one_line(bench: Crank) -> None:
+    for command in (MoveTo("scale", 0.0, 0.01), Listen("scale", frozenset({"scale.torque"}))):
+        with pytest.raises(CommandError, match=r"^scale: "):
+            bench.device.apply(command)

@@ -1,0 +1,74 @@
+"""The force sensor of a mock or emulated bench: its far end, and the real driver on that in one process."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.devices.memory_line import MemoryLine
+from tests.data.force_sensor import codec
+from tests.data.force_sensor.driver import ForceSensor, ForceSensorSettings
+
+RATE_HZ = 100.0
+
+NEWTON_PER_COUNT = 0.001
+
+
+class EmulatedForceSensor:
+    """Answers as the sensor does: bytes in, bytes out, and time from outside. It feels `bench.force_n`."""
+
+    def __init__(self, bench: Any) -> None:
+        self._bench = bench
+        self._lines = codec.Lines()
+        self._next: int | None = None
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host at `t_s`; returns what it answers at once."""
+        said = self.step(t_s)
+        for line in self._lines.feed(data):
+            word = codec.text_of(line)
+            if word == "id":
+                said += codec.encode_message(codec.Identity("0042", RATE_HZ, NEWTON_PER_COUNT))
+            else:
+                self._next = math.floor(t_s * RATE_HZ) + 1 if word == "go" else None
+                said += codec.encode_message(codec.Done(word))
+        return said
+
+    def step(self, t_s: float) -> bytes:
+        """What it says by `t_s` without being asked."""
+        said = b""
+        while self._next is not None and self._next / RATE_HZ <= t_s:
+            counts = round(self._bench.force_n / NEWTON_PER_COUNT)
+            sample = codec.Sample(self._next % 65536, round(self._next * 1e3 / RATE_HZ), counts)
+            said += codec.encode_message(sample)
+            self._next += 1
+        return said
+
+    def inject(self, kind: str, t_s: float) -> None:
+        """It cannot break in any way of its own."""
+        raise ValueError(f"a force sensor knows no fault {kind}")
+
+
+class MockForceSensorSettings(ForceSensorSettings):
+    """The real one's, at a port that is none."""
+
+    port: str = "mock"
+
+
+class MockForceSensor(ForceSensor):
+    """The real driver on the emulated sensor, over a line in memory."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: MockForceSensorSettings,
+        clock: Clock,
+        bench: Any,
+        faults: FaultSchedule | None = None,
+    ) -> None:
+        super().__init__(name, settings, clock, MemoryLine(EmulatedForceSensor(bench), clock, faults).connect)
+
+    def restart(self) -> None:
+        """Begin a trial."""
