@@ -108,12 +108,11 @@ DETECTORS: Mapping[str, KindEntry] = {
     ),
     "resonance.paper": KindEntry(
         "contact from the resonant frequency: 10-sample average, 1 s baseline, 3 sigma (Backus and Dollar)",
-        "controller.detectors.resonance:ResonanceDetector",
+        "controller.detectors.resonance_paper:ResonancePaperDetector",
     ),
     "resonance": KindEntry(
-        "the same on a baseline of 10 s, long enough to know its own sigma",
+        "contact from the finger's waveform: phase and amplitude against what the last six periods foretell",
         "controller.detectors.resonance:ResonanceDetector",
-        "controller.detectors.resonance:ResonanceLongBaselineSettings",
     ),
     "slip.paper": KindEntry(
         "slip from vibration: spectral peak x its frequency, every 64 ms (Fernandez et al.)",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,9 @@ SETTLE_S, BASELINE_S = 90.0, 10.0
 
 STOPS_S, HOLD_S, RETRACT_M_S, AFTER_S = 0.15, 1.5, 0.010, 1.0
 """The probe stops so long after the first touch, stands, retracts, and the finger is heard on."""
+
+LISTENS_S = 0.6
+"""How long after the touch a detector may take where nothing is held."""
 
 GAP_M = (0.003, 0.004)
 """The probe's way before the touch, drawn evenly: the first touch meets the oscillation at any phase."""
@@ -82,17 +84,32 @@ class Approach:
 
 
 def approach(
-    s: FingerSettings, seed: int, trial: int, row: tuple[str, float], baseline_s: float = BASELINE_S
+    s: FingerSettings,
+    seed: int,
+    trial: int,
+    row: tuple[str, float],
+    hold_s: float = HOLD_S,
+    noise: float = 1.0,
+    touching: bool = True,
 ) -> Approach:
-    """One approach: settle, baseline, approach until `STOPS_S` after the touch, hold, retract."""
+    """One approach: settle, baseline, approach until `STOPS_S` after the touch, hold, retract.
+
+    Args:
+        s: The finger.
+        seed, trial: They key the noise and draw the gap.
+        row: Location and speed, m/s.
+        hold_s: How long the probe stands; 0 ends all where it would stop.
+        noise: Every noise is so many times as large once the baseline has ended.
+        touching: Whether the probe is there: without it the same finger in the same noise is heard for as long.
+    """
     location, speed_m_s = row
     rng = np.random.default_rng((seed, trial))
     gap_m = float(rng.uniform(*GAP_M))
     plant = FingerPlant(s)
-    plant.begin(key=(seed, trial), location=location, gap_m=gap_m)
+    plant.begin(key=(seed, trial), location=location, gap_m=gap_m if touching else 1.0)
     plant.excite(True)
     plant.advance(SETTLE_S)
-    starts_s = SETTLE_S + baseline_s
+    starts_s = SETTLE_S + BASELINE_S
     plan = [(SETTLE_S, 0.0, 0.0, 0.0), (starts_s, 0.0, speed_m_s, 0.0)]
     plant.move_probe(plan)
     heard = frozenset({"accelerometer", "load_cell", "period"})
@@ -116,23 +133,30 @@ def approach(
         contacts.extend(plant.contacts())
         now = last
 
+    if noise != 1.0:
+        until(starts_s)
+        plant.settings = s.model_copy(update={"noise_scale": noise * s.noise_scale})
+        plant.set_tendon(0.0)  # which is where it was: the finger is made anew from its settings
     reach_s = starts_s + (gap_m - 0.001) / speed_m_s
     until(round(reach_s, 3))
-    while not contacts:  # the swing meets the probe up to a millimetre before the resting surface
+    while (
+        touching and not contacts
+    ):  # the swing meets the probe up to a millimetre before the resting surface
         until(round(plant.t_s + 0.02, 3))
-    touch_s = contacts[0][0]
-    stops_s = round(touch_s + STOPS_S, 3)
+    touch_s = contacts[0][0] if touching else reach_s + 0.5
+    stops_s = leaves_s = round(touch_s + (STOPS_S if hold_s else LISTENS_S), 3)
     until(stops_s)
-    there_m, leaves_s = (stops_s - starts_s) * speed_m_s, stops_s + HOLD_S
-    away_s = 0.004 / RETRACT_M_S
-    plant.move_probe(
-        [
-            (stops_s, there_m, 0.0, 0.0),
-            (leaves_s, there_m, -RETRACT_M_S, 0.0),
-            (leaves_s + away_s, there_m - 0.004, 0.0, 0.0),
-        ]
-    )
-    until(round(leaves_s + away_s + AFTER_S, 3))
+    if hold_s:
+        there_m, leaves_s = (stops_s - starts_s) * speed_m_s, stops_s + hold_s
+        away_s = 0.004 / RETRACT_M_S
+        plant.move_probe(
+            [
+                (stops_s, there_m, 0.0, 0.0),
+                (leaves_s, there_m, -RETRACT_M_S, 0.0),
+                (leaves_s + away_s, there_m - 0.004, 0.0, 0.0),
+            ]
+        )
+        until(round(leaves_s + away_s + AFTER_S, 3))
     times_s = np.arange(round(SETTLE_S * RATE_HZ) + 1, now + 1) / RATE_HZ
     waves = {name: np.concatenate(parts) if parts else np.empty(0) for name, parts in pieces.items()}
     return Approach(
@@ -149,10 +173,3 @@ def approach(
         location,
         speed_m_s,
     )
-
-
-def approaches(
-    s: FingerSettings, seed: int, count: int, rows_: list[tuple[str, float]]
-) -> Iterator[Approach]:
-    """So many approaches, row after row."""
-    return (approach(s, seed, trial, rows_[trial % len(rows_)]) for trial in range(count))

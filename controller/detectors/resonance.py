@@ -1,70 +1,112 @@
-"""Contact from a rise of the finger's resonant frequency (Backus and Dollar, III.B)."""
+"""Contact from the waveform of an oscillating finger: phase and amplitude against what the last periods foretell."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
-from controller.signals.cycles import CycleCounter
+from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHeld, ContactLost, Detected
+from controller.signals.envelope import Envelope
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
 
+Floats = NDArray[np.float64]
+
+HOPS = 9
+"""Values of the envelope in a free period: one each 4 ms at 28 Hz."""
+
+LEADS, PERIODS, LEVELS = (HOPS, 2 * HOPS), 6, 3
+"""What is foretold: amplitude and phase one period and two ahead, in hops, from the frequencies of six periods and the
+amplitudes of three. Chosen on the finger of mock/transient_hard (benchmarks/contact), where from four to ten periods
+little changes."""
+
+MEMORY = PERIODS * HOPS
+"""Hops that a prediction looks back."""
+
+PRIOR_VALUES = 14.0
+"""What the plain prediction (frequency and amplitude stay) is worth, in independent values of the baseline."""
+
+LOOK = {
+    "all": (-0.3, 1.0, -0.3, 1.0),
+    "phase": (0.0, 1.0, 0.0, 1.0),
+    "amplitude": (-1.0, 0.0, -1.0, 0.0),
+    "frequency": (0.0, -1.0, 0.0, 1.0),
+}
+"""What a contact does, in deviations of the free finger: (logarithm of the amplitude, phase) for each lead. A contact
+stiffens the finger, so the phase leads; the swing's energy is cut a little. Frequency is the phase gained between the
+two."""
+
+QUIET = 3.0
+"""Deviations within which the oscillation is as it was before the contact."""
+
+PERIODS_A_VALUE = 2.0
+"""Values of the baseline so many periods apart are independent of one another. Assumption: twice the window."""
+
 
 class ResonanceSettings(Settings):
-    """The paper's criterion, with what it does not print as settings."""
+    """Of the detector. Times are in periods of the finger, which it learns, or in seconds: any sample rate will do."""
 
-    input: StreamName = "board.period"
-    """Stream of period counts (s), of frequencies (Hz), or a waveform of any other unit."""
+    input: StreamName = "board.accelerometer"
+    """Waveform of the finger's oscillation, at a fixed rate of ten samples a period or more."""
 
-    sample_hz: float | None = Field(default=15.0, gt=0.0, le=1000.0)
-    """How often the frequency is sampled (Hz): the first whole period after each point of the grid, so at most
-    every period. The paper says that about 30 Hz of oscillation limits it to 15; None takes every period."""
+    baseline_s: float = Field(default=10.0, ge=0.6, le=600.0)
+    """Time without contact in which the free oscillation is learned, s. A short one asks for a higher threshold by
+    itself, as Student's t does for a normal deviate."""
 
-    average_samples: int = Field(default=10, ge=1, le=1000)
-    """Length of the moving average (III.B: 10)."""
+    threshold: float = Field(default=4.5, gt=0.0, le=1e3)
+    """Deviations of the free finger that are contact, with a baseline that knows them. Chosen on simulated approaches
+    without contact: 4.3 was the largest of 1,000 on the hard finger (benchmarks/contact)."""
 
-    baseline_s: float = Field(default=1.0, gt=0.0, le=600.0)
-    """Time over which mean and standard deviation of the averaged frequency are taken (III.B: 1 s)."""
+    senses: Literal["all", "phase", "amplitude", "frequency"] = "all"
+    """What of the waveform is held against the threshold."""
 
-    threshold_sigma: float = Field(default=3.0, gt=0.0, le=100.0)
-    """Contact above the mean by so many standard deviations (III.B: 3)."""
+    free_hz_from: float = Field(default=15.0, gt=0.0, le=1e4)
+    """The free finger oscillates no slower, Hz: else the baseline is refused. Assumption: half of the paper's 28."""
+
+    free_hz_to: float = Field(default=42.0, gt=0.0, le=1e4)
+    """And no faster, Hz. Assumption: half again the paper's 28, which leaves room for flexion; full contact has 50."""
+
+    erratic: float = Field(default=0.05, gt=0.0, le=1.0)
+    """Spread of the frequency from period to period, relative, beyond which a baseline is taken to be in contact. Light
+    contact has 0.1 (paper IV.A in words; the simulated finger), the hard finger 0.02 without contact."""
+
+    creep: float = Field(default=0.06, gt=0.0, le=1.0)
+    """A frequency that lasts so much above the one followed, relative, is contact as well, however slowly it came."""
+
+    follow_s: float = Field(default=10.0, gt=0.0, le=3600.0)
+    """Memory of that frequency, s. It stands still while there is contact."""
+
+    hold_s: float = Field(default=0.1, ge=0.0, le=600.0)
+    """After so long contact is said to persist, s."""
+
+    release_s: float = Field(default=0.5, gt=0.0, le=600.0)
+    """Contact has ended when the oscillation has been as it was before for so long, s: fourteen periods, for in light
+    contact single ones look free."""
 
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
-    """A silence of the input longer than this empties the moving average. Assumption: 14 periods of 28 Hz."""
-
-    hysteresis: float = Field(default=0.0, ge=0.0)
-    """Of the software comparator, in the waveform's unit; unused where the input is periods or frequencies."""
-
-
-class ResonanceLongBaselineSettings(ResonanceSettings):
-    """The same criterion on a baseline long enough to know its own sigma.
-
-    One second of a ten-sample average at 15 Hz holds about two independent values; ten seconds hold fifteen.
-    """
-
-    baseline_s: float = Field(default=10.0, gt=0.0, le=600.0)
-    """Time over which mean and standard deviation of the averaged frequency are taken."""
+    """A silence that is longer forgets the contact; what was learned stays."""
 
 
 class ResonanceDetector:
-    """Contact when the averaged frequency exceeds the baseline's mean by some standard deviations.
+    """Contact where the oscillation leads what its own last periods foretell.
 
-    After a reset the moving average fills, then `baseline_s` seconds of it give mean and standard deviation
-    (`BaselineReady`), then every sample is held against the threshold: `Contact` when it rises above,
-    `ContactLost` when it falls back. A period that is not finite or not positive is passed over; a baseline
-    without two values or without variance is refused, once, and the detector stays silent.
+    The waveform is mixed with the free frequency and averaged over one free period, which leaves amplitude and phase.
+    From the six periods before, phase and amplitude one period and two ahead are foretold, with weights that the
+    baseline teaches. Of the four differences one weighted sum is taken, whitened by their covariance in the baseline:
+    so slow drift is followed and no contact learned. It says `BaselineReady` (`value`: the free frequency in Hz;
+    `threshold`: the frequency that a lasting rise within a period would have to reach) or `BaselineRefused`, then
+    `Contact`, `ContactHeld` once after `hold_s`, and `ContactLost`.
 
-    Reference: S. B. Backus, A. M. Dollar, "Robust, Inexpensive Resonant Frequency Based Contact Detection for
-    Robotic Manipulators", section III.B.
+    Samples that are lost or not finite begin the memory anew: for some eight periods nothing is said.
 
-    Example:
-        >>> detector = ResonanceDetector("contact", ResonanceSettings(sample_hz=None))
-        >>> detector.inputs
-        ('board.period',)
+    Args:
+        name: In the profile.
+        settings: Of the detector.
     """
 
     def __init__(self, name: str, settings: ResonanceSettings) -> None:
@@ -74,94 +116,283 @@ class ResonanceDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget baseline, average and contact."""
-        self._cycles = CycleCounter(self.settings.hysteresis)
-        self._window: deque[float] = deque(maxlen=self.settings.average_samples)
-        self._last_s = math.nan
-        self._cell: int | None = None
-        self._baseline: list[float] = []
-        self._baseline_start_s = math.nan
-        self._mean_hz = math.nan
-        self._threshold_hz = math.nan
+        """Forget everything."""
+        self._envelope: Envelope | None = None
+        self._raw: list[Floats] = []
+        self._raw_times: list[Floats] = []
+        self._heard = 0
         self._refused = False
-        self._contact = False
+        self._next_seq: int | None = None
+        self._last_s = math.nan
+        self._contact_s = math.nan
+        self._said_held = False
+        self._forget()
 
-    @property
-    def threshold_hz(self) -> float:
-        """Frequency that means contact, NaN until the baseline is ready."""
-        return self._threshold_hz
+    def _forget(self) -> None:
+        """Begin the memory anew: the next prediction needs all of it."""
+        self._past = np.empty((0, 3))  # time, logarithm of the amplitude, phase
+        self._quiet_hops = 0
+        if self._envelope is not None:
+            self._envelope.restart()
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next periods, frequencies or waveform samples."""
+        """Hear the next samples.
+
+        Raises:
+            ValueError: samples at irregular times.
+        """
+        if block.rate_hz is None:
+            raise ValueError(
+                f"{block.stream}: samples at irregular times; give it the finger's waveform, or take"
+                " resonance.paper for period counts"
+            )
+        times_s, x = block.times, block.physical[:, 0]
+        if self._next_seq is not None and block.seq != self._next_seq:
+            self._interrupted(float(times_s[0]))
+        self._next_seq = block.seq + len(block)
         events: list[Detected] = []
-        for t_s, frequency_hz in self._frequencies(block):
-            if self._due(t_s, frequency_hz):
-                event = self._averaged(t_s, frequency_hz)
-                if event is not None:
-                    events.append(event)
+        # runs of finite samples, one after the other
+        edges = np.flatnonzero(np.diff(np.isfinite(x).astype(np.int8))) + 1
+        for times, part in zip(np.split(times_s, edges), np.split(x, edges), strict=True):
+            if not len(part):
+                continue
+            if not math.isfinite(part[0]):
+                self._interrupted(float(times[-1]))
+            elif not self._refused:
+                events += self._finite(times, part, block.rate_hz)
+                self._last_s = float(times[-1])
         return events
 
-    def _frequencies(self, block: SampleBlock) -> Iterator[tuple[float, float]]:
-        times_s, x = block.times, block.physical[:, 0]
-        if block.unit == "Hz":
-            yield from zip(times_s.tolist(), x.tolist(), strict=True)
-            return
-        if block.unit == "s":
-            ends_s, periods_s = times_s.tolist(), x.tolist()
-        else:
-            ends_s, periods_s = self._cycles.push(times_s, x)
-        for t_s, period_s in zip(ends_s, periods_s, strict=True):
-            yield t_s, 1.0 / period_s if period_s > 0.0 else math.nan
+    def _interrupted(self, now_s: float) -> None:
+        self._forget()
+        if self._envelope is None:
+            self._raw, self._raw_times, self._heard = [], [], 0  # a baseline half of before the gap is none
+        if now_s - self._last_s > self.settings.max_gap_s:
+            self._contact_s, self._said_held = math.nan, False
 
-    def _due(self, t_s: float, frequency_hz: float) -> bool:
-        """Whether the period that ends at `t_s` is one that the frequency is sampled at.
+    def _finite(self, times_s: Floats, x: Floats, rate_hz: float) -> list[Detected]:
+        if self._envelope is not None:
+            return self._follow(*self._envelope.push(times_s, x - self._mean))
+        wanted = max(2, round(self.settings.baseline_s * rate_hz))
+        taken = min(wanted - self._heard, len(x))
+        self._raw.append(x[:taken])
+        self._raw_times.append(times_s[:taken])
+        self._heard += taken
+        if self._heard < wanted:
+            return []
+        learnt = self._learn(np.concatenate(self._raw_times), np.concatenate(self._raw), rate_hz)
+        self._raw, self._raw_times = [], []
+        rest = (
+            self._finite(times_s[taken:], x[taken:], rate_hz) if taken < len(x) and not self._refused else []
+        )
+        return [learnt, *rest]
 
-        The sampling grid is absolute (k / sample_hz), so that blocks change nothing; the first period to end after
-        a grid point is taken, whole, so that nothing is known before it has happened.
-        """
-        if not (math.isfinite(frequency_hz) and frequency_hz > 0.0 and math.isfinite(t_s)):
-            return False
-        if t_s - self._last_s > self.settings.max_gap_s:
-            self._window.clear()
-            self._baseline.clear()  # a baseline half of before the silence is none
-        self._last_s = t_s
-        if self.settings.sample_hz is None:
-            return True
-        cell = math.floor(t_s * self.settings.sample_hz)
-        due, self._cell = cell != self._cell, cell
-        return due
+    # the baseline
 
-    def _averaged(self, t_s: float, frequency_hz: float) -> Detected | None:
-        settings = self.settings
-        self._window.append(frequency_hz)
-        if len(self._window) < settings.average_samples or self._refused:
-            return None
-        average_hz = math.fsum(self._window) / settings.average_samples
-        if not math.isfinite(self._threshold_hz):
-            return self._learn(t_s, average_hz)
-        if (average_hz > self._threshold_hz) == self._contact:
-            return None
-        self._contact = not self._contact
-        kind = Contact if self._contact else ContactLost
-        return kind(t_s, self.name, average_hz, self._threshold_hz)
-
-    def _learn(self, t_s: float, average_hz: float) -> Detected | None:
-        if not self._baseline:
-            self._baseline_start_s = t_s
-        self._baseline.append(average_hz)
-        # Half a nanosecond: the grid's times carry rounding, and the last sample belongs to the baseline.
-        if t_s - self._baseline_start_s < self.settings.baseline_s - 5e-10:
-            return None
-        n = len(self._baseline)
-        mean_hz = math.fsum(self._baseline) / n
-        variance = math.fsum((x - mean_hz) ** 2 for x in self._baseline) / (n - 1) if n > 1 else 0.0
-        if variance <= 0.0:
-            self._refused = True
+    def _learn(self, times_s: Floats, x: Floats, rate_hz: float, mistuned: float = 1.0) -> Detected:
+        """Free frequency, mean and covariance of what is foretold wrongly."""
+        t_s, settings = float(times_s[-1]), self.settings
+        free_hz = mistuned * _frequency(x - x.mean(), rate_hz)
+        found, reason = np.empty((0, 3)), ""
+        if not settings.free_hz_from <= free_hz <= settings.free_hz_to:
             reason = (
-                f"{n} samples" if n < 2 else "no variance: is the oscillation locked, is the counter alive?"
+                f"the finger oscillates at {free_hz:.3g} Hz, free it would at {settings.free_hz_from:g} to"
+                f" {settings.free_hz_to:g}: is the excitation on, is something touching?"
             )
-            return BaselineRefused(t_s, self.name, mean_hz, math.nan, reason)
-        self._mean_hz = mean_hz
-        self._threshold_hz = mean_hz + self.settings.threshold_sigma * math.sqrt(variance)
-        self._baseline.clear()
-        return BaselineReady(t_s, self.name, mean_hz, self._threshold_hz)
+        elif HOPS * free_hz > rate_hz:
+            reason = f"{rate_hz:g} samples a second are too few for {free_hz:.3g} Hz"
+        else:
+            self._envelope = Envelope(free_hz, rate_hz, HOPS)
+            self._mean = float(x.mean())
+            found = np.column_stack(self._envelope.push(times_s, x - self._mean))
+            reason = self._unfit(found, free_hz)
+        if reason:
+            self._refused = True
+            return BaselineRefused(t_s, self.name, free_hz, math.nan, reason)
+        assert self._envelope is not None
+        self._past = found[-(MEMORY + LEADS[-1]) :]
+        self._reference_hz = self._slow_hz = free_hz + float(_rates_hz(found, HOPS).mean())
+        # what a lasting rise of 1 Hz makes of the weighted sum: phase gained over each lead
+        gains = self._weights[1::2] * np.asarray(LEADS) * 2.0 * math.pi * self._envelope.hop_s
+        rise_hz = self._limit / float(gains.sum()) if gains.sum() > 0.0 else math.nan
+        return BaselineReady(t_s, self.name, self._reference_hz, self._reference_hz + rise_hz)
+
+    def _unfit(self, found: Floats, free_hz: float) -> str:
+        """Learn from the baseline's envelope; why it cannot be learned from, or ""."""
+        plain, seen = _features(found)
+        values = len(plain) / (PERIODS_A_VALUE * HOPS)
+        if values < 2.0:
+            return f"{self.settings.baseline_s:g} s are too short: the memory alone takes eight periods"
+        rates_hz = _rates_hz(found, HOPS)
+        spread = float(rates_hz.std()) / free_hz
+        if not spread > 0.0:
+            return "no variance: is the oscillation locked, is the converter alive?"
+        if spread > self.settings.erratic:
+            return f"the frequency varies by {spread:.1%} from period to period: is something touching?"
+        self._teach = _regression(plain, seen, PRIOR_VALUES / values)
+        features = _foretold(plain, seen, self._teach)
+        # robust: single knocks in the baseline do not widen it
+        middle = np.median(features, axis=0)
+        scale = 1.4826 * np.median(np.abs(features - middle), axis=0)
+        if not (scale > 0.0).all():
+            return "no variance: is the oscillation locked, is the converter alive?"
+        z = np.clip((features - middle) / scale, -3.0, 3.0)
+        correlation = np.corrcoef(z.T) + 1e-3 * np.eye(len(scale))
+        direction = np.asarray(LOOK[self.settings.senses])
+        weights = np.linalg.solve(correlation, direction)
+        weights /= math.sqrt(float(weights @ correlation @ weights)) * max(1.0, float(z.std()))
+        self._middle, self._weights = middle, weights / scale
+        self._inverse = np.linalg.inv(correlation) / np.outer(scale, scale)
+        self._levels = (float(np.median(found[:, 1])), max(0.02, float(found[:, 1].std())))
+        slow_hz = _rates_hz(found, MEMORY)
+        self._creep_hz = max(
+            self.settings.creep * free_hz, 6.0 * float(slow_hz.std()) if len(slow_hz) else 0.0
+        )
+        self._spread_hz = max(0.01 * free_hz, float(rates_hz.std()))
+        self._limit = _students(self.settings.threshold, values)
+        return ""
+
+    # contact
+
+    def deviations(self, values: Floats, rate_hz: float, mistuned: float = 1.0) -> tuple[Floats, Floats]:
+        """Times (s from the first sample) and deviations of a recording whose first `baseline_s` are without contact.
+
+        Args:
+            values: Shape (n, channels); the first is used.
+            rate_hz: Samples a second.
+            mistuned: It is mixed with so many times the free frequency, for studies.
+        """
+        twin = ResonanceDetector(self.name, self.settings)
+        wanted = round(self.settings.baseline_s * rate_hz)
+        times_s = np.arange(len(values)) / rate_hz
+        twin._learn(times_s[:wanted], values[:wanted, 0], rate_hz, mistuned)
+        if twin._refused or twin._envelope is None:
+            return np.empty(0), np.empty(0)
+        found = np.column_stack(twin._envelope.push(times_s[wanted:], values[wanted:, 0] - twin._mean))
+        joined = np.concatenate([twin._past, found])
+        return joined[MEMORY + LEADS[-1] :, 0], twin._deviations(_foretold(*_features(joined), twin._teach))
+
+    def _deviations(self, features: Floats) -> Floats:
+        s: Floats = ((features - self._middle) * self._weights).sum(axis=1)
+        return np.abs(s) if self.settings.senses == "amplitude" else s
+
+    def _follow(self, times_s: Floats, levels: Floats, phases: Floats) -> list[Detected]:
+        """What there is to say of new values of the envelope."""
+        fresh = len(times_s)
+        if not fresh:
+            return []
+        self._past = np.concatenate([self._past, np.column_stack([times_s, levels, phases])])
+        events: list[Detected] = []
+        plain, seen = _features(self._past)
+        if len(plain):
+            told = min(fresh, len(plain))
+            features = _foretold(plain[-told:], seen[-told:], self._teach)
+            events = self._told(self._past[-told:], features, _rates_hz(self._past, HOPS)[-told:])
+        self._past = self._past[-(MEMORY + LEADS[-1]) :]
+        return events
+
+    def _told(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
+        assert self._envelope is not None
+        s = self._deviations(features)
+        off = features - self._middle
+        surprise = np.sqrt((off * (off[:, :, None] * self._inverse).sum(axis=1)).sum(axis=1))
+        rate_hz = self._envelope.free_hz + rates_hz
+        keep = math.exp(-self._envelope.hop_s / self.settings.follow_s)
+        slow_keep = math.exp(-1.0 / MEMORY)
+        events: list[Detected] = []
+        for i in range(len(s)):
+            self._slow_hz += (1.0 - slow_keep) * (float(rate_hz[i]) - self._slow_hz)
+            t_s, free = float(past[i, 0]), math.isnan(self._contact_s)
+            crept = self._slow_hz > self._reference_hz + self._creep_hz
+            if free:
+                if s[i] > self._limit or crept:
+                    self._contact_s, self._said_held, self._quiet_hops = t_s, False, 0
+                    value, limit = (float(s[i]), self._limit)
+                    if s[i] <= self._limit:
+                        value, limit = self._slow_hz, self._reference_hz + self._creep_hz
+                    events.append(Contact(t_s, self.name, value, limit))
+                else:
+                    self._reference_hz += (1.0 - keep) * float(rate_hz[i] - self._reference_hz)
+                continue
+            if not self._said_held and t_s - self._contact_s >= self.settings.hold_s:
+                self._said_held = True
+                events.append(ContactHeld(t_s, self.name, float(s[i]), self._limit))
+            quiet = (
+                surprise[i] < QUIET + 0.5
+                and abs(rate_hz[i] - self._reference_hz) < QUIET * self._spread_hz
+                and abs(past[i, 1] - self._levels[0]) < QUIET * self._levels[1]
+            )
+            self._quiet_hops = self._quiet_hops + 1 if quiet else 0
+            if self._quiet_hops * self._envelope.hop_s >= self.settings.release_s:
+                self._contact_s = math.nan
+                self._slow_hz = self._reference_hz
+                events.append(ContactLost(t_s, self.name, float(s[i]), self._limit))
+        return events
+
+
+def _features(past: Floats) -> tuple[Floats, Floats]:
+    """What came otherwise than if all had stayed, and what could have foretold it.
+
+    Args:
+        past: Time, logarithm of the amplitude and phase, shape (n + MEMORY + LEADS[-1], 3).
+
+    Returns:
+        Logarithm of the amplitude and phase for each lead, shape (n, 4); and for each lead how the last periods'
+        frequencies and amplitudes differ from their means, so that slow drift changes nothing, shape (n, leads,
+        PERIODS + LEVELS).
+    """
+    n = max(0, len(past) - MEMORY - LEADS[-1])
+    found, seen = np.empty((n, 2 * len(LEADS))), np.empty((n, len(LEADS), PERIODS + LEVELS))
+    first = MEMORY + LEADS[-1]
+    for place, lead in enumerate(LEADS if n else ()):
+        ends = [slice(first - lead - k * HOPS, first - lead - k * HOPS + n) for k in range(PERIODS + 1)]
+        phases = np.array([past[end, 2] for end in ends])
+        levels = np.array([past[end, 1] for end in ends[:LEVELS]])
+        turned = phases[:-1] - phases[1:]
+        steady = turned.mean(axis=0)
+        found[:, 2 * place] = past[first:, 1] - levels[0]
+        found[:, 2 * place + 1] = past[first:, 2] - phases[0] - steady * (lead / HOPS)
+        seen[:, place, :PERIODS] = (turned - steady).T
+        seen[:, place, PERIODS:] = (levels - levels.mean(axis=0)).T
+    return found, seen
+
+
+def _regression(plain: Floats, seen: Floats, prior: float) -> Floats:
+    """Weights of what foretells, shape (leads, PERIODS + LEVELS, 2), drawn towards none as by so much of prior data."""
+    weights = np.empty((*seen.shape[1:], 2))
+    for place in range(seen.shape[1]):
+        x = seen[:, place]
+        y = plain[:, 2 * place : 2 * place + 2]
+        power = x.T @ x
+        weights[place] = np.linalg.solve(
+            power + prior * np.diag(np.diag(power)) + 1e-12 * np.eye(len(power)), x.T @ (y - y.mean(axis=0))
+        )
+    return weights
+
+
+def _foretold(plain: Floats, seen: Floats, weights: Floats) -> Floats:
+    """What is left of it when what can be foretold is taken away, shape (n, 4); the same however it is cut."""
+    said: Floats = (seen[:, :, :, None] * weights).sum(axis=2).reshape(len(plain), -1)
+    return plain - said
+
+
+def _rates_hz(past: Floats, hops: int) -> Floats:
+    """Frequency above the free one, from the phase gained in so many hops, Hz."""
+    gained: Floats = (past[hops:, 2] - past[:-hops, 2]) / (2.0 * math.pi)
+    return gained / (past[hops:, 0] - past[:-hops, 0])
+
+
+def _frequency(x: Floats, rate_hz: float) -> float:
+    """The frequency that most of the power is at, Hz: the middle of the spectrum's peak."""
+    power = np.abs(np.fft.rfft(x * np.hanning(len(x)), 4 * len(x))) ** 2
+    peak = int(np.argmax(power))
+    near = slice(max(0, peak - 8), peak + 9)
+    weight = power[near]
+    if not weight.sum() > 0.0:
+        return 0.0
+    return float((np.arange(len(power))[near] * weight).sum() / weight.sum() * rate_hz / (4 * len(x)))
+
+
+def _students(threshold: float, values: float) -> float:
+    """The threshold of Student's t that is as rare as a normal one (D. L. Wallace, 1959), with so many values."""
+    return math.sqrt(values * math.expm1(min(threshold**2 / values, 60.0)))

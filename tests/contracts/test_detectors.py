@@ -25,6 +25,21 @@ def resonance_input():
     return [SampleBlock("board.period", 0, float(ends_s[0]), lengths_s[:, None], times_s=ends_s, unit="s")]
 
 
+def waveform_input():
+    """A finger's waveform: free for 10 s, stiffened by a contact that gives and takes, free again; and a lost block."""
+    rng, rate_hz = np.random.default_rng(10), 1024.0
+    t_s = np.arange(16000) / rate_hz
+    touched = (t_s > 11.0) & (t_s < 12.0)
+    frequency = 28.0 + np.where(touched, 3.0 + 4.0 * np.sin(50.0 * t_s), 0.0)
+    x = 1.8 * np.sin(2.0 * np.pi * np.cumsum(frequency) / rate_hz) + 0.05 * rng.standard_normal(t_s.size)
+    return [
+        SampleBlock("board.accelerometer", 0, 0.0, x[:15000, None], rate_hz=rate_hz, unit="m/s2"),
+        SampleBlock(
+            "board.accelerometer", 15100, 15100 / rate_hz, x[15100:, None], rate_hz=rate_hz, unit="m/s2"
+        ),
+    ]
+
+
 def force_input():
     """Nothing, a force, nothing. Sample times of 1024 Hz are exact: pieces and the whole have the same."""
     force_n = np.concatenate([np.zeros(1000), np.full(300, 2.0), np.zeros(500)])
@@ -77,7 +92,7 @@ INPUTS = {
     "pretouch": pretouch_input,
     "pretouch.paper": pretouch_input,
     "force.threshold": force_input,
-    "resonance": resonance_input,
+    "resonance": waveform_input,
     "resonance.paper": resonance_input,
     "slip": slip_input,
     "slip.paper": slip_input,

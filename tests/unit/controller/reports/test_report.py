@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from behaviors.events import Contact
-from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
+from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports import report
@@ -384,8 +384,8 @@ def test_the_moving_average_that_is_drawn_is_the_one_that_the_detector_decided_o
     rng = np.random.default_rng(5)
     frequency_hz = np.concatenate([28.0 + 0.1 * rng.normal(size=200), np.linspace(28.0, 34.0, 60)])
     times_s = np.cumsum(1.0 / frequency_hz)
-    detector = ResonanceDetector(
-        "contact", ResonanceSettings(sample_hz=15.0, average_samples=10, baseline_s=4.0)
+    detector = ResonancePaperDetector(
+        "contact", ResonancePaperSettings(sample_hz=15.0, average_samples=10, baseline_s=4.0)
     )
     periods_s = (1.0 / frequency_hz).reshape(-1, 1)
     said = detector.push(SampleBlock("board.period", 0, times_s[0], periods_s, None, times_s, "s"))

@@ -1,0 +1,157 @@
+"""Contact from a rise of the finger's resonant frequency (Backus and Dollar, III.B)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+from pydantic import Field
+
+from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
+from controller.signals.cycles import CycleCounter
+from drivers.messages import SampleBlock
+from drivers.settings import Settings, StreamName
+
+
+class ResonancePaperSettings(Settings):
+    """The paper's criterion, with what it does not print as settings."""
+
+    input: StreamName = "board.period"
+    """Stream of period counts (s), of frequencies (Hz), or a waveform of any other unit."""
+
+    sample_hz: float | None = Field(default=15.0, gt=0.0, le=1000.0)
+    """How often the frequency is sampled (Hz): the first whole period after each point of the grid, so at most
+    every period. The paper says that about 30 Hz of oscillation limits it to 15; None takes every period."""
+
+    average_samples: int = Field(default=10, ge=1, le=1000)
+    """Length of the moving average (III.B: 10)."""
+
+    baseline_s: float = Field(default=1.0, gt=0.0, le=600.0)
+    """Time over which mean and standard deviation of the averaged frequency are taken (III.B: 1 s)."""
+
+    threshold_sigma: float = Field(default=3.0, gt=0.0, le=100.0)
+    """Contact above the mean by so many standard deviations (III.B: 3)."""
+
+    max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    """A silence of the input longer than this empties the moving average. Assumption: 14 periods of 28 Hz."""
+
+    hysteresis: float = Field(default=0.0, ge=0.0)
+    """Of the software comparator, in the waveform's unit; unused where the input is periods or frequencies."""
+
+
+class ResonancePaperDetector:
+    """Contact when the averaged frequency exceeds the baseline's mean by some standard deviations.
+
+    After a reset the moving average fills, then `baseline_s` seconds of it give mean and standard deviation
+    (`BaselineReady`), then every sample is held against the threshold: `Contact` when it rises above,
+    `ContactLost` when it falls back. A period that is not finite or not positive is passed over; a baseline
+    without two values or without variance is refused, once, and the detector stays silent.
+
+    Reference: S. B. Backus, A. M. Dollar, "Robust, Inexpensive Resonant Frequency Based Contact Detection for
+    Robotic Manipulators", section III.B.
+
+    Example:
+        >>> detector = ResonancePaperDetector("contact", ResonancePaperSettings(sample_hz=None))
+        >>> detector.inputs
+        ('board.period',)
+    """
+
+    def __init__(self, name: str, settings: ResonancePaperSettings) -> None:
+        self.name = name
+        self.settings = settings
+        self.inputs = (settings.input,)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget baseline, average and contact."""
+        self._cycles = CycleCounter(self.settings.hysteresis)
+        self._window: deque[float] = deque(maxlen=self.settings.average_samples)
+        self._last_s = math.nan
+        self._cell: int | None = None
+        self._baseline: list[float] = []
+        self._baseline_start_s = math.nan
+        self._mean_hz = math.nan
+        self._threshold_hz = math.nan
+        self._refused = False
+        self._contact = False
+
+    @property
+    def threshold_hz(self) -> float:
+        """Frequency that means contact, NaN until the baseline is ready."""
+        return self._threshold_hz
+
+    def push(self, block: SampleBlock) -> Sequence[Detected]:
+        """Hear the next periods, frequencies or waveform samples."""
+        events: list[Detected] = []
+        for t_s, frequency_hz in self._frequencies(block):
+            if self._due(t_s, frequency_hz):
+                event = self._averaged(t_s, frequency_hz)
+                if event is not None:
+                    events.append(event)
+        return events
+
+    def _frequencies(self, block: SampleBlock) -> Iterator[tuple[float, float]]:
+        times_s, x = block.times, block.physical[:, 0]
+        if block.unit == "Hz":
+            yield from zip(times_s.tolist(), x.tolist(), strict=True)
+            return
+        if block.unit == "s":
+            ends_s, periods_s = times_s.tolist(), x.tolist()
+        else:
+            ends_s, periods_s = self._cycles.push(times_s, x)
+        for t_s, period_s in zip(ends_s, periods_s, strict=True):
+            yield t_s, 1.0 / period_s if period_s > 0.0 else math.nan
+
+    def _due(self, t_s: float, frequency_hz: float) -> bool:
+        """Whether the period that ends at `t_s` is one that the frequency is sampled at.
+
+        The sampling grid is absolute (k / sample_hz), so that blocks change nothing; the first period to end after
+        a grid point is taken, whole, so that nothing is known before it has happened.
+        """
+        if not (math.isfinite(frequency_hz) and frequency_hz > 0.0 and math.isfinite(t_s)):
+            return False
+        if t_s - self._last_s > self.settings.max_gap_s:
+            self._window.clear()
+            self._baseline.clear()  # a baseline half of before the silence is none
+        self._last_s = t_s
+        if self.settings.sample_hz is None:
+            return True
+        cell = math.floor(t_s * self.settings.sample_hz)
+        due, self._cell = cell != self._cell, cell
+        return due
+
+    def _averaged(self, t_s: float, frequency_hz: float) -> Detected | None:
+        settings = self.settings
+        self._window.append(frequency_hz)
+        if len(self._window) < settings.average_samples or self._refused:
+            return None
+        average_hz = math.fsum(self._window) / settings.average_samples
+        if not math.isfinite(self._threshold_hz):
+            return self._learn(t_s, average_hz)
+        if (average_hz > self._threshold_hz) == self._contact:
+            return None
+        self._contact = not self._contact
+        kind = Contact if self._contact else ContactLost
+        return kind(t_s, self.name, average_hz, self._threshold_hz)
+
+    def _learn(self, t_s: float, average_hz: float) -> Detected | None:
+        if not self._baseline:
+            self._baseline_start_s = t_s
+        self._baseline.append(average_hz)
+        # Half a nanosecond: the grid's times carry rounding, and the last sample belongs to the baseline.
+        if t_s - self._baseline_start_s < self.settings.baseline_s - 5e-10:
+            return None
+        n = len(self._baseline)
+        mean_hz = math.fsum(self._baseline) / n
+        variance = math.fsum((x - mean_hz) ** 2 for x in self._baseline) / (n - 1) if n > 1 else 0.0
+        if variance <= 0.0:
+            self._refused = True
+            reason = (
+                f"{n} samples" if n < 2 else "no variance: is the oscillation locked, is the counter alive?"
+            )
+            return BaselineRefused(t_s, self.name, mean_hz, math.nan, reason)
+        self._mean_hz = mean_hz
+        self._threshold_hz = mean_hz + self.settings.threshold_sigma * math.sqrt(variance)
+        self._baseline.clear()
+        return BaselineReady(t_s, self.name, mean_hz, self._threshold_hz)
