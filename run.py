@@ -349,12 +349,12 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
         ended.wait()
 
 
-@cli.command(cls=Verb, short_help="Let a detector hear a recording.")
+@cli.command(cls=Verb, short_help="Feed a recording to a detector.")
 @recording_options
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help=PLOT_HELP)
 def replay(detector: str, plot: Path | None, **given: Any) -> None:
-    """Let a detector hear a RECORDING and print one JSON line an event.
+    """Feed a RECORDING to a detector and print one JSON line an event.
 
     RECORDING is a run folder, a part of its name or `latest`, or a file: CSV (any separator, with or without a line of
     names), NPZ, MAT, WAV, MCAP. Of a run, a detector of the run's own profile has its settings there; where it has
@@ -369,22 +369,22 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
       run.py replay drag.wav --detector slip --column 0 --set threshold=21 --plot drag.png
       run.py replay bag.mcap --detector slip --column /wrench:wrench.force.z
     """
-    from config.hearing import hear
+    from config.recordings import load
     from controller.replay import as_line
     from controller.replay import replay as replayed
 
-    heard, blocks, notes = hear(detector, **given)
-    events = list(replayed(blocks, heard))
+    made, blocks, notes = load(detector, **given)
+    events = list(replayed(blocks, made))
     complain("\n".join(notes))
     for event in events:
         click.echo(json.dumps(as_line(event, detector)))
     if not events:
-        samples = sum(len(block) for block in blocks if block.stream == heard.inputs[0])
+        samples = sum(len(block) for block in blocks if block.stream == made.inputs[0])
         complain(f"{detector} found nothing in {samples} samples")
     if plot is not None:
         from controller.replay_plot import draw
 
-        draw(plot, blocks, heard, events)
+        draw(plot, blocks, made, events)
 
 
 @cli.command(cls=Verb, short_help="Find the threshold that a recording without events asks for.")
@@ -423,18 +423,18 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
       run.py calibrate latest --detector slip.paper --set input=board.flexible --false-alarm-interval 600
     """
     from config.assemble import calibratable
-    from config.hearing import hear_quiet
+    from config.recordings import load_quiet
     from controller.detectors.calibration import Statistic
     from controller.replay import ReplayError, calibration_line
 
-    heard = hear_quiet(detector, **given)
-    pieces = [(one.detector, one.blocks) for one in heard if isinstance(one.detector, Statistic)]
+    loaded = load_quiet(detector, **given)
+    pieces = [(one.detector, one.blocks) for one in loaded if isinstance(one.detector, Statistic)]
     if not pieces:
         raise ReplayError(
             f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
         )
     line = calibration_line(pieces, detector, interval_s)
-    complain("\n".join(dict.fromkeys(note for one in heard for note in one.notes)))
+    complain("\n".join(dict.fromkeys(note for one in loaded for note in one.notes)))
     click.echo(json.dumps(line))
 
 

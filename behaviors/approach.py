@@ -36,7 +36,7 @@ class Approach:
     length_m: float
 
     def plan(self, motion_s: float, detectors: frozenset[str], measures: frozenset[str]) -> StatePlan:
-        """What its state needs; the device ends it at its limit, and the deadline is for one that does not say so."""
+        """What its state needs; the device ends it at its limit, and the deadline is for one that reports nothing."""
         return StatePlan(self.length_m / abs(self.velocity_m_s) + motion_s, detectors, measures)
 
 

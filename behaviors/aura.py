@@ -40,13 +40,13 @@ class AuraSettings(SonicSettings):
     """Distance to the object at the end of the path (IV.A.1: 0.4 cm along x); 0 where the path leads to contact."""
 
     touch: bool = False
-    """Go on until `contact` says so, hold, and come back."""
+    """Go on until the detector `contact` reports contact, hold, and come back."""
 
     contact: str = "contact_ours"
     """Detector that stops an approach which touches."""
 
     methods: Annotated[tuple[Literal["paper", "ours"], ...], Strict(False)] = ("paper", "ours")
-    """Whose detectors listen, named `pretouch_METHOD` and `contact_METHOD`: what is measured."""
+    """Whose detectors are armed, named `pretouch_METHOD` and `contact_METHOD`: what is measured."""
 
     cycles: int = Field(default=1, ge=1, le=1000)
     """Approaches in one trial."""
@@ -74,9 +74,9 @@ class AuraFactors(Settings):
 class Aura(SonicBehavior):
     """Approach, stay, come back; several times if asked to.
 
-    Every detector listens from the rest before the approach until the finger is back: what they say is for the measure.
-    An approach that is to touch is not begun while the detector that is to stop it tells of a touch. What was said
-    during a pause was said to nobody, so after one the detectors begin anew before the next approach.
+    Every detector is armed from the rest before the approach until the finger is back; the measure uses their events.
+    An approach that is to touch is not begun while the detector that is to stop it reports a touch. Events of a pause
+    are handled by nobody, so after one the detectors begin anew before the next approach.
 
     Args:
         settings: Of the experiment.
@@ -174,7 +174,7 @@ class Aura(SonicBehavior):
         return self._paused
 
     def note_pause(self) -> None:
-        """Detectors that are still armed said things to nobody."""
+        """Events of detectors that are still armed were not handled."""
         self._paused = True
 
     def repeat_approach(self) -> None:

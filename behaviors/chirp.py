@@ -22,7 +22,7 @@ class ChirpSettings(Settings):
     """What the fingers send back: the carrier itself."""
 
     from_hz: float = Field(default=20_000.0, gt=0.0, le=1e6)
-    """Where the sweep begins. Assumption: what one hears is left out."""
+    """Where the sweep begins. Assumption: audible frequencies are left out."""
 
     to_hz: float = Field(default=46_000.0, gt=0.0, le=1e6)
     """Where it ends. Assumption: short of half of 96 kHz, where the converter's own filter begins."""
@@ -34,7 +34,7 @@ class ChirpSettings(Settings):
     """Amplitude of the drive as a share of full scale."""
 
     settle_s: float = Field(default=0.2, ge=0.0, le=60.0)
-    """Silence before the sweep: the converter runs, and the noise is heard."""
+    """Silence before the sweep: the converter runs, and the noise is recorded."""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -53,7 +53,7 @@ class ChirpSweep(Behavior):
     Args:
         settings: Of the experiment.
         factors: Of the trial.
-        detectors: Unused: no state listens to any.
+        detectors: Unused: no state arms any.
     """
 
     class States(Enum):
@@ -77,13 +77,13 @@ class ChirpSweep(Behavior):
 
     def __init__(self, settings: ChirpSettings, factors: ChirpFactors, detectors: frozenset[str]) -> None:
         states = self.States
-        heard = frozenset((settings.fingers_stream,))
+        measured = frozenset((settings.fingers_stream,))
         self.settings = settings
         super().__init__(
             {
-                states.SILENT: StatePlan(settings.settle_s, frozenset(), heard, prompt=False),
-                states.SWEEPING: StatePlan(settings.duration_s + 5.0, frozenset(), heard, prompt=False),
-                states.RINGING: StatePlan(settings.settle_s, frozenset(), heard, prompt=False),
+                states.SILENT: StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
+                states.SWEEPING: StatePlan(settings.duration_s + 5.0, frozenset(), measured, prompt=False),
+                states.RINGING: StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
             }
         )
 

@@ -1,4 +1,4 @@
-"""What a behavior can be told.
+"""The events that a behavior handles.
 
 Statuses of devices (`drivers.messages.Status`) are events too; detectors and the loop add those below.
 """
@@ -13,7 +13,7 @@ from drivers.messages import Status
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """A detector's word about the sample at bench time `t_s`.
+    """What a detector found at the sample of bench time `t_s`.
 
     `value` is the statistic that decided and `threshold` what it was held against, in the detector's unit.
     """
@@ -48,15 +48,15 @@ class ContactLost(Detected):
 
 @dataclass(frozen=True, slots=True)
 class ContactHeld(Detected):
-    """Contact persists: said once, when it has lasted as long as the detector's settings ask for."""
+    """Contact persists: reported once, when it has lasted as long as the detector's settings ask for."""
 
 
 @dataclass(frozen=True, slots=True)
 class PreTouch(Detected):
     """An object came near a finger that has not touched it.
 
-    `position_m` is where the mover was at `t_s`, along the direction that the detector was told; NaN where it hears no
-    encoder.
+    `position_m` is where the mover was at `t_s`, along the direction in the detector's settings; NaN where it
+    subscribes to no encoder.
     """
 
     position_m: float = math.nan
@@ -96,7 +96,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Paused:
-    """The operator paused the trial: every mover was told to stop."""
+    """The operator paused the trial: every mover was commanded to stop."""
 
     t_s: float
 

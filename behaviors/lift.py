@@ -82,7 +82,7 @@ class Lifting(Gripping):
         return isinstance(self.event, SlipStarted) and self._force_n < self.settings.tightest_n
 
     def slips_on(self) -> bool:
-        """Whether the jaws press as hard as they were told, and what they hold slips still."""
+        """Whether the jaws press as hard as commanded, and what they hold still slips."""
         return self._slipping and not self.dropped() and self._force_n < self.settings.tightest_n
 
     def dropped(self) -> bool:

@@ -1,4 +1,4 @@
-"""The base of every behavior: a `transitions` machine that hears events and answers with commands."""
+"""The base of every behavior: a `transitions` machine that takes events and returns commands."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class StatePlan:
     """What a state needs from the bench, and for how long.
 
     Attributes:
-        detectors: Names of the detectors that it listens to. What no state listens to is not computed.
-        measures: Streams (`device.stream`) that the trial wants recorded in it, heard by a detector or not.
+        detectors: Names of the detectors that are armed in it. What no state arms is not computed.
+        measures: Streams (`device.stream`) that the trial wants recorded in it, input of a detector or not.
         deadline_s: Longest stay; then the trigger `deadline` fires.
         prompt: Whether a decision in it may not wait; where nothing moves and nothing is urgent, the loop may turn
             more slowly.
@@ -58,7 +58,7 @@ def on(
         trigger: Name of the event: `Contact` is "contact".
         source: Where from.
         dest: Where to; None stays in the state, which is not entered again.
-        when: Methods that must all say yes; the first row of several whose methods do is taken.
+        when: Methods that must all return True; the first row of several whose methods do is taken.
         do: Methods that are called before.
         label: What the conditions mean, for the diagram.
     """
@@ -141,7 +141,7 @@ class Behavior:
         return self._taken()
 
     def handle(self, event: Event) -> Sequence[Command]:
-        """Hear one event; returns the commands that follow from it, in order."""
+        """Handle one event; returns the commands that follow from it, in order."""
         self._event = event
         if isinstance(event, Tick):
             # The turn at the deadline is the first one not before it, whatever the last bit of the sum.
@@ -157,7 +157,7 @@ class Behavior:
         self._commands.append(command)
 
     def conclude(self, outcome: str, reason: str = "") -> None:
-        """Say how the trial came out; the first word stands, unless something fails later."""
+        """Set the outcome of the trial; the first one stands, unless something fails later."""
         if self.outcome == UNDECIDED:
             self.outcome, self.reason = outcome, reason
 
@@ -185,13 +185,13 @@ class Behavior:
         )
 
     def _awaited(self) -> str:
-        """What would have ended the present state in time, and who tells it."""
-        words: dict[str, None] = {}
+        """What would have ended the present state in time, and who reports it."""
+        events: dict[str, None] = {}
         for row in self.table:
             if self.state in sources(row) and row["trigger"] not in _NOT_AWAITED:
-                words[row["trigger"].replace("_", " ")] = None
+                events[row["trigger"].replace("_", " ")] = None
         who = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
-        return " or ".join(words) + (f" of {', '.join(who)}" if who else "")
+        return " or ".join(events) + (f" of {', '.join(who)}" if who else "")
 
     def conclude_stuck(self) -> None:
         """Before a transition on the deadline of a motion: a device did not do its part."""
@@ -257,7 +257,7 @@ _NOT_AWAITED = frozenset(("deadline", "resumed", "guard_stopped", *_FAULTS))
 
 
 def _described(event: Event) -> str:
-    """An event in a few words: what, of whom."""
+    """An event in short: what, of whom."""
     who = getattr(event, "device", getattr(event, "detector", ""))
     return f"{trigger_of(event).replace('_', ' ')}{f' of {who}' if who else ''}"
 
@@ -279,12 +279,12 @@ def mermaid(behavior: type[Behavior]) -> str:
     for row in behavior.table:
         label = row["trigger"] + (f" [{row['label']}]" if "label" in row else "")
         if len(sources(row)) > 2 and row["dest"] is not None:
-            said = "any state" if sources(row) == alive else ", ".join(each.name for each in sources(row))
-            notes.setdefault((row["dest"].name, said), []).append(label)
+            named = "any state" if sources(row) == alive else ", ".join(each.name for each in sources(row))
+            notes.setdefault((row["dest"].name, named), []).append(label)
         else:
             ends = [(source.name, (row["dest"] or source).name) for source in sources(row)]
             lines += [f"    {source} --> {dest}: {label}" for source, dest in ends]
     lines += [f"    {state.name} --> [*]" for state in behavior.States if state in behavior.final]
-    for (destination, said), labels in notes.items():
-        lines.append(f"    note right of {destination}: from {said} on {', '.join(labels)}")
+    for (destination, named), labels in notes.items():
+        lines.append(f"    note right of {destination}: from {named} on {', '.join(labels)}")
     return "\n".join(lines) + "\n"

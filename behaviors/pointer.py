@@ -160,7 +160,7 @@ class Pointer(Approaching):
         armed = frozenset({settings.detector})
         both = frozenset({settings.forces_stream, settings.pose_stream})
         widest_rad = 2.0 * max(abs(angle_rad) for angle_rad in settings.angles_rad)
-        # Heard because one turn is none: virtual time does not pass over the standstill's answer then.
+        # Measured because one turn is none: virtual time does not pass over the standstill's answer then.
         turning = StatePlan(
             widest_rad / settings.turn_rad_s + motion, measures=frozenset({settings.pose_stream})
         )
@@ -204,7 +204,7 @@ class Pointer(Approaching):
         """Whether nobody knows how far the tip is turned."""
         return self._astray
 
-    # what is said
+    # before transitions
 
     def note_astray(self) -> None:
         """A turn may have been broken off: the angle counts from the start pose once more."""

@@ -50,7 +50,7 @@ class SearchSettings(SonicSettings):
 
     @property
     def envelopes(self) -> frozenset[str]:
-        """What both fingers hear, and where the mover is: what is measured."""
+        """Both fingers' envelopes and the mover's position: what is measured."""
         return frozenset((self.left_stream, self.right_stream, self.position_stream))
 
 
@@ -111,8 +111,8 @@ nothing, or touches something, leaves; a pause begins it anew."""
 class Search(SonicBehavior):
     """Search one way until the finger ahead of the motion sees the object, then the other way; go to the middle.
 
-    Where a finger saw it is what its detector says of the mover's position; a detector that hears no encoder leaves it
-    to where the mover came to stand. Contact during the search ends it; a touch that stands before it lets none begin.
+    Where a finger saw it is the mover's position in its detector's event, or, of a detector that subscribes to no
+    encoder, where the mover came to stand. Contact during the search ends it; a touch that stands lets none begin.
 
     Args:
         settings: Of the experiment.

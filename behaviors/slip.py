@@ -150,21 +150,21 @@ class RollSlip(Approaching):
             )
             if stream is not None
         )
-        heard = StatePlan(motion, self._armed(), measured)
-        quiet = replace(heard, prompt=False)
+        listening = StatePlan(motion, self._armed(), measured)
+        quiet = replace(listening, prompt=False)
         return {
             states.HOMING: StatePlan(settings.home_timeout_s),
             states.ZEROING: StatePlan(settings.zero_s),
             states.TILTING: StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
             states.RESTING: replace(quiet, deadline_s=settings.rest_s),
-            states.DESCENDING: self._approach.plan(motion, heard.detectors, heard.measures),
-            states.STOPPING: heard,
-            states.PRESSING: heard,
+            states.DESCENDING: self._approach.plan(motion, listening.detectors, listening.measures),
+            states.STOPPING: listening,
+            states.PRESSING: listening,
             states.HOLDING: quiet,
-            states.LOADING: heard,
-            states.ROLLING: heard,
-            states.SLIPPING: heard,
-            states.HALTING: replace(heard, detectors=frozenset((run.touch, run.paper, run.ours))),
+            states.LOADING: listening,
+            states.ROLLING: listening,
+            states.SLIPPING: listening,
+            states.HALTING: replace(listening, detectors=frozenset((run.touch, run.paper, run.ours))),
             states.STOPPED: replace(quiet, deadline_s=settings.stopped_s),
             states.LIFTING: StatePlan(motion),
             states.LEVELLING: StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),

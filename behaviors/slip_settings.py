@@ -1,4 +1,4 @@
-"""What B8's trials are made of: steps of the pressed tip, sensors and who listens to them, and how a trial is run."""
+"""What B8's trials are made of: steps of the pressed tip, sensors with their detectors, and how a trial is run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class StepSettings(Settings):
 
 
 class SensorRunSettings(Settings):
-    """What one sensor is put through, and who listens to it."""
+    """What one sensor is put through, and its detectors."""
 
     stream: StreamName
     """What it sends."""
@@ -101,10 +101,10 @@ class RollSlipSettings(Settings):
     """Radius of the tip's cylinder, about whose axis the arm turns the tool: rolling moves it by radius x angle."""
 
     stop_on_slip: bool = False
-    """Whether the arm stops at once when the `reflex` detector tells slip; the paper's never does."""
+    """Whether the arm stops at once when the `reflex` detector reports slip; the paper's never does."""
 
     reflex: Literal["paper", "ours"] = "ours"
-    """Whose word that is."""
+    """Whose detector that is."""
 
     zero_s: float = Field(default=0.2, gt=0.0, le=10.0)
     """Time for the arm's force sensor to be zeroed in (assumption)."""
@@ -128,7 +128,7 @@ class RollSlipSettings(Settings):
     """How long is recorded after a stop on slip."""
 
     missed_after_s: float = Field(default=0.75, gt=0.0, le=60.0)
-    """A slip that is not told by then is missed: the shortest that the paper shows lasts so long (Fig. 15)."""
+    """A slip that is not detected by then is missed: the shortest that the paper shows lasts so long (Fig. 15)."""
 
     motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
     """Longest stay in any state that waits for the mover, beyond what its motion takes."""

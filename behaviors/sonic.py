@@ -81,7 +81,7 @@ class SonicBehavior(Behavior):
     Args:
         settings: Of the experiment.
         place_m: Where the fingers rest before what is measured.
-        contacts: Detectors whose word of a touch counts.
+        contacts: Detectors whose contact counts.
         plans: What states need beyond the time for a motion.
     """
 
@@ -103,16 +103,16 @@ class SonicBehavior(Behavior):
         super().__init__({**waiting, **plans}, mover=settings.mover)
 
     def handle(self, event: Event) -> Sequence[Command]:
-        """Hear one event; who touches is kept in mind, whatever the state makes of it."""
+        """Handle one event; which fingers touch is tracked, whatever the state does with it."""
         if isinstance(event, Detected) and event.detector in self._contacts & self.plan.detectors:
-            self._keep_in_mind(event)
+            self._track_touch(event)
         commands = super().handle(event)
-        # A detector that this state does not name is disarmed, and never tells the end of what it told.
+        # A detector that this state does not name is disarmed, and never reports the end of what it reported.
         self._touching &= self.plan.detectors
         self._held &= self.plan.detectors
         return commands
 
-    def _keep_in_mind(self, event: Detected) -> None:
+    def _track_touch(self, event: Detected) -> None:
         if isinstance(event, Contact):
             self._touching.add(event.detector)
         elif isinstance(event, ContactHeld):
@@ -128,21 +128,21 @@ class SonicBehavior(Behavior):
         return getattr(self.event, "device", None) == self.settings.gripper
 
     def touched(self) -> bool:
-        """Whether a touch has been told and its end has not."""
+        """Whether a touch has been reported and its end has not."""
         return bool(self._touching)
 
     def touch_held(self) -> bool:
-        """Whether a touch has been told to persist, and its end has not."""
+        """Whether a touch has been reported to persist, and its end has not."""
         return bool(self._held)
 
-    # what is said of the outcome
+    # before transitions
 
     def conclude_touched_at_rest(self) -> None:
         """There is a touch where there should be none."""
         who = ", ".join(sorted(self._touching))
         self.outcome = "contact"
         self.reason = (
-            f"{who} told a touch at rest and not its end, so that it could stop no motion: "
+            f"{who} reported a touch at rest and not its end, so that it could stop no motion: "
             "is something at the finger, or is the finger's level not quiet?"
         )
 

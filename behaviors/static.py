@@ -76,7 +76,7 @@ class Static(Behavior):
     Args:
         settings: Of the experiment.
         factors: Of the trial.
-        detectors: Unused: no state listens to any.
+        detectors: Unused: no state arms any.
     """
 
     class States(Enum):

@@ -25,7 +25,7 @@ class TransientSettings(Settings):
     """Device that switches the finger's excitation."""
 
     detector: DetectorName = "contact"
-    """Detector whose contact stops the approach; the profile's others listen and are recorded."""
+    """Detector whose contact stops the approach; the profile's others are armed and recorded."""
 
     load_cell_stream: StreamName = "board.load_cell"
     """The reference: force behind the probe (N)."""
@@ -161,7 +161,7 @@ class Transient(Approaching):
         self._ready.add(self.event.detector)
         return self._ready >= self._detectors
 
-    # what is said of the outcome
+    # before transitions
 
     def conclude_contact(self) -> None:
         """The acting detector spoke before the approach began: the measure will call it false."""

@@ -32,7 +32,7 @@ class WeightsSettings(Settings):
     """The three bridges (V)."""
 
     load_stream: StreamName = "operator.load"
-    """What hangs on them, by the person's word (N)."""
+    """What hangs on them, as the person confirms it (N)."""
 
     weights_x_n: tuple[Force, ...] = ladder(7.0, 14)
     """Weights for Fx, N. Tested up to 7 N (4.2); the steps are an assumption: half of the range is among them, where a
@@ -103,7 +103,7 @@ class Weights(Behavior):
     Args:
         settings: Of the experiment.
         factors: Of the trial.
-        detectors: Unused: no state listens to any.
+        detectors: Unused: no state arms any.
     """
 
     class States(Enum):
@@ -156,7 +156,7 @@ class Weights(Behavior):
     # conditions
 
     def from_operator(self) -> bool:
-        """Whether the person says so."""
+        """Whether the answer is the person's."""
         return getattr(self.event, "device", None) == self.settings.operator
 
     def as_asked(self) -> bool:
@@ -172,7 +172,7 @@ class Weights(Behavior):
         """Whether every load has been recorded."""
         return self._recorded >= len(self._loads_n)
 
-    # what is said
+    # before transitions
 
     def count_recorded(self) -> None:
         """One load more is on record."""
@@ -192,8 +192,8 @@ class Weights(Behavior):
 
     def enter_SETTING_UP(self) -> None:
         """The bridge must hang so that a weight pulls on it alone (Fig. 5)."""
-        words = f"set the fingertip up for weights on bridge F{self.factors.bridge}, with nothing on it"
-        self.command(Ask(self.settings.operator, words))
+        request = f"set the fingertip up for weights on bridge F{self.factors.bridge}, with nothing on it"
+        self.command(Ask(self.settings.operator, request))
 
     def enter_HANGING(self) -> None:
         """The next load."""

@@ -79,7 +79,7 @@ DRIVERS: Mapping[str, DriverEntry] = {
         "drivers.mock.drivers.dsa_matrix:MockDsaMatrix",
     ),
     "operator": DriverEntry(
-        "the person at the bench, asked in words: on the console, or a JSON line at a time over a port",
+        "the person at the bench, asked on the console, or a JSON line at a time over a port",
         "drivers.operator.driver:Person",
         "drivers.mock.drivers.operator:MockPerson",
     ),
@@ -170,7 +170,7 @@ class Table:
     plants: Sequence[str] = tuple(PLANTS)
 
     def driver_settings(self, driver: str, port: str) -> type[Settings]:
-        """Settings of a driver: the mock one's where the port says so."""
+        """Settings of a driver: the mock one's where the port is "mock"."""
         entry = _driver(driver)
         made = entry.mock if port == "mock" else entry.wire
         return settings_of(found(made)) if is_own(driver) else _model(f"{made}Settings")
@@ -303,7 +303,7 @@ def start_emulator(profile: Profile, realtime: bool = False) -> EmulatorProcess:
 
 
 def emulator_scene(profile: Profile) -> dict[str, Any]:
-    """What the emulator's process is told of a profile.
+    """What the emulator's process gets of a profile.
 
     Raises:
         ProfileError: the profile has no emulated device.
@@ -388,7 +388,7 @@ def plan_campaign(
         asked: What the command line said, for the manifest.
 
     Raises:
-        ProfileError: a trial that its behavior cannot run, or a detector that it listens to and the profile has not.
+        ProfileError: a trial that its behavior cannot run, or a detector that it arms and the profile has not.
     """
     from controller.campaign import CampaignPlan
 
@@ -474,8 +474,8 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
         behavior: Behavior = made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
     except ValueError as error:
         raise ProfileError(f"{profile.name}: trial {trial.id}: [behavior] {error}") from None
-    heard = {name for plan in behavior.plans.values() for name in plan.detectors}
-    for name in sorted(heard - profile.detectors.keys()):
+    armed = {name for plan in behavior.plans.values() for name in plan.detectors}
+    for name in sorted(armed - profile.detectors.keys()):
         hint = near_or_all(name, profile.detectors)
         raise ProfileError(
             f"{profile.name}: trial {trial.id}: {profile.experiment} listens to a detector '{name}', which has no"

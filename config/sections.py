@@ -72,20 +72,20 @@ class Sections:
         self._source = source
         self._table = table
         for key in [key for key in source.data if key not in KEYS]:
-            self._say((), key, f" = {shown(source.data[key])}: unknown key; {near_or_all(key, KEYS)}")
+            self._complain((), key, f" = {shown(source.data[key])}: unknown key; {near_or_all(key, KEYS)}")
 
     def text(self, key: str) -> str:
         """A line or paragraph for people."""
         value = self._source.data.get(key, "")
         if not isinstance(value, str):
-            self._say((), key, f" = {shown(value)}: must be a text")
+            self._complain((), key, f" = {shown(value)}: must be a text")
         return str(value)
 
     def experiment(self) -> str | None:
         """Name of the behavior."""
         if "experiment" not in self._source.data:
             names = ", ".join(sorted(self._table.experiments))
-            self._say(
+            self._complain(
                 (), "experiment", f" is missing: which of {names}? (a bench alone is there to be extended)"
             )
             return None
@@ -97,7 +97,7 @@ class Sections:
         mocks = [name for name, port in ports.items() if port == "mock"]
         if mocks and len(mocks) < len(ports):
             other = next(name for name in ports if name not in mocks)
-            self._say(
+            self._complain(
                 ("devices", mocks[0]),
                 "port",
                 f' = "mock": virtual time cannot be shared with {other} at {shown(ports[other])};'
@@ -114,7 +114,7 @@ class Sections:
             driver = self._driver(path, table, port)
             if not isinstance(port, str) or not port:
                 hint = 'write "mock", "emulated", a path such as "/dev/ttyUSB0", or an address'
-                self._say(
+                self._complain(
                     path, "port", f" = {shown(port)}: {hint}" if "port" in table else f" is missing: {hint}"
                 )
             elif driver is not None:
@@ -123,9 +123,11 @@ class Sections:
                 if settings:
                     entries[name] = DeviceEntry(driver, port, settings)
         if SIGNALS in self._table_of("devices"):
-            self._say(("devices",), SIGNALS, ": the name is taken by the signals' streams; choose another")
+            self._complain(
+                ("devices",), SIGNALS, ": the name is taken by the signals' streams; choose another"
+            )
         if not self._table_of("devices"):
-            self._say((), "devices", " is missing: a bench has at least one device")
+            self._complain((), "devices", " is missing: a bench has at least one device")
         return entries
 
     def _driver(self, path: KeyPath, table: Table, port: object) -> str | None:
@@ -134,7 +136,7 @@ class Sections:
         if not (isinstance(name, str) and is_own(name)):
             return self._name(path, table, "driver", self._table.drivers)
         if port == "emulated":
-            self._say(
+            self._complain(
                 path, "port", f' = "emulated": {name} has no emulated device; write "mock" or a real port'
             )
             return None
@@ -146,7 +148,7 @@ class Sections:
         if ADDRESS not in model.model_fields:
             return table
         if ADDRESS in table:
-            self._say(path, ADDRESS, f' = {shown(table[ADDRESS])}: goes into port = "…"')
+            self._complain(path, ADDRESS, f' = {shown(table[ADDRESS])}: goes into port = "…"')
         return {**table, ADDRESS: port}
 
     def detectors(self) -> dict[str, DetectorEntry]:
@@ -173,20 +175,20 @@ class Sections:
         for name, entry in entries.items():
             misfit = getattr(entry.settings, "misfit", lambda: None)()
             if misfit is not None:
-                self._say(("signals", name), *misfit)
+                self._complain(("signals", name), *misfit)
         return entries
 
     def _check_circles(self, entries: Mapping[str, SignalEntry]) -> None:
         """A signal that is made of itself, however far round, is never made."""
-        heard = {name: getattr(entry.settings, "input", "") for name, entry in entries.items()}
+        inputs = {name: getattr(entry.settings, "input", "") for name, entry in entries.items()}
         for first in entries:
             name, way = first, [first]
-            while (stream := heard.get(name, "")).startswith(f"{SIGNALS}."):
+            while (stream := inputs.get(name, "")).startswith(f"{SIGNALS}."):
                 name = stream.partition(".")[2]
                 if name == first:
                     circle = " → ".join([first, *reversed(way)])
-                    self._say(
-                        ("signals", first), "input", f" = {shown(heard[first])}: goes in a circle, {circle}"
+                    self._complain(
+                        ("signals", first), "input", f" = {shown(inputs[first])}: goes in a circle, {circle}"
                     )
                 if name in way:
                     break
@@ -203,15 +205,17 @@ class Sections:
         signals: Mapping[str, SignalEntry],
         detectors: Mapping[str, DetectorEntry],
     ) -> None:
-        """Whoever listens for the drive must know its frequency: at another one there is nothing to be heard."""
+        """What demodulates the drive must have its frequency: at another one there is no signal."""
         driven_hz = getattr(behavior, DRIVE, None)
         listeners = [(SIGNALS, name, entry.settings) for name, entry in signals.items()]
         listeners += [("detectors", name, entry.settings) for name, entry in detectors.items()]
         for section, name, settings in listeners:
-            heard_hz = getattr(settings, DRIVE, driven_hz)
-            if driven_hz is not None and heard_hz != driven_hz:
-                said = f" = {shown(heard_hz)}: [behavior] has {DRIVE} = {shown(driven_hz)}; write the same in both"
-                self._say((section, name), DRIVE, said)
+            own_hz = getattr(settings, DRIVE, driven_hz)
+            if driven_hz is not None and own_hz != driven_hz:
+                said = (
+                    f" = {shown(own_hz)}: [behavior] has {DRIVE} = {shown(driven_hz)}; write the same in both"
+                )
+                self._complain((section, name), DRIVE, said)
         self._check_rest(behavior, signals, detectors)
 
     def _check_rest(
@@ -220,7 +224,7 @@ class Sections:
         signals: Mapping[str, SignalEntry],
         detectors: Mapping[str, DetectorEntry],
     ) -> None:
-        """What learns at rest must have heard enough when the rest is over, also of a signal that begins late."""
+        """What learns at rest must have had enough samples when the rest is over, also of a signal that begins late."""
         baseline_s = getattr(behavior, REST, None)
         for name, entry in detectors.items():
             _, _, signal = str(getattr(entry.settings, "input", "")).partition(f"{SIGNALS}.")
@@ -233,13 +237,13 @@ class Sections:
                 f" [detectors.{name}] learns for {learn_s:g} s; make it"
                 f" {math.ceil(100.0 * (silent_s + learn_s)) / 100.0:g} or longer"
             )
-            self._say(("behavior",), REST, said)
+            self._complain(("behavior",), REST, said)
 
     def check_home(self, devices: Mapping[str, DeviceEntry], limits: Settings | None) -> None:
         """Limits are of movers that there are; `Home` must not be faster than the guard lets its other motions be."""
         movers = getattr(limits, "movers", {})
         for name in movers.keys() - devices.keys():
-            self._say(
+            self._complain(
                 ("limits", "movers"), name, f" is no device of this bench; {near_or_all(name, devices)}"
             )
         for name, entry in devices.items():
@@ -247,7 +251,7 @@ class Sections:
             home_m_s = getattr(entry.settings, HOME_SPEED, None)
             if most_m_s is not None and home_m_s is not None and home_m_s > most_m_s:
                 said = f" = {shown(home_m_s)}: faster than [limits] speed_m_s = {shown(most_m_s)}; lower it to that"
-                self._say(("devices", name), HOME_SPEED, said)
+                self._complain(("devices", name), HOME_SPEED, said)
 
     def limits(self) -> Settings | None:
         """Settings of the guard."""
@@ -263,13 +267,13 @@ class Sections:
         kind = table.get("kind", NO_PLANT)
         if bench == "hardware":
             if kind != NO_PLANT:
-                self._say(
+                self._complain(
                     ("plant",), "kind", f' = {shown(kind)}: a real bench has no plant; write kind = "none"'
                 )
             return None
         if kind == NO_PLANT:
             plants = ", ".join(sorted(self._table.plants))
-            self._say(
+            self._complain(
                 ("plant",), "kind", f" is missing: which physics does the {bench} bench have ({plants})?"
             )
             return None
@@ -281,10 +285,10 @@ class Sections:
         """What goes wrong on purpose, on a simulated bench: each of a kind that its device can show."""
         listed = self._source.data.get("faults", [])
         if not isinstance(listed, list) or not all(isinstance(fault, dict) for fault in listed):
-            self._say((), "faults", f" = {shown(listed)}: must be tables, each under [[faults]]")
+            self._complain((), "faults", f" = {shown(listed)}: must be tables, each under [[faults]]")
             return ()
         if listed and bench == "hardware":
-            self._say((), "faults", ": a real bench breaks by itself; remove them")
+            self._complain((), "faults", ": a real bench breaks by itself; remove them")
             return ()
         faults = []
         for number, table in enumerate(listed):
@@ -301,10 +305,10 @@ class Sections:
         kinds = self._table.faults_of(entry.driver, entry.port)
         if fault.kind not in kinds:
             has = f"it can show {', '.join(sorted(kinds))}" if kinds else "it is no simulated device"
-            self._say(path, "kind", f" = {shown(fault.kind)}: {fault.device} never shows it; {has}")
+            self._complain(path, "kind", f" = {shown(fault.kind)}: {fault.device} never shows it; {has}")
 
     def trials(self) -> TrialsSettings | None:
-        """Which trials; what their factors mean is for the experiment to say."""
+        """Which trials; the experiment defines their factors."""
         table = dict(self._table_of("trials"))
         listed, grid = table.get("list"), table.get("grid")
         if isinstance(listed, list):
@@ -314,11 +318,13 @@ class Sections:
         trials = self._validated(TrialsSettings, table, ("trials",))
         twice = {name for row in trials.list for name in row if name in trials.grid} if trials else set()
         if trials and not combinations(trials):
-            self._say(
+            self._complain(
                 ("trials",), "list" if not trials.list else "grid", " is empty: there is nothing to run"
             )
         for name in sorted(twice):
-            self._say(("trials", "grid"), name, ": is in the list too; a factor is either listed or crossed")
+            self._complain(
+                ("trials", "grid"), name, ": is in the list too; a factor is either listed or crossed"
+            )
         return trials
 
     # what the sections share
@@ -327,7 +333,7 @@ class Sections:
         table = self._source.data.get(section, {})
         if isinstance(table, dict):
             return table
-        self._say((), section, f" = {shown(table)}: must be a table, under [{section}]")
+        self._complain((), section, f" = {shown(table)}: must be a table, under [{section}]")
         return {}
 
     def _tables(self, section: str) -> Iterator[tuple[str, Table]]:
@@ -335,7 +341,9 @@ class Sections:
             if isinstance(table, dict):
                 yield name, table
             else:
-                self._say((section,), name, f" = {shown(table)}: must be a table, under [{section}.{name}]")
+                self._complain(
+                    (section,), name, f" = {shown(table)}: must be a table, under [{section}.{name}]"
+                )
 
     def _kind(
         self, path: KeyPath, table: Table, key: str, known: Collection[str], role: str = ""
@@ -350,7 +358,7 @@ class Sections:
         try:
             check_role(role, name, self._source.folders)
         except NamedError as error:
-            self._say(path, key, f" = {shown(name)}: {error}")
+            self._complain(path, key, f" = {shown(name)}: {error}")
             return False
         return True
 
@@ -361,12 +369,12 @@ class Sections:
             return name
         if key in table:
             what = f"unknown {key}; {near_or_all(name, known)}" if isinstance(name, str) else "must be a text"
-            self._say(path, key, f" = {shown(name)}: {what}")
+            self._complain(path, key, f" = {shown(name)}: {what}")
             return None
         # Most often a misspelt table: [detectors.contakt] beside [detectors.contact].
         beside = [other for other in self._table_of(path[0]) if other != path[-1]]
         hint = did_you_mean(path[-1], beside) or near_or_all("", known)
-        self._say(path, key, f" is missing; {hint}")
+        self._complain(path, key, f" is missing; {hint}")
         return None
 
     def _settings(self, model: type[Settings], table: Table, path: KeyPath) -> Settings | None:
@@ -403,14 +411,16 @@ class Sections:
         what = "detector" if kind == "detector" else "device"
         known = self._table_of(f"{what}s")
         if device not in known:
-            self._say(path, key, f" = {shown(name)}: no {what} '{device}'; {near_or_all(device, known)}")
+            self._complain(path, key, f" = {shown(name)}: no {what} '{device}'; {near_or_all(device, known)}")
 
     def _check_signal(self, path: KeyPath, key: str, name: str, signal: str) -> None:
         signals = self._table_of(SIGNALS)
         if signal not in signals:
-            self._say(path, key, f" = {shown(name)}: no signal '{signal}'; {near_or_all(signal, signals)}")
+            self._complain(
+                path, key, f" = {shown(name)}: no signal '{signal}'; {near_or_all(signal, signals)}"
+            )
 
-    def _say(self, path: KeyPath, key: str, what: str) -> None:
+    def _complain(self, path: KeyPath, key: str, what: str) -> None:
         self.problems.append(f"{self._where(path, (key,))}{what}")
 
     def _where(self, path: KeyPath, location: KeyPath) -> str:

@@ -286,6 +286,6 @@ def test_sound_that_makes_no_envelope_is_refused(verb, tmp_path):
 def test_a_setting_of_the_chain_where_there_is_none_is_refused(verb, touched, tmp_path):
     path = sound(tmp_path / "finger.wav", fingers=1)
     said = refused(verb, "replay", path, "--detector", "slip", "--set", "iq.drive_hz=39000.0")
-    assert "--set iq.drive_hz: slip hears no envelope of a sound" in said
+    assert "--set iq.drive_hz: slip takes no envelope of a sound" in said
     said = refused(verb, "replay", path, "--detector", "level", "--set", "iq.drive_khz=39.0")
     assert "--set iq.drive_khz = 39.0: unknown key; SI is meant: drive_hz" in said

@@ -147,7 +147,7 @@ def test_a_touch_that_stands_before_the_approach_lets_none_begin(said, event):
     assert behavior.handle(event) == [go(0.0, 0.1, 0.05)], "up and away from what it touches"
     behavior.handle(arm(8.0))
     assert (behavior.done, behavior.outcome) == (True, "contact")
-    assert "contact_ours told a touch at rest and not its end" in behavior.reason
+    assert "contact_ours reported a touch at rest and not its end" in behavior.reason
 
 
 def test_a_touch_that_has_ended_before_the_approach_hinders_nothing():

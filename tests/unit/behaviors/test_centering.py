@@ -240,7 +240,7 @@ def test_a_touch_that_stands_before_the_search_lets_none_begin(said, event, run_
     assert behavior.handle(event) == [AWAY]
     behavior.handle(arm(8.0))
     assert (behavior.done, behavior.outcome) == (True, "contact")
-    assert behavior.reason.startswith("left_contact told a touch at rest and not its end")
+    assert behavior.reason.startswith("left_contact reported a touch at rest and not its end")
 
 
 def test_a_touch_that_has_ended_before_the_search_hinders_nothing():

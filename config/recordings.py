@@ -1,4 +1,4 @@
-"""What `replay` and `calibrate` share: a detector, and the samples of a recording that it shall hear."""
+"""What `replay` and `calibrate` share: a detector, and its input from a recording."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from controller.signals.iq import IqSettings
 from drivers.messages import SampleBlock
 
 
-class Heard(NamedTuple):
-    """A detector and what it hears.
+class Input(NamedTuple):
+    """A detector and its input.
 
     Attributes:
         detector: Fresh.
@@ -39,7 +39,7 @@ CHAIN = "iq."
 """What begins a setting of the chain from sound to envelope, after `--set`."""
 
 
-def hear(
+def load(
     asked: str,
     recording: Path,
     overrides: Mapping[str, str],
@@ -48,8 +48,8 @@ def hear(
     rate_hz: float | None = None,
     baseline: tuple[float, float] | None = None,
     trial: int | None = None,
-) -> Heard:
-    """A detector, and all blocks of a recording that it hears, in order of time.
+) -> Input:
+    """A detector, and its blocks of a recording, in order of time.
 
     Args:
         asked: Kind of detector; of a run folder also a detector's name in the run's profile.
@@ -58,12 +58,12 @@ def hear(
             profile has such a detector, its settings in that trial are the defaults.
         columns: For each input, as `controller.replay.read_inputs` takes them.
         rate_hz: Of a file without times.
-        baseline: Times in seconds: what is heard begins at the first; a detector with a baseline learns between them.
+        baseline: Times in seconds: its input begins at the first; a detector with a baseline learns between them.
         trial: Of a run folder; None is its first.
 
     Raises:
         ProfileError: no such detector, or settings that it does not take.
-        ReplayError: the recording does not hold what it hears.
+        ReplayError: the recording does not hold its inputs.
         RunFolderError: no such run.
     """
     chain = {key.removeprefix(CHAIN): text for key, text in overrides.items() if key.startswith(CHAIN)}
@@ -77,15 +77,15 @@ def hear(
     if isinstance(made, HearsEnvelope):
         blocks = enveloped(blocks, made.envelope, _chain_settings(made, chain))
     elif chain:
-        raise ProfileError(f"--set {CHAIN}{min(chain)}: {asked} hears no envelope of a sound; leave it out")
+        raise ProfileError(f"--set {CHAIN}{min(chain)}: {asked} takes no envelope of a sound; leave it out")
     if baseline is not None:
         blocks = between(blocks, baseline[0])
     if not any(block.stream == made.inputs[0] for block in blocks):
         raise ReplayError(f"{recording}: no sample of {made.inputs[0]} from --baseline on; begin earlier")
-    return Heard(made, blocks, notes)
+    return Input(made, blocks, notes)
 
 
-def hear_quiet(
+def load_quiet(
     asked: str,
     recordings: Sequence[Path],
     overrides: Mapping[str, str],
@@ -93,32 +93,32 @@ def hear_quiet(
     spans: Sequence[tuple[float, float]] = (),
     trial: int | None = None,
     **given: Any,
-) -> Sequence[Heard]:
+) -> Sequence[Input]:
     """What a threshold is set on: each recording, of a run each trial, and of each the spans that are asked for.
 
     Args:
-        asked: As `hear`.
-        recordings: As `hear` takes one.
-        overrides: As `hear`.
+        asked: As `load`.
+        recordings: As `load` takes one.
+        overrides: As `load`.
         spans: Times in seconds of what is quiet; all of it where there are none.
         trial: Of run folders; None is all that were recorded.
-        given: As `hear`.
+        given: As `load`.
 
     Raises:
-        ProfileError, ReplayError, RunFolderError: as `hear`; or a span without a sample.
+        ProfileError, ReplayError, RunFolderError: as `load`; or a span without a sample.
     """
-    heard: list[Heard] = []
+    loaded: list[Input] = []
     for recording in recordings:
         path = recording if recording.exists() or recording.suffix else RunFolder.find(recording).path
         trials = open_run(path).recorded_trials if path.is_dir() and trial is None else [trial]
         for one in trials or [None]:
-            whole = hear(asked, path, overrides, trial=one, **given)
+            whole = load(asked, path, overrides, trial=one, **given)
             cut = [between(whole.blocks, *span) for span in spans] or [whole.blocks]
             for span, blocks in zip(spans, cut, strict=False):
                 if not blocks:
                     raise ReplayError(f"{path}: no sample from {span[0]:g} to {span[1]:g} s")
-            heard += [whole._replace(blocks=blocks) for blocks in cut]
-    return heard
+            loaded += [whole._replace(blocks=blocks) for blocks in cut]
+    return loaded
 
 
 def _in_run(
@@ -135,13 +135,15 @@ def _in_run(
     alike = {name: table for name, table in tables.items() if table["kind"] == asked}
     streams = {key: toml_value(text) for key, text in overrides.items() if key.endswith("input")}
     meant = {name: table for name, table in alike.items() if streams.items() <= table.items()}
-    heard = {name: table for name, table in meant.items() if _was_heard(path, table, recording)} or meant
-    if len(heard) > 1:
-        names = " or ".join(sorted(heard))
+    recorded = {
+        name: table for name, table in meant.items() if _was_recorded(path, table, recording)
+    } or meant
+    if len(recorded) > 1:
+        names = " or ".join(sorted(recorded))
         raise ReplayError(
-            f"{path}: {len(heard)} detectors of kind {asked} in trial {recording.trial}; say --detector {names}"
+            f"{path}: {len(recorded)} detectors of kind {asked} in trial {recording.trial}; say --detector {names}"
         )
-    return _split(path, next(iter(heard.values()))) if heard else (asked, {})
+    return _split(path, next(iter(recorded.values()))) if recorded else (asked, {})
 
 
 def _split(path: Path, table: Mapping[str, Any]) -> tuple[str, Mapping[str, str]]:
@@ -163,8 +165,8 @@ def _folders(recording: Path) -> Sequence[Path]:
     return [*found, Path.cwd()]
 
 
-def _was_heard(path: Path, table: Mapping[str, Any], recording: TrialRecording) -> bool:
-    """Whether all that a detector hears was recorded in the trial."""
+def _was_recorded(path: Path, table: Mapping[str, Any], recording: TrialRecording) -> bool:
+    """Whether all inputs of a detector were recorded in the trial."""
     return set(make_detector(*_split(path, table)).inputs) <= set(recording.streams)
 
 
