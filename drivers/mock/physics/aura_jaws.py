@@ -7,7 +7,6 @@ from collections.abc import Callable
 from drivers.mock.physics.aura_objects import OBJECTS
 from drivers.mock.physics.jaws import GripObject, JawsSettings
 from drivers.mock.physics.jaws_drive import JawsDrive
-from drivers.mock.physics.jaws_kernel import RESTING
 
 
 class AuraJaws(JawsDrive):
@@ -27,22 +26,12 @@ class AuraJaws(JawsDrive):
         """Let time pass on the whole bench until `t_s`."""
         self._follow(t_s)
 
-    def run(self, t_s: float) -> None:
-        """Let time pass for the jaws alone."""
-        super().advance(t_s)
-
     def renew(self) -> None:
         """Be as on the first day: open, without power, at time zero."""
         self.jaws.place(None)
         self.jaws.width_m, self.jaws.rate_m_s = self._start_m, 0.0
         self._flags[:] = 0
         self.power_up()
-        self.restart()
-
-    @property
-    def resting(self) -> bool:
-        """Whether they stand still, and will until they are told otherwise."""
-        return bool(self._flags[RESTING])
 
 
 def jaws_settings(closed_width_m: float) -> JawsSettings:

@@ -129,43 +129,20 @@ class Gripper(Part):
             settings.press_n_m,
             settings.weight,
         )
-        self._loaded = False
-        self.jaws.jaws.place(None)
+        jaws, name = self.jaws.jaws, settings.object
+        jaws.place(None)
+        fitting = self.thing is not None and fits(jaws.settings, name)
+        if fitting:
+            jaws.show(name)
         tick = last_tick(self.bench.t_s, ENVELOPE_HZ)
-        self.jaws.run(tick / ENVELOPE_HZ)
         tool_m = self.bench.places(np.array([self.bench.t_s]))[0, :3]
-        self.track = AuraScene(layout, tick, tool_m, self.jaws.jaws.width_m)
-        self._grip_fits = self.thing is not None and fits(self.jaws.jaws.settings, settings.object)
+        self.track = AuraScene(layout, fitting, tick, tool_m, jaws.width_m)
 
     def advance(self, t_s: float) -> None:
-        """See `Part`: in one go where nothing touches and the jaws stand still."""
-        track, jaws = self.track, self.jaws
-        ticks = np.arange(track.tick + 1, last_tick(t_s, ENVELOPE_HZ) + 1)
-        if not len(ticks):
-            return
-        times_s = ticks / ENVELOPE_HZ
-        tools_m = self.bench.places(times_s)[:, :3]
-        place = 0
-        while place < len(ticks):
-            if jaws.resting and track.untouched and (followed := track.rest(tools_m[place:])):
-                place += followed
-                jaws.run(float(times_s[place - 1]))
-                continue
-            self._set_between(track.between(tools_m[place]))
-            jaws.run(float(times_s[place]))
-            track.step(tools_m[place], jaws)
-            place += 1
-
-    def _set_between(self, between: bool) -> None:
-        """Let the jaws know whether they have something to close on, or would still come to it."""
-        if between == self._loaded or not self._grip_fits:
-            return
-        jaws, name = self.jaws.jaws, self._settings.object
-        if between and jaws.width_m < jaws.settings.objects[name].width_m:
-            return
-        self._loaded = between
-        jaws.place(name if between else None)
-        self.jaws.disturb()
+        """See `Part`."""
+        ticks = np.arange(self.track.tick + 1, last_tick(t_s, ENVELOPE_HZ) + 1)
+        if len(ticks):
+            self.track.follow(self.bench.places(ticks / ENVELOPE_HZ)[:, :3], self.jaws.jaws)
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
         """See `Bench.wrench`: along the line on which the jaws close, and the weight that they hold."""
