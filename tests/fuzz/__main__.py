@@ -39,7 +39,7 @@ CORPUS_BYTES = 6000
 
 INSTRUMENTED = ("config", "controller", "drivers", "mcap", "tomllib")
 
-COMPILED = ("drivers/mock/physics/*", "drivers/mock/noise", "controller/signals/*", "controller/detectors/*")
+COMPILED = ("drivers/mock/physics/*", "controller/signals/*", "controller/detectors/*")
 """What numba compiles as it is written; it decodes nothing."""
 
 STATS = re.compile(r"stat::(\w+):\s+(\d+)")
