@@ -84,6 +84,31 @@ def measure(evidence, settings, outcome):
     return outcome, {"force_n": float(force_n.mean())}
 '''
 
+SIGNAL = '''
+"""A stream times two."""
+
+from dataclasses import replace
+
+from drivers.messages import StreamInfo
+from drivers.settings import Settings, StreamName
+
+
+class DoubleSettings(Settings):
+    input: StreamName = "board.load_cell"
+
+
+class Double:
+    def __init__(self, name: str, settings: DoubleSettings) -> None:
+        self.name, self.inputs = name, (settings.input,)
+        self.info = StreamInfo(f"signals.{name}", ("force",), "N", rate_hz=1000.0)
+
+    def push(self, block):
+        return [replace(block, stream=self.info.name, values=2.0 * block.physical, scale=1.0)]
+
+    def reset(self):
+        pass
+'''
+
 DEVICE = '''
 """A board by another name."""
 
@@ -140,6 +165,7 @@ def lab(tmp_path, monkeypatch):
         ("my_lab/edge.py", DETECTOR),
         ("my_lab/rest.py", EXPERIMENT),
         ("my_lab/cell.py", DEVICE),
+        ("my_lab/double.py", SIGNAL),
     ):
         (tmp_path / "lab" / name).write_text(text)
     monkeypatch.chdir(tmp_path)
@@ -163,6 +189,18 @@ def test_a_detector_and_a_driver_of_the_users_own_are_checked_run_replayed_and_r
         code, out, err = verb("replay", run, "--detector", asked)
         assert code == 0, err
         assert [json.loads(line)["event"] for line in out.splitlines()] == ["BaselineReady", "Contact"]
+
+
+def test_a_signal_of_the_users_own_is_what_its_detector_gets(verb, lab):
+    sets = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.input=signals.twice"]
+    sets += ["--set", "signals.twice.kind=my_lab.double:Double"]
+    code, _, err = verb("run", lab / "touch.toml", *sets, "--out", "runs", "--no-report")
+    assert code == 0, err
+    (run,) = lab.parent.glob("runs/*")
+    events = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
+    (contact,) = (event for event in events if event["event"] == "Contact")
+    assert contact["value"] > 0.2
+    assert contact["state"] == "APPROACH"
 
 
 def test_a_file_is_replayed_by_a_detector_that_is_found_in_the_present_folder(verb, lab, monkeypatch):
