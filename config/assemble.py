@@ -413,6 +413,7 @@ def plan_campaign(
         trials=_trial_plans(profile, left, seed),
         factors=tuple(names),
         columns=measures.COLUMNS,
+        telling=getattr(measures, "TELLING", ()),
         loop=profile.loop,  # type: ignore[arg-type]
         roles=roles,
         signals={signal.info.name: signal.info for signal in make_signals(profile)},

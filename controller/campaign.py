@@ -85,6 +85,7 @@ class CampaignPlan:
         loop: Rates.
         roles: Which device does what, for reports.
         signals: What comes out of the signals, by stream.
+        telling: Columns that say most, for who watches.
         asked: What the command line said: the profile, `set`, `trials` and `only`, for who resumes the run.
         own: Modules of the user's own that the profile names: their folder and the SHA-256 of their files.
     """
@@ -102,6 +103,7 @@ class CampaignPlan:
     roles: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, StreamInfo] = field(default_factory=dict)
     asked: Mapping[str, Any] = field(default_factory=dict)
+    telling: Sequence[str] = ()
     own: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
@@ -124,6 +126,11 @@ class Console(LoopOperator, Protocol):
 
     def campaign_ended(self, line: str) -> None:
         """After the last."""
+
+
+def foremost(row: Mapping[str, Any], telling: Sequence[str]) -> dict[str, Any]:
+    """A row with what says most before the rest; nothing where it is not there."""
+    return {name: row[name] for name in telling if name in row} | dict(row)
 
 
 @runtime_checkable
@@ -296,7 +303,7 @@ class Campaign:
             self._console.trial_started(trial.trial, trial.factors)
             outcome, reason, row, length_s = self._trial(trial, recorder, infos, offset_s)
             offset_s += length_s
-            self._console.trial_ended(trial.trial, outcome, row)
+            self._console.trial_ended(trial.trial, outcome, foremost(row, self._plan.telling))
             if outcome in _EXIT_OF_OUTCOME:
                 code = _EXIT_OF_OUTCOME[outcome]
                 status = "failed" if outcome == "aborted" else outcome

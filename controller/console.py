@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread, get_ident
@@ -24,7 +25,7 @@ LAST_S = 1.0
 """How long the last lines, or the last picture, may take to come out (assumption: far beyond what a terminal takes that
 takes anything)."""
 
-RESULTS = 4
+RESULTS = 3
 """How many results of a trial are shown; the others are in its row of trials.csv."""
 
 DIGITS = 4
@@ -32,9 +33,6 @@ DIGITS = 4
 
 _EXPONENT = re.compile(r"e(?:\+|(-))0*")
 """What an exponent has of signs and zeros that say nothing: `6.323e-05` is `6.323e-5`."""
-
-_TOLD_FIRST = ("frequency_hz", "delay_s", "extent_m", "force_n")
-"""The results that say most, where a row has them; the rest follows in the order of the row."""
 
 
 class Operator:
@@ -310,10 +308,8 @@ class PlainConsole:
 
 
 def telling(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The results of a row that are shown, by column."""
-    first = [name for name in _TOLD_FIRST if name in row]
-    names = first + [name for name in row if name not in first]
-    return {name: row[name] for name in names[:RESULTS]}
+    """The results of a row that are shown, by column: the first ones, which the experiment's measure has put there."""
+    return dict(islice(row.items(), RESULTS))
 
 
 def figure(value: object, width: int = 0) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from controller.campaign import EXIT_DONE, Campaign
+from controller.campaign import EXIT_DONE, Campaign, foremost
 from controller.console import PAUSED
 from controller.loop import Aborted
 from controller.recording.joining import Joiner, Parts
@@ -90,7 +90,7 @@ class CampaignInParts(Campaign):
             self._console.trial_started(trial, factors)
             self._manifest["loop"]["bench_s"] += joiner.add(parts, trial)
             measured = {name: row[name] for name in self._plan.columns}
-            self._console.trial_ended(trial, str(row["outcome"]), measured)
+            self._console.trial_ended(trial, str(row["outcome"]), foremost(measured, self._plan.telling))
         add_part(self._manifest, parts.manifest)
         told = parts.manifest["exit"]
         return told["code"], told["status"], told["reason"]

@@ -40,6 +40,9 @@ OURS_AND_PAPERS = (
     "words",
     "said_of_nothing",
 )
+TELLING = ("seen_ours", "distance_m_ours", "felt_ours")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = (
     "approaches",
     "undulations_per_cm",

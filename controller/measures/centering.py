@@ -11,6 +11,9 @@ from behaviors.search import SearchSettings
 from controller.measures.trial import TrialEvidence
 from drivers.messages import Gripped, Reached, Sent, Standstill, Stop
 
+TELLING = ("error_m", "search_s", "touched")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = (
     "error_m",
     "middle_m",

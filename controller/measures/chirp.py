@@ -20,6 +20,9 @@ LATENCY_UNSURE_S = 0.001
 """How far a device's own word on its latency may be off, s. Assumption: converters' filters, of which it knows nothing,
 take some 0.4 ms each."""
 
+TELLING = ("best_hz", "unsure_hz", "over_noise_db")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = (
     "best_hz",
     "best_right_hz",

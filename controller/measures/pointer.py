@@ -12,6 +12,9 @@ from behaviors.pointer import PointerSettings
 from controller.measures.touches import RECORDED, ZERO, errors_of, spans_of, touches_of
 from controller.measures.trial import TrialEvidence
 
+TELLING = ("theta_rms_rad", "theta_max_rad", "force_n")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = (
     "touches",
     "force_n",

@@ -25,6 +25,9 @@ _EACH = (
     *("false_alarms", "touch_alarms", "quiet_s"),
 )
 
+TELLING = ("ours_delay_s", "paper_delay_s", "ours_false_alarms")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = (
     "clock_s",
     "touch_truth_s",

@@ -11,6 +11,9 @@ from behaviors.static import StaticSettings
 from controller.measures.trial import TrialEvidence
 from controller.signals.spectrum import dominant_frequency
 
+TELLING = ("frequency_hz", "amplitude_m", "force_n")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
 
 

@@ -17,6 +17,9 @@ from drivers.messages import Sent, Standstill, Stop
 ONSET_N = 0.005
 """The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
 
+TELLING = ("delay_s", "extent_m", "force_n")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = (
     "truth_contact_s",
     "onset_s",

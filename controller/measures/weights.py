@@ -10,6 +10,9 @@ from controller.measures.ladder import Calibration, calibrate, steps_of
 from controller.measures.touches import spans_of
 from controller.measures.trial import TrialEvidence
 
+TELLING = ("gain_v_n", "hysteresis", "resolution_n")
+"""Results that say most, for who watches a run."""
+
 COLUMNS = (
     "gain_v_n",
     "gain_low_v_n",

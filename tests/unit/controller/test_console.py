@@ -10,6 +10,7 @@ import signal
 import threading
 import time
 from decimal import Decimal
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,8 @@ from rich.console import Console as Terminal
 
 from controller import console as console_module
 from controller import live
-from controller.console import DIGITS, Operator, PlainConsole, figure, telling
+from controller.campaign import foremost
+from controller.console import DIGITS, RESULTS, Operator, PlainConsole, figure, telling
 from controller.live import LiveConsole
 from drivers.protocols import Question
 
@@ -39,7 +41,7 @@ class Asker:
         self.question = None
 
 
-ROW = {"truth_contact_s": 1.0, "detect_s": 2.5, "delay_s": 0.21, "extent_m": 0.001, "force_n": 0.05}
+ROW = {"delay_s": 0.21, "extent_m": 0.001, "force_n": 0.05, "truth_contact_s": 1.0, "detect_s": 2.5}
 
 
 PATIENCE_S = 20.0
@@ -294,8 +296,7 @@ def test_off_a_terminal_each_trial_is_one_line(keyboard):
     console.campaign_ended("2 contact")
     assert lines == [
         "mock/transient: 2 trials into runs/x",
-        "[1/2] trial 7 location=f speed_m_s=0.004843: false contact"
-        " delay_s=0.21 extent_m=0.001 force_n=0.05 truth_contact_s=1",
+        "[1/2] trial 7 location=f speed_m_s=0.004843: false contact delay_s=0.21 extent_m=0.001 force_n=0.05",
     ]
 
 
@@ -340,8 +341,18 @@ def test_a_reader_that_has_left_ends_what_is_said_and_nothing_else(keyboard):
 
 
 def test_the_results_that_say_most_come_first():
-    assert list(telling(ROW)) == ["delay_s", "extent_m", "force_n", "truth_contact_s"]
+    row = foremost(
+        {"truth_s": 1.0, "onset_s": 2.0, "delay_s": 3.0, "force_n": 4.0}, ["force_n", "delay_s", "seen"]
+    )
+    assert list(telling(row)) == ["force_n", "delay_s", "truth_s"]
     assert list(telling({"a": 1, "b": 2})) == ["a", "b"]
+
+
+def test_every_measure_names_columns_of_its_own():
+    for name in ("aura", "centering", "chirp", "pointer", "slip", "static", "transient", "weights"):
+        measures = import_module(f"controller.measures.{name}")
+        assert len(measures.TELLING) == RESULTS
+        assert set(measures.TELLING) <= set(measures.COLUMNS), name
 
 
 def test_what_was_not_seen_is_a_dash():
@@ -418,7 +429,7 @@ def test_the_view_shows_trial_state_results_and_counts(screen):
 def test_the_table_shows_every_number_and_word_whole(screen):
     screen.campaign_started("mock/slip", 2, Path("runs/x"))
     screen.trial_started(1, {"sensor": "barrett_finger", "speed_m_s": -6.3231e-05})
-    screen.trial_ended(1, "false_contact", {"force_n": 6.3231e-05, "delay_s": None, "extent_m": -1.2345e-100})
+    screen.trial_ended(1, "false_contact", {"delay_s": None, "extent_m": -1.2345e-100, "force_n": 6.3231e-05})
     head, row = screen.text()[3:5]
     assert row.split() == ["1", "barrett_finger", "-6.32e-5", "false", "contact", "-", "-1e-100"]
     assert "force_n" not in head, "what there is no room for is left out whole"
