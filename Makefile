@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test mutants check format bench soak-test fuzz lock diagrams clean
+.PHONY: run test mutants check format bench recordings soak-test fuzz lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
 	$(BIN)/python run.py run mock/transient_study --no-report
@@ -34,6 +34,9 @@ format: .venv/dev.stamp         ## put code into its format
 bench: .venv/dev.stamp          ## run time against error, the loop's cost, the stop's latency: into benchmarks/
 	$(BIN)/python -m pytest benchmarks
 	$(BIN)/python -m benchmarks
+
+recordings: .venv/dev.stamp     ## public recordings with truth, by git, into build/recordings: slip on real signals
+	$(BIN)/python -m benchmarks.recordings $(FROM)
 
 soak-test: .venv/dev.stamp      ## emulated runs and the tests, idle and beside a busy process: hours; into benchmarks/results
 	$(BIN)/python -m benchmarks.soak

@@ -10,7 +10,7 @@ BENCHMARKS = {
     "left_alone": "benchmarks.left_alone",
     "physics": "benchmarks.physics.run",
     "chain": "benchmarks.chain.run",
-    "slip": "benchmarks.slip.run",
+    "slip": "benchmarks.slip.study",
     "slip_thresholds": "benchmarks.slip_thresholds",
     "aura": "benchmarks.aura.run",
     "pretouch": "benchmarks.pretouch.run",

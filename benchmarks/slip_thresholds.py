@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks.results import FOLDER, save, table
 from benchmarks.slip.scenes import ARMED_S, SETTLE_S
-from benchmarks.slip.scoring import first_maxima, fresh
-from benchmarks.slip.wording import per_reset
+from benchmarks.slip.scoring import first_maxima, fresh, per_reset
 from controller.detectors.calibration import Statistic, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.slip_verdicts import VERDICTS
@@ -58,6 +57,9 @@ CHUNK_S = 2.0
 SURFACE_M = 0.003
 
 BUMPS_HZ = (0.0, 1.0)
+
+PAPER_THRESHOLDS = {"fingertip": 10.0, "flexible_finger": 0.25}
+"""Printed in 4.3 and 5.1; none for the others."""
 
 CARRIED: Mapping[str, tuple[Sensor, float, str]] = {
     "fingertip_ours": ("fingertip", 1.0, "slip"),

@@ -2,6 +2,6 @@
 
 import sys
 
-from benchmarks.slip.run import main
+from benchmarks.slip.study import main
 
 main(quick="--quick" in sys.argv[1:])

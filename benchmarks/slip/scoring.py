@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.slip.scenes import ARMED_S, SETTLE_S, Slip
-from controller.detectors.calibration import SPAN_S, Calibration, Statistic, span_maxima, threshold_for
+from controller.detectors.calibration import (
+    SPAN_S,
+    Calibration,
+    Statistic,
+    poisson_interval,
+    span_maxima,
+    threshold_for,
+)
 
 Floats = NDArray[np.float64]
 
@@ -52,6 +60,13 @@ def fresh(maxima: Floats, threshold: float, false_alarm_interval_s: float) -> Fr
     """From what `first_maxima` found."""
     alarms = tuple(int(count) for count in np.sum(maxima > threshold, axis=0))
     return Fresh(len(maxima), alarms, threshold_for(maxima.ravel(), false_alarm_interval_s))
+
+
+def per_reset(counted: Mapping[str, Any]) -> tuple[float, float, float]:
+    """False alarms of a reset, from when a detector decides until it has settled, and their 95 % interval (Poisson)."""
+    alarms, resets = sum(counted["alarms"]), counted["resets"]
+    low, high = poisson_interval(alarms)
+    return alarms / resets, low / resets, high / resets
 
 
 @dataclass

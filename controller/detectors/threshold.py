@@ -41,6 +41,10 @@ class ForceThresholdSettings(Settings):
     """Distance from the level at rest that means contact, in the input's unit; that of the vector where several
     channels are heard. None takes it from the noise of the baseline."""
 
+    tared: bool = False
+    """Whether the sensor reads zero at rest: a baseline farther from zero than the threshold is then a contact, and
+    refused."""
+
     release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
     """Share of the threshold below which the contact has ended."""
 
@@ -133,7 +137,7 @@ class ForceThresholdDetector:
             worst = float(distances.max())
             if self.settings.threshold is None:
                 self._threshold = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
-        reason = self._unfit(worst)
+        reason = self._unfit(worst) or self._touched(level)
         if reason:
             self._refused = True
             return taken, [BaselineRefused(t_s, self.name, worst, self._threshold, reason)]
@@ -152,6 +156,27 @@ class ForceThresholdDetector:
                 f" the threshold is {self._threshold:.4g}; is something touching, or the threshold below the noise?"
             )
         return ""
+
+    def _touched(self, level: Floats) -> str:
+        """Why a level at rest is a contact; "" where it is none."""
+        away = float(np.linalg.norm(level))
+        if not self.settings.tared or away <= self._threshold:
+            return ""
+        return (
+            f"the baseline is in contact: a tared sensor reads {away:.4g}, the threshold is {self._threshold:.4g};"
+            " lift it, or tare it"
+        )
+
+    def statistic(self, values: Floats, rate_hz: float) -> Floats:
+        """Distance of the running mean from the level of the first `baseline_s`, shape (n,); NaN until it is known."""
+        chosen = values if self.settings.channels is None else values[:, list(self.settings.channels)]
+        begin, size = max(1, round(self.settings.baseline_s * rate_hz)), self._size(rate_hz)
+        found = np.full(len(values), math.nan)
+        if len(values) > begin + size:
+            heard = chosen[begin:]
+            away = _running(heard, size) - chosen[:begin].mean(axis=0)
+            found[begin + size - 1 :] = np.linalg.norm(away, axis=1)
+        return found
 
     def _follow(self, level: Floats, values: Floats, times_s: Floats, rate_hz: float) -> list[Detected]:
         size, settings = self._size(rate_hz), self.settings

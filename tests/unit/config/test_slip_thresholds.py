@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.results import FOLDER
-from benchmarks.slip.study import PAPER_THRESHOLDS
-from benchmarks.slip_thresholds import CARRIED, figures
+from benchmarks.slip_thresholds import CARRIED, PAPER_THRESHOLDS, figures
 
 PROFILE = Path(__file__).resolve().parents[3] / "config" / "profiles" / "mock" / "slip.toml"
 

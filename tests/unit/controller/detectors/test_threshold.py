@@ -116,3 +116,21 @@ def test_a_baseline_without_noise_gives_no_threshold():
     (refused,) = detector(threshold=None).push(block(np.zeros(400)))
     assert isinstance(refused, BaselineRefused)
     assert "set threshold" in refused.reason
+
+
+@pytest.mark.parametrize(("offset", "said"), [(0.1, BaselineReady), (2.0, BaselineRefused)])
+def test_a_tared_sensor_that_reads_more_than_the_threshold_at_rest_is_in_contact(offset, said):
+    rng = np.random.default_rng(3)
+    event = detector(threshold=0.5, tared=True).push(block(offset + 0.01 * rng.standard_normal(1000)))[0]
+    assert type(event) is said
+    assert said is BaselineReady or "in contact" in event.reason
+
+
+def test_its_statistic_is_what_is_held_against_the_threshold():
+    x = step(offset=3.0)
+    whole = detector(threshold=0.3)
+    contact = next(event for event in whole.push(block(x)) if isinstance(event, Contact))
+    found = detector(threshold=0.3).statistic(x if x.ndim == 2 else x[:, None], 1000.0)
+    first = int(np.argmax(np.nan_to_num(found) > 0.3))
+    assert contact.t_s == pytest.approx(first / 1000.0)
+    assert contact.value == pytest.approx(found[first])
