@@ -333,7 +333,8 @@ def page(study: Mapping[str, Any]) -> str:
             ]
         )
     head = ["sensor", "nuisance", "detector", "threshold", *tail, "early"]
-    parts.append(f"## Simulated: one false alarm an hour\n\n{table(head, rows)}\n")
+    if rows:
+        parts.append(f"## Simulated: one false alarm an hour\n\n{table(head, rows)}\n")
     return "\n".join(parts)
 
 
