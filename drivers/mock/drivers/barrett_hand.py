@@ -11,21 +11,18 @@ from pydantic import Field, Strict
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import Strain, StrainSettings
 from drivers.clock import Clock, last_tick
-from drivers.errors import CommandError
+from drivers.errors import check_streams, wrong
 from drivers.messages import (
     Applied,
     Command,
     DeviceInfo,
     Listen,
-    Lost,
-    Refused,
     SampleBlock,
-    Sent,
-    Status,
     Tare,
 )
 from drivers.mock.devices.barrett_hand import Source, counts
 from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.drivers.sampled import MockSensor
 from drivers.mock.physics.bench import part
 
 
@@ -50,7 +47,7 @@ class MockBarrettHandSettings(StrainSettings):
     """Longest block that `read` hands out."""
 
 
-class MockBarrettHand:
+class MockBarrettHand(MockSensor):
     """Samples the fingers on its own grid (sample k at k / poll_hz), computing only what is listened to.
 
     Args:
@@ -73,11 +70,9 @@ class MockBarrettHand:
         faults: FaultSchedule | None = None,
     ) -> None:
         part(bench, "fingers", name)
-        self.name = name
+        super().__init__(name, clock, faults)
         self._settings = settings
-        self._clock = clock
         self._bench = bench
-        self._faults = faults or FaultSchedule()
         self.restart()
 
     def restart(self) -> None:
@@ -88,8 +83,7 @@ class MockBarrettHand:
         self._fingers = dict(zip(self._strains, s.fingers, strict=True))
         self._next: dict[str, int] = {}
         self._seq = dict.fromkeys(self._strains, 0)
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
@@ -101,9 +95,6 @@ class MockBarrettHand:
             details={"safe_counts": codec.SAFE_COUNTS},
         )
 
-    def close(self) -> None:
-        """Nothing to let go of."""
-
     def apply(self, command: Command) -> Applied:
         """Listen to fingers, or tare one.
 
@@ -113,16 +104,17 @@ class MockBarrettHand:
         now_s = self._clock.now()
         match command:
             case Listen(streams=streams):
+                check_streams(self.name, command, streams, self._strains)
                 begins = last_tick(now_s, self._settings.poll_hz) + 1
-                heard = [self._known(command, stream) for stream in sorted(streams)]
-                self._next = {stream: self._next.get(stream, begins) for stream in heard}
-            case Tare(stream=stream) if self._strains[self._known(command, stream)].tare():
-                self._statuses.append(Sent(now_s, self.name, command))
-            case Tare():
-                reason = "nothing has been read of it; listen to it first"
-                self._statuses.append(Refused(now_s, self.name, command, reason))
+                self._next = {stream: self._next.get(stream, begins) for stream in sorted(streams)}
+            case Tare(stream=stream):
+                check_streams(self.name, command, (stream,), self._strains)
+                if self._strains[stream].tare():
+                    self._sent(command)
+                else:
+                    self._refuse(command, "nothing has been read of it; listen to it first")
             case _:
-                raise self._wrong(command, "it has no such command", "a hand can Listen and Tare")
+                raise wrong(self.name, command, "it has no such command", "a hand can Listen and Tare")
         return Applied(command, now_s)
 
     def read(self) -> Sequence[SampleBlock]:
@@ -130,26 +122,14 @@ class MockBarrettHand:
         now_s = self._clock.now()
         self._bench.fingers.advance(now_s)
         blocks = [block for stream in self._next for block in self._sample(stream, now_s)]
-        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
-            return ()
-        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
-            self._statuses += [Lost(now_s, self.name, block.stream, len(block)) for block in blocks]
-            return ()
-        for block in blocks:
+        arrived = self._arrived(blocks, now_s)
+        for block in arrived:
             self._statuses += self._strains[block.stream].saturation(block)
-        return blocks
+        return arrived
 
     def account(self) -> Mapping[str, object]:
         """No link; where the zeros are."""
         return {"zero_counts": {name: strain.zero for name, strain in self._strains.items()}}
-
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        failed = self._faults.failure(self._clock.now(), self.name)
-        if failed is not None:
-            self._statuses.append(failed)
-        taken, self._statuses = self._statuses, []
-        return taken
 
     def _sample(self, stream: str, now_s: float) -> list[SampleBlock]:
         rate_hz, first = self._settings.poll_hz, self._next[stream]
@@ -168,12 +148,3 @@ class MockBarrettHand:
             blocks.append(self._strains[stream].block(self._seq[stream], float(times_s[start]), part, now_s))
             self._seq[stream] += len(part)
         return blocks
-
-    def _known(self, command: Command, stream: str) -> str:
-        if stream not in self._strains:
-            advice = f"it has: {', '.join(sorted(self._strains))}"
-            raise self._wrong(command, f"it has no stream {stream}", advice)
-        return stream
-
-    def _wrong(self, command: Command, reason: str, advice: str) -> CommandError:
-        return CommandError(self.name, f"applying {type(command).__name__}", reason, advice)

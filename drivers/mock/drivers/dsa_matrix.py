@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.clock import Clock, last_tick
 from drivers.dsa_matrix import codec
-from drivers.errors import CommandError
+from drivers.errors import check_streams, wrong
 from drivers.messages import (
     Applied,
     Command,
     DeviceInfo,
     Listen,
-    Lost,
     SampleBlock,
     Saturated,
-    Sent,
-    Status,
     StreamInfo,
 )
 from drivers.mock.devices.dsa_matrix import Source, counts
 from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.drivers.sampled import MockSensor
 from drivers.mock.physics.bench import part
 from drivers.settings import Settings
 
@@ -48,7 +45,7 @@ class MockDsaMatrixSettings(Settings):
     """Texels below this are told as 0."""
 
 
-class MockDsaMatrix:
+class MockDsaMatrix(MockSensor):
     """Samples the texels on its own grid (frame k at k / frame_hz), only while somebody listens.
 
     Args:
@@ -71,11 +68,9 @@ class MockDsaMatrix:
         faults: FaultSchedule | None = None,
     ) -> None:
         part(bench, "taxels", name)
-        self.name = name
+        super().__init__(name, clock, faults)
         self._settings = settings
-        self._clock = clock
         self._bench = bench
-        self._faults = faults or FaultSchedule()
         stream = f"{name}.taxels"
         channels = codec.channel_names((matrix.rows, matrix.columns) for matrix in bench.taxels.matrices())
         self._info = StreamInfo(stream, channels, "V", codec.VOLT_PER_COUNT, float(settings.frame_hz))
@@ -86,8 +81,7 @@ class MockDsaMatrix:
         self._next: int | None = None
         self._seq = 0
         self._saturated = False
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
@@ -95,25 +89,19 @@ class MockDsaMatrix:
             self.name, model="simulated DSA 9210", streams={self._info.name: self._info}, clock="bench"
         )
 
-    def close(self) -> None:
-        """Nothing to let go of."""
-
     def apply(self, command: Command) -> Applied:
         """Listen to the texels, or no more.
 
         Raises:
             CommandError: not for these matrices.
         """
-        now_s, doing = self._clock.now(), f"applying {type(command).__name__}"
+        now_s = self._clock.now()
         if not isinstance(command, Listen):
-            raise CommandError(self.name, doing, "it has no such command", "matrices can Listen")
-        unknown = sorted(command.streams - {self._info.name})
-        if unknown:
-            advice = f"it has: {self._info.name}"
-            raise CommandError(self.name, doing, f"it has no stream {unknown[0]}", advice)
+            raise wrong(self.name, command, "it has no such command", "matrices can Listen")
+        check_streams(self.name, command, command.streams, (self._info.name,))
         if bool(command.streams) != (self._next is not None):
             self._next = last_tick(now_s, self._settings.frame_hz) + 1 if command.streams else None
-            self._statuses.append(Sent(now_s, self.name, command))
+            self._sent(command)
         return Applied(command, now_s)
 
     def read(self) -> Sequence[SampleBlock]:
@@ -128,41 +116,13 @@ class MockDsaMatrix:
         texels = counts(self._bench.taxels.texels_v(times_s), self._settings.threshold_counts)
         if self._faults.active(now_s, "full_scale"):
             texels = np.full_like(texels, codec.TEXEL_MAX)
-        block = self._block(times_s[0], texels.astype(np.int32), now_s)
-        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
-            return ()
-        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
-            self._statuses.append(Lost(now_s, self.name, self._info.name, len(block)))
-            return ()
-        self._watch(block)
-        return (block,)
-
-    def account(self) -> Mapping[str, object]:
-        """No link, nothing to tell."""
-        return {}
-
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-        failed = self._faults.failure(self._clock.now(), self.name)
-        if failed is not None:
-            self._statuses.append(failed)
-        taken, self._statuses = self._statuses, []
-        return taken
-
-    def _block(self, t0_s: float, texels: NDArray[np.int32], now_s: float) -> SampleBlock:
-        block = SampleBlock(
-            self._info.name,
-            self._seq,
-            float(t0_s),
-            texels,
-            rate_hz=self._info.rate_hz,
-            unit=self._info.unit,
-            scale=self._info.scale,
-            device_t0_s=float(t0_s),
-            arrival_s=now_s,
-        )
+        t0_s = float(times_s[0])
+        block = self._info.block(self._seq, t0_s, texels.astype(np.int32), device_t0_s=t0_s, arrival_s=now_s)
         self._seq += len(block)
-        return block
+        arrived = self._arrived((block,), now_s)
+        for one in arrived:
+            self._watch(one)
+        return arrived
 
     def _watch(self, block: SampleBlock) -> None:
         """Tell each excursion to a texel's end once."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -16,15 +16,13 @@ from drivers.messages import (
     DeviceInfo,
     Excite,
     Listen,
-    Lost,
     SampleBlock,
-    Sent,
     SetTendon,
-    Status,
     Tare,
 )
 from drivers.mock.devices.board_channels import Source
 from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.drivers.sampled import MockSensor
 from drivers.sensor_board.commands import BoardLimits, valid
 from drivers.sensor_board.streams import stream_info
 
@@ -42,7 +40,7 @@ class MockSensorBoardSettings(BoardLimits):
     """Longest block that `read` hands out; what has arrived is cut into blocks of at most this length."""
 
 
-class MockSensorBoard:
+class MockSensorBoard(MockSensor):
     """Samples the plant on the board's own grid (sample k at k / rate), computing only what is listened to.
 
     Args:
@@ -61,11 +59,9 @@ class MockSensorBoard:
         bench: BoardBench,
         faults: FaultSchedule | None = None,
     ) -> None:
-        self.name = name
+        super().__init__(name, clock, faults)
         self._settings = settings
-        self._clock = clock
         self._bench = bench
-        self._faults = faults or FaultSchedule()
         self._infos = {
             spec.name: stream_info(f"{name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz)
             for spec in bench.streams()
@@ -79,8 +75,7 @@ class MockSensorBoard:
         self._next_sample = dict.fromkeys(self._infos, 0)
         self._seq = dict.fromkeys(self._infos, 0)
         self._zero = {name: np.zeros(len(info.channels), np.int64) for name, info in self._infos.items()}
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
@@ -115,7 +110,7 @@ class MockSensorBoard:
             self._bench.set_tendon(command.position_m)
         elif isinstance(command, Tare):
             self._tare(command.stream.partition(".")[2], now_s)
-        self._statuses.append(Sent(now_s, self.name, command))
+        self._sent(command)
         return Applied(command, now_s)
 
     def _listen(self, command: Listen, now_s: float) -> None:
@@ -141,12 +136,7 @@ class MockSensorBoard:
         blocks: list[SampleBlock] = []
         for name in sorted(self._heard):
             blocks += self._waveform(name, now_s) if self._infos[name].rate_hz else self._events(name, now_s)
-        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
-            return ()
-        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
-            self._statuses += [Lost(now_s, self.name, block.stream, len(block)) for block in blocks]
-            return ()
-        return blocks
+        return self._arrived(blocks, now_s)
 
     def _waveform(self, name: str, now_s: float) -> list[SampleBlock]:
         info = self._infos[name]
@@ -191,29 +181,6 @@ class MockSensorBoard:
         now_s: float,
     ) -> SampleBlock:
         info = self._infos[name]
-        block = SampleBlock(
-            info.name,
-            self._seq[name],
-            t0_s,
-            counts,
-            rate_hz=info.rate_hz,
-            times_s=times_s,
-            unit=info.unit,
-            scale=info.scale,
-            device_t0_s=t0_s,
-            arrival_s=now_s,
-        )
+        block = info.block(self._seq[name], t0_s, counts, times_s=times_s, device_t0_s=t0_s, arrival_s=now_s)
         self._seq[name] += len(counts)
         return block
-
-    def account(self) -> Mapping[str, object]:
-        """No link, nothing to tell."""
-        return {}
-
-    def poll(self) -> Sequence[Status]:
-        """What became of the commands."""
-        failed = self._faults.failure(self._clock.now(), self.name)
-        if failed is not None:
-            self._statuses.append(failed)
-        taken, self._statuses = self._statuses, []
-        return taken

@@ -1,0 +1,49 @@
+"""What mock sensors share: commands are carried out at once, and what they sample may be lost on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivers.clock import Clock
+from drivers.messages import SampleBlock, Status
+from drivers.mock.devices.faults import FaultSchedule
+from drivers.wire import Driver
+
+
+class MockSensor(Driver):
+    """A sensor in the process.
+
+    Args:
+        name: In the profile.
+        clock: Bench time.
+        faults: What goes wrong, and when.
+    """
+
+    def __init__(self, name: str, clock: Clock, faults: FaultSchedule | None) -> None:
+        super().__init__(name, clock)
+        self._faults = faults or FaultSchedule()
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        self._statuses = []
+        self._faults.restart()
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def poll(self) -> Sequence[Status]:
+        """What became of the commands."""
+        failed = self._faults.failure(self._clock.now(), self.name)
+        if failed is not None:
+            self._say(failed)
+        return super().poll()
+
+    def _arrived(self, blocks: Sequence[SampleBlock], now_s: float) -> Sequence[SampleBlock]:
+        """What the faults let through of what was sampled."""
+        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
+            return ()
+        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
+            for block in blocks:
+                self._lost(now_s, block.stream, len(block))
+            return ()
+        return blocks
