@@ -7,7 +7,7 @@ import queue
 import select
 import threading
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -19,6 +19,8 @@ from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.wiring.emulator import STEP_S
 from drivers.mock.wiring.far_ends import EmulatedDevice, FarEnd, Line
 from drivers.mock.wiring.pace import Pace
+from tests.wire.emulated_ur import EmulatedUr
+from tests.wire.ur_hand import Hand
 
 LIFE_S = 60.0
 """A bench stops by itself after this long, whatever its test does."""
@@ -106,6 +108,32 @@ def serve() -> Iterator[Serve]:
     served = Serve()
     yield served
     served.close()
+
+
+@pytest.fixture(scope="module")
+def controller() -> Iterator[EmulatedUr]:
+    with EmulatedUr() as one:
+        yield one
+
+
+@pytest.fixture
+def emulated(controller: EmulatedUr) -> EmulatedUr:
+    """A controller that was just switched on."""
+    controller.order(restart=True)
+    return controller
+
+
+@pytest.fixture
+def hand(emulated: EmulatedUr) -> Iterator[Callable[..., Hand]]:
+    hands: list[Hand] = []
+
+    def make(**changes: Any) -> Hand:
+        hands.append(Hand(emulated, **changes))
+        return hands[-1]
+
+    yield make
+    for one in hands:
+        one.arm.close()
 
 
 EVENTS = 12

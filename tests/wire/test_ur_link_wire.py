@@ -1,0 +1,167 @@
+"""The arm's link through the unmodified ur_rtde client: every way in which it, or either end, is lost."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from drivers.messages import (
+    Failed,
+    Home,
+    Listen,
+    Lost,
+    MoveAt,
+    MoveTo,
+    Reached,
+    Refused,
+    Stalled,
+    Standstill,
+    Stop,
+)
+from tests.wire.emulated_ur import ROOT, EmulatedUr, resting
+from tests.wire.ur_hand import POSITION, Hand, child, settings
+
+
+@pytest.mark.parametrize("which", ["receive", "control"])
+def test_a_link_that_is_dropped_stalls_the_arm_and_is_made_again(
+    hand: Callable[..., Hand], which: str
+) -> None:
+    one = hand()
+    one.arm.apply(Listen("arm", frozenset({POSITION})))
+    one.set_out(MoveTo("arm", 0.04, 0.02))
+    one.emulated.order(drop=which)
+    one.await_(Stalled)
+    one.do(Stop("arm"), Standstill)
+    state = one.emulated.order()
+    assert resting(state)
+    one.do(Home("arm"), Reached)
+    # What was not heard meanwhile is loss.
+    assert max(status.samples for status in one.statuses if isinstance(status, Lost)) > 10
+
+
+def test_silence_stalls_the_arm_and_the_arm_has_stopped_by_itself(hand: Callable[..., Hand]) -> None:
+    one = hand(link_timeout_s=0.1)
+    one.set_out(MoveAt("arm", 0.02, 0.04))
+    one.emulated.order(silence_s=1.0)
+    stalled = one.await_(Stalled)
+    assert "stood still" in stalled.reason
+    one.emulated.until(resting)
+    one.do(Stop("arm"), Standstill)
+    one.do(MoveTo("arm", 0.0, 0.05), Reached)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_controller_that_is_gone_is_a_failure(moving: bool) -> None:
+    with EmulatedUr() as emulated:
+        one = Hand(emulated, reconnect_s=1.0)
+        if moving:
+            one.set_out(MoveTo("arm", 0.04, 0.02))
+        emulated.order(gone=True)
+        one.await_(Stalled)
+        one.arm.apply(MoveTo("arm", 0.0, 0.01))
+        failed = one.await_(Failed)
+        assert "nobody answers" in failed.reason
+        assert isinstance(one.statuses[-2], Refused)
+        one.arm.apply(Stop("arm"))
+        one.arm.close()
+
+
+@pytest.mark.parametrize("blow", [signal.SIGSEGV, signal.SIGKILL, signal.SIGABRT])
+def test_a_client_that_crashes_is_replaced_and_the_watchdog_has_stopped_the_arm(
+    hand: Callable[..., Hand], blow: signal.Signals
+) -> None:
+    one = hand()
+    one.set_out(MoveAt("arm", 0.02, 0.04))
+    os.kill(child(one), blow)
+    stalled = one.await_(Stalled)
+    assert blow.name in stalled.reason
+    one.do(Stop("arm"), Standstill)
+    assert resting(one.emulated.order())
+    one.do(Home("arm"), Reached)
+
+
+def test_a_client_that_hangs_is_killed_and_replaced(hand: Callable[..., Hand]) -> None:
+    one = hand()
+    one.set_out(MoveAt("arm", 0.02, 0.04))
+    os.kill(child(one), signal.SIGSTOP)
+    assert "hangs" in one.await_(Stalled).reason
+    one.emulated.until(resting)
+    one.do(MoveTo("arm", 0.0, 0.02), Refused)
+    one.do(Stop("arm"), Standstill)
+    one.do(Home("arm"), Reached)
+
+
+def test_without_a_second_try_a_lost_client_is_a_failure_and_the_arm_stops_all_the_same(
+    hand: Callable[..., Hand],
+) -> None:
+    one = hand(reconnect_s=0.0)
+    one.set_out(MoveAt("arm", 0.02, 0.04))
+    os.kill(child(one), signal.SIGKILL)
+    one.await_(Failed)
+    state = one.emulated.until(resting)
+    assert any("watchdog" in line for line in state["log"])
+    # 20 mm/s for the watchdog's 0.1 s, and the way to rest.
+    assert state["runtime"] == "STOPPED"
+
+
+HOST = """
+import sys
+from drivers.bench_clock import BenchClock, ClockPage
+from drivers.messages import MoveAt
+from drivers.ur_arm.driver import UrArm
+from drivers.ur_arm.settings import UrArmSettings
+clock = BenchClock(ClockPage(sys.argv[2]))
+arm = UrArm("arm", UrArmSettings.model_validate_json(sys.argv[1]), clock)
+arm.open()
+arm.apply(MoveAt("arm", 0.02, 0.04))
+print("moving", flush=True)
+while True:
+    arm.read(), arm.poll()
+    clock.rest(0.005)
+"""
+
+
+def test_a_program_whose_loop_hangs_leaves_an_arm_that_stops_and_hears_why(hand: Callable[..., Hand]) -> None:
+    one = hand(loop_timeout_s=0.4)
+    for command, again in ((MoveAt("arm", 0.01, 0.04), 0.0), (MoveTo("arm", 0.04, 0.01), 0.01)):
+        one.set_out(command)
+        before = np.array(one.emulated.order()["pose"][:3])
+        # The reader thread takes every row meanwhile: only the loop stands still.
+        state = one.emulated.until(resting, timeout_s=2.0)
+        # 10 mm/s for the bound and for what a busy machine may be late; 1 ms of way for every 0.1 s.
+        way_m = float(np.linalg.norm(np.array(state["pose"][:3]) - before))
+        assert 0.003 < way_m < 0.01 * (0.4 + 0.2)
+        assert state["runtime"] == "PLAYING", "it was braked, not halted"
+        assert "has not looked at it" in one.await_(Stalled).reason
+        assert one.do(MoveTo("arm", again, 0.05), Reached).position_m == pytest.approx(again, abs=1e-4)
+
+
+@pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_host_that_dies_or_hangs_leaves_an_arm_that_stops(
+    emulated: EmulatedUr, blow: signal.Signals
+) -> None:
+    given = settings(emulated)
+    start_m = given.start_pose[2]
+    host = subprocess.Popen(
+        [sys.executable, "-c", HOST, given.model_dump_json(), emulated.clock.path],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        process_group=0,  # it is stopped and continued by nobody else
+    )
+    assert host.stdout is not None
+    try:
+        assert host.stdout.readline() == b"moving\n"
+        emulated.until(lambda state: start_m - state["pose"][2] > 0.003)
+        os.kill(host.pid, blow)
+        state = emulated.until(resting)
+        # 3 mm, and 20 mm/s for half a second at most.
+        assert start_m - state["pose"][2] <= 0.02
+    finally:
+        host.kill()
+        host.wait()
+        host.stdout.close()
+    emulated.until(lambda state: state["runtime"] == "STOPPED")

@@ -1,0 +1,81 @@
+"""Opening an arm through the unmodified ur_rtde client: every way in which it is refused."""
+
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from drivers.clock import WallClock
+from drivers.errors import PortError, RefusedError, SilentError
+from drivers.ur_arm.driver import UrArm
+from drivers.ur_arm.settings import UrArmSettings
+from tests.wire.emulated_ur import EmulatedUr, free_host
+from tests.wire.ur_hand import settings
+
+
+def refused(emulated: EmulatedUr, kind: type[Exception], words: str, **changes: Any) -> None:
+    arm = UrArm("arm", settings(emulated, **changes), emulated.clock)
+    with pytest.raises(kind, match=words) as caught:
+        arm.open()
+    assert "\n" not in str(caught.value)
+    arm.close()
+
+
+def test_nobody_listens_is_a_port_error() -> None:
+    given = UrArmSettings(host=free_host(), start_pose=(0.4, 0.0, 0.2, 0.0, 3.14, 0.0))
+    with pytest.raises(PortError, match="nobody answers"):
+        UrArm("arm", given, WallClock()).open()
+
+
+def test_a_handshake_without_a_reply_is_given_up(emulated: EmulatedUr) -> None:
+    emulated.order(deaf=True)
+    refused(emulated, SilentError, "says nothing", open_timeout_s=2.0)
+
+
+def test_a_stream_that_never_starts_is_given_up(emulated: EmulatedUr) -> None:
+    emulated.order(streams=False)
+    refused(emulated, SilentError, "no data come", open_timeout_s=8.0)
+
+
+def test_a_controller_that_runs_no_script_is_a_refusal(emulated: EmulatedUr) -> None:
+    emulated.order(accepts_scripts=False)
+    refused(emulated, RefusedError, "Failed to start control script")
+
+
+def test_remote_control_that_is_off_is_a_refusal(emulated: EmulatedUr) -> None:
+    emulated.order(remote=False)
+    refused(emulated, RefusedError, "remote control is off")
+
+
+def test_a_protective_stop_at_the_start_is_a_refusal_and_stays(emulated: EmulatedUr) -> None:
+    emulated.order(protective_stop=True)
+    refused(emulated, RefusedError, "protective stop")
+    assert emulated.order()["safety"] == "PROTECTIVE_STOP"
+
+
+OTHER_CLIENT = """
+import sys, time, rtde_control
+control = rtde_control.RTDEControlInterface(sys.argv[1])
+if sys.argv[2] == "idle":
+    control.stopScript()
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize(("doing", "words"), [("busy", "another program runs"), ("idle", "already in use")])
+def test_a_second_control_interface_is_a_refusal(emulated: EmulatedUr, doing: str, words: str) -> None:
+    other = subprocess.Popen(
+        [sys.executable, "-c", OTHER_CLIENT, emulated.host, doing],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    assert other.stdout is not None
+    try:
+        assert other.stdout.readline() == b"ready\n"
+        refused(emulated, RefusedError, words)
+    finally:
+        other.kill()
+        other.wait()
+        other.stdout.close()
