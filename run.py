@@ -152,6 +152,31 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
     return DONE if sound else DEVICE
 
 
+@cli.command(cls=Verb, short_help="Say what a run would take, move and compute.")
+@click.argument("profile")
+@set_option
+@click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
+def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
+    """Say what running a PROFILE would take: time, disk, travel, force, and what each state computes.
+
+    Nothing is opened or computed. Times and sizes are those that were measured with the experiment's shipped profile.
+
+    \b
+    Example:
+      run.py plan mock/centering
+      run.py plan hardware/transient --set trials.repeats=1
+    """
+    from config.assemble import plan_campaign
+    from config.costs import planned
+    from config.jobs import jobs_for
+
+    loaded = _loaded(profile, overrides, csv)
+    trials = loaded.trials(0)
+    whole = plan_campaign(loaded, trials, 0)
+    behavior = next(iter(whole.trials)).behavior
+    click.echo("\n".join(planned(loaded, trials, behavior, jobs_for(loaded, whole, None))))
+
+
 @cli.command(cls=Verb, short_help="Run an experiment, write a run folder and its report.")
 @click.argument("profile")
 @set_option
@@ -520,6 +545,49 @@ def open_(name: str, out: Path) -> None:
         webbrowser.open((folder / "report.html").resolve().as_uri())
 
 
+@cli.command(cls=Verb, short_help="Write a run in the formats of other programs.")
+@click.argument("run", metavar="RUN")
+@click.option("--to", type=click.Choice(["csv", "parquet", "rosbag2"]), required=True, help="Which format.")
+@click.option("--into", type=click.Path(path_type=Path), help="Folder to write into; RUN/FORMAT otherwise.")
+@out_option
+def export(run: str, to: str, into: Path | None, out: Path) -> None:
+    """Write a RUN's trials and samples for other programs, and print the files.
+
+    csv and parquet: trials, and samples as tidy tables (trial, stream, channel, t_s, value, unit). rosbag2: an MCAP
+    file a trial with WrenchStamped, Imu and JointState, which ROS 2 plays.
+
+    \b
+    Example:
+      run.py export latest --to parquet
+    """
+    from controller.export import export as exported
+    from controller.recording.reader import open_run
+
+    opened = open_run(run, out)
+    for path in exported(opened, to, into or opened.folder.path / to):
+        click.echo(path)
+
+
+@cli.command(cls=Verb, short_help="Show what differs between two runs.")
+@click.argument("first", metavar="RUN")
+@click.argument("second", metavar="RUN")
+@out_option
+def compare(first: str, second: str, out: Path) -> None:
+    """Show which settings differ between two runs, and the mean difference of each result, second less first.
+
+    Trials are paired by number and factors; behind a mean stands its 95 % interval (Student's).
+
+    \b
+    Example:
+      run.py compare 2026-11-20T12-00-00Z latest
+    """
+    from controller.comparing import compared
+    from controller.recording.reader import open_run
+
+    for line in compared(open_run(first, out), open_run(second, out)):
+        click.echo(line)
+
+
 # --- what the verbs share ------------------------------------------------------------------------
 
 
@@ -536,10 +604,13 @@ def _crew(
     loaded: Profile, plan: CampaignPlan, jobs: int | None, scheduler: str | None
 ) -> AbstractContextManager[Crew | None]:
     """Who runs the trials; None is this process."""
+    from config.costs import duration
     from config.jobs import cluster, cores, jobs_for
 
     if scheduler is None:
         count = jobs_for(loaded, plan, jobs)
+        if count > 1 or loaded.bench != "mock":
+            say(f"{duration(loaded.name, loaded.experiment, loaded.bench, plan.count, count)}")
         return closing(cores(count)) if count > 1 else nullcontext()
     jobs_for(loaded, plan, 2)
     return closing(cluster(scheduler))

@@ -20,6 +20,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from config.costs import cost
+
 if TYPE_CHECKING:
     from config.profile import Profile
     from config.trials import Trial
@@ -32,6 +34,9 @@ PART_S = 1.0
 
 PART_MOST = 256
 """Most trials of a part: what it holds passes through memory."""
+
+WORTH_S = 10.0
+"""Computing from which on workers are started unasked, s: starting them takes 2 s of each."""
 
 AHEAD = 3
 """Parts that are handed out for each worker: none waits while the first one is put into the folder."""
@@ -294,4 +299,8 @@ def jobs_for(profile: Profile, plan: CampaignPlan, asked: int | None) -> int:
                 f"{profile.name}: there is one {profile.bench} bench; leave --jobs and --scheduler out"
             )
         return 1
-    return min(asked or 1, plan.count)
+    if asked is None:
+        expected = cost(profile.name, profile.experiment, plan.count)
+        worth = expected is not None and expected.computing_s > WORTH_S
+        asked = len(os.sched_getaffinity(0)) if worth else 1
+    return max(1, min(asked, plan.count))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from config.assemble import DETECTORS, DRIVERS, SIGNALS
+from config.costs import duration
 from config.source import ProfileError, bench_of, profile_names, read_source
 
 
@@ -25,6 +27,7 @@ def listed_profiles() -> list[str]:
         lines += [
             f"{name:<28}{data.get('title', '')}",
             *_needs(data),
+            f"        {_trials(data)} trials: {duration(name, data['experiment'], bench_of(data), _trials(data))}",
         ]
     return [*lines, "", f"Benches to extend: {', '.join(benches)}", "More of one: run.py check PROFILE"]
 
@@ -42,6 +45,13 @@ def listed_signals() -> list[str]:
 def listed_drivers() -> list[str]:
     """Every driver."""
     return [f"{name:<20}{entry.summary}" for name, entry in DRIVERS.items()]
+
+
+def _trials(data: Mapping[str, Any]) -> int:
+    """How many a profile asks for."""
+    asked = data.get("trials", {})
+    cells = math.prod(len(values) for values in asked.get("grid", {}).values())
+    return int(asked.get("repeats", 1)) * len(asked.get("list", [{}])) * cells
 
 
 def _needs(data: Mapping[str, Any]) -> list[str]:

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mcap.records import Channel, Footer, Metadata
 
@@ -19,6 +19,9 @@ from controller.recording.run_folder import RunFolder, RunFolderError
 from controller.recording.schemas import block_schema, decode_block, skipped_schema
 from controller.recording.series import TrialRecording
 from controller.recording.stream_writer import TRIAL
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _TABLES = {"profile", "devices", "roles", "plant", "loop", "loss", "signals", "outcomes", "exit"}
 """What of a manifest is a table of its own."""
@@ -52,6 +55,22 @@ class Run:
         """Whether the run never came to its end."""
         exit_ = self.manifest.get("exit") or {}
         return bool(exit_.get("status") == "running" or self._index.cut)
+
+    @cached_property
+    def table(self) -> DataFrame:
+        """The trials as a pandas table: a row each, columns as in trials.csv."""
+        import pandas as pd
+
+        return pd.DataFrame(list(self.trials))
+
+    def trial(self, number: int) -> TrialRecording:
+        """What was recorded of a trial: `run.trial(5).stream("board.load_cell")` has `times_s` and `values`.
+
+        Raises:
+            KeyError: nothing was.
+            RunFolderError: the recording is damaged.
+        """
+        return self._index.read(number)
 
     @property
     def recorded_trials(self) -> Sequence[int]:

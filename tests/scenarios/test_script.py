@@ -13,13 +13,16 @@ PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "script_a_campaign.md"
 
 
 def test_the_script_in_the_docs_runs(tmp_path, monkeypatch, capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    code, reading = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
     scope: dict[str, object] = {}
     exec(compile(code, str(PAGE), "exec"), scope)
     run: Any = scope["run"]
     assert [row["speed_m_s"] for row in run.trials] == pytest.approx([0.002, 0.003, 0.0045, 0.00675])
     assert "0.002 contact" in capsys.readouterr().out
+    exec(compile(reading.replace("trial(5)", "trial(2)"), str(PAGE), "exec"), scope)  # it has four trials
+    force: Any = scope["force"]
+    assert len(force.times_s) == len(force.values) > 0
 
 
 def test_a_bad_factor_is_refused_before_anything_is_written(tmp_path):

@@ -1,0 +1,114 @@
+"""What a campaign will take, move and press, told before anything is opened."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from behaviors.machine import Behavior
+    from config.profile import Profile
+    from config.trials import Trial
+
+COSTS = Path(__file__).with_name("costs.toml")
+"""What a trial of each shipped profile took: `python -m benchmarks.costs`."""
+
+STIFFNESS = {"finger": ("pad_n_m", "back_n_m")}
+"""Settings of a plant that say how stiff a contact is, N/m."""
+
+_UNITS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
+_SIZES = ((1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
+
+
+class Cost(NamedTuple):
+    """What some trials take: bench time, computing on one core of a mock bench (s), and disk (bytes)."""
+
+    bench_s: float
+    computing_s: float
+    disk_bytes: float
+
+
+def cost(profile: str, experiment: str, trials: int) -> Cost | None:
+    """What trials of a profile take, by what it, or else its experiment, took when it was measured; None if unknown."""
+    table = _table()
+    measured = table.get(profile.replace("emulated/", "mock/").replace("hardware/", "mock/"))
+    measured = measured or next((row for row in table.values() if row["experiment"] == experiment), None)
+    if measured is None:
+        return None
+    return Cost(*(trials * float(measured[name]) for name in Cost._fields))
+
+
+def planned(profile: Profile, trials: Sequence[Trial], behavior: Behavior, workers: int) -> Iterator[str]:
+    """What `run` would do, a line each.
+
+    Args:
+        profile: What is planned.
+        trials: All of them.
+        behavior: Of the first trial.
+        workers: In how many processes they would run.
+    """
+    yield f"{profile.name}: {len(trials)} trials of {profile.experiment} on the {profile.bench} bench"
+    yield f"time      {duration(profile.name, profile.experiment, profile.bench, len(trials), workers)}"
+    found = cost(profile.name, profile.experiment, len(trials))
+    yield f"disk      {_rounded(found.disk_bytes, _SIZES) if found else 'not measured'}"
+    limits: Any = profile.limits
+    speed_m_s = _fastest(profile, trials)
+    travel = f"{limits.travel_min_m:g} to {limits.travel_m:g} m of travel"
+    yield f"motion    {travel}, at {speed_m_s:g} m/s; the guard stops beyond {limits.speed_m_s:g} m/s"
+    yield f"force     {_force(profile, speed_m_s)}"
+    heard: set[str] = set()
+    for state, plan in behavior.plans.items():
+        names = [*sorted(plan.detectors), *(f"{name} (recorded)" for name in sorted(plan.measures))]
+        heard |= plan.detectors
+        yield f"{state.name:<20}{', '.join(names) or 'skipped: nobody subscribes'}"
+    idle = sorted(set(profile.detectors) - heard)
+    if idle:
+        yield f"never     {', '.join(idle)}: no state subscribes"
+
+
+def duration(name: str, experiment: str, bench: str, trials: int, workers: int = 1) -> str:
+    """How long trials take, in words."""
+    found = cost(name, experiment, trials)
+    if found is None:
+        return "not measured"
+    bench_time = _rounded(found.bench_s, _UNITS)
+    if bench != "mock":
+        return f"about {bench_time}"
+    cores = f" on {workers} cores" if workers > 1 else ""
+    return f"about {bench_time} of bench time, computed in {_rounded(found.computing_s / workers, _UNITS)}{cores}"
+
+
+def _fastest(profile: Profile, trials: Sequence[Trial]) -> float:
+    """The greatest speed that trials or behavior ask for, m/s."""
+    asked = [value for trial in trials for name, value in trial.own.items() if name.endswith("speed_m_s")]
+    asked += [value for name, value in profile.behavior if name.endswith("speed_m_s") and value is not None]
+    return max(map(float, asked), default=0.0)
+
+
+def _force(profile: Profile, speed_m_s: float) -> str:
+    limits, loop = profile.limits, profile.loop
+    force_n, median_s, rate_hz = limits.force_n, limits.force_median_s, loop.rate_hz  # type: ignore[attr-defined]
+    said = f"the guard stops at {force_n:g} N"
+    keys = STIFFNESS.get(profile.plant.kind, ()) if profile.plant else ()
+    if not keys:
+        return f"{said}; no contact stiffness is known, so no peak is forecast"
+    stiffness = max(float(getattr(profile.plant.settings, key)) for key in keys)  # type: ignore[union-attr]
+    latency_s = median_s + 1.0 / rate_hz
+    peak_n = force_n + speed_m_s * latency_s * stiffness
+    return (
+        f"{said}; {peak_n:.2g} N at the most if it alone does, with {speed_m_s:g} m/s x {1e3 * latency_s:.0f} ms "
+        f"(median and a turn) x {stiffness:g} N/m, braking aside"
+    )
+
+
+@cache
+def _table() -> dict[str, dict[str, Any]]:
+    return tomllib.loads(COSTS.read_text("utf-8"))
+
+
+def _rounded(value: float, units: Sequence[tuple[float, str]]) -> str:
+    size, unit = next((each for each in units if value >= each[0]), units[-1])
+    return f"{value / size:.2g} {unit}"

@@ -1,0 +1,71 @@
+"""Two runs beside each other: which settings differ, and by how much what was measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from controller.recording.reader import Run
+
+CONFIDENCE = 0.95
+"""Of the interval around a mean difference."""
+
+
+def compared(first: Run, second: Run) -> Iterator[str]:
+    """What differs between two runs, a line each.
+
+    Trials are paired by their number, as long as both have the same factors there.
+    """
+    one, other = (dict(_leaves(run.manifest["profile"]["resolved"])) for run in (first, second))
+    for key in sorted(one.keys() | other.keys()):
+        if one.get(key) != other.get(key) and not key.startswith("trials."):
+            yield f"{key}: {one.get(key, 'absent')} → {other.get(key, 'absent')}"
+    pairs = first.table.merge(
+        second.table, on=["trial", *_factors(first, second)], suffixes=("", " (second)")
+    )
+    yield f"{len(pairs)} pairs of trials, of {len(first.trials)} and {len(second.trials)}"
+    same = int((pairs["outcome"] == pairs["outcome (second)"]).sum()) if len(pairs) else 0
+    yield f"outcome: equal in {same}"
+    for column in first.table.columns:
+        if f"{column} (second)" in pairs and column != "outcome":
+            line = _difference(column, pairs[column], pairs[f"{column} (second)"])
+            if line:
+                yield line
+
+
+def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
+    """The mean of second less first over the pairs that have both, with Student's interval."""
+    found = (
+        (pd.to_numeric(other, errors="coerce") - pd.to_numeric(one, errors="coerce")).dropna().to_numpy(float)
+    )
+    if not len(found):
+        return ""
+    mean, half = float(np.mean(found)), math.nan
+    if len(found) > 1:
+        half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(found) - 1) * stats.sem(found))
+    interval = "" if math.isnan(half) else f" ({mean - half:.4g} to {mean + half:.4g})"
+    return f"{column}: {mean:+.4g}{interval}, n = {len(found)}"
+
+
+def _factors(first: Run, second: Run) -> list[str]:
+    """The columns that say what was varied in both."""
+    varied = [set(_varied(run)) for run in (first, second)]
+    return [name for name in first.table.columns if name in varied[0] & varied[1]]
+
+
+def _varied(run: Run) -> set[str]:
+    trials = run.recorded_trials
+    return set(run.trial(trials[0]).factors) if trials else set()
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves(item, f"{path}.{key}" if path else key)
+    else:
+        yield path, value

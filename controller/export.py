@@ -1,0 +1,194 @@
+"""A run in the formats of other programs: tables in CSV or Parquet, samples as a bag of ROS 2."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from controller.recording.reader import Run
+from controller.recording.run_folder import RunFolderError
+
+if TYPE_CHECKING:
+    from mcap_ros2.writer import Writer
+
+Message = dict[str, Any]
+
+_HEADER = """std_msgs/Header header
+"""
+_COMMON = """
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_VECTOR = """================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+DEFINITIONS: Mapping[str, str] = {
+    "geometry_msgs/msg/WrenchStamped": f"""{_HEADER}geometry_msgs/Wrench wrench
+{_COMMON}{_VECTOR}================================================================================
+MSG: geometry_msgs/Wrench
+geometry_msgs/Vector3 force
+geometry_msgs/Vector3 torque
+""",
+    "sensor_msgs/msg/JointState": f"""{_HEADER}string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{_COMMON}""",
+    "sensor_msgs/msg/Imu": f"""{_HEADER}geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance
+{_COMMON}{_VECTOR}================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+""",
+}
+"""Messages of ROS 2 as common_interfaces defines them (Humble; the same in later ones)."""
+
+
+def export(run: Run, to: str, out: Path) -> list[Path]:
+    """Write a run into a folder in another format.
+
+    Args:
+        run: Which.
+        to: One of `FORMATS`.
+        out: The folder; made where it is not there.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        RunFolderError: what the format needs is not installed, or the recording is damaged.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        return FORMATS[to](run, out)
+    except ImportError as error:
+        raise RunFolderError(f"--to {to} needs {error.name}: pip install {error.name}") from None
+
+
+def samples(run: Run, trial: int) -> pd.DataFrame:
+    """A trial's samples, tidy: columns trial, stream, channel, t_s (bench time, s), value (in `unit`), unit."""
+    recording = run.trial(trial)
+    frames = []
+    for name in recording.streams:
+        series = recording.stream(name)
+        for channel in range(series.values.shape[1]):
+            table = {"t_s": series.times_s, "value": series.values[:, channel]}
+            frames.append(pd.DataFrame(table).assign(stream=name, channel=channel, unit=series.unit))
+    columns = ["trial", "stream", "channel", "t_s", "value", "unit"]
+    if not frames:
+        return pd.DataFrame(columns=columns)
+    return pd.concat(frames, ignore_index=True).assign(trial=trial)[columns]
+
+
+def _csv(run: Run, out: Path) -> list[Path]:
+    paths = [out / "trials.csv"]
+    run.table.to_csv(paths[0], index=False)
+    for trial in run.recorded_trials:
+        paths.append(out / f"samples_{trial}.csv")
+        samples(run, trial).to_csv(paths[-1], index=False)
+    return paths
+
+
+def _parquet(run: Run, out: Path) -> list[Path]:
+    """trials.parquet and samples.parquet, a row group a trial: memory holds one trial."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    paths = [out / "trials.parquet", out / "samples.parquet"]
+    run.table.to_parquet(paths[0], index=False)
+    fields = {"trial": pa.int64(), "stream": pa.string(), "channel": pa.int64()}
+    schema = pa.schema({**fields, "t_s": pa.float64(), "value": pa.float64(), "unit": pa.string()})
+    with pq.ParquetWriter(paths[1], schema, compression="zstd") as writer:
+        for trial in run.recorded_trials:
+            writer.write_table(pa.Table.from_pandas(samples(run, trial), schema, preserve_index=False))
+    return paths
+
+
+def _rosbag2(run: Run, out: Path) -> list[Path]:
+    """One bag a trial; a header's stamp is bench time."""
+    from mcap_ros2.writer import Writer
+
+    paths = []
+    for trial in run.recorded_trials:
+        paths.append(out / f"trial_{trial}.mcap")
+        with paths[-1].open("wb") as file:
+            writer = Writer(file)
+            _write_bag(run, trial, writer)
+            writer.finish()
+    return paths
+
+
+def _write_bag(run: Run, trial: int, writer: Writer) -> None:
+    recording = run.trial(trial)
+    schemas = {name: writer.register_msgdef(name, text) for name, text in DEFINITIONS.items()}
+    for name in recording.streams:
+        series = recording.stream(name)
+        kind, message = _ROS.get(series.unit, _ROS[""])
+        for number, (t_s, values) in enumerate(zip(series.times_s, series.values, strict=True)):
+            t_ns = round(float(t_s) * 1e9)
+            stamp = {"sec": t_ns // 1_000_000_000, "nanosec": t_ns % 1_000_000_000}
+            told = {"header": {"stamp": stamp, "frame_id": name}, **message(name, [float(v) for v in values])}
+            writer.write_message(f"/{name.replace('.', '/')}", schemas[kind], told, t_ns, t_ns, number)
+
+
+def _vector(values: list[float]) -> Message:
+    return dict(zip("xyz", [*values, 0.0, 0.0, 0.0][:3], strict=True))
+
+
+_NONE = {"x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def _wrench(name: str, values: list[float]) -> Message:
+    """One channel is along x; six are a wrench."""
+    return {"wrench": {"force": _vector(values[:3]), "torque": _vector(values[3:6])}}
+
+
+def _imu(name: str, values: list[float]) -> Message:
+    unknown = [-1.0, *[0.0] * 8]  # REP 145: no estimate
+    return {
+        "orientation": {**_NONE, "w": 1.0},
+        "orientation_covariance": unknown,
+        "angular_velocity": _NONE,
+        "angular_velocity_covariance": unknown,
+        "linear_acceleration": _vector(values),
+        "linear_acceleration_covariance": [0.0] * 9,
+    }
+
+
+def _joint(name: str, values: list[float]) -> Message:
+    names = [name] if len(values) == 1 else [f"{name}.{channel}" for channel in range(len(values))]
+    return {"name": names, "position": values, "velocity": [], "effort": []}
+
+
+_ROS: Mapping[str, tuple[str, Callable[[str, list[float]], Message]]] = {
+    "N": ("geometry_msgs/msg/WrenchStamped", _wrench),
+    "m/s^2": ("sensor_msgs/msg/Imu", _imu),
+    "": ("sensor_msgs/msg/JointState", _joint),
+}
+"""By a stream's unit: its message, and how it is filled; what has none of its own goes as positions by name."""
+
+FORMATS: Mapping[str, Callable[[Run, Path], list[Path]]] = {
+    "csv": _csv,
+    "parquet": _parquet,
+    "rosbag2": _rosbag2,
+}
+"""What `export --to` knows."""

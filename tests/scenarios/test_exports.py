@@ -1,0 +1,88 @@
+"""A run in other programs' formats is the run, and two runs beside each other show what differs."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from controller.comparing import compared
+from controller.export import export
+from controller.recording.reader import open_run
+from controller.recording.series import TrialRecording
+from controller.recording.tables import read_columns
+from drivers.messages import SampleBlock
+
+TRIALS = (2, 16)
+
+
+@pytest.fixture
+def run(run_profile):
+    return run_profile(trials=TRIALS).run
+
+
+def test_a_run_is_read_in_python_as_a_table_and_as_arrays(run):
+    assert list(run.table["trial"]) == [row["trial"] for row in run.trials]
+    assert run.table.set_index("trial").loc[16, "outcome"] == "contact"
+    force = run.trial(16).stream("board.load_cell")
+    assert force.unit == "N"
+    assert len(force.times_s) == len(force.values) > 0
+
+
+def test_parquet_holds_every_row_and_every_sample(run, tmp_path):
+    trials, samples = export(run, "parquet", tmp_path)
+    pd.testing.assert_frame_equal(pd.read_parquet(trials), run.table)
+    table = pd.read_parquet(samples)
+    for trial in TRIALS:
+        for name in run.trial(trial).streams:
+            series = run.trial(trial).stream(name)
+            found = table[(table["trial"] == trial) & (table["stream"] == name) & (table["channel"] == 0)]
+            np.testing.assert_array_equal(found["t_s"], series.times_s)
+            np.testing.assert_array_equal(found["value"], series.values[:, 0])
+            assert set(found["unit"]) == {series.unit}
+
+
+def test_csv_holds_the_same(run, tmp_path):
+    paths = export(run, "csv", tmp_path)
+    assert [path.name for path in paths] == ["trials.csv", "samples_2.csv", "samples_16.csv"]
+    table = pd.read_csv(paths[2])
+    force = run.trial(16).stream("board.load_cell")
+    np.testing.assert_allclose(table[table["stream"] == "board.load_cell"]["value"], force.values[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("column", "stream"),
+    [
+        ("/board/load_cell:wrench.force.x", "board.load_cell"),
+        ("/stage/position:position.0", "stage.position"),
+    ],
+)
+def test_a_bag_is_read_by_the_reader_of_ros_2_messages(run, tmp_path, column, stream):
+    bag = next(path for path in export(run, "rosbag2", tmp_path) if path.name == "trial_16.mcap")
+    series = run.trial(16).stream(stream)
+    found = read_columns(bag, column, 1)
+    np.testing.assert_allclose(found.values[:, 0], series.values[:, 0])
+    assert found.times_s is not None
+    np.testing.assert_allclose(np.diff(found.times_s), np.diff(series.times_s), atol=2e-9)
+
+
+def test_an_acceleration_is_an_imu(tmp_path):
+    recording = TrialRecording(1)
+    values = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    recording.add(SampleBlock("board.accelerometer", 0, 0.5, values, 1000.0, None, "m/s^2"))
+    run = SimpleNamespace(recorded_trials=[1], trial=lambda _: recording)
+    (bag,) = export(run, "rosbag2", tmp_path)
+    found = read_columns(bag, "/board/accelerometer:linear_acceleration.x,linear_acceleration.z", 2)
+    np.testing.assert_array_equal(found.values, values[:, [0, 2]])
+
+
+def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, run):
+    other = run_profile(trials=(*TRIALS, 30), seed=2, behavior__hold_s="0.2").run
+    lines = list(compared(run, open_run(other.folder.path)))
+    assert "behavior.hold_s: 0.3 → 0.2" in lines
+    assert "2 pairs of trials, of 2 and 3" in lines
+    assert "outcome: equal in 2" in lines
+    (delay,) = [line for line in lines if line.startswith("delay_s: ")]
+    both = run.table.merge(other.table, on="trial")
+    assert f"{(both['delay_s_y'] - both['delay_s_x']).mean():+.4g} (" in delay
+    assert delay.endswith("n = 2")

@@ -1,0 +1,57 @@
+"""What a campaign takes is told before it is run."""
+
+from config.assemble import Table, plan_campaign
+from config.costs import cost, duration, planned
+from config.jobs import jobs_for
+from config.profile import load_profile
+
+
+def plan_of(name, **sets):
+    profile = load_profile(
+        name, {key.replace("__", "."): value for key, value in sets.items()}, table=Table()
+    )
+    plan = plan_campaign(profile, profile.trials(0), 0)
+    return profile, plan
+
+
+def lines_of(name, **sets):
+    profile, plan = plan_of(name, **sets)
+    behavior = next(iter(plan.trials)).behavior
+    return list(planned(profile, plan.left, behavior, 1))
+
+
+def test_what_was_never_measured_is_told_as_such():
+    assert (
+        cost("mock/transient", "transient", 2).bench_s == 2 * cost("mock/transient", "transient", 1).bench_s
+    )
+    assert cost("mine.toml", "transient", 1) == cost("mock/transient", "transient", 1)
+    assert duration("mine.toml", "mine:Own", "mock", 3) == "not measured"
+
+
+def test_a_plan_says_time_disk_motion_force_and_what_each_state_computes():
+    said = "\n".join(lines_of("mock/transient"))
+    assert "42 trials of transient on the mock bench" in said
+    assert "of bench time, computed in" in said
+    assert "0.011997 m/s; the guard stops beyond 0.015 m/s" in said
+    assert "the guard stops at 2 N; 3.3 N at the most if it alone does" in said
+    assert "15 ms (median and a turn) x 7300 N/m" in said
+    assert "SETTLING            skipped: nobody subscribes" in said
+    assert "APPROACH            contact" in said
+
+
+def test_a_bench_in_wall_time_is_planned_in_wall_time():
+    told = duration("hardware/transient", "transient", "hardware", 42)
+    assert told.startswith("about 1.1 h")
+    assert "computed" not in told
+
+
+def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):
+    def count(name, asked=None):
+        profile, plan = plan_of(name)
+        return jobs_for(profile, plan, asked)
+
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1, 2, 3})
+    assert count("mock/transient") == 1
+    assert count("mock/centering") == 4
+    assert count("mock/centering", 2) == 2
+    assert count("hardware/transient") == 1
