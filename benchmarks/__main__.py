@@ -15,6 +15,7 @@ BENCHMARKS = {
     "aura": "benchmarks.aura.run",
     "pretouch": "benchmarks.pretouch.run",
     "centering": "benchmarks.centering.run",
+    "contact": "benchmarks.contact.run",
 }
 
 

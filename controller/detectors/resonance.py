@@ -60,7 +60,8 @@ class ResonanceSettings(Settings):
 
     threshold: float = Field(default=4.5, gt=0.0, le=1e3)
     """Deviations of the free finger that are contact, with a baseline that knows them. Chosen on simulated approaches
-    without contact: 4.3 was the largest of 1,000 on the hard finger (benchmarks/contact)."""
+    without contact: 4.3 was the largest of 1,000 on the hard finger; one of the next 1,000 exceeded 4.5
+    (benchmarks/contact)."""
 
     senses: Literal["all", "phase", "amplitude", "frequency"] = "all"
     """What of the waveform is held against the threshold."""

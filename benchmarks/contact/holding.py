@@ -1,0 +1,71 @@
+"""The program's detector as a run has it: events, with a probe that stands against the finger and leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from behaviors.events import BaselineRefused, Contact, ContactLost, Detected
+from benchmarks.contact.scenes import RATE_HZ, Approach, approach, level, rows
+from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
+from drivers.messages import SampleBlock
+
+SEED = 13
+
+FELT_N, FELT_S = 0.005, 0.1
+"""The load cell feels the finger above this force (paper IV.B), and between two such moments no farther apart."""
+
+
+def events_of(heard: Approach, settings: ResonanceSettings) -> Sequence[Detected]:
+    """What the detector says of the accelerometer from the baseline's start on."""
+    block = SampleBlock(
+        "board.accelerometer",
+        0,
+        float(heard.times_s[0]),
+        heard.accelerometer[:, None],
+        rate_hz=RATE_HZ,
+        unit="m/s2",
+    )
+    return ResonanceDetector("contact", settings).push(block)
+
+
+def held(name: str, count: int) -> dict[str, float]:
+    """False contacts, gaps in contact while the load cell feels it, and when the end is told; by default settings."""
+    false = refused = again = 0
+    delays: list[float] = []
+    gaps: list[float] = []
+    ends: list[float] = []
+    for trial in range(count):
+        heard = approach(level(name), SEED, trial, rows()[trial % len(rows())])
+        said = events_of(heard, ResonanceSettings())
+        refused += isinstance(said[0], BaselineRefused)
+        begun = [event.t_s for event in said if isinstance(event, Contact)]
+        lost = [event.t_s for event in said if isinstance(event, ContactLost)]
+        false += bool(begun and begun[0] < heard.touch_s)
+        true = [t_s for t_s in begun if t_s >= heard.touch_s]
+        delays.append(true[0] - heard.touch_s if true else np.inf)
+        felt = heard.times_s[heard.force_n > FELT_N]
+        spans = np.split(felt, np.flatnonzero(np.diff(felt) > FELT_S) + 1)
+        off = [(t_s, min([b for b in begun if b > t_s], default=np.inf)) for t_s in lost]
+        gaps.append(
+            max(
+                (min(to, span[-1]) - max(since, span[0]) for since, to in off for span in spans),
+                default=0.0,
+            )
+        )
+        ends.append(lost[-1] - felt[-1] if lost and lost[-1] > felt[-1] else np.inf)
+        again += any(t_s > felt[-1] + FELT_S for t_s in begun)
+    known = np.sort(delays)
+    return {
+        "approaches": count,
+        "refused": refused,
+        "false": false,
+        "again": again,
+        "in_time": float(np.mean(known <= 0.07)),
+        "p95_s": float(known[int(np.ceil(0.95 * count)) - 1]),
+        "held": float(np.mean(np.asarray(gaps) <= 0.1)),
+        "longest_gap_s": float(max(0.0, *gaps)),
+        "end_median_s": float(np.median(ends)),
+        "end_told": float(np.mean(np.isfinite(ends))),
+    }
