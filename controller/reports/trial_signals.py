@@ -136,7 +136,7 @@ def _thresholds(
     told = {str(e["detector"]): e["threshold"] for e in events if e.get("threshold") is not None}
     for detector, threshold in told.items():
         for number, stream in enumerate(panels):
-            if stream.endswith(".period") and _kind(run, detector).startswith("resonance"):
+            if stream.endswith(".period") and _kind(run, detector) == "resonance.paper":
                 yield [number, detector, threshold]
 
 

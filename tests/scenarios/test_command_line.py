@@ -180,7 +180,7 @@ def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
         (["replay", "x.csv", "--detector", "resonance", "--baseline", "2"], "'2' is no span"),
         (["replay", "x.csv", "--detector", "resonance", "--baseline", "3:2"], "ends before it begins"),
         (
-            ["replay", "x.csv", "--detector", "resonance", "--set", "threshold_sgima=2"],
+            ["replay", "x.csv", "--detector", "resonance.paper", "--set", "threshold_sgima=2"],
             "did you mean 'threshold_sigma'?",
         ),
     ],
