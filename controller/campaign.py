@@ -495,8 +495,13 @@ def _described(info: DeviceInfo) -> dict[str, Any]:
     }
 
 
-PACKAGES = {"numpy": "numpy", "numba": "numba", "pyserial": "serial", "mcap": "mcap"}
-"""Packages whose versions a manifest tells, with the module that says whether one is used."""
+PACKAGES = {
+    "numpy": "numpy",
+    "numba": "drivers.compiled",
+    "pyserial": "serial",
+    "mcap": "controller.campaign",
+}
+"""Packages whose versions a manifest tells, with the module that says whether one is used; two load later than that."""
 
 
 def program(packages: Collection[str] | None = None) -> dict[str, Any]:
