@@ -144,8 +144,12 @@ def test_a_drive_that_is_refused_is_told(server: Server, trial: AudioTrial) -> N
 def test_the_drift_of_its_clock_is_found(serve: Any, connect: Callable[..., AudioTrial]) -> None:
     trial = connect(Server(serve, drift_ppm=400.0).port, max_drift_ppm=500.0)
     trial.listen(FINGERS)
-    trial.turn(3.0)
-    # 3 s and arrivals known to a few tenths of a millisecond: some tens of ppm; unknown drift would be 400 off.
+    # 3 s and arrivals known to a few tenths of a millisecond: some tens of ppm; unknown drift would be 400 off. Where a
+    # machine stalls, arrivals are late, and it takes longer.
+    for _ in range(10):
+        trial.turn(3.0)
+        if abs(trial.device.account()["drift_ppm"] - 400.0) < 100.0:
+            break
     assert trial.device.account()["drift_ppm"] == pytest.approx(400.0, abs=100.0)
 
 
