@@ -609,7 +609,7 @@ def _crew(
 
     if scheduler is None:
         count = jobs_for(loaded, plan, jobs)
-        if count > 1 or loaded.bench != "mock":
+        if count > 1:
             say(f"{duration(loaded.name, loaded.experiment, loaded.bench, plan.count, count)}")
         return closing(cores(count)) if count > 1 else nullcontext()
     jobs_for(loaded, plan, 2)

@@ -26,7 +26,6 @@ class JawsDrive:
         self._x, self._flags = self.jaws.x, self.jaws.flags
         self._tick: int | None = None
         self.power_up()
-        kernel.advance(self._x, self._flags, 0, 0)  # compiled before anybody waits for it
 
     def power_up(self) -> None:
         """Sleep, and know nothing of ends; the jaws stay where they are."""

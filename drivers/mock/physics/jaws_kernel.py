@@ -170,7 +170,7 @@ def calibrate(x: Floats, flags: Ints) -> None:
         flags[RESTING] = 0
 
 
-@compiled()
+@compiled("void(f8[::1], i8[::1], i8, i8)")
 def advance(x: Floats, flags: Ints, tick: int, last: int) -> None:
     """Let ticks pass, from the one after `tick` to `last`; nothing is computed where nothing changes any more."""
     while tick < last and not flags[RESTING]:
