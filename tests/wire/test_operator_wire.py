@@ -126,7 +126,7 @@ def test_a_line_where_nobody_says_hello_is_silent_and_says_what_to_do(serve):
     with pytest.raises(SilentError) as error:
         person.open()
     assert str(error.value) == (
-        "operator: nobody says hello in 0.2 s while saying hello; is their program running?"
+        "operator: no answer in 0.2 s while saying hello; is their program running?"
         ' for a person at this terminal write port = "console"'
     )
 

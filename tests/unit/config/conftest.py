@@ -7,6 +7,7 @@ from typing import Literal
 
 import pytest
 from pydantic import Field
+from touch_factors import TouchFactors
 
 from drivers.settings import DeviceName, Settings, StreamName
 
@@ -42,13 +43,6 @@ class TouchSettings(Settings):
     settle_s: float = Field(default=90.0, ge=0.0)
     direction: Literal["forward", "backward"] = "forward"
     ready: bool = True
-
-
-class TouchFactors(Settings):
-    speed_m_s: float = Field(gt=0.0, le=0.05)
-    """Speed of the approach. On the mover's axis."""
-
-    location: str = "f"
 
 
 class GuardSettings(Settings):

@@ -1,0 +1,12 @@
+"""Factors of the small table's experiment, in a module that Python finds by its name: the texts of settings are read there."""
+
+from pydantic import Field
+
+from drivers.settings import Settings
+
+
+class TouchFactors(Settings):
+    speed_m_s: float = Field(gt=0.0, le=0.05)
+    """Speed of the approach. On the mover's axis."""
+
+    location: str = "f"
