@@ -91,6 +91,8 @@ def _fastest(profile: Profile, trials: Sequence[Trial]) -> float:
 def _force(profile: Profile, speed_m_s: float) -> str:
     limits, loop = profile.limits, profile.loop
     force_n, median_s, rate_hz = limits.force_n, limits.force_median_s, loop.rate_hz  # type: ignore[attr-defined]
+    if force_n is None:
+        return "no limit (limits.force_n is not set)"
     said = f"the guard stops at {force_n:g} N"
     keys = STIFFNESS.get(profile.plant.kind, ()) if profile.plant else ()
     if not keys:

@@ -11,6 +11,7 @@ import pandas as pd
 from scipy import stats
 
 from controller.recording.reader import Run
+from controller.recording.run_folder import RunFolderError
 
 CONFIDENCE = 0.95
 """Of the interval around a mean difference."""
@@ -20,7 +21,13 @@ def compared(first: Run, second: Run) -> Iterator[str]:
     """What differs between two runs, a line each.
 
     Trials are paired by their number, as long as both have the same factors there.
+
+    Raises:
+        RunFolderError: a run in which no trial has ended.
     """
+    for run in (first, second):
+        if not run.trials:
+            raise RunFolderError(f"{run.folder.path}: no trial has ended, so there is nothing to compare")
     one, other = (dict(_leaves(run.manifest["profile"]["resolved"])) for run in (first, second))
     for key in sorted(one.keys() | other.keys()):
         if one.get(key) != other.get(key) and not key.startswith("trials."):

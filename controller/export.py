@@ -142,7 +142,9 @@ def _write_bag(run: Run, trial: int, writer: Writer) -> None:
     schemas = {name: writer.register_msgdef(name, text) for name, text in DEFINITIONS.items()}
     for name in recording.streams:
         series = recording.stream(name)
-        kind, message = _ROS.get(series.unit, _ROS[""])
+        # forces with other quantities beside them (normal and tangential, an angle) are no wrench
+        forces = series.unit != "N" or series.values.shape[1] in (1, 2, 3, 6)
+        kind, message = _ROS.get(series.unit if forces else "", _ROS[""])
         for number, (t_s, values) in enumerate(zip(series.times_s, series.values, strict=True)):
             t_ns = round(float(t_s) * 1e9)
             stamp = {"sec": t_ns // 1_000_000_000, "nanosec": t_ns % 1_000_000_000}
@@ -158,7 +160,7 @@ _NONE = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 
 def _wrench(name: str, values: list[float]) -> Message:
-    """One channel is along x; six are a wrench."""
+    """One channel is along x, three are a force; six are a wrench."""
     return {"wrench": {"force": _vector(values[:3]), "torque": _vector(values[3:6])}}
 
 

@@ -148,28 +148,31 @@ class ResonanceDetector:
                 " resonance.paper for period counts"
             )
         times_s, x = block.times, block.physical[:, 0]
-        if self._next_seq is not None and block.seq != self._next_seq:
-            self._interrupted(float(times_s[0]))
-        self._next_seq = block.seq + len(block)
         events: list[Detected] = []
+        if self._next_seq is not None and block.seq != self._next_seq:
+            events += self._interrupted(times_s[:1])
+        self._next_seq = block.seq + len(block)
         # runs of finite samples, one after the other
         edges = np.flatnonzero(np.diff(np.isfinite(x).astype(np.int8))) + 1
         for times, part in zip(np.split(times_s, edges), np.split(x, edges), strict=True):
             if not len(part):
                 continue
             if not math.isfinite(part[0]):
-                self._interrupted(float(times[-1]))
+                events += self._interrupted(times)
             elif not self._refused:
                 events += self._finite(times, part, block.rate_hz)
                 self._last_s = float(times[-1])
         return events
 
-    def _interrupted(self, now_s: float) -> None:
+    def _interrupted(self, without_s: Floats) -> list[Detected]:
         self._forget()
         if self._envelope is None:
             self._raw, self._raw_times, self._heard = [], [], 0  # a baseline half of before the gap is none
-        if now_s - self._last_s > self.settings.max_gap_s:
-            self._contact_s, self._said_held = math.nan, False
+        too_long_s = without_s[without_s - self._last_s > self.settings.max_gap_s]
+        if math.isnan(self._contact_s) or not len(too_long_s):
+            return []
+        self._contact_s, self._said_held = math.nan, False
+        return [ContactLost(float(too_long_s[0]), self.name, 0.0, self._limit)]
 
     def _finite(self, times_s: Floats, x: Floats, rate_hz: float) -> list[Detected]:
         if self._envelope is not None:
@@ -315,7 +318,10 @@ class ResonanceDetector:
                 else:
                     self._reference_hz += (1.0 - keep) * float(rate_hz[i] - self._reference_hz)
                 continue
-            if not self._said_held and t_s - self._contact_s >= self.settings.hold_s:
+            if (
+                not self._said_held
+                and t_s - self._contact_s >= self.settings.hold_s - 0.5 * self._envelope.hop_s
+            ):
                 self._said_held = True
                 events.append(ContactHeld(t_s, self.name, float(s[i]), self._limit))
             quiet = (

@@ -241,6 +241,7 @@ class SlipDetector:
         self._below = 0
         self._heard = 0
         self._told = False
+        self._said_refused = False
 
     def arming_s(self, rate_hz: float) -> float:
         """How long it learns after a reset, s: before that it tells nothing."""
@@ -323,29 +324,35 @@ class SlipDetector:
         before = self._heard
         self._heard += len(block)
         events: list[Detected] = []
-        for place, level in sorted(found for channel in self._channels for found in channel.refused):
+        armed = [channel for channel in self._channels if channel.armed is not None]
+        first = min(armed, key=lambda channel: channel.armed or 0, default=None)
+        ready = (first.armed or 0) if first else len(block)
+        late = round(PATIENCE * self.arming_s(_rate_hz(block)) * _rate_hz(block)) - before - 1
+        refused = sorted(found for channel in self._channels for found in channel.refused)
+        if refused and refused[0][0] < min(ready, late if late >= 0 else ready) and not self._said_refused:
+            place, level = refused[0]
             stored = self.settings.quiet_rms or math.nan
             reason = (
                 f"the first {self.arming_s(_rate_hz(block)):g} s vibrate with {level:.3g}, the stored quiet is"
                 f" {stored:.3g}: does it slip already, or is quiet_rms that of another sensor?"
             )
+            self._said_refused = True
             events.append(
                 BaselineRefused(float(block.times[place]), self.name, level, STORED_RATIO * stored, reason)
             )
-            break
-        armed = [channel for channel in self._channels if channel.armed is not None]
-        late = round(PATIENCE * self.arming_s(_rate_hz(block)) * _rate_hz(block))
-        if armed:
-            self._told = True
-            first = min(armed, key=lambda channel: channel.armed or 0)
-            t_s = float(block.times[first.armed or 0])
-            events.append(BaselineReady(t_s, self.name, first.quiet, self.settings.threshold))
-        elif before < late <= self._heard and not events:
+        if 0 <= late < ready and not self._said_refused:
             reason = (
                 "no quiet could be learned: the samples are constant, or not finite; is the sensor alive?"
             )
-            t_s = float(block.times[late - before - 1])
-            events.append(BaselineRefused(t_s, self.name, 0.0, self.settings.threshold, reason))
+            self._said_refused = True
+            events.append(
+                BaselineRefused(float(block.times[late]), self.name, 0.0, self.settings.threshold, reason)
+            )
+        if first:
+            self._told = True
+            events.append(
+                BaselineReady(float(block.times[ready]), self.name, first.quiet, self.settings.threshold)
+            )
         return events
 
     def hear(self, block: SampleBlock) -> Floats:

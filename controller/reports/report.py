@@ -88,7 +88,7 @@ def _page(runs: Sequence[Run], figures_path: Path) -> tuple[str, Sequence[Part]]
 
     kinds = [(key, list(members)) for key, members in groupby(sorted(runs, key=kind), key=kind)]
     for (experiment, bench), members in kinds:
-        groups = by_settings(members, not experiment_of(experiment).pooled)
+        groups = by_settings(members, not experiment_of(experiment, own_folders(members[-1].manifest)).pooled)
         names = [f"{bench}, settings {n}" if len(groups) > 1 else bench for n in range(1, len(groups) + 1)]
         for number, (name, group) in enumerate(zip(names, groups, strict=True), start=1):
             folder = (

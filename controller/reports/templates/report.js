@@ -127,10 +127,10 @@
       const box = document.createElement("div");
       box.className = "signals";
       const heading = document.createElement("h3");
-      heading.textContent = trial ? trial.title : "The signals of this trial are in the recording alone.";
+      heading.textContent = trial && trial.panels.length ? trial.title : "The signals of this trial are in the recording alone.";
       box.append(heading);
       place.append(box);
-      if (!trial) continue;
+      if (!trial || !trial.panels.length) continue;
       const words_of = document.createElement("p");
       words_of.className = "note";
       const ends = trial.panels.flatMap(({curves}) => curves.map(({span}) => span));

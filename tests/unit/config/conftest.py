@@ -7,9 +7,9 @@ from typing import Literal
 
 import pytest
 from pydantic import Field
-from touch_factors import TouchFactors
 
 from drivers.settings import DeviceName, Settings, StreamName
+from tests.unit.config.touch_factors import TouchFactors
 
 
 class StageSettings(Settings):

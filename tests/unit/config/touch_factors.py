@@ -1,4 +1,4 @@
-"""Factors of the small table's experiment, in a module that Python finds by its name: the texts of settings are read there."""
+"""Factors of the small table's experiment: texts of settings are read from a module that is found by its name."""
 
 from pydantic import Field
 

@@ -138,3 +138,19 @@ def test_periods_are_sent_to_the_papers_detector():
 def test_it_holds_where_held_is_said_once():
     x = wave(np.concatenate([free(12.0), bouncing(3.0)]))
     assert sum(isinstance(event, ContactHeld) for event in heard(x)) == 1
+
+
+@pytest.mark.parametrize("size", [1, 64, 5000])
+def test_a_silence_in_contact_ends_it_at_the_same_time_however_blocks_are_cut(size):
+    x = wave(np.concatenate([free(12.0), bouncing(3.0)]))
+    x[13_000:14_000] = np.nan
+    detector = ResonanceDetector("contact", ResonanceSettings(max_gap_s=0.5))
+    events = []
+    for first in range(0, len(x), size):
+        part = x[first : first + size, None]
+        events += detector.push(
+            SampleBlock("board.accelerometer", first, first / RATE_HZ, part, rate_hz=RATE_HZ, unit="m/s2")
+        )
+    lost = next(event for event in events if isinstance(event, ContactLost))
+    assert lost.t_s == pytest.approx(13.5, abs=0.002)
+    assert names(events)[:4] == ["BaselineReady", "Contact", "ContactHeld", "ContactLost"]

@@ -214,3 +214,13 @@ def test_irregular_times_are_refused(kind):
 def test_settings_out_of_bounds_are_refused(field):
     with pytest.raises(ValidationError):
         SlipSettings(**field)
+
+
+@pytest.mark.parametrize("size", [1, 10, 997])
+def test_that_it_slips_at_reset_is_said_once_however_blocks_are_cut(size):
+    x = 0.1 * np.random.default_rng(2).standard_normal(6000)
+    whole = ours(quiet_rms=0.01).push(block(x))
+    detector = ours(quiet_rms=0.01)
+    cut = [e for n in range(0, len(x), size) for e in detector.push(block(x[n : n + size], seq=n))]
+    assert [(type(e), e.t_s) for e in whole] == [(type(e), pytest.approx(e.t_s)) for e in cut]
+    assert sum(isinstance(event, BaselineRefused) for event in whole) == 1
