@@ -4,16 +4,21 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test mutants check format bench recordings soak-test fuzz lock diagrams clean
+.PHONY: run test browser mutants check format bench recordings soak-test fuzz lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
 	$(BIN)/python run.py run mock/transient_study --no-report
 	$(BIN)/python run.py run mock/transient --no-report
 	$(BIN)/python run.py report latest:mock/transient_study latest:mock/transient
 
-test: .venv/dev.stamp           ## the tests; what they need is compiled before
+test: .venv/dev.stamp browser   ## the tests; what they need is compiled before
 	$(BIN)/python -m config.precompile
 	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder --durations=15
+
+browser:                        ## the report is tested in one
+	@for b in chromium chromium-browser google-chrome; do command -v $$b && exit; done >/dev/null; { test "$$(id -u)" = 0 && apt-get update -qq && \
+		DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium >/dev/null; } \
+		|| { echo "the report is tested in a browser: install chromium (apt-get install chromium)"; exit 2; }
 
 mutants: .venv/dev.stamp        ## what small changes the unit tests let pass: guard, loop, stop paths, codecs; goes on where it was
 	nice -n 15 $(BIN)/mutmut run
