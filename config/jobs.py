@@ -44,6 +44,12 @@ AHEAD = 3
 WAIT_S = 0.1
 """How often the operator is asked meanwhile, s."""
 
+CONNECT_S = 30.0
+"""How long a scheduler is waited for, s; assumption: on a machine with much to do one answers in a few seconds."""
+
+END_S = 5.0
+"""How long a worker that is told to end is waited for, s; assumption: the system ends a process in far less."""
+
 DEATHS = 3
 """How often workers may die in a row before any trial of theirs is done: by then it is the trial's doing."""
 
@@ -129,19 +135,33 @@ class Crew:
         count: How many there are.
         begin: Starts them.
         end: Lets them go; what they are at is not waited for.
+        given_up: What a part fails by where its workers died and others were tried already.
     """
 
-    def __init__(self, count: int, begin: Callable[[], Executor], end: Callable[[Executor], None]) -> None:
+    def __init__(
+        self,
+        count: int,
+        begin: Callable[[], Executor],
+        end: Callable[[Executor], None],
+        given_up: tuple[type[Exception], ...] = (),
+    ) -> None:
         self.count = count
+        self.given_up = given_up
+        self.lost: tuple[type[Exception], ...] = (BrokenExecutor, *given_up)
         self._begin = begin
         self._end = end
         self._executor: Executor | None = None
 
     def submit(self, order: Order, trials: Sequence[Trial]) -> Future[Part]:
-        """Have some trials run."""
+        """Have some trials run; where a worker has died, the part is lost as if it had been with that one."""
         if self._executor is None:
             self._executor = self._begin()
-        return self._executor.submit(run_part, order, trials)
+        try:
+            return self._executor.submit(run_part, order, trials)
+        except BrokenExecutor as error:
+            lost: Future[Part] = Future()
+            lost.set_exception(error)
+            return lost
 
     def close(self) -> None:
         """Let all go; those that are needed later are started anew."""
@@ -160,8 +180,11 @@ def cores(count: int) -> Crew:
 
     def end(executor: Executor) -> None:
         executor.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - others:
+        children = set(multiprocessing.active_children()) - others
+        for child in children:
             child.terminate()
+        for child in children:
+            child.join(END_S)
 
     return Crew(count, begin, end)
 
@@ -183,13 +206,15 @@ def cluster(address: str) -> Crew:
         JobsError: Dask is not installed, nobody answers there, or it has no workers.
     """
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         raise JobsError("--scheduler needs Dask: pip install distributed") from None
     try:
-        client = Client(address, timeout=10, set_as_default=False)
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise JobsError(f"--scheduler {address}: {error or 'no answer in 10 s'}; is it running?") from None
+        raise JobsError(
+            f"--scheduler {address}: {error or f'no answer in {CONNECT_S:g} s'}; is it running?"
+        ) from None
     count = sum(client.nthreads().values())
     if not count:
         client.close()
@@ -199,7 +224,7 @@ def cluster(address: str) -> Crew:
         executor.shutdown(wait=False)
         client.close()
 
-    return Crew(count, client.get_executor, end)
+    return Crew(count, client.get_executor, end, (KilledWorker,))
 
 
 # --- the parts -----------------------------------------------------------------------------------
@@ -234,12 +259,12 @@ def parts(crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[
                 continue
             try:
                 part = future.result()
-            except BrokenExecutor:
+            except crew.lost as error:
                 deaths += 1
-                if deaths >= DEATHS:
+                if deaths >= DEATHS or isinstance(error, crew.given_up):
                     numbers = ", ".join(str(trial.id) for trial in some)
                     raise JobsError(
-                        f"a worker died {deaths} times at one of the trials {numbers} or beside them; "
+                        f"workers died again and again at one of the trials {numbers} or beside them; "
                         "is there memory enough? try --jobs 1"
                     ) from None
                 crew.close()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from config.trials import chosen
 from controller.named import own_folders
 from controller.parts import add_part
 from controller.recording.joining import Joiner, Parts
+from controller.recording.resuming import AGAIN
 from controller.recording.run_folder import RunFolder, RunFolderError
 
 SHOWN = 5
@@ -40,8 +41,9 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     folders = own_folders(manifest)
     profile = load_resolved(kept["name"], kept["resolved"], table=Table(), folders=folders)
     asked = manifest["profile"]["asked"]
-    order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), asked["only"], None)]
+    order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), asked.get("only", ()), None)]
     holders = _holders(shards, order)
+    manifest["exit"] = _exit(holders, order)
     started = min(datetime.fromisoformat(shard.manifest["started_utc"]) for shard in shards)
     folder = RunFolder.create(out, manifest["profile"]["name"], started)
     manifest |= {"trials": len(order), "started_utc": started.isoformat()}
@@ -50,8 +52,6 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     try:
         for number, trial in enumerate(order):
             manifest["loop"]["bench_s"] += joiner.add(holders[trial], trial)
-            if holders[trial].outcome(trial) == "aborted":
-                manifest["exit"] = holders[trial].manifest["exit"]
             if number % COMMIT_TRIALS == 0:
                 joiner.commit()
     finally:
@@ -66,7 +66,6 @@ def _common(shards: Sequence[Parts]) -> dict[str, Any]:
     total = {**first, "devices": {}, "plant": {}, "loss": {}, "outcomes": {}, "signals": {}}
     total["loop"] = {**first["loop"], **dict.fromkeys(("turns", "overruns", "bench_s"), 0)}
     total["profile"] = {**first["profile"], "asked": _asked(first)}
-    total["exit"] = {"status": "done", "code": 0, "reason": ""}
     total.pop("resumed_utc", None)
     for shard in shards:
         other = differing(_identity(first), _identity(shard.manifest))
@@ -79,7 +78,8 @@ def _common(shards: Sequence[Parts]) -> dict[str, Any]:
 
 
 def _asked(manifest: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in manifest["profile"]["asked"].items() if key != "shard"}
+    asked = manifest["profile"].get("asked") or {}
+    return {key: value for key, value in asked.items() if key != "shard"}
 
 
 def _identity(manifest: dict[str, Any]) -> dict[str, Any]:
@@ -88,7 +88,8 @@ def _identity(manifest: dict[str, Any]) -> dict[str, Any]:
         "profile": manifest["profile"]["name"],
         "sha256": manifest["profile"]["hash"],
         "seed": manifest["seed"],
-        "only": manifest["profile"]["asked"]["only"],
+        "only": _asked(manifest).get("only", []),
+        "own": {name: entry["sha256"] for name, entry in (manifest["profile"].get("own") or {}).items()},
     }
 
 
@@ -109,6 +110,25 @@ def _holders(shards: Sequence[Parts], order: Sequence[int]) -> dict[int, Parts]:
         advice = f"resume {', '.join(broken)}" if broken else "give the other shards as well"
         raise RunFolderError(f"{_named(missing)} in none of {len(shards)} shards; {advice}")
     return holders
+
+
+def _exit(holders: Mapping[int, Parts], order: Sequence[int]) -> Mapping[str, Any]:
+    """How the whole run ended: as the shard that ended worst, or where trials were given up, the last of these.
+
+    Raises:
+        RunFolderError: at a trial that ended its shard the whole run would have ended as well.
+    """
+
+    def weight(trial: int) -> tuple[int, bool]:
+        return holders[trial].manifest["exit"]["code"] or 0, holders[trial].outcome(trial) == "aborted"
+
+    for trial, shard in holders.items():
+        ended, outcome = shard.manifest["exit"], shard.outcome(trial)
+        if outcome in AGAIN and (outcome != "aborted" or ended["status"] != "failed"):
+            name = shard.folder.path.name
+            raise RunFolderError(f"{name}: ended at trial {trial} ({ended['reason']}); resume {name} first")
+    worst = holders[max(reversed(order), key=weight)].manifest["exit"]
+    return worst if worst["code"] else {"status": "done", "code": 0, "reason": ""}
 
 
 def _named(trials: Iterable[int]) -> str:

@@ -70,20 +70,29 @@ class CampaignInParts(Campaign):
                 with tempfile.TemporaryDirectory() as text:
                     for name, data in part.files.items():
                         (Path(text) / name).write_bytes(data)
-                    found = self._taken(joiner, Parts(RunFolder(Path(text))))
+                    found, whole = self._taken(joiner, RunFolder(Path(text)))
                 joiner.commit()
                 if part.error:
                     raise PartError(part.error)
                 if found[0]:
                     ended = found
-                    if found[1] != "failed":  # nothing more is run after an error
+                    if found[1] != "failed" or not whole:  # nothing more is run after an error
                         break
         finally:
             joiner.close()
         return ended
 
-    def _taken(self, joiner: Joiner, parts: Parts) -> tuple[int, str, str]:
-        """Take over a part; returns how it ended."""
+    def _taken(self, joiner: Joiner, folder: RunFolder) -> tuple[tuple[int, str, str], bool]:
+        """Take over what a part has; returns how it ended, and whether that is all of its trials."""
+        manifest = folder.read_manifest()
+        told = manifest["exit"]
+        ended = told["code"], told["status"], told["reason"]
+        try:
+            parts = Parts(folder)
+        except RunFolderError:
+            if told["status"] == "failed":  # its own disk took no more: that is what there is to say
+                return ended, False
+            raise
         rows, _ = read_ledger(parts.folder.trials_path)
         for trial, row in zip(parts.trials, rows, strict=True):
             factors = {name: row[name] for name in self._plan.factors}
@@ -91,9 +100,8 @@ class CampaignInParts(Campaign):
             self._manifest["loop"]["bench_s"] += joiner.add(parts, trial)
             measured = {name: row[name] for name in self._plan.columns}
             self._console.trial_ended(trial, str(row["outcome"]), foremost(measured, self._plan.telling))
-        add_part(self._manifest, parts.manifest)
-        told = parts.manifest["exit"]
-        return told["code"], told["status"], told["reason"]
+        add_part(self._manifest, manifest)
+        return ended, len(rows) == manifest["trials"]
 
     def _poll(self) -> None:
         """Do what the operator wants: what is being run goes on to its end, nothing more is begun."""

@@ -67,7 +67,11 @@ class Parts:
             self._schemas: dict[Path, dict[int, Schema]] = {}
             for path in folder.recordings:
                 self._scan(path)
-        except (OSError, ValueError, KeyError) as error:
+        except KeyError as error:
+            raise RunFolderError(
+                f"{folder.path}: recorded by an older program (no {error}); run it anew with this one"
+            ) from None
+        except (OSError, ValueError) as error:
             raise RunFolderError(f"{folder.path}: damaged or cut off ({error}); resume it first") from None
 
     @property

@@ -57,6 +57,7 @@ class RecordingError(OSError):
 
     def __init__(self, path: Path, doing: str, cause: Exception) -> None:
         self.path = path
+        self._given = path, doing, cause
         if isinstance(cause, OSError):
             number, reason = cause.errno, cause.strerror or str(cause)
             advice = _ADVICE.get(number, _ADVICE[None])
@@ -64,6 +65,9 @@ class RecordingError(OSError):
             number, reason = None, f"{type(cause).__name__} ({cause})"
             advice = "trials.csv and events.jsonl go on; run again with --debug"
         super().__init__(number, f"recorder: {reason} while {doing} {path}; {advice}")
+
+    def __reduce__(self) -> tuple[Any, ...]:  # that of OSError gives this one its number and its line
+        return type(self), self._given
 
     def __str__(self) -> str:
         return str(self.strerror)

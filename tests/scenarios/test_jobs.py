@@ -3,18 +3,27 @@
 import json
 import multiprocessing
 import os
+import pickle
+import shutil
 import signal
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from distributed import KilledWorker, LocalCluster
 from mcap.reader import make_reader
 
+from config import jobs
 from config.assemble import Table, plan_campaign
-from config.jobs import Crew, cores, in_parts
+from config.jobs import DEATHS, PART_S, Crew, JobsError, cluster, cores, in_parts, parts
 from config.profile import load_profile
+from controller.parts import Part
 from controller.recording.reader import open_run
+from controller.recording.run_folder import RecordingError
 from run import cli
 from tests.scenarios.conftest import Script
 
@@ -112,6 +121,57 @@ def test_shards_of_different_runs_are_not_merged(verb, one, tmp_path):
     assert "seed: 0 → 1" in err
 
 
+def test_a_shard_that_the_guard_ended_is_not_merged_as_done(verb, tmp_path):
+    low = ("--set", "limits.force_n=0.3", "--only", "10", "--out", tmp_path / "shards")
+    assert verb("run", "mock/transient", *SHORT, *low)[0] == 4
+    shard = run_of(tmp_path / "shards")
+    code, _, err = verb("merge", shard, "--out", tmp_path / "merged")
+    assert code == 2
+    assert err.startswith(f"{shard.name}: ended at trial 10 (trial 10: ")
+    assert err.endswith(f"resume {shard.name} first\n")
+    assert not (tmp_path / "merged").exists()
+
+
+@pytest.mark.parametrize(("trial", "status", "code"), [("aborted", "failed", 1), ("success", "fault", 3)])
+def test_a_merged_run_ends_as_its_worst_shard(verb, one, tmp_path, trial, status, code):
+    shard = shutil.copytree(one, tmp_path / "shard")
+    ended = {"status": status, "code": code, "reason": "trial 1: said"}
+    change_manifest(shard, lambda manifest: manifest.update(exit=ended))
+    rows = (shard / "trials.csv").read_text().splitlines(keepends=True)
+    number, _, more = rows[1].split(",", 2)
+    (shard / "trials.csv").write_text("".join([rows[0], f"{number},{trial},{more}", *rows[2:]]))
+    assert verb("merge", shard, "--out", tmp_path / "merged")[0] == 0
+    assert open_run(run_of(tmp_path / "merged")).manifest["exit"] == ended
+
+
+def change_manifest(folder, change):
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
+
+
+def test_shards_of_different_files_of_the_users_own_are_not_merged(verb, one, tmp_path):
+    folders = [shutil.copytree(one, tmp_path / name) for name in ("a", "b")]
+    for folder in folders:
+        own = {"my_lab": {"folder": str(folder), "sha256": folder.name * 64}}  # on each machine elsewhere
+        change_manifest(folder, lambda manifest, own=own: manifest["profile"].update(own=own))
+    code, _, err = verb("merge", *folders, "--out", tmp_path / "merged")
+    assert code == 2
+    assert f"own.my_lab: {'a' * 64} → {'b' * 64}" in err
+
+
+def test_a_recording_of_an_older_program_is_told_from_a_damaged_one(verb, one, tmp_path):
+    old = shutil.copytree(one, tmp_path / "old")
+    change_manifest(old, lambda manifest: manifest["profile"].pop("asked"))
+    assert verb("merge", old, "--out", tmp_path / "merged")[0] == 0
+    recording = old / "recording.mcap"
+    recording.write_bytes(recording.read_bytes().replace(b"base_ns", b"foot_ns"))
+    code, _, err = verb("merge", old)
+    assert code == 2
+    assert "recorded by an older program (no 'base_ns'); run it anew with this one" in err
+
+
 class Killer(Script):
     """Kills a worker when the first trial is done."""
 
@@ -154,6 +214,34 @@ def test_the_guard_ends_a_campaign_in_parts_where_it_ends_one_on_one_core(run_pr
     assert manifests[0]["exit"] == manifests[1]["exit"]
 
 
+@pytest.mark.parametrize("torn", [False, True])
+def test_no_part_is_joined_after_one_whose_own_disk_was_full(one, tmp_path, monkeypatch, torn):
+    full = "recorder: No space left on device"
+
+    def run_part(order, trials):
+        part = jobs_run_part(order, trials)
+        if trials[0].id != numbers[2]:
+            return part
+        manifest = json.loads(part.files["manifest.json"])
+        manifest["exit"] = {"status": "failed", "code": 1, "reason": full}
+        rows = b"" if torn else part.files["trials.csv"].splitlines(keepends=True)[0]
+        files = {"manifest.json": json.dumps(manifest).encode(), "trials.csv": rows}
+        return replace(part, files={**part.files, **files})
+
+    jobs_run_part = jobs.run_part
+    numbers = [row["trial"] for row in open_run(one).trials]
+    monkeypatch.setattr(jobs, "run_part", run_part)
+    outcome = in_two(tmp_path, Script())
+    assert (outcome.exit_code, outcome.error) == (1, None)
+    assert outcome.line.startswith(full)
+    assert [row["trial"] for row in open_run(outcome.folder).trials] == numbers[:2]
+
+
+def test_what_a_worker_says_of_its_disk_comes_back_from_it():
+    error = RecordingError(Path("runs"), "opening", OSError(28, "No space left on device"))
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
 def test_an_operator_ends_a_campaign_in_parts(one, tmp_path):
     class Leaver(Script):
         def poll(self):
@@ -166,14 +254,76 @@ def test_an_operator_ends_a_campaign_in_parts(one, tmp_path):
     assert open_run(outcome.folder).manifest["exit"]["status"] == "aborted"
 
 
-def test_a_cluster_writes_the_folder_that_one_core_writes(verb, one, tmp_path):
-    from distributed import LocalCluster
+@pytest.fixture(scope="module")
+def local_cluster():
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as started:
+        yield started
 
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        arguments = ("--scheduler", cluster.scheduler_address, "--out", tmp_path)
-        code, out, err = verb("run", "mock/transient", *SHORT, *arguments)
-    assert (code, err) == (0, ""), out
+
+def test_a_cluster_writes_the_folder_that_one_core_writes(verb, one, tmp_path, local_cluster):
+    arguments = ("--scheduler", local_cluster.scheduler_address, "--out", tmp_path)
+    code, out, err = verb("run", "mock/transient", *SHORT, *arguments)
+    assert code == 0, (out, err)  # Dask may warn on standard error
     assert_same(run_of(tmp_path), one)
+
+
+def dying(order, trials):
+    raise KilledWorker("part", SimpleNamespace(address="tcp://10.0.0.7:8786"), 3)
+
+
+def test_a_part_that_a_cluster_gave_up_is_said_in_a_line(local_cluster, monkeypatch):
+    monkeypatch.setattr(jobs, "run_part", dying)
+    with closing(cluster(local_cluster.scheduler_address)) as crew:
+        crew.submit(None, [])  # begun
+        found = parts(crew, None, [SimpleNamespace(id=5), SimpleNamespace(id=6)], lambda: None)
+        with pytest.raises(JobsError, match="trials 5 or beside them; is there memory enough"):
+            next(found)
+
+
+class Broken(Executor):
+    """Finds out that a worker died when it is given a part, or when that part is awaited."""
+
+    def __init__(self, at_once):
+        self.at_once = at_once
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.at_once:
+            raise BrokenProcessPool("a worker died")
+        lost = Future()
+        lost.set_exception(BrokenProcessPool("a worker died"))
+        return lost
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_workers_are_renewed_whenever_their_death_is_found_but_not_for_ever(at_once):
+    begun = []
+
+    def begin():
+        begun.append(Broken(at_once))
+        return begun[-1]
+
+    trials = [SimpleNamespace(id=number) for number in range(5)]
+    with pytest.raises(JobsError, match="trials 0 or beside them"):
+        list(parts(Crew(2, begin, lambda _: None), None, trials, lambda: None))
+    assert len(begun) == DEATHS
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_new_workers_run_what_was_lost_and_nothing_twice(at_once):
+    crews = [Broken(at_once), Broken(at_once), ThreadPoolExecutor(2)]
+    seen = []
+
+    def part(order, trials):
+        seen.extend(trials)
+        return Part({}, ",".join(str(trial.id) for trial in trials), PART_S)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jobs, "run_part", part)
+        crew = Crew(2, lambda: crews.pop(0), lambda executor: executor.shutdown())
+        trials = [SimpleNamespace(id=number) for number in range(9)]
+        found = [part.error for part in parts(crew, None, trials, lambda: None)]
+    assert found == [str(number) for number in range(9)]
+    assert len(seen) == 9
 
 
 def test_a_bench_that_is_there_once_is_not_run_by_several(verb):
