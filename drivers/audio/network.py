@@ -34,6 +34,8 @@ PAUSE_S: Final = 0.002
 CLOSE_S: Final = 0.5
 """Longest wait at close: for the recorder to hang up, for the thread (assumption)."""
 
+HUNG_UP: Final = "the recorder has hung up"
+
 ADVICE: Final = "is it switched on, and the address right?"
 
 
@@ -262,7 +264,7 @@ class _Link:
             if self._connection.send(data, socket.MSG_DONTWAIT) < len(data):
                 self.fault = self.fault or "the network takes no more bytes"
         except OSError as error:
-            self.fault = self.fault or f"the connection is gone ({error.strerror or error})"
+            self.fault = self.fault or _gone(error)
 
     def receive(self) -> list[tuple[float, bytes]]:
         """What has arrived since the last call: (monotonic arrival in seconds, bytes), in order."""
@@ -297,8 +299,15 @@ class _Link:
                 if not self._closing:
                     self._arrived.append((self._clock.monotonic_s(), data))
                     came_bytes += len(data)
-            reason = "the recorder has hung up"
+            reason = HUNG_UP
         except OSError as error:
-            reason = f"the connection is gone ({error.strerror or error})"
+            reason = _gone(error)
         if not self._closing:
             self.fault = self.fault or reason
+
+
+def _gone(error: OSError) -> str:
+    """What became of the connection; a recorder that closes before it has read all resets it."""
+    if isinstance(error, ConnectionResetError | BrokenPipeError):
+        return HUNG_UP
+    return f"the connection is gone ({error.strerror or error})"
