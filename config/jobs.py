@@ -156,12 +156,16 @@ class Crew:
         """Have some trials run; where a worker has died, the part is lost as if it had been with that one."""
         if self._executor is None:
             self._executor = self._begin()
+        # a worker that is begun here inherits the mask: Ctrl+C at the terminal goes to it, too, also while it loads
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return self._executor.submit(run_part, order, trials)
         except BrokenExecutor as error:
             lost: Future[Part] = Future()
             lost.set_exception(error)
             return lost
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def close(self) -> None:
         """Let all go; those that are needed later are started anew."""
@@ -192,7 +196,6 @@ def cores(count: int) -> Crew:
 def _in_a_worker() -> None:
     import ctypes
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the parent decides
     pr_set_pdeathsig = 1  # prctl(2)
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
     for library in ("OPENBLAS", "OMP", "MKL"):  # a worker is a core

@@ -337,3 +337,18 @@ def test_a_shard_that_is_none_is_refused(verb, said):
     code, _, err = verb("run", "mock/transient", "--shard", said)
     assert code == 2
     assert "is no shard" in err
+
+
+def test_ctrl_c_at_the_terminal_does_not_reach_a_worker_however_early(monkeypatch):
+    monkeypatch.setattr("config.jobs.run_part", divmod)  # anything that a worker can do
+    before = set(multiprocessing.active_children())
+    crew = cores(1)
+    try:
+        assert crew.submit(7, 2).result() == (3, 1)
+        (worker,) = set(multiprocessing.active_children()) - before
+        status = Path(f"/proc/{worker.pid}/status").read_text()
+        (blocked,) = [int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigBlk")]
+        assert blocked >> (signal.SIGINT - 1) & 1  # from its first instruction on: it has inherited this
+        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    finally:
+        crew.close()
