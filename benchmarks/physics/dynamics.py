@@ -5,12 +5,13 @@ Equations (1) to (10) of docs/explanation/finger_physics.md, as one writes them 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.physics.model import Motion, Parameters
+from benchmarks.physics.model import Motion, Scene
 from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -18,8 +19,8 @@ Floats = NDArray[np.float64]
 State = tuple[float, float, float, float, float, float, float, float, float]
 """theta, omega, b, beta, a, g1, g2, v, phi."""
 
-FREE, TOUCHING, CLIPPED, BY_LAW = range(4)
-"""Modes; `BY_LAW` asks equation (4) at every evaluation instead, for methods that do not locate events."""
+FREE, TOUCHING, CLIPPED = range(3)
+"""Modes."""
 
 
 REORDERED = {"contract", "reassoc", "nsz", "arcp"}
@@ -27,7 +28,7 @@ REORDERED = {"contract", "reassoc", "nsz", "arcp"}
 
 
 class Constants(NamedTuple):
-    """`Parameters` with their reciprocals: no compiled rival divides."""
+    """Every number of equations (1) to (10), SI units, with reciprocals: no compiled rival divides."""
 
     per_inertia: float
     joint: float
@@ -50,13 +51,30 @@ class Constants(NamedTuple):
     range_hz: float
 
 
-def constants(p: Parameters) -> Constants:
+def constants(scene: Scene) -> Constants:
     """What the compiled code wants."""
-    values = p._asdict()
-    values["per_inertia"] = 1.0 / values.pop("inertia")
-    values["per_base_inertia"] = 1.0 / values.pop("base_inertia")
-    values["per_quality"] = 1.0 / values.pop("quality")
-    return Constants(**values)
+    s = scene.settings
+    return Constants(
+        per_inertia=1.0 / s.inertia_kg_m2,
+        joint=s.joint_n_m_rad,
+        joint_damping=s.joint_n_m_s_rad,
+        per_base_inertia=1.0 / s.base_inertia_kg_m2,
+        base=s.base_n_m_rad,
+        base_damping=s.base_n_m_s_rad,
+        drive=s.drive_n_m,
+        arm=s.arm_f_m,
+        gap=scene.gap_m,
+        contact=s.pad_n_m,
+        contact_damping=s.contact_n_s_m,
+        accelerometer_arm=s.accelerometer_arm_m,
+        accelerometer_rad_s=2.0 * math.pi * s.accelerometer_hz,
+        high_pass_rad_s=2.0 * math.pi * s.high_pass_hz,
+        per_quality=1.0 / s.high_pass_quality,
+        hysteresis=s.hysteresis_m_s2,
+        control_rad_s=2.0 * math.pi * s.loop_hz,
+        lowest_hz=s.oscillator_lowest_hz,
+        range_hz=s.oscillator_range_hz,
+    )
 
 
 def motion_table(motion: Motion) -> Floats:
@@ -77,21 +95,13 @@ def probe(motion: Floats, row: int, t: float) -> tuple[float, float, float]:
 
 
 @compiled(inline="always")
-def contact_force(c: Constants, mode: int, delta: float, rate: float) -> float:
-    """(4)."""
-    push = c.contact * delta + c.contact_damping * rate
-    if mode == BY_LAW:
-        return push if delta > 0.0 and push > 0.0 else 0.0
-    return push if mode == TOUCHING else 0.0
-
-
-@compiled(inline="always")
 def derivative(
     c: Constants, mode: int, comparator: int, oscillator: int, s: float, s_rate: float, x: State
 ) -> State:
     """d x / d t."""
     theta, omega, b, beta, a, g1, g2, v, _ = x
-    force = contact_force(c, mode, s - c.gap - c.arm * theta, s_rate - c.arm * omega)
+    delta, rate = s - c.gap - c.arm * theta, s_rate - c.arm * omega
+    force = c.contact * delta + c.contact_damping * rate if mode == TOUCHING else 0.0
     joint = c.joint * (theta - b) + c.joint_damping * (omega - beta)
     u = c.drive if oscillator else -c.drive
     beta_rate = (joint - c.base * b - c.base_damping * beta) * c.per_base_inertia

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.physics.dynamics import CLIPPED, FREE, TOUCHING, Constants, State
+from benchmarks.physics.model import COMPARATOR_DOWN, COMPARATOR_UP, DRIVE_DOWN, DRIVE_UP, LOST, MADE
 from drivers.compiled import compiled
 
 Probe = tuple[float, float, float]
@@ -143,6 +144,22 @@ def mode_by_law(c: Constants, mode: int, s: Probe, x: State) -> int:
     if mode == TOUCHING and push <= 0.0:
         return CLIPPED if delta > 0.0 else FREE
     return TOUCHING if mode == CLIPPED and push > 0.0 else mode
+
+
+@compiled()
+def switched(
+    c: Constants, which: int, mode: int, comparator: int, oscillator: int
+) -> tuple[int, int, int, int]:
+    """The switches after an event, and the event's kind, or -1 where it is none that is counted."""
+    if which == PHASE:
+        return mode, comparator, 1 - oscillator, DRIVE_DOWN if oscillator else DRIVE_UP
+    if which == COMPARATOR:
+        return mode, 1 - comparator, oscillator, COMPARATOR_DOWN if comparator else COMPARATOR_UP
+    if mode == FREE or which == PRESSURE:
+        return TOUCHING, comparator, oscillator, MADE
+    if mode == TOUCHING:
+        return CLIPPED if c.contact_damping > 0.0 else FREE, comparator, oscillator, LOST
+    return FREE, comparator, oscillator, -1
 
 
 @compiled()

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.physics.dynamics import (
-    CLIPPED,
     FREE,
     REORDERED,
     TOUCHING,
@@ -18,9 +17,7 @@ from benchmarks.physics.dynamics import (
     rk4,
 )
 from benchmarks.physics.guards import (
-    COMPARATOR,
     PHASE,
-    PRESSURE,
     SETTLED_S,
     Probe,
     first,
@@ -28,17 +25,10 @@ from benchmarks.physics.guards import (
     mode_by_law,
     overtaken,
     quiet,
+    switched,
 )
 from benchmarks.physics.high_order import rk8
-from benchmarks.physics.model import (
-    COMPARATOR_DOWN,
-    COMPARATOR_UP,
-    DRIVE_DOWN,
-    DRIVE_UP,
-    LOST,
-    MADE,
-    OUTPUT_HZ,
-)
+from benchmarks.physics.model import LOST, MADE, OUTPUT_HZ
 from drivers.compiled import compiled
 
 Ints = NDArray[np.int64]
@@ -68,22 +58,6 @@ def _step(
         end = rk8(c, mode, comparator, oscillator, motion, row, t, h, x, d)
     s = probe(motion, row, t + h)
     return end, s, derivative(c, mode, comparator, oscillator, s[0], s[1], end)
-
-
-@compiled()
-def _switched(
-    c: Constants, which: int, mode: int, comparator: int, oscillator: int
-) -> tuple[int, int, int, int]:
-    """The switches after an event, and the event's kind, or -1 where it is none that is counted."""
-    if which == PHASE:
-        return mode, comparator, 1 - oscillator, DRIVE_DOWN if oscillator else DRIVE_UP
-    if which == COMPARATOR:
-        return mode, 1 - comparator, oscillator, COMPARATOR_DOWN if comparator else COMPARATOR_UP
-    if mode == FREE or which == PRESSURE:
-        return TOUCHING, comparator, oscillator, MADE
-    if mode == TOUCHING:
-        return CLIPPED if c.contact_damping > 0.0 else FREE, comparator, oscillator, LOST
-    return FREE, comparator, oscillator, -1
 
 
 @compiled(fastmath=REORDERED)
@@ -151,14 +125,23 @@ def located(
     times: Floats,
     codes: Ints,
 ) -> int:
-    """Steps of 1 / (1 kHz x substeps), cut at every event; other arguments and result as of `fixed_step.fixed`.
+    """Steps of 1 / (1 kHz x substeps), cut at every event.
 
     A step's guards are looked at through their cubics (values and slopes at both ends), so that a touch that begins and
     ends within one step is seen. The instant is then polished by Newton, with steps of trial length up to it.
 
     Args:
-        c, motion, outputs, substeps, theta, times, codes: See there.
+        c: The scene's numbers.
+        motion: The probe's plan, as of `motion_table`.
+        outputs: Milliseconds of output.
+        substeps: Steps to a millisecond.
         order: 4 or 8.
+        theta: Written: angle of the distal link at each millisecond, rad, shape (outputs,).
+        times: Written: instants of events, s; its length is the room for them.
+        codes: Written: their kinds, places in `KINDS`.
+
+    Returns:
+        How many events there were; -1 where there was no room for them: the solver went astray.
     """
     x = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0)
     mode, comparator, oscillator, row, count = FREE, 0, 0, 0, 0
@@ -192,7 +175,7 @@ def located(
             t += tau
             if which == PHASE:
                 x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], 0.0)
-            mode, comparator, oscillator, code = _switched(c, which, mode, comparator, oscillator)
+            mode, comparator, oscillator, code = switched(c, which, mode, comparator, oscillator)
             if code >= 0:
                 times[count], codes[count] = t, code
                 count += 1

@@ -1,8 +1,4 @@
-"""What every solver is given and what it gives back: parameters, scenes, trajectories, and the error of one.
-
-The equations are (1) to (10) of docs/explanation/finger_physics.md. Nothing here solves anything, so that the reference
-shares with the plant no more than these numbers.
-"""
+"""What every solver is given and what it gives back: scenes, trajectories, and the error of one."""
 
 from __future__ import annotations
 
@@ -36,30 +32,6 @@ Motion = tuple[tuple[float, float, float, float], ...]
 """The probe's plan: (start in s, position in m, velocity in m/s, acceleration in m/s^2), each until the next begins."""
 
 
-class Parameters(NamedTuple):
-    """Every number of equations (1) to (10) of docs/explanation/finger_physics.md, SI units."""
-
-    inertia: float
-    joint: float
-    joint_damping: float
-    base_inertia: float
-    base: float
-    base_damping: float
-    drive: float
-    arm: float
-    gap: float
-    contact: float
-    contact_damping: float
-    accelerometer_arm: float
-    accelerometer_rad_s: float
-    high_pass_rad_s: float
-    quality: float
-    hysteresis: float
-    control_rad_s: float
-    lowest_hz: float
-    range_hz: float
-
-
 @dataclass(frozen=True)
 class Scene:
     """One problem: from rest, with the excitation switched on at t = 0, without noise, contact at location f.
@@ -86,32 +58,6 @@ class Scene:
         # the settings want a range above zero: this one changes no bit of the frequency
         loop = {} if self.closed else {"oscillator_lowest_hz": OPEN_LOOP_HZ, "oscillator_range_hz": 1e-300}
         return FingerSettings.model_validate({"noise_scale": 0.0, **loop, **self.changes})
-
-    @property
-    def parameters(self) -> Parameters:
-        """The numbers of the equations."""
-        s = self.settings
-        return Parameters(
-            inertia=s.inertia_kg_m2,
-            joint=s.joint_n_m_rad,
-            joint_damping=s.joint_n_m_s_rad,
-            base_inertia=s.base_inertia_kg_m2,
-            base=s.base_n_m_rad,
-            base_damping=s.base_n_m_s_rad,
-            drive=s.drive_n_m,
-            arm=s.arm_f_m,
-            gap=self.gap_m,
-            contact=s.pad_n_m,
-            contact_damping=s.contact_n_s_m,
-            accelerometer_arm=s.accelerometer_arm_m,
-            accelerometer_rad_s=2.0 * math.pi * s.accelerometer_hz,
-            high_pass_rad_s=2.0 * math.pi * s.high_pass_hz,
-            quality=s.high_pass_quality,
-            hysteresis=s.hysteresis_m_s2,
-            control_rad_s=2.0 * math.pi * s.loop_hz,
-            lowest_hz=s.oscillator_lowest_hz,
-            range_hz=s.oscillator_range_hz,
-        )
 
     @property
     def times_s(self) -> Floats:
@@ -196,9 +142,6 @@ FREE: Motion = ((0.0, 0.0, 0.0, 0.0),)
 
 APPROACH: Motion = ((0.0, 0.0, 0.0, 0.0), (0.43, 0.0, 0.004843, 0.0))
 """After 0.43 s, in which the loop locks, at 4.843 mm/s (Table I, location f): it bounces from the first touch on."""
-
-HOLD: Motion = ((0.0, 0.0, 0.0, 0.0), (0.43, 0.0, 0.012, 0.0), (0.83, 0.0048, 0.0, 0.0))
-"""4.8 mm at 12 mm/s, then at rest: it bounces for ever."""
 
 PRESS: Motion = ((0.0, 0.0, 0.1, 0.0), (0.22, 0.022, 0.0, 0.0))
 """22 mm at 0.1 m/s, then at rest: the finger stays pressed and rings with the pad."""

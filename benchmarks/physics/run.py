@@ -1,101 +1,213 @@
-"""The physics benchmark: `python -m benchmarks physics`, or `python -m benchmarks.physics [--quick]`."""
+"""Run time against error of the finger, beside its strongest rivals: `python -m benchmarks physics`.
+
+The reference is the tests' (`tests/stability/finger_oracles.py`: eigenvectors to 40 digits, nothing of the plant's).
+results/physics.md keeps an earlier run with more rivals, among them MuJoCo.
+"""
 
 from __future__ import annotations
 
+import math
 import sys
-import time
-from importlib.metadata import version
-from typing import Any
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
 
-from benchmarks.physics import comparison, figures, life, ours, stress
-from benchmarks.physics.model import scenes
-from benchmarks.physics.report import Findings, claim, document, ratios, scenes_of
-from benchmarks.results import FOLDER, machine, save
+import numpy as np
 
-VERSIONS = ("numpy", "numba", "scipy", "mujoco", "mpmath")
+from benchmarks.physics import scipy_rival
+from benchmarks.physics.dynamics import constants, motion_table
+from benchmarks.physics.located import located
+from benchmarks.physics.model import (
+    DURATION_S,
+    KINDS,
+    Difference,
+    Scene,
+    Solver,
+    Trajectory,
+    difference,
+    scenes,
+)
+from benchmarks.physics.timing import Work, side_by_side_s
+from benchmarks.results import save, table
+from drivers.mock.physics.finger import FingerPlant
+from tests.stability.finger_oracles import modal
+
+EXACT, RK4, ORDER_8, SCIPY = "exact pieces", "RK4, events located", "order 8, events located", "scipy DOP853"
+
+ORDERS = {RK4: 4, ORDER_8: 8}
+
+EVENTS_PER_S = 4000
+"""Room for events; what needs more has gone astray."""
 
 
-def _say(*cells: Any) -> None:
-    print("  ".join(str(cell) for cell in cells), flush=True)
+class Point(NamedTuple):
+    """One solver at one setting on one scene."""
+
+    scene: str
+    closed: bool
+    solver: str
+    setting: str
+    us_per_s: float
+    """CPU time per simulated second."""
+    off: Difference
+
+    @property
+    def whole(self) -> bool:
+        """Whether it has every event of the reference and no other."""
+        return self.off.missed == 0 and self.off.invented == 0
+
+    @property
+    def error(self) -> float:
+        """What is compared: the larger of the error of events in s and of theta in rad."""
+        return max(self.off.event_s, self.off.theta_rad)
 
 
-def _compare(quick: bool) -> tuple[list[comparison.Point], list[comparison.Check]]:
-    points, checks = [], []
-    for found in comparison.compare(quick=quick):
-        if isinstance(found, comparison.Check):
-            checks.append(found)
-            continue
-        points.append(found)
-        _say(
-            f"{found.scene + (', closed' if found.closed else ', open'):22}",
-            f"{found.solver:24} {found.setting:>10} {found.us_per_s:12,.0f} us/s",
-            f"theta {found.off.theta_rad:.0e}  events {found.off.event_s:.0e}",
-            "" if found.whole else f"{found.off.missed} missed, {found.off.invented} invented",
-        )
-    return points, checks
+def reference(scene: Scene) -> Trajectory:
+    """theta on the grid and all events, to 40 digits."""
+    switches, theta_rad = modal(
+        scene.settings,
+        pieces=scene.motion,
+        gap_m=scene.gap_m,
+        until_s=scene.duration_s,
+        samples_s=scene.times_s.tolist(),
+    )
+    return _trajectory(theta_rad, switches)
 
 
-def _sweep(quick: bool) -> list[stress.Cell]:
-    cells = []
-    for cell in stress.sweep(quick=quick):
-        cells.append(cell)
-        if not cell.met:
-            _say(
-                f"stress {cell.stiffness_n_m:g} N/m, {cell.damping_n_s_m:g} N s/m, closed={cell.closed}:",
-                cell.off,
-            )
-    _say(f"stress: bounds met in {sum(c.met for c in cells)} of {len(cells)} cells")
-    return cells
+def _trajectory(theta_rad: Sequence[float], switches: Sequence[tuple[float, str]]) -> Trajectory:
+    events = {kind: np.array([t for t, name in switches if name == kind]) for kind in KINDS}
+    return Trajectory(np.array(theta_rad), events)
+
+
+def exact(scene: Scene) -> Solver:
+    """The plant through the bench's seam, timed with 1 kHz output, periods and contacts; events and theta come from
+    a run that asks for them."""
+    plant, times_s = FingerPlant(scene.settings), scene.times_s
+
+    def begin() -> None:
+        plant.begin(key=(0, 0), gap_m=scene.gap_m)
+        plant.excite(True)
+        plant.move_probe(scene.motion)
+
+    def run() -> None:
+        plant.advance(scene.duration_s, frozenset({"accelerometer", "period"}))
+        plant.periods()
+        plant.contacts()
+        plant.sample("accelerometer", times_s)
+
+    def result() -> Trajectory:
+        begin()
+        theta_rad = []
+        for t in times_s:
+            plant.advance(float(t), frozenset({"switches"}))
+            theta_rad.append(plant.theta_rad)
+        return _trajectory(theta_rad, plant.switches())
+
+    return Solver(run, result, begin)
+
+
+def compiled_rival(scene: Scene, method: str, substeps: int) -> Solver:
+    """A compiled method that locates events, with steps of 1 ms / `substeps`.
+
+    Raises:
+        ArithmeticError: when its result is asked for and it went astray: more events than can be.
+    """
+    c, motion, outputs = constants(scene), motion_table(scene.motion), scene.times_s.size
+    room = int(EVENTS_PER_S * scene.duration_s) + 64
+    theta, times, codes = np.empty(outputs), np.empty(room), np.empty(room, dtype=np.int64)
+    counted = 0
+
+    def run() -> None:
+        nonlocal counted
+        counted = located(c, motion, outputs, substeps, ORDERS[method], theta, times, codes)
+
+    def result() -> Trajectory:
+        if counted < 0:
+            raise ArithmeticError(f"{method} at {1e-3 / substeps:g} s: more events than can be")
+        return Trajectory.from_codes(theta.copy(), times[:counted], codes[:counted])
+
+    return Solver(run, result)
+
+
+def solvers(scene: Scene) -> Iterator[list[tuple[str, str, Solver]]]:
+    """Each with its name and its setting: what is fast is timed in turns, what is too slow for that by itself."""
+    fast = [(EXACT, "", exact(scene))]
+    for method, finest in ((RK4, 7), (ORDER_8, 2)):
+        for substeps in (2**k for k in range(finest + 1)):
+            fast.append((method, f"{1e3 / substeps:g} us", compiled_rival(scene, method, substeps)))
+    yield fast
+    for tolerance in (1e-6, 1e-9, 1e-12):
+        solve = partial(scipy_rival.solve, scene, tolerance)
+        yield [(SCIPY, f"{tolerance:g}", Solver(solve, solve))]
+
+
+def compare(*, quick: bool = False) -> Iterator[Point]:
+    """Solve and time everything; quick: closed loop alone, 1.2 s."""
+    for closed in (True,) if quick else (True, False):
+        for scene in scenes(closed=closed, duration_s=1.2 if quick else DURATION_S):
+            truth = reference(scene)
+            for every in solvers(scene):
+                taken_s = side_by_side_s([Work(solver.run, solver.begin) for _, _, solver in every])
+                for (name, setting, solver), run_s in zip(every, taken_s, strict=True):
+                    off = difference(truth, solver.result())
+                    yield Point(scene.name, closed, name, setting, run_s / scene.duration_s * 1e6, off)
+
+
+def cost_at(points: Sequence[Point], error: float) -> float:
+    """What a solver costs at an error: on the straight line, in logarithms, between its nearest settings.
+
+    Args:
+        points: Of one solver on one scene.
+        error: In s for events and in rad for theta, whichever is larger.
+
+    Returns:
+        CPU time per simulated second in us; that of its cheapest setting where even that is better; infinity where none
+        of its settings is good enough with every event found.
+    """
+    good = sorted((p for p in points if p.whole and math.isfinite(p.error)), key=lambda p: p.us_per_s)
+    best = next((p for p in good if p.error <= error), None)
+    if best is None:
+        return math.inf
+    worse = [p for p in good if p.us_per_s < best.us_per_s]
+    if not worse:
+        return best.us_per_s
+    near = worse[-1]
+    share = math.log(near.error / error) / math.log(near.error / best.error)
+    return near.us_per_s * math.pow(best.us_per_s / near.us_per_s, share)
+
+
+def ratios(points: Sequence[Point]) -> list[list[str]]:
+    """How many times longer than the exact pieces the rivals take at equal error, a row a scene."""
+    rows = []
+    for scene, closed in dict.fromkeys((p.scene, p.closed) for p in points):
+        here = [p for p in points if (p.scene, p.closed) == (scene, closed)]
+        (ours,) = [p for p in here if p.solver == EXACT]
+        row = [f"{scene}, {'closed' if closed else 'open'}", f"{ours.us_per_s:.0f}", f"{ours.error:.0e}"]
+        for solver, error in ((RK4, 1e-9), (RK4, 1e-12), (ORDER_8, 1e-12), (SCIPY, 1e-9)):
+            cost = cost_at([p for p in here if p.solver == solver], error)
+            row.append(f"{cost / ours.us_per_s:.2g}")
+        rows.append(row)
+    return rows
 
 
 def main(quick: bool = False) -> None:
-    """Measure, print a table; write results and figures, unless it is quick (too coarse to be kept)."""
-    begun_s = time.perf_counter()
-    points, checks = _compare(quick)
-    cells = _sweep(quick)
-    speeds, trials = life.speeds(quick=quick), life.trials()
-    for speed in speeds:
-        _say(
-            f"{speed.scene}, noise {'on' if speed.noise else 'off'}: {speed.times_real:,.0f} times real time"
+    """Measure, print, save (unless quick, which is too coarse to be kept)."""
+    points = []
+    for p in compare(quick=quick):
+        points.append(p)
+        lost = "" if p.whole else f"{p.off.missed} missed, {p.off.invented} invented"
+        print(
+            f"{p.scene:13} {p.solver:24} {p.setting:>10} {p.us_per_s:12,.0f} us/s  {p.error:.0e} {lost}",
+            flush=True,
         )
-    for trial in trials:
-        _say(
-            f"95 s, {trial.name}: {trial.at_once_ms:.1f} ms read at once, {trial.in_turns_ms:.1f} ms in turns"
-        )
+    head = ["scene, loop", "exact, us/s", "its error", "RK4 1e-9", "RK4 1e-12", "order 8 1e-12", "scipy 1e-9"]
+    print(table(head, ratios(points)))
     if not quick:
-        where = {**machine(), **{name: version(name) for name in VERSIONS}}
-        set_up_ms = 1e3 * ours.set_up_s(scenes(closed=True)[1])
-        memory_mb, first_uses = life.memory_mb(), life.first_uses()
-        took_s = time.perf_counter() - begun_s
-        found = Findings(
-            where, points, checks, speeds, trials, memory_mb, first_uses, cells, set_up_ms, took_s
+        rows = [{**p._asdict(), "off": p.off._asdict()} for p in points]
+        save(
+            "physics",
+            {"ratios": [dict(zip(head, row, strict=True)) for row in ratios(points)], "points": rows},
         )
-        _write(found)
-    _say()
-    _say(claim(points))
-
-
-def _write(found: Findings) -> None:
-    (FOLDER / "physics.md").write_text(document(found), encoding="utf-8")
-    save(
-        "physics",
-        {
-            "versions": {name: found.machine[name] for name in VERSIONS},
-            "claim": claim(found.points),
-            "ratios": [r._asdict() for r in ratios(found.points)],
-            "points": [{**p._asdict(), "off": p.off._asdict()} for p in found.points],
-            "checks": [{**c._asdict(), "scipy": c.scipy._asdict()} for c in found.checks],
-            "speeds": [s._asdict() for s in found.speeds],
-            "trials": [t._asdict() for t in found.trials],
-            "memory_mb": dict(found.memory_mb),
-            "first_uses": {name: use._asdict() for name, use in found.first_uses.items()},
-            "stress": [{**c._asdict(), "off": c.off._asdict(), "met": c.met} for c in found.cells],
-            "set_up_ms": found.set_up_ms,
-            "took_s": found.took_s,
-        },
-    )
-    for closed in sorted({closed for _, closed in scenes_of(found.points)}):
-        figures.draw(found.points, closed=closed)
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.physics.comparison import Point, cost_at
 from benchmarks.physics.model import Difference, Trajectory, difference, matched
+from benchmarks.physics.run import Point, cost_at
 
 
 def point(us_per_s, error, missed=0):

@@ -228,7 +228,23 @@ class _Reference:
             self.mode = "clipped" if self.c2 > 0 else "free"
         elif name == "apart":
             self.mode = "free"
+        elif name == "nothing":
+            name = self._corner()
         return name if name in ("made", "lost") else ""
+
+    def _corner(self) -> str:
+        """The probe's velocity may have jumped, and with it P: what that switches, or nothing."""
+        corner, p, v, a = max(piece for piece in self.pieces if piece[0] <= self.now)
+        since = self.now - corner
+        depth = p + v * since + a * since**2 / 2 - self.gap - self.arm * self.x[TH]
+        push = self.k2 * depth + self.c2 * (v + a * since - self.arm * self.x[OM])
+        if self.mode == "touching" and push <= 0:
+            self.mode = "clipped" if depth > 0 else "free"
+            return "lost"
+        if self.mode == "clipped" and push > 0:
+            self.mode = "touching"
+            return "made"
+        return ""
 
 
 def _first(at, guards, limit, modes):  # type: ignore[no-untyped-def]

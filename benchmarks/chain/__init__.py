@@ -1,1 +1,0 @@
-"""The 96 kHz chain beside its rivals: run time, delay, error, drift."""
