@@ -165,6 +165,10 @@ class Behavior:
         """Whether the status is the mover's."""
         return getattr(self.event, "device", None) == self._mover
 
+    def decisive(self) -> bool:
+        """Whether the trial cannot do without this detector; one that only listens is missing from its row."""
+        return True
+
     def conclude_fault(self) -> None:
         """Before a transition on a failure: a device or detector could not go on."""
         self.outcome = "fault"
@@ -217,8 +221,8 @@ class Behavior:
 def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
     """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
 
-    A device, a baseline or the guard that gives up fails the trial. So does a deadline in a state in which no row
-    without a condition says what follows from it: a device did not do its part.
+    A device, the baseline of a decisive detector or the guard that gives up fails the trial. So does a deadline in a
+    state in which no row without a condition says what follows from it: a device did not do its part.
 
     Args:
         states: Of the behavior, with `DONE` and `FAILED` at the end.
@@ -233,7 +237,8 @@ def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
         if row["trigger"] == "deadline" and "conditions" not in row
         for state in sources(row)
     }
-    given_up = [on(trigger, alive, failed, do="conclude_fault") for trigger in _FAULTS]
+    given_up = [on(trigger, alive, failed, do="conclude_fault") for trigger in _BROKEN]
+    given_up.append(on(_UNLEARNT, alive, failed, "decisive", do="conclude_fault", label="decisive"))
     waiting = [state for state in alive if state not in resting]
     stuck = [on("deadline", waiting, failed, do="conclude_stuck")] if waiting else []
     return (*rows, *given_up, on("guard_stopped", alive, failed, do="conclude_guard"), *stuck)
@@ -252,8 +257,9 @@ def sources(row: Row) -> Sequence[Enum]:
     return [source] if isinstance(source, Enum) else list(source)
 
 
-_FAULTS = ("refused", "stalled", "failed", "baseline_refused")
-_NOT_AWAITED = frozenset(("deadline", "resumed", "guard_stopped", *_FAULTS))
+_BROKEN = ("refused", "stalled", "failed")
+_UNLEARNT = "baseline_refused"
+_NOT_AWAITED = frozenset(("deadline", "resumed", "guard_stopped", *_BROKEN, _UNLEARNT))
 
 
 def _described(event: Event) -> str:

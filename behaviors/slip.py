@@ -195,6 +195,10 @@ class RollSlip(Approaching):
         event = self.event
         return self.settings.stop_on_slip and isinstance(event, Detected) and event.detector == self._reflex
 
+    def decisive(self) -> bool:
+        """See `Behavior.decisive`: what ends the descent, and what stops the arm."""
+        return super().decisive() or self.must_stop()
+
     def next_is_holding(self) -> bool:
         """Whether a hold comes next."""
         return self._next_is("hold")

@@ -104,6 +104,13 @@ class Transient(Approaching):
         on("deadline", States.SETTLING, States.BASELINE),
         on("baseline_ready", States.BASELINE, States.APPROACH, "all_ready", label="all detectors"),
         on(
+            "baseline_refused",
+            States.BASELINE,
+            States.APPROACH,
+            ["listens", "all_ready"],
+            label="the last one",
+        ),
+        on(
             "contact",
             States.BASELINE,
             States.RETRACTING,
@@ -154,6 +161,10 @@ class Transient(Approaching):
     def unsettled(self) -> bool:
         """Whether the finger has not been given its time yet."""
         return not self._settled
+
+    def listens(self) -> bool:
+        """Whether the trial goes on without this detector."""
+        return not self.decisive()
 
     def all_ready(self) -> bool:
         """Whether this was the last baseline that was waited for."""

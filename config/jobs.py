@@ -13,7 +13,7 @@ import signal
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -189,6 +189,9 @@ def cores(count: int) -> Crew:
             child.terminate()
         for child in children:
             child.join(END_S)
+            if child.is_alive():  # it is at something that hears nothing
+                child.kill()
+                child.join()
 
     return Crew(count, begin, end)
 
@@ -243,7 +246,7 @@ def parts(crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[
         waiting: Called again and again meanwhile.
 
     Raises:
-        JobsError: workers die of it.
+        JobsError: workers die of it, or nobody hands out work any more.
     """
     left = deque(trials)
     given: deque[tuple[Future[Part], list[Trial]]] = deque()
@@ -262,6 +265,10 @@ def parts(crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[
                 continue
             try:
                 part = future.result()
+            except CancelledError:  # by nobody here
+                raise JobsError(
+                    "the scheduler is gone, and what it had been given with it; start it again, then: run.py resume"
+                ) from None
             except crew.lost as error:
                 deaths += 1
                 if deaths >= DEATHS or isinstance(error, crew.given_up):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 from collections.abc import Callable, Mapping
+from itertools import pairwise
+from textwrap import dedent
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -133,18 +137,27 @@ def _table(model: type[BaseModel], location: KeyPath) -> type[BaseModel] | None:
 
 def _described(model: type[BaseModel], location: KeyPath) -> str:
     """What the text below a field says, read from its source: for all fields at every start that takes 0.1 s."""
-    from pydantic._internal._docs_extraction import extract_docstrings_from_cls
-
     here = _table(model, location[:-1])
     for known in here.__mro__ if here else ():
-        text = (
-            extract_docstrings_from_cls(known, use_inspect=True).get(location[-1])
-            if known is not object
-            else None
-        )
-        if text:
+        if text := _texts(known).get(location[-1]):
             return f": {_first_sentence(text)}"
     return ""
+
+
+def _texts(known: type) -> Mapping[str, str]:
+    """The text below each field of a class; none where there is no source."""
+    try:
+        (written,) = ast.parse(dedent(inspect.getsource(known))).body
+    except (OSError, TypeError):
+        return {}
+    assert isinstance(written, ast.ClassDef)
+    return {
+        ast.unparse(field.target): str(text.value.value)
+        for field, text in pairwise(written.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+    }
 
 
 def _settings_in(annotation: Any) -> type[BaseModel] | None:

@@ -21,7 +21,8 @@ SPARKS = 40
 class Glimpse:
     """The deciding signal and the margins of a trial, from what was recorded of it so far.
 
-    It is asked a few times a second, between two turns of the loop, and reads the last samples alone.
+    It is asked a few times a second, between two turns of the loop, and reads the last samples alone. What a
+    detector of the user's own raises is shown, and ends no trial.
 
     Args:
         recording: Of the trial, as it grows.
@@ -38,10 +39,16 @@ class Glimpse:
 
     def lines(self) -> list[str]:
         """The signal's line and the margins'; nothing for what has not been heard."""
-        return [line for line in (self._signal(), "  ".join(self._margins())) if line]
+        return [line for line in (self._signal_or_why_not(), "  ".join(self._margins())) if line]
+
+    def _signal_or_why_not(self) -> str:
+        try:
+            return self._signal()
+        except Exception as error:
+            return f"{type(self._detector).__name__} cannot be shown: {type(error).__name__}: {error}"
 
     def _signal(self) -> str:
-        if self._detector is None:
+        if self._detector is None or not self._detector.inputs:
             return ""
         stream = self._detector.inputs[0]
         values, unit = self._recording.latest(stream, SPARKS)

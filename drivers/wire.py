@@ -143,6 +143,7 @@ class WireDriver(Driver, Generic[LinkT]):
             RefusedError: it does not take a setting.
         """
         self.close()
+        self._blocks, self._statuses = [], []  # what nobody took is of a session that has ended
         self._forget()
         link = self._link = self._connect(self.name, self._port, self._clock)
         try:

@@ -9,7 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from behaviors.events import Contact, Event, GuardStopped, Paused, SlipEnded, SlipStarted
+from behaviors.events import (
+    BaselineReady,
+    BaselineRefused,
+    Contact,
+    Event,
+    GuardStopped,
+    Paused,
+    SlipEnded,
+    SlipStarted,
+)
 from behaviors.slip_settings import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures.trial import TrialEvidence
@@ -107,6 +116,8 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     arming_s, row["ours_least_delay_s"] = _ours_at_best(evidence, run)
     cuts_s = _cuts_s(evidence)
     for who in DETECTORS:
+        if _unlearnt(evidence, getattr(run, who)):
+            continue
         words = _words(evidence.events, getattr(run, who), listen_s)
         if listen_s is not None:
             armed_s = listen_s + (arming_s if who == "ours" else 0.0)
@@ -121,6 +132,13 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row.update(_spectrum(evidence, run, slips, listen_s))
     row.update(_stop(evidence, settings, run))
     return outcome, row
+
+
+def _unlearnt(evidence: TrialEvidence, detector: str) -> bool:
+    """Whether a detector refused what it was to learn from, and has learned nothing since: its silence says nothing."""
+    refused = evidence.last(BaselineRefused, detector=detector)
+    ready = evidence.last(BaselineReady, detector=detector)
+    return refused is not None and (ready is None or ready.t_s < refused.t_s)
 
 
 def _heard(evidence: TrialEvidence, run: SensorRunSettings, touch_s: float | None) -> None:

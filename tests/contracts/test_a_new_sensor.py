@@ -105,3 +105,11 @@ def test_a_command_that_is_not_for_it_is_refused_in_one_line(bench: Crank) -> No
     for command in (MoveTo("scale", 0.0, 0.01), Listen("scale", frozenset({"scale.torque"}))):
         with pytest.raises(CommandError, match=r"^scale: "):
             bench.device.apply(command)
+
+
+def test_one_that_is_opened_again_hands_out_nothing_of_before(bench: Crank) -> None:
+    bench.listen(FORCE)
+    assert bench.device._statuses
+    bench.device.close()
+    bench.device.open()
+    assert (bench.device.read(), bench.device.poll()) == ([], [])

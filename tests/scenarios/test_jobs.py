@@ -280,6 +280,34 @@ def test_a_part_that_a_cluster_gave_up_is_said_in_a_line(local_cluster, monkeypa
             next(found)
 
 
+def test_a_scheduler_that_is_gone_is_said_in_a_line():
+    class Gone(Executor):
+        def submit(self, fn, /, *args, **kwargs):
+            future = Future()
+            future.cancel()  # what Dask's client makes of a connection that is lost
+            future.set_running_or_notify_cancel()
+            return future
+
+    with pytest.raises(JobsError, match="the scheduler is gone"):
+        next(parts(Crew(1, Gone, lambda _: None), None, [SimpleNamespace(id=5)], lambda: None))
+
+
+def test_a_worker_that_does_not_end_when_told_to_is_killed(monkeypatch):
+    class Deaf:
+        done = ()
+
+        def __getattr__(self, name):
+            return lambda *_: self.__dict__.update(done=(*self.done, name)) or "kill" not in self.done
+
+    children = []
+    monkeypatch.setattr(multiprocessing, "active_children", lambda: list(children))
+    crew = cores(1)
+    crew._executor = Executor()
+    children.append(Deaf())
+    crew.close()
+    assert children[0].done == ("terminate", "join", "is_alive", "kill", "join")
+
+
 class Broken(Executor):
     """Finds out that a worker died when it is given a part, or when that part is awaited."""
 

@@ -1,8 +1,9 @@
+import math
 from typing import Any
 
 import pytest
 
-from behaviors.events import BaselineReady, Contact, GuardStopped, Resumed, Tick
+from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
 from behaviors.machine import Behavior, trigger_of
 from behaviors.static import Static, StaticFactors, StaticSettings
 from behaviors.transient import Transient, TransientFactors, TransientSettings
@@ -24,6 +25,10 @@ def contact(t_s, detector="contact"):
 
 def ready(t_s, detector="contact"):
     return BaselineReady(t_s, detector, 28.0, 29.0)
+
+
+def refused(t_s, detector):
+    return BaselineRefused(t_s, detector, 28.0, math.nan, "no variance")
 
 
 def to(state):
@@ -124,6 +129,23 @@ def test_the_approach_waits_for_every_detectors_baseline():
         behavior.handle(event)
     assert behavior.handle(ready(93.0)) == []
     assert behavior.handle(ready(102.0, "shadow")) == [MoveAt("stage", 0.005, 0.01)]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_detector_that_only_listens_and_refuses_its_baseline_is_gone_on_without(order):
+    behavior = transient(detectors=("contact", "shadow"))
+    behavior.begin(0.0)
+    for event in (Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(91.0)):
+        behavior.handle(event)
+    first, last = [ready(93.0), refused(93.0, "shadow")][::order]
+    assert behavior.handle(first) == []
+    assert behavior.handle(last) == [MoveAt("stage", 0.005, 0.01)]
+
+
+def test_the_deciding_detectors_refused_baseline_ends_the_trial_and_says_why():
+    behavior = to(STATES.BASELINE)
+    assert Stop("stage") in behavior.handle(refused(93.0, "contact"))
+    assert (behavior.outcome, behavior.reason) == ("fault", "contact baseline refused: no variance")
 
 
 def test_an_approach_without_contact_ends_at_its_limit():

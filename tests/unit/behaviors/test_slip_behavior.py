@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from behaviors.events import BaselineRefused, Contact, GuardStopped, Resumed, SlipStarted, Tick
+from behaviors.machine import UNDECIDED
 from behaviors.slip import RollSlip
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from drivers.messages import Home, MoveAt, Reached, Sent, Standstill, Stop, Tare, Twist
@@ -265,6 +266,15 @@ def test_a_refused_baseline_is_a_fault_that_says_why():
     behavior.handle(BaselineRefused(3.0, "touch", float("nan"), 0.3, "a value is not finite"))
     assert (behavior.done, behavior.outcome) == (True, "fault")
     assert "not finite" in behavior.reason
+
+
+@pytest.mark.parametrize(("stops", "outcome"), [(True, "fault"), (False, UNDECIDED)])
+def test_a_refused_baseline_of_a_slip_detector_is_a_fault_only_where_it_stops_the_arm(stops, outcome):
+    behavior = led_to(STATES.DESCENDING, stop_on_slip=stops, reflex="ours")
+    for detector in ("paper", "ours"):
+        assert not behavior.done
+        behavior.handle(BaselineRefused(5.0, detector, 0.1, 0.02, "it vibrates"))
+    assert behavior.outcome == outcome
 
 
 def test_a_motion_that_never_ends_is_a_fault_that_says_where():

@@ -2,6 +2,7 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from controller.glimpse import BARS, SPARKS, Glimpse, sparkline
 from controller.guard import GuardSettings
@@ -45,3 +46,27 @@ def test_the_latest_samples_come_from_the_last_blocks():
     values, unit = recording.latest("a", 4)
     assert (values[:, 0].tolist(), unit) == ([5.0, 6.0, 7.0, 8.0], "N")
     assert len(recording.latest("b", 4)[0]) == 0
+
+
+class Raising:
+    """A detector of a user's own, without inputs or with a threshold that cannot be read."""
+
+    def __init__(self, inputs):
+        self.inputs = inputs
+
+    @property
+    def threshold_hz(self):
+        raise ZeroDivisionError("nothing heard")
+
+
+@pytest.mark.parametrize(
+    ("detector", "lines"),
+    [
+        (Raising(()), []),
+        (Raising(("board.period",)), ["Raising cannot be shown: ZeroDivisionError: nothing heard"]),
+    ],
+)
+def test_a_detector_that_cannot_be_shown_ends_no_trial(detector, lines):
+    recording = TrialRecording(1)
+    recording.add(block("board.period", [0.5, 1.0], "s"))
+    assert Glimpse(recording, {"own": detector}, GuardSettings(travel_m=0.012)).lines() == lines

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from behaviors.events import Contact, GuardStopped, Paused, SlipEnded, SlipStarted
+from behaviors.events import (
+    BaselineReady,
+    BaselineRefused,
+    Contact,
+    GuardStopped,
+    Paused,
+    SlipEnded,
+    SlipStarted,
+)
 from behaviors.slip_settings import RollSlipSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.measures.slip import COLUMNS, measure, paper_blocks
@@ -278,3 +286,12 @@ def test_the_papers_blocks_are_its_detectors_own_begun_with_listening_and_after_
     assert found.begin_s[first] == pytest.approx(blocks[1].t0_s - 0.001), (
         "before the first sample by one period"
     )
+
+
+def test_a_detector_that_refused_its_baseline_and_never_learned_has_no_columns():
+    refused = BaselineRefused(2.0, "o", 0.1, 0.02, "it vibrates")
+    row = row_of([refused, started(5.108, "p")])
+    assert {value for name, value in row.items() if name.startswith("ours_")} == {None}
+    assert row["paper_detected"] == 1
+    learned = BaselineReady(2.5, "o", 0.02, 20.0)
+    assert row_of([refused, learned])["ours_missed"] == 1
