@@ -7,9 +7,7 @@ BIN := .venv/bin
 .PHONY: run test browser mutants check format bench recordings soak-test fuzz lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
-	$(BIN)/python run.py run mock/transient_study --no-report
-	$(BIN)/python run.py run mock/transient --no-report
-	$(BIN)/python run.py report latest:mock/transient_study latest:mock/transient
+	$(BIN)/python run.py run papers/table_1
 
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before
 	$(BIN)/python -m config.precompile

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from controller.campaign import CampaignPlan, Console
     from controller.console import Operator
     from controller.recording.resuming import Resumed
+    from controller.recording.run_folder import RunFolder
 
 
 def _say_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
@@ -119,6 +120,11 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
       run.py check mock/transient
       run.py check hardware/transient --connect
     """
+    from config.parts import parts_of
+
+    if parts := parts_of(profile):
+        common = [*_sets(overrides), *(["--connect"] if connect else [])]
+        return max(int(check.main([*part, *common], standalone_mode=False)) for part in parts.runs)
     from config.assemble import plan_campaign
     from config.toml_text import to_toml
     from config.trials import distinct
@@ -166,6 +172,12 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
       run.py plan mock/centering
       run.py plan hardware/transient --set trials.repeats=1
     """
+    from config.parts import parts_of
+
+    if parts := parts_of(profile):
+        for part in parts.runs:
+            plan.main([*part, *_sets(overrides)], standalone_mode=False)
+        return
     from config.assemble import plan_campaign
     from config.costs import planned
     from config.jobs import jobs_for
@@ -230,8 +242,14 @@ def run(
     interrupted.
     """
     from config.assemble import plan_campaign
+    from config.parts import begin, parts_of
     from config.trials import chosen
 
+    if parts := parts_of(profile):
+        if csv or numbers or endpoints or realtime or shard:
+            raise click.UsageError(f"{profile} has parts; run one of them with this option: see run.py list")
+        folder = begin(profile, parts, ["--seed", str(seed), *_sets(overrides)], out)
+        return _in_turn(folder, jobs, scheduler, reported)
     loaded = _loaded(profile, overrides, csv)
     if realtime and (loaded.bench != "emulated" or endpoints is not None):
         reason = "an emulator that runs has its own time" if endpoints else f"{loaded.name} is not emulated"
@@ -277,7 +295,10 @@ def resume(
     from controller.recording.resuming import broken_off
     from controller.recording.run_folder import RunFolder
 
-    resumed = broken_off(RunFolder.find(run, out))
+    found = RunFolder.find(run, out)
+    if "parts" in found.read_manifest():
+        return _in_turn(found, jobs, scheduler, reported)
+    resumed = broken_off(found)
     loaded, trials = profile_of(resumed.manifest, resumed.folder.path.name)
     seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
     plan = plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked)
@@ -319,6 +340,7 @@ def _carried_out(
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
     from controller.console import Operator
+    from controller.recording.run_folder import RunFolder
 
     if crew is not None:
         from config.jobs import in_parts
@@ -336,7 +358,7 @@ def _carried_out(
         (complain if outcome.exit_code else say)(outcome.line)
     try:
         if reported:
-            _report([outcome.folder])
+            _report([RunFolder(outcome.folder)])
     except Exception as error:
         if not outcome.exit_code:
             raise
@@ -511,14 +533,15 @@ def report(runs: Sequence[str], out: Path) -> None:
     \b
     Example:
       run.py report latest
-      run.py report latest:mock/transient_study latest:mock/transient
+      run.py report latest:mock/static latest:mock/transient
     """
-    from controller.recording.reader import close_recordings, open_run
+    from controller.recording.reader import close_recordings
+    from controller.recording.run_folder import RunFolder
 
-    folders = [open_run(name, out).folder for name in runs]
-    for folder in folders:
-        close_recordings(folder)
-    _report([folder.path for folder in folders])
+    folders = [RunFolder.find(name, out) for name in runs]
+    for run in (run for folder in folders for run in folder.runs):
+        close_recordings(run)
+    _report(folders)
 
 
 @cli.command("open", cls=Verb, short_help="Open the report of a run in the browser.")
@@ -537,12 +560,13 @@ def open_(name: str, out: Path) -> None:
 
     from controller.recording.run_folder import RunFolder
 
-    folder = RunFolder.find(name, out).path
-    if not (folder / "report.html").is_file():
+    folder = RunFolder.find(name, out)
+    page = folder.path / "report.html"
+    if not page.is_file():
         _report([folder])
-    click.echo(folder / "report.html")
+    click.echo(page)
     if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        webbrowser.open((folder / "report.html").resolve().as_uri())
+        webbrowser.open(page.resolve().as_uri())
 
 
 @cli.command(cls=Verb, short_help="Write a run in the formats of other programs.")
@@ -644,11 +668,32 @@ def _console(operator: Operator) -> Console:
     return LiveConsole(operator, Terminal())
 
 
-def _report(folders: Sequence[Path]) -> None:
+def _sets(overrides: Mapping[str, str]) -> list[str]:
+    """The options that gave these values."""
+    return [f"--set={key}={value}" for key, value in overrides.items()]
+
+
+def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:
+    """Run the parts of a campaign that are left, and report all; returns the exit code."""
+    from config.parts import carry_on
+
+    workers = [
+        *(["--jobs", str(jobs)] if jobs else []),
+        *(["--scheduler", scheduler] if scheduler else []),
+    ]
+    code = carry_on(folder, run, resume, workers, say)
+    if reported and folder.runs:
+        _report([folder])
+    return code
+
+
+def _report(folders: Sequence[RunFolder]) -> None:
     from controller.recording.reader import open_run
     from controller.reports.report import tell
 
-    page, lines = tell([open_run(folder) for folder in folders])
+    runs = [open_run(run.path) for folder in folders for run in folder.runs]
+    whole = folders[0].read_manifest() if len(folders) == 1 else {}
+    page, lines = tell(runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()))
     usual = page.parent.parent.resolve() == Path("runs").resolve()
     newest = usual and max(page.parent.parent.iterdir()).name == page.parent.name
     where = "latest" if newest else page.parent

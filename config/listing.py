@@ -21,6 +21,9 @@ def listed_profiles() -> list[str]:
         except ProfileError as error:
             lines += [name, f"    broken: {error.problems[0]}"]
             continue
+        if "parts" in data:
+            lines += [f"{name:<28}{data.get('title', '')}", f"    one report of {', '.join(data['parts'])}"]
+            continue
         if "experiment" not in data:
             benches.append(name)
             continue

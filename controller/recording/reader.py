@@ -125,6 +125,9 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
     """
     folder = RunFolder.find(path, root)
     manifest = folder.read_manifest()
+    if "parts" in manifest:
+        names = ", ".join(part.path.name for part in folder.runs) or "none yet"
+        raise RunFolderError(f"{folder.path}: holds several runs; give one of them: {names}")
     with _reading(folder.manifest_path):
         _check([manifest], dict.fromkeys(_TABLES & set(manifest), dict))
         ended = sum((manifest.get("outcomes") or {}).values())

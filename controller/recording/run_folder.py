@@ -88,6 +88,18 @@ class RunFolder:
         self._room: IO[bytes] | None = None
 
     @property
+    def runs(self) -> Sequence[RunFolder]:
+        """The run, or where it is a campaign of parts those that were begun, in their order.
+
+        Raises:
+            RunFolderError: no run, or a damaged manifest.
+        """
+        if "parts" not in self.read_manifest():
+            return [self]
+        parts = [RunFolder(manifest.parent) for manifest in self.path.glob(f"*/{MANIFEST}")]
+        return sorted(parts, key=lambda part: str(part.read_manifest().get("started_utc")))
+
+    @property
     def recordings(self) -> Sequence[Path]:
         """The recordings, oldest first: one, and one more for each time that the run was resumed."""
         return sorted(self.path.glob("recording*.mcap"), key=lambda path: (len(path.name), path.name))
@@ -123,7 +135,7 @@ class RunFolder:
     def find(cls, text: str | Path, root: Path = Path("runs")) -> RunFolder:
         """The run at a path, or the one under `root` whose name contains `text`.
 
-        `latest` is the newest of all, `latest:mock/transient` the newest of that profile.
+        `latest` is the newest of all, `latest:mock/transient` the newest of that profile, of parts as well.
 
         Raises:
             RunFolderError: none, several, or no run.
@@ -135,12 +147,15 @@ class RunFolder:
             folder = cls(path)
             folder.read_manifest()
             return folder
-        runs = sorted(manifest.parent for manifest in root.glob(f"*/{MANIFEST}"))
+        whole, parts = (
+            [manifest.parent for manifest in root.glob(f"{below}/{MANIFEST}")] for below in ("*", "*/*")
+        )
+        runs = sorted([*whole, *parts], key=lambda run: run.name)
         word, _, profile = str(text).partition(":")
-        if word == "latest":
-            matches = [run for run in runs if not profile or _profile_of(run.name) == _folder_part(profile)][
-                -1:
-            ]
+        if text == "latest":
+            matches = sorted(whole)[-1:]
+        elif word == "latest":
+            matches = [run for run in runs if _profile_of(run.name) == _folder_part(profile)][-1:]
         else:
             matches = [run for run in runs if str(text) in run.name]
         if len(matches) == 1:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -62,15 +61,25 @@ def build_report(runs: Sequence[Run], out: Path | None = None) -> Path:
     return tell(runs, out)[0]
 
 
-def tell(runs: Sequence[Run], out: Path | None = None) -> tuple[Path, list[str]]:
-    """Write the report as `build_report` does; returns the page, and what it says in the lines of a terminal."""
+def tell(
+    runs: Sequence[Run], out: Path | None = None, title: str = "", paper: Sequence[Mapping[str, str]] = ()
+) -> tuple[Path, list[str]]:
+    """Write the report as `build_report` does; returns the page, and what it says in the lines of a terminal.
+
+    Args:
+        runs: What to tell of.
+        out: Folder to write to; by default that of the last run.
+        title: Of the page; by default what its parts make of it.
+        paper: Tables and figures of a paper: `item`, what it `shows`, the `part` (a profile) that repeats it, why that
+            `differs`.
+    """
     if not runs:
         raise ValueError("a report needs at least one run")
     folder = out or runs[-1].folder.path
     runs = list({run.folder.path: run for run in runs}.values())
     path = folder / "report.html"
     try:
-        page, parts = _page(runs, folder / "figures")
+        page, parts = _page(runs, folder / "figures", title, paper)
         temporary = path.with_suffix(".html.tmp")
         temporary.write_text(page, "utf-8")
         temporary.replace(path)
@@ -79,17 +88,19 @@ def tell(runs: Sequence[Run], out: Path | None = None) -> tuple[Path, list[str]]
     return path, [*(line for part in parts for line in in_lines(part)), *guard_lines(runs)]
 
 
-def _page(runs: Sequence[Run], figures_path: Path) -> tuple[str, Sequence[Part]]:
+def _page(
+    runs: Sequence[Run], figures_path: Path, title: str, paper: Sequence[Mapping[str, str]]
+) -> tuple[str, Sequence[Part]]:
     parts: list[Part] = []
     apart: list[Table] = []
 
     def kind(run: Run) -> tuple[str, str]:
         return str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
 
-    kinds = [(key, list(members)) for key, members in groupby(sorted(runs, key=kind), key=kind)]
+    kinds = [(key, [run for run in runs if kind(run) == key]) for key in dict.fromkeys(map(kind, runs))]
     for (experiment, bench), members in kinds:
         groups = by_settings(members, not experiment_of(experiment, own_folders(members[-1].manifest)).pooled)
-        names = [f"{bench}, settings {n}" if len(groups) > 1 else bench for n in range(1, len(groups) + 1)]
+        names = _names(bench, groups)
         for number, (name, group) in enumerate(zip(names, groups, strict=True), start=1):
             folder = (
                 figures_path if len(kinds) == len(groups) == 1 else figures_path / f"{experiment}_{bench}"
@@ -120,7 +131,8 @@ def _page(runs: Sequence[Run], figures_path: Path) -> tuple[str, Sequence[Part]]
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
     page = environment.get_template("report.html.j2")
     facts: dict[str, Any] = {
-        "heading": heading or " and ".join(dict.fromkeys(section.title for section in sections)),
+        "heading": title or heading or " and ".join(dict.fromkeys(section.title for section in sections)),
+        "contents": _contents(paper, parts),
         "citations": list(dict.fromkeys(section.citation for section in sections if section.citation)),
         "simulated": any(run.simulated for run in runs),
         "all_simulated": all(run.simulated for run in runs),
@@ -136,6 +148,37 @@ def _page(runs: Sequence[Run], figures_path: Path) -> tuple[str, Sequence[Part]]
     }
     rest = len(page.render(**facts, signals="").encode())
     return page.render(**facts, signals=Markup(payload(runs, max(LEAST_ROOM, PAGE - rest)))), parts
+
+
+def _names(bench: str, groups: Sequence[Sequence[Run]]) -> list[str]:
+    """What tells groups of runs apart: their profiles where these differ, else numbers."""
+    if len(groups) == 1:
+        return [bench]
+    names = [", ".join(dict.fromkeys(_profile(run) for run in group)) for group in groups]
+    different = len(set(names)) == len(names)
+    return names if different else [f"{bench}, settings {number}" for number in range(1, len(groups) + 1)]
+
+
+def _profile(run: Run) -> str:
+    return str((run.manifest.get("profile") or {}).get("name", "?"))
+
+
+def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[Part]) -> Table | None:
+    """A paper's tables and figures, with links to the parts of the page that repeat each; None where none are told."""
+    columns = [
+        Column("paper", ""),
+        *(Column(head, "", look="wrap") for head in ("what it shows", "here", "why ours differs")),
+    ]
+    rows = []
+    for item in paper:
+        links = [
+            Markup('<a href="#part{}">{}</a>').format(number, part.section.title)
+            for number, part in enumerate(parts, start=1)
+            if item["part"] in map(_profile, part.runs)
+        ]
+        here = Markup(", ").join(links) or ("not run" if item["part"] else "–")
+        rows.append([item["item"], item["shows"], here, item["differs"]])
+    return Table(columns, rows) if rows else None
 
 
 def _library() -> list[Markup]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from config.assemble import Table
+from config.parts import parts_of
 from config.profile import load_profile
 from config.sections import KEYS
 from config.source import ProfileError
@@ -18,7 +19,7 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
 
 
-EXAMPLE, JOINED, CROSSED = blocks("toml")
+EXAMPLE, PARTS, JOINED, CROSSED = blocks("toml")
 
 
 def load(text, path, **extra):
@@ -74,3 +75,9 @@ def test_the_mistake_in_a_csv_file_reads_as_shown(tmp_path, monkeypatch):
     with pytest.raises(ProfileError) as caught:
         read_csv("trials.csv")
     assert str(caught.value) == blocks("text")[0].splitlines()[3]
+
+
+def test_the_page_example_of_parts_is_valid(tmp_path):
+    (tmp_path / "mine.toml").write_text(PARTS)
+    parts = parts_of(str(tmp_path / "mine.toml"))
+    assert [arguments[0] for arguments in parts.runs] == ["mock/static", "mock/transient"]

@@ -7,7 +7,7 @@ from config.profile import load_profile
 from config.sections import referred
 from config.source import ProfileError, profile_names, read_source
 
-EXPERIMENTS = [name for name in profile_names() if "bench" not in name]
+EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not name.startswith("papers/")]
 
 STREAMS = (
     *("position", "pose", "force", "width", "fingers", "taxels", "load", "strain_11"),

@@ -1,0 +1,135 @@
+"""A profile of parts: several runs, one after the other, in one folder and with one report."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+from pydantic import Field
+
+from config.source import KeyPath, ProfileError, read_source
+from config.validation import validated
+from controller.recording.run_folder import RunFolder
+from drivers.clock import utc_now
+from drivers.settings import Settings
+
+
+class Shown(Settings):
+    """A table or figure of a paper, and where it is here."""
+
+    item: str
+    """Its name in the paper."""
+
+    shows: str
+    """What it shows."""
+
+    part: str = ""
+    """The profile among the parts that repeats it; "" where none does."""
+
+    differs: str = ""
+    """Why ours comes out otherwise, or is not there."""
+
+
+class Parts(Settings):
+    """What a profile of parts says."""
+
+    title: str
+    """Of the report."""
+
+    parts: tuple[str, ...] = Field(min_length=1)
+    """Arguments of `run`, one run each: "mock/touch --set trials.repeats=4"."""
+
+    paper: tuple[Shown, ...] = ()
+    """The paper's tables and figures, in its order."""
+
+    @property
+    def runs(self) -> Sequence[Sequence[str]]:
+        """The arguments of each run; the profile first."""
+        return [shlex.split(part) for part in self.parts]
+
+
+def parts_of(name_or_path: str) -> Parts | None:
+    """What a profile of parts says; None for a profile of trials.
+
+    Raises:
+        ProfileError: no such profile, or a mistake in it.
+    """
+    source = read_source(name_or_path)
+    if "parts" not in source.data:
+        return None
+    problems: list[str] = []
+
+    def where(_: KeyPath, location: KeyPath) -> str:
+        return f"{source.origin(location)}: {'.'.join(location)}"
+
+    parts = validated(Parts, source.data, (), where, problems)
+    named = [arguments[0] for arguments in parts.runs if arguments] if parts else []
+    problems += [
+        f"{source.files[-1]}: paper {shown.item}: part = {shown.part!r} is none of the parts"
+        for shown in (parts.paper if parts else ())
+        if shown.part and shown.part not in named
+    ]
+    if parts is None or problems:
+        raise ProfileError(problems)
+    return parts
+
+
+def begin(name: str, parts: Parts, common: Sequence[str], out: Path) -> RunFolder:
+    """Make the folder of a campaign of parts; its manifest says what is to be run.
+
+    Args:
+        name: Of the profile.
+        parts: What it says.
+        common: Arguments of every run, behind its own.
+        out: Folder of all runs.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    started = utc_now()
+    folder = RunFolder.create(out, name, started)
+    folder.write_manifest(
+        {
+            "profile": {"name": name},
+            "title": parts.title,
+            "parts": [[*arguments, *common] for arguments in parts.runs],
+            "paper": [shown.model_dump() for shown in parts.paper],
+            "started_utc": started.isoformat(),
+        }
+    )
+    return folder
+
+
+def carry_on(
+    folder: RunFolder,
+    run: click.Command,
+    resume: click.Command,
+    workers: Sequence[str],
+    say: Callable[[str], None],
+) -> int:
+    """Run the parts of a campaign that are not done; what was begun goes on.
+
+    Args:
+        folder: Of the campaign.
+        run: The verb.
+        resume: Likewise.
+        workers: Arguments of both: where trials are run.
+        say: Shows a line.
+
+    Returns:
+        The exit code of the first part that did not end well; the parts behind it are not begun.
+    """
+    parts, begun = folder.read_manifest()["parts"], folder.runs
+    for number, arguments in enumerate(parts):
+        say(f"[{number + 1}/{len(parts)}] {' '.join(arguments)}")
+        verb, first = (resume, [str(begun[number].path)]) if number < len(begun) else (run, arguments)
+        code = verb.main(
+            [*first, "--out", str(folder.path), "--no-report", *workers],
+            prog_name=f"run.py {verb.name}",
+            standalone_mode=False,
+        )
+        if code:
+            return int(code)
+    return 0

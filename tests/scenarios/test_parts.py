@@ -1,0 +1,105 @@
+"""Several runs from one profile: in one folder, with one report, and gone on with where they broke off."""
+
+import shutil
+
+import pytest
+
+from config.assemble import Table
+from config.parts import parts_of
+from config.profile import load_profile
+from config.source import ProfileError, profile_names
+from run import cli
+
+PAPERS = [name for name in profile_names() if name.startswith("papers/")]
+
+TWO = """
+title = "Two of them"
+parts = [
+    "mock/static --set behavior.settle_s=2.0 --only 1",
+    "mock/transient --set behavior.settle_s=2.0 --only 1 --only 2",
+]
+
+[[paper]]
+item = "Fig. 4"
+shows = "waveforms"
+part = "mock/static"
+differs = "one condition of three"
+
+[[paper]]
+item = "Fig. 1"
+shows = "a drawing"
+"""
+
+
+@pytest.fixture
+def run(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("controller.reports.figures.Figures.save", lambda *_: "<svg/>")
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([*arguments, "--out", str(tmp_path / "runs")])
+        said = capsys.readouterr()
+        assert not ended.value.code, said.err
+        return said.out
+
+    return run
+
+
+def rows(campaign):
+    return [path.read_bytes() for path in sorted(campaign.glob("*/trials.csv"))]
+
+
+def test_parts_run_into_one_folder_with_one_report_and_go_on_where_they_broke_off(run, tmp_path):
+    profile = tmp_path / "two.toml"
+    profile.write_text(TWO)
+    said = run("run", str(profile))
+    assert "[2/2] mock/transient" in said
+    (campaign,) = (tmp_path / "runs").iterdir()
+    whole = rows(campaign)
+    assert len(whole) == 2
+    page = (campaign / "report.html").read_text()
+    assert "<h1>Two of them</h1>" in page
+    assert '<td class="left">Fig. 4</td>' in page and 'href="#part1">Static contact (A1)</a>' in page
+    assert "one condition of three" in page
+
+    (static,), (transient,) = (list(campaign.glob(f"*{name}*")) for name in ("mock-static", "mock-transient"))
+    shutil.rmtree(transient)
+    header = (static / "trials.csv").read_bytes().splitlines(keepends=True)[0]
+    (static / "trials.csv").write_bytes(header)
+    (campaign / "report.html").unlink()
+    run("resume", "latest")
+    assert sorted(rows(campaign)) == sorted(whole)
+    assert (campaign / "report.html").is_file()
+
+
+def test_an_option_that_one_part_alone_could_take_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "papers/slip", "--only", "1", "--out", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "run one of them" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_valid(name):
+    for arguments in parts_of(name).runs:
+        context = cli.commands["run"].make_context("run", list(arguments))
+        profile = load_profile(context.params["profile"], context.params["overrides"], table=Table())
+        assert profile.bench == "mock"
+        assert set(context.params["numbers"]) <= {trial.id for trial in profile.trials(0)}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('title = "x"\nparts = []', "parts"),
+        ('title = "x"\nparts = ["mock/static"]\nspeed = 1', "unknown key"),
+        (TWO.replace('part = "mock/static"', 'part = "mock/slip"'), "none of the parts"),
+    ],
+)
+def test_a_mistake_in_a_profile_of_parts_is_said_with_its_place(text, said, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(ProfileError, match=said) as error:
+        parts_of(str(path))
+    assert "mine.toml" in str(error.value)
