@@ -13,6 +13,7 @@ BENCHMARKS = {
     "slip": "benchmarks.slip.study",
     "slip_thresholds": "benchmarks.slip_thresholds",
     "pretouch": "benchmarks.pretouch.run",
+    "pretouch_rooms": "benchmarks.pretouch.rooms_study",
     "centering": "benchmarks.centering.run",
     "contact": "benchmarks.contact.run",
 }

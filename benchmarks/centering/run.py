@@ -28,7 +28,6 @@ from benchmarks.centering.study import (
     methods,
     our_choices,
     papers_choices,
-    scattered,
     with_object,
 )
 from benchmarks.results import FOLDER, save
@@ -151,8 +150,7 @@ def _eighty_fives(
         places = [
             place for repeat in range(repeats) for place in eighty_five(seed, repeat, speed_m_s, mismatch_db)
         ]
-        if finger_db:
-            places = list(scattered(places, finger_db))
+        places = [place._replace(finger_db=finger_db) for place in places]
         outcomes = made([(place, method) for place in places], pool)
         found[speed_m_s] = [outcomes[first : first + 85] for first in range(0, len(outcomes), 85)]
     return found

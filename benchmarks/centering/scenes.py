@@ -13,6 +13,7 @@ from drivers.messages import SampleBlock
 from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraPlant, Motion
 from drivers.mock.physics.aura_jaws import jaws_settings
 from drivers.mock.physics.aura_objects import OBJECTS
+from drivers.mock.physics.aura_settings import RoomSettings
 from drivers.mock.physics.gripper_part import AuraBenchSettings
 from drivers.mock.physics.tool_motion import ToolMotion
 from drivers.ur_arm.stream import RATE_HZ as ENCODER_HZ
@@ -46,6 +47,8 @@ class Place(NamedTuple):
         speed_m_s: Of the search.
         mismatch_db: By how much the right finger is more sensitive than the left.
         begin_s: When the rest before the search begins, on the bench's clock.
+        finger_db: Standard deviation of each finger's sensitivity from search to search.
+        room: What else is there.
     """
 
     seed: int
@@ -55,6 +58,8 @@ class Place(NamedTuple):
     speed_m_s: float
     mismatch_db: float = 0.0
     begin_s: float = 8.92
+    finger_db: float = 0.0
+    room: RoomSettings = RoomSettings()
 
 
 class Bench:
@@ -70,7 +75,12 @@ class Bench:
     """
 
     def __init__(self, place: Place) -> None:
-        settings = AuraBenchSettings(object=place.object, mismatch_db=place.mismatch_db)
+        settings = AuraBenchSettings(
+            object=place.object,
+            mismatch_db=place.mismatch_db,
+            finger_scatter_db=place.finger_db,
+            room=place.room,
+        )
         thing = OBJECTS[place.object]
         self.arm = ToolMotion(
             (1.0, 0.0, 0.0), acceleration_m_s2=ACCELERATION_M_S2, max_speed_m_s=MAX_SPEED_M_S
@@ -142,6 +152,7 @@ class Bench:
             np.full(n, self._width_m),
             np.asarray(self._push_n * touching, np.float64),
             ENVELOPE_HZ * np.abs(np.diff(tools_m)),
+            tool_m,
         )
 
     def gap_m(self, finger: int, tool_m: float) -> float:

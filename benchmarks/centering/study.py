@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -124,13 +124,6 @@ def object_reach_m(name: str) -> float:
     return min(STARTS_M[0][1], room_m - LEAST_GAP_M)
 
 
-def scattered(places: Iterable[Place], finger_db: float) -> Iterator[Place]:
-    """The same with fingers that differ anew each time, each by so many decibels (standard deviation)."""
-    for place in places:
-        drawn = np.random.default_rng((place.seed, place.number, 7)).standard_normal()
-        yield place._replace(mismatch_db=math.sqrt(2.0) * finger_db * float(drawn))
-
-
 def made(work: Sequence[tuple[Place, Method]], pool: ProcessPoolExecutor) -> list[Found]:
     """All these searches, in order."""
     return list(pool.map(_one, work, chunksize=max(1, min(50, len(work) // 8))))
@@ -152,7 +145,9 @@ def wave_fs(distance_m: float, name: str = "pipe") -> float:
         plant = AuraPlant(settings)
         plant.begin((0, 0), thing, settings.object_top_m, "normal")
         gap_m = np.array([[distance_m, 1.0]])
-        motion = Motion(gap_m, np.zeros(1), np.zeros(1), np.full(1, 0.063), np.zeros((1, 2)), np.zeros(1))
+        motion = Motion(
+            gap_m, np.zeros(1), np.zeros(1), np.full(1, 0.063), np.zeros((1, 2)), np.zeros(1), np.zeros(1)
+        )
         fields.append(
             plant.field(motion, np.zeros(1), np.full(1, DRIVE_HZ), np.full(1, LEVEL), (RIGHT,))[0, RIGHT]
         )

@@ -156,7 +156,7 @@ def settings_of(event: Event) -> AuraBenchSettings:
     return found.model_copy(update={"reflection_fs": weaker_fs})
 
 
-def _ramp(times_s: Floats, length_m: float, speed_m_s: float) -> tuple[Floats, float]:
+def ramp(times_s: Floats, length_m: float, speed_m_s: float) -> tuple[Floats, float]:
     """Way along a motion that begins at 0, and how long it takes."""
     rise_s = speed_m_s / ACCELERATION_M_S2
     total_s = length_m / speed_m_s + rise_s
@@ -188,8 +188,8 @@ def _rest_s(event: Event) -> float:
 def course(event: Event, times_s: Floats) -> Course:
     """Where things are at instants since the passage began."""
     rest_s, length_m = _rest_s(event), _length_m(event)
-    forth_m, takes_s = _ramp(times_s - rest_s, length_m, event.speed_m_s)
-    back_m, _ = _ramp(times_s - rest_s - takes_s - HOLD_S, length_m, event.speed_m_s)
+    forth_m, takes_s = ramp(times_s - rest_s, length_m, event.speed_m_s)
+    back_m, _ = ramp(times_s - rest_s - takes_s - HOLD_S, length_m, event.speed_m_s)
     way_m = forth_m - back_m
     if event.kind == "drift":
         way_m = np.zeros_like(way_m)
@@ -200,7 +200,7 @@ def course(event: Event, times_s: Floats) -> Course:
     force_n = np.zeros((n, 2))
     force_n[:, RIGHT] = AuraBenchSettings().press_n_m * np.maximum(-gap_m[:, RIGHT], 0.0)
     speed_m_s = np.abs(np.gradient(way_m, times_s)) if n > 1 else np.zeros(n)
-    motion = Motion(gap_m, np.zeros(n), np.zeros(n), np.full(n, 0.063), force_n, speed_m_s)
+    motion = Motion(gap_m, np.zeros(n), np.zeros(n), np.full(n, 0.063), force_n, speed_m_s, way_m)
     return Course(way_m, motion, rest_s, rest_s + takes_s)
 
 

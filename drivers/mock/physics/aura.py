@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from drivers.mock.physics.aura_drive import FRAME_HZ
 from drivers.mock.physics.aura_kernel import Air, Thing, crossings, echoed, modulated, reflections, slow_waves
 from drivers.mock.physics.aura_objects import AuraObject, Side
-from drivers.mock.physics.aura_settings import AuraSettings
+from drivers.mock.physics.aura_room import ROOM_PHASES, room_field, second_path
+from drivers.mock.physics.aura_settings import AuraSettings, RoomSettings
 from drivers.mock.physics.noise import gaussian_at
 
 Floats = NDArray[np.float64]
@@ -41,11 +42,13 @@ PERIODS_S = np.geomspace(20.0, 600.0, 6)
 NODE_S = 0.01
 """It is computed so often, and in straight lines between: it strays from the curve by a millionth of itself."""
 
-DRAWN_LATER = 16
-"""Numbers of a trial's draws from which on the wandering's phases are taken."""
+SCATTERED, DRAWN_LATER, DRAWN_ROOM = 2, 16, 64
+"""Numbers of a trial's draws from which on the fingers' scatter, the wandering's phases and the room's are taken."""
 
 SMOOTH = np.array([1.0, 2.0, 1.0]) / math.sqrt(6.0)
 """Motion's noise is white up to some 200 Hz: this on white noise, power 1."""
+
+QUIET_ROOM = RoomSettings()
 
 NO_THING = Thing(0.0, 0.0, -1.0, 0.0, 1.0)
 
@@ -64,6 +67,7 @@ class Motion(NamedTuple):
         width_m: Opening of the jaws, shape (n,).
         force_n: How hard each finger is pressed, shape (n, 2).
         speed_m_s: Of arm and jaws, shape (n,).
+        x_m: Way of the tool along x since the start pose, shape (n,).
     """
 
     gap_m: Floats
@@ -72,6 +76,7 @@ class Motion(NamedTuple):
     width_m: Floats
     force_n: Floats
     speed_m_s: Floats
+    x_m: Floats
 
 
 class AuraPlant:
@@ -111,13 +116,11 @@ class AuraPlant:
             )
         about = settings.sides[side]
         self._side_rad = about.phase_rad
-        for drawn in ("_reflected", "_phases_rad"):
+        for drawn in ("_reflected", "_phases_rad", "_gains", "_room_rad"):
             self.__dict__.pop(drawn, None)
         self._strength = about.sensitivity * self._shape.strength
         touched = 0.0 if thing is None else thing.coupling
         self._coupled = touched * about.coupling_fs * cmath.exp(1j * about.coupling_rad)
-        half_db = 0.5 * settings.mismatch_db
-        self._gains = (10.0 ** (half_db / 20.0), 10.0 ** (-half_db / 20.0))
 
     # drawn when they are needed: what draws is compiled, and a plant that is only asked about itself needs none of it
 
@@ -136,12 +139,31 @@ class AuraPlant:
         phases: Floats = gaussian_at(self.key, STREAM_TRIAL, numbers).reshape(len(PERIODS_S), -1)
         return 20.0 * phases  # so wide that it is uniform over the circle
 
+    @cached_property
+    def _gains(self) -> tuple[float, float]:
+        settings = self.settings
+        half_db = 0.5 * settings.mismatch_db
+        gains_db = np.array([half_db, -half_db])
+        if settings.finger_scatter_db:
+            numbers = SCATTERED + np.arange(FINGERS, dtype=np.int64)
+            gains_db += settings.finger_scatter_db * gaussian_at(self.key, STREAM_TRIAL, numbers)
+        right_db, left_db = gains_db.tolist()
+        return 10.0 ** (right_db / 20.0), 10.0 ** (left_db / 20.0)
+
+    @cached_property
+    def _room_rad(self) -> Floats:
+        numbers = DRAWN_ROOM + np.arange(FINGERS * ROOM_PHASES, dtype=np.int64)
+        return 20.0 * gaussian_at(self.key, STREAM_TRIAL, numbers).reshape(FINGERS, -1)
+
     def response(self, finger: int, frequency_hz: Floats) -> Complexes:
-        """What of a drive gets through a finger and back, 1 where that is best, shape (n,)."""
-        best_hz = self.settings.resonance_hz[finger]
-        ratio = np.maximum(frequency_hz, 1.0) / best_hz
-        found = 1.0 / (1.0 + 1j * self.settings.quality * (ratio - 1.0 / ratio))
-        return np.asarray(found, dtype=np.complex128)
+        """What of a drive gets through a finger and back, 1 where that is best (of two: where one is), shape (n,)."""
+        settings = self.settings
+        found = np.ones(len(frequency_hz), dtype=np.complex128)
+        for resonances_hz in (settings.resonance_hz, settings.second_hz):
+            if resonances_hz is not None:
+                ratio = np.maximum(frequency_hz, 1.0) / resonances_hz[finger]
+                found *= 1.0 / (1.0 + 1j * settings.quality * (ratio - 1.0 / ratio))
+        return found
 
     def field(
         self,
@@ -179,7 +201,14 @@ class AuraPlant:
         for finger in fingers:
             heard = self._bridge(finger, times_s, warmed_k) + settings.cross_fs * crossed
             if self._strength > 0.0 and np.isfinite(motion.gap_m[:, finger]).any():
-                heard += self._reflected * self._reflection(motion, finger, wave_rad_m)
+                reflection = self._reflected * self._reflection(motion, finger, wave_rad_m)
+                if settings.room.second_path:
+                    late_rad = self._room_rad[finger, 0]
+                    reflection *= second_path(settings.room, motion.gap_m[:, finger], wave_rad_m, late_rad)
+                heard += reflection
+            if settings.room != QUIET_ROOM:
+                room = (motion.x_m, motion.speed_m_s, times_s, wave_rad_m)
+                heard += room_field(settings.room, self._air, *room, self._room_rad[finger])
             pressed_n = motion.force_n[:, finger]
             if self._coupled and pressed_n.any():
                 heard -= self._coupled * np.expm1(-pressed_n / settings.force_n)

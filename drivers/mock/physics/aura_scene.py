@@ -138,6 +138,7 @@ class AuraScene:
             np.ascontiguousarray(width_m),
             rows[:, FORCE],
             rows[:, SPEED],
+            np.ascontiguousarray(tool_m[:, 0]),
         )
 
     def _away(self, place_m: Floats, tool_m: Floats) -> Floats:

@@ -46,6 +46,50 @@ SIDE_SETTINGS: dict[Side, SideSettings] = {
 contact is felt always "except for the top"."""
 
 
+class EchoSettings(Settings):
+    """Something in the room that sends sound back and is not the object: a wall, the table, another machine."""
+
+    size_fs: float = Field(ge=0.0, le=1.0)
+    """What comes back to a finger at the start pose, at full drive."""
+
+    away_m: float = Field(default=0.3, gt=0.0, le=10.0)
+    """How far away it is there; its echo grows towards it as the object's does."""
+
+    cosine: float = Field(default=1.0, ge=-1.0, le=1.0)
+    """Of the angle between x and the line to it: 1 is straight ahead, 0 beside, -1 behind."""
+
+    stroke_m: float = Field(default=0.0, ge=0.0, le=1.0)
+    """It moves to and fro by so much to either side; 0 stands still."""
+
+    stroke_hz: float = Field(default=0.5, ge=0.0, le=100.0)
+    """So often."""
+
+
+class RoomSettings(Settings):
+    """What a real room adds. All of it is off unless a profile or a study asks for it; sizes are assumptions."""
+
+    echoes: Annotated[tuple[EchoSettings, ...], Strict(False)] = ()
+    """What else sends sound back."""
+
+    second_path: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Of the object's echo, the share that comes back once more by way of a surface beside the fingers."""
+
+    second_path_m: float = Field(default=0.015, gt=0.0, le=1.0)
+    """Distance of that surface."""
+
+    ripple_fs: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Amplitude of what a gear's teeth do to the bridge's balance, at full drive."""
+
+    ripple_m: float = Field(default=0.005, gt=0.0, le=1.0)
+    """Way from tooth to tooth."""
+
+    vibration_fs: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Amplitude of a narrow vibration of the mechanism while it moves, at full drive."""
+
+    vibration_hz: float = Field(default=5.0, gt=0.0, le=400.0)
+    """Its frequency."""
+
+
 class AuraSettings(Settings):
     """Two fingers, the air, the bridge. Amplitudes are shares of the converter's full scale at full drive.
 
@@ -98,6 +142,9 @@ class AuraSettings(Settings):
     mismatch_db: float = Field(default=0.0, ge=-20.0, le=20.0)
     """By how much the right finger is more sensitive than the left ("not identical in their construction", IV.A.2)."""
 
+    finger_scatter_db: float = Field(default=0.0, ge=0.0, le=20.0)
+    """Standard deviation, from trial to trial, of each finger's own sensitivity."""
+
     gain_scatter_db: float = Field(default=1.0, ge=0.0, le=20.0)
     """Standard deviation, from trial to trial, of what is reflected: nobody puts an object twice in the same way."""
 
@@ -109,6 +156,10 @@ class AuraSettings(Settings):
 
     quality: float = Field(default=25.0, gt=0.5, le=1000.0)
     """Sharpness of that."""
+
+    second_hz: Pair | None = None
+    """A second resonance, as sharp; None is one alone. What is sent and what is heard pass through both, as in
+    `controller.signals.transducer`: a pair sold for 40 kHz peaks at 40.4 to 40.5 kHz with a sharpness of 45."""
 
     force_n: float = Field(default=0.5, gt=0.0, le=100.0)
     """Force at which the coupling has done 63 % of its change."""
@@ -126,6 +177,9 @@ class AuraSettings(Settings):
 
     drive_ppm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
     """By how much the drive's clock is faster than the converter's; 0 is one clock for both."""
+
+    room: RoomSettings = RoomSettings()
+    """Around it."""
 
     sides: dict[Side, SideSettings] = SIDE_SETTINGS
     """By name."""

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from controller.signals.transducer import analyse
 from drivers.mock.physics.aura import COUNTS, LEFT, RIGHT, AuraPlant, Motion
 from drivers.mock.physics.aura_objects import OBJECTS, SIDES, SIX, SOFT
-from drivers.mock.physics.aura_settings import AuraSettings
+from drivers.mock.physics.aura_settings import AuraSettings, EchoSettings, RoomSettings
 
 HALF_WAVE_M = 343.2 / 40_000.0 / 2.0
 """Half a wavelength in air of 20 degrees, where sound makes 343.2 m/s: 4.29 mm."""
@@ -34,7 +36,7 @@ def motion(
     gaps_m = np.column_stack([gap_m, np.full(n, np.inf) if left_m is None else left_m])
     zeros = np.zeros(n)
     forces_n = np.column_stack([np.full(n, force_n), zeros])
-    return Motion(gaps_m, zeros, zeros, np.full(n, 0.063), forces_n, np.full(n, speed_m_s))
+    return Motion(gaps_m, zeros, zeros, np.full(n, 0.063), forces_n, np.full(n, speed_m_s), zeros)
 
 
 def plant(thing: str | None = "pipe", side: Any = "normal", trial: int = 1, **changed: Any) -> AuraPlant:
@@ -249,3 +251,66 @@ def test_too_loud_a_carrier_is_clipped_as_a_converter_does() -> None:
     assert counts[:, RIGHT].max() == COUNTS - 1
     assert counts[:, RIGHT].min() == -COUNTS
     assert np.abs(counts[:, LEFT]).max() < 0.1 * COUNTS
+
+
+# --- a room that is less kind ----------------------------------------------------------------------
+
+
+def in_room(x_m: Floats, speed_m_s: float = 0.01, **room: Any) -> NDArray[np.complex128]:
+    """What a room adds to the right finger's output along a way of the tool, at 0.01 m/s, before nothing."""
+    n = len(x_m)
+    moved = motion(np.full(n, np.inf), speed_m_s=speed_m_s)._replace(x_m=x_m)
+    fields = [
+        plant(None, **QUIET, room=RoomSettings(**about)).field(
+            moved, x_m / 0.01, np.full(n, 40_000.0), np.full(n, 1.0)
+        )[:, RIGHT]
+        for about in (room, {})
+    ]
+    return np.asarray(fields[0] - fields[1])
+
+
+@pytest.mark.parametrize("cosine", [1.0, 0.5, -1.0])
+def test_a_still_echo_turns_with_the_way_towards_it_and_grows_with_nearness(cosine: float) -> None:
+    x_m = np.arange(0.0, 0.05, 1e-4)
+    found = in_room(x_m, echoes=(EchoSettings(size_fs=1e-4, away_m=0.3, cosine=cosine),))
+    assert abs(found[0]) == pytest.approx(1e-4)
+    turns = np.unwrap(np.angle(found))[-1] - np.angle(found)[0]
+    wave_rad_m = 2.0 * math.pi * 40_000.0 / AuraSettings().sound_m_s(293.15)
+    assert turns - 2.0 * wave_rad_m * cosine * x_m[-1] == pytest.approx(0.0, abs=1e-6)
+    assert abs(found[-1]) / abs(found[0]) == pytest.approx((0.31 / (0.31 - cosine * x_m[-1])) ** 2)
+
+
+def test_ripple_goes_with_the_way_and_vibration_with_time_while_the_arm_moves() -> None:
+    x_m = np.arange(0.0, 0.05, 1e-4)
+    ripple = in_room(x_m, ripple_fs=1e-4, ripple_m=0.005)
+    assert ripple[50:] == pytest.approx(ripple[:-50], abs=1e-12)
+    shaken = in_room(x_m, vibration_fs=1e-4, vibration_hz=10.0)
+    assert shaken[10:] == pytest.approx(shaken[:-10], abs=1e-12)
+    assert not in_room(x_m, speed_m_s=0.0, vibration_fs=1e-4).any()
+    assert np.abs(ripple).max() == pytest.approx(1e-4, rel=0.01)
+
+
+def test_a_second_path_changes_an_echo_by_its_share_at_the_most() -> None:
+    gap_m = np.arange(0.004, 0.055, 1e-4)
+    ratio = change(gap_m, room=RoomSettings(second_path=0.1)) / change(gap_m)
+    assert np.abs(ratio).max() == pytest.approx(1.1, abs=0.005)
+    assert np.abs(ratio).min() == pytest.approx(0.9, abs=0.005)
+
+
+def test_fingers_scatter_each_by_itself_and_from_trial_to_trial() -> None:
+    gains = np.array(
+        [
+            np.abs(seen(plant(None, trial=i, finger_scatter_db=1.0), motion(np.array([np.inf]))))
+            for i in range(400)
+        ]
+    )
+    scatter_db = np.std(20.0 * np.log10(gains[:, 0]), axis=0)
+    assert scatter_db == pytest.approx([1.0, 1.0], abs=0.12)
+
+
+def test_a_pair_with_two_resonances_is_found_between_them_as_sharp_as_it_is() -> None:
+    frequency_hz = np.linspace(38_000.0, 43_000.0, 22)
+    pair = AuraPlant(AuraSettings(resonance_hz=(40_300.0,) * 2, second_hz=(40_600.0,) * 2, quality=45.0))
+    found = analyse(frequency_hz, np.abs(pair.response(RIGHT, frequency_hz)))
+    assert 40_400.0 < found.peak_hz < 40_500.0
+    assert [one.q for one in found.resonances] == pytest.approx([45.0, 45.0], rel=0.05)

@@ -1,0 +1,252 @@
+"""Rooms that are less kind: walls, gears, vibration, slanting ways, warm air, others that move. Data and traces.
+
+Sizes in full scales are as a finger hears them, at the study's drive. A room is drawn anew for each passage.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.pretouch.scenes import DRIVE_HZ, END_M, LEVEL, RATE_HZ, START_M, ramp
+from drivers.mock.physics.aura import RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura_objects import OBJECTS, SIDES, SIX, Side
+from drivers.mock.physics.aura_settings import EchoSettings, RoomSettings
+from drivers.mock.physics.gripper_part import AuraBenchSettings
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Rng = np.random.Generator
+
+UNDULATION_M = 0.00429
+"""Half a wavelength at 40 kHz."""
+
+REST_S, HOLD_S = 0.6, 0.3
+"""Before a way and at its end."""
+
+JITTER_HZ = 0.7
+"""Of a mover's speed. Assumption: what a badly tuned axis does, slow enough to slip by a part of an undulation."""
+
+TRAINING = "training"
+
+
+class Room(NamedTuple):
+    """What one passage meets.
+
+    Attributes:
+        settings: Of the plant.
+        slant_deg: Angle between the way and the finger's face.
+        jitter: Amplitude of the speed's swing, as a share of it.
+        object_share: Speed at which the object comes nearer by itself, as a share of the mover's.
+        sound: Ratio of the real speed of sound to the one that the detectors believe.
+    """
+
+    settings: RoomSettings = RoomSettings()
+    slant_deg: float = 0.0
+    jitter: float = 0.0
+    object_share: float = 0.0
+    sound: float = 1.0
+
+
+def walls(rng: Rng, heard_fs: float) -> tuple[EchoSettings, ...]:
+    """One to three still echoes from a quarter of a metre on, in any direction, of size `heard_fs` together."""
+    count = int(rng.integers(1, 4))
+    shares = np.sqrt(rng.dirichlet(np.ones(count)))
+    return tuple(
+        EchoSettings(size_fs=float(share) * heard_fs / LEVEL, away_m=rng.uniform(0.25, 1.0), cosine=cosine)
+        for share, cosine in zip(shares, rng.uniform(-1.0, 1.0, count), strict=True)
+    )
+
+
+def facing(rng: Rng, heard_fs: float) -> tuple[EchoSettings, ...]:
+    """One wall straight ahead or behind: its echo turns as the object's does."""
+    cosine = float(rng.choice((-1.0, 1.0)))
+    return (EchoSettings(size_fs=heard_fs / LEVEL, away_m=rng.uniform(0.25, 1.0), cosine=cosine),)
+
+
+def mover(rng: Rng, heard_fs: float) -> tuple[EchoSettings, ...]:
+    """Something half a metre away that moves to and fro by 5 cm."""
+    about = {"away_m": 0.5, "cosine": 0.0, "stroke_m": 0.05, "stroke_hz": rng.uniform(0.1, 0.5)}
+    return (EchoSettings(size_fs=heard_fs / LEVEL, **about),)
+
+
+def shaken(rng: Rng, speed_m_s: float, ripple_fs: float, vibration_fs: float) -> RoomSettings:
+    """Gear ripple of about the undulation's length and a vibration at its rate, each up to a fifth off."""
+    off = rng.uniform(0.8, 1.2, 2)
+    return RoomSettings(
+        ripple_fs=ripple_fs / LEVEL,
+        ripple_m=off[0] * UNDULATION_M,
+        vibration_fs=vibration_fs / LEVEL,
+        vibration_hz=off[1] * speed_m_s / UNDULATION_M,
+    )
+
+
+def _training(rng: Rng, speed_m_s: float) -> Room:
+    """What thresholds are set on: everything by chance, sizes from nothing to the largest that is judged."""
+    sizes_fs = 10.0 ** rng.uniform(-6.0, -4.0, 4)
+    echoes = (walls, facing)[int(rng.integers(2))](rng, sizes_fs[0]) + mover(rng, sizes_fs[3])
+    moved = shaken(rng, speed_m_s, sizes_fs[1], sizes_fs[2])
+    kept = rng.random(4) < 0.5
+    settings = RoomSettings(
+        echoes=tuple(echo for echo in echoes if kept[3 if echo.stroke_m else 0]),
+        ripple_fs=moved.ripple_fs * kept[1],
+        ripple_m=moved.ripple_m,
+        vibration_fs=moved.vibration_fs * kept[2],
+        vibration_hz=moved.vibration_hz,
+    )
+    return Room(settings, jitter=rng.uniform(0.0, 0.2), sound=rng.uniform(0.95, 1.05))
+
+
+def _echoes(kind: Callable[[Rng, float], tuple[EchoSettings, ...]], heard_fs: float) -> Callable[..., Room]:
+    return lambda rng, speed_m_s: Room(RoomSettings(echoes=kind(rng, heard_fs)))
+
+
+def _off(sound: float) -> Callable[..., Room]:
+    return lambda rng, speed_m_s: Room(sound=1.0 + sound * float(rng.choice((-1.0, 1.0))))
+
+
+ROOMS: Mapping[str, Callable[[Rng, float], Room]] = {
+    TRAINING: _training,
+    "empty": lambda rng, speed_m_s: Room(),
+    "walls 1e-5": _echoes(walls, 1e-5),
+    "walls 3e-5": _echoes(walls, 3e-5),
+    "walls 1e-4": _echoes(walls, 1e-4),
+    "a wall that faces, 3e-5": _echoes(facing, 3e-5),
+    "a wall that faces, 1e-4": _echoes(facing, 1e-4),
+    "ripple 3e-5": lambda rng, speed_m_s: Room(shaken(rng, speed_m_s, 3e-5, 0.0)),
+    "ripple 1e-4": lambda rng, speed_m_s: Room(shaken(rng, speed_m_s, 1e-4, 0.0)),
+    "vibration 3e-5": lambda rng, speed_m_s: Room(shaken(rng, speed_m_s, 0.0, 3e-5)),
+    "vibration 1e-4": lambda rng, speed_m_s: Room(shaken(rng, speed_m_s, 0.0, 1e-4)),
+    "second mover 1e-4": _echoes(mover, 1e-4),
+    "second path 10 %": lambda rng, speed_m_s: Room(RoomSettings(second_path=0.1)),
+    "second path 30 %": lambda rng, speed_m_s: Room(RoomSettings(second_path=0.3)),
+    "20 degrees oblique": lambda rng, speed_m_s: Room(slant_deg=20.0),
+    "40 degrees oblique": lambda rng, speed_m_s: Room(slant_deg=40.0),
+    "speed swings by 20 %": lambda rng, speed_m_s: Room(jitter=0.2),
+    "sound off by 5 %": _off(0.05),
+    "sound off by 8 %": _off(0.08),
+    "sound off by 10 %": _off(0.10),
+    "sound off by 30 %": _off(0.30),
+    "object moves by 30 %": lambda rng, speed_m_s: Room(object_share=0.3 * float(rng.choice((-1.0, 1.0)))),
+    "all at once": lambda rng, speed_m_s: Room(
+        shaken(rng, speed_m_s, 2e-5, 2e-5).model_copy(
+            update={"echoes": walls(rng, 5e-5) + mover(rng, 2e-5), "second_path": 0.1}
+        ),
+        slant_deg=20.0,
+        jitter=0.1,
+        sound=1.0 + 0.05 * float(rng.choice((-1.0, 1.0))),
+    ),
+}
+"""By name. Each is drawn with a passage's own generator."""
+
+
+@dataclass(frozen=True)
+class Passing:
+    """One passage.
+
+    Attributes:
+        seed: Of the study's part: what sets thresholds and what is judged share no room and no noise.
+        number: Keys its noise and its room.
+        room: Name.
+        object: None is a way to and fro before nothing.
+        weaker_db: By how much less is reflected than the plant believes.
+    """
+
+    seed: int
+    number: int
+    room: str
+    object: str | None
+    weaker_db: float = 0.0
+
+    @property
+    def speed_m_s(self) -> float:
+        """Of the mover: 0.01 and 0.03 m/s in turn (Fig. 4d)."""
+        return (0.01, 0.03)[self.number % 2]
+
+    @property
+    def side(self) -> Side:
+        """Of the finger: all five in turn."""
+        return SIDES[self.number // 2 % len(SIDES)]
+
+
+class Heard(NamedTuple):
+    """What a finger heard.
+
+    Attributes:
+        z: Envelope, shape (n,).
+        position_m: Of the mover, by its encoder, shape (n,).
+        gap_m: To the object, shape (n,).
+        speed_m_s: That was commanded.
+    """
+
+    z: Complexes
+    position_m: Floats
+    gap_m: Floats
+    speed_m_s: float
+
+
+def hear(passing: Passing) -> Heard:
+    """Simulate a passage at envelope level: rest, way to the object, and before nothing the way back."""
+    rng = np.random.default_rng((passing.seed, passing.number))
+    room = ROOMS[passing.room](rng, passing.speed_m_s)
+    slant_rad = math.radians(room.slant_deg)
+    approach = (1.0 + room.object_share) * math.cos(slant_rad)
+    length_m = (START_M - END_M) / approach
+    takes_s = length_m / passing.speed_m_s + passing.speed_m_s / 0.5
+    ways = 1 if passing.object else 2
+    n = round((REST_S + ways * (takes_s + HOLD_S)) * RATE_HZ)
+    numbers = np.arange(n, dtype=np.int64)
+    times_s = numbers / RATE_HZ
+    way_m, _ = ramp(times_s - REST_S, length_m, passing.speed_m_s)
+    way_m = way_m - ramp(times_s - REST_S - takes_s - HOLD_S, length_m, passing.speed_m_s)[0]
+    swing_m = room.jitter * passing.speed_m_s / (2.0 * math.pi * JITTER_HZ)
+    inside = np.clip(np.minimum(way_m, length_m - way_m) / 0.002, 0.0, 1.0)
+    way_m = way_m + swing_m * inside * np.sin(2.0 * math.pi * JITTER_HZ * times_s + rng.uniform(0.0, 6.28))
+    gap_m = np.full((n, 2), np.inf)
+    beside_m = np.zeros(n)
+    if passing.object:
+        gap_m[:, RIGHT] = START_M - approach * way_m
+        beside_m = (length_m - way_m) * math.sin(slant_rad)
+    speed_m_s = np.abs(np.gradient(way_m, times_s))
+    motion = Motion(
+        gap_m,
+        beside_m,
+        np.zeros(n),
+        np.full(n, 0.063),
+        np.zeros((n, 2)),
+        speed_m_s,
+        way_m * math.cos(slant_rad),
+    )
+    plant = plant_of(passing, room)
+    drive = (np.full(n, DRIVE_HZ / room.sound), np.full(n, LEVEL))
+    z = plant.envelope(motion, numbers, times_s, *drive, (RIGHT,))[:, RIGHT]
+    noise_m = 1e-5 * rng.standard_normal(n // 2 + 1)  # the encoder at 500 Hz
+    position_m = way_m + np.interp(numbers, np.arange(n // 2 + 1) * 2, noise_m)
+    return Heard(z, position_m, gap_m[:, RIGHT], passing.speed_m_s)
+
+
+def plant_of(passing: Passing, room: Room) -> AuraPlant:
+    """The plant at the beginning of a passage."""
+    plain = AuraBenchSettings(scene="ahead", side=passing.side)
+    weaker_fs = plain.reflection_fs * 10.0 ** (-passing.weaker_db / 20.0)
+    # a drive lower by a share makes the wavelength of sound faster by that share: no temperature goes so far
+    resonance_hz = (DRIVE_HZ / room.sound, DRIVE_HZ / room.sound)
+    about = {"reflection_fs": weaker_fs, "room": room.settings, "resonance_hz": resonance_hz}
+    plant = AuraPlant(plain.model_copy(update=about))
+    thing = OBJECTS.get(passing.object or "")
+    plant.begin((passing.seed, passing.number), thing, plain.object_top_m, passing.side)
+    return plant
+
+
+def passings(seed: int, room: str, nothing: int, objects: int, weaker_db: float = 0.0) -> list[Passing]:
+    """Passages through one room, before nothing and to the six objects in turn."""
+    rooms = list(ROOMS)
+    first = 100_000 * rooms.index(room)
+    quiet = [Passing(seed, first + i, room, None) for i in range(nothing)]
+    seen = [Passing(seed, first + 50_000 + i, room, SIX[i // 10 % 6], weaker_db) for i in range(objects)]
+    return quiet + seen
