@@ -326,7 +326,11 @@ class Campaign:
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
         if isinstance(self._console, Watching):
-            self._console.watch(Glimpse(recording, trial.detectors, trial.guard.settings))
+            limits, lost = trial.guard.settings, loop.account.lost
+            now = self._rig.clock.now
+            self._console.watch(
+                Glimpse(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
+            )
         evidence = self._evidence(trial, recording, infos)
         verdict: str | None = None
         reason = ""

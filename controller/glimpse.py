@@ -1,68 +1,101 @@
-"""What a person sees of a trial that runs: the deciding signal, its threshold, and the guard's margins."""
+"""What a person sees of a trial that runs, on the terminal and on the live page: signals, thresholds, margins, ages."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detectors.protocol import Detector
+from behaviors.events import Event
+from behaviors.machine import Behavior, sources
+from controller.detectors.protocol import Detector, Reading
 from controller.limits import GuardSettings
-from controller.recording.series import TrialRecording
+from controller.recording.event_log import describe_event
+from controller.recording.series import DETECTOR, TrialRecording
 
 BARS = "▁▂▃▄▅▆▇█"
 
 SPARKS = 40
 """Samples side by side: with their name and numbers, they fit into 80 columns."""
 
+PANELS = 6
+"""Most signals on the page (assumption: what a screen holds)."""
+
 
 class Glimpse:
-    """The deciding signal and the margins of a trial, from what was recorded of it so far.
+    """A trial from what was recorded of it so far.
 
-    It is asked a few times a second, between two turns of the loop, and reads the last samples alone. What a
-    detector of the user's own raises is shown, and ends no trial.
+    It is asked a few times a second, by the loop's thread between two turns and by the page's, which changes nothing
+    and reads what only grows: lists of blocks and events. What a detector of the user's own raises is
+    shown, and ends no trial.
 
     Args:
         recording: Of the trial, as it grows.
         detectors: By name; the first one's first input is the deciding signal.
         limits: Of the guard.
+        behavior: Of the trial.
+        events: What happened in it, as it grows.
+        lost: Samples lost, by stream.
+        now: Gives bench time.
     """
 
     def __init__(
-        self, recording: TrialRecording, detectors: Mapping[str, Detector], limits: GuardSettings
+        self,
+        recording: TrialRecording,
+        detectors: Mapping[str, Detector],
+        limits: GuardSettings,
+        behavior: Behavior | None = None,
+        events: Sequence[Event] = (),
+        lost: Mapping[str, int] | None = None,
+        now: Callable[[], float] = lambda: 0.0,
     ) -> None:
-        self._recording = recording
-        self._detector = next(iter(detectors.values()), None)
+        self.recording = recording
+        self.now = now
+        self._detectors = detectors
         self._limits = limits
+        self._behavior = behavior
+        self._events = events
+        self._lost = lost or {}
+
+    # on the terminal
 
     def lines(self) -> list[str]:
         """The signal's line and the margins'; nothing for what has not been heard."""
-        return [line for line in (self._signal_or_why_not(), "  ".join(self._margins())) if line]
+        margins = (f"{name} {value:.2f} of {limit:.1f} {unit}" for name, value, limit, unit in self.margins())
+        return [line for line in (self._signal_or_why_not(), "  ".join(margins)) if line]
 
     def _signal_or_why_not(self) -> str:
+        detector = next(iter(self._detectors.values()), None)
         try:
-            return self._signal()
+            return self._signal(detector)
         except Exception as error:
-            return f"{type(self._detector).__name__} cannot be shown: {type(error).__name__}: {error}"
+            return f"{type(detector).__name__} cannot be shown: {type(error).__name__}: {error}"
 
-    def _signal(self) -> str:
-        if self._detector is None or not self._detector.inputs:
+    def _signal(self, detector: Detector | None) -> str:
+        if detector is None or not detector.inputs:
             return ""
-        stream = self._detector.inputs[0]
-        values, unit = self._recording.latest(stream, SPARKS)
+        stream = detector.inputs[0]
+        values, unit = self.recording.latest(stream, SPARKS)
         if not len(values):
             return ""
-        shown = values[:, 0]
-        if stream.endswith(".period"):  # heard as a frequency
-            shown, unit = 1.0 / shown, "Hz"
-        threshold = float(getattr(self._detector, "threshold_hz", math.nan))
-        beside = f" of {threshold:.4g}" if math.isfinite(threshold) else ""
-        return f"{stream}  {sparkline(shown)}  {shown[-1]:.4g}{beside} {unit}".rstrip()
+        shown, unit = heard(stream, values[:, 0], unit)
+        reading: Reading | None = getattr(detector, "reading", None)
+        told = reading is not None and math.isfinite(reading.threshold)
+        beside = (
+            f"  {detector.name} {reading.statistic:.4g} of {reading.threshold:.4g}"
+            if told and reading
+            else ""
+        )
+        return f"{stream}  {sparkline(shown)}  {shown[-1]:.4g} {unit}".rstrip() + beside
 
-    def _margins(self) -> Iterator[str]:
-        """`force 0.04 of 2.0 N`: what the guard watches beside its limit."""
+    # on both
+
+    def margins(self) -> Iterator[tuple[str, float, float, str]]:
+        """Name, value, limit and unit of what the guard watches: `force 0.04 of 2.0 N`."""
         limits = self._limits
         for name, stream, limit, scale, unit in (
             ("force", limits.force_stream, limits.force_n, 1.0, "N"),
@@ -70,11 +103,66 @@ class Glimpse:
         ):
             if stream is None or limit is None:
                 continue
-            values, _ = self._recording.latest(stream, 1)
+            values, _ = self.recording.latest(stream, 1)
             if len(values):
                 columns = limits.force_channels if name == "force" else (0,)
-                size = float(np.linalg.norm(values[-1, list(columns)]))
-                yield f"{name} {size * scale:.2f} of {limit * scale:.1f} {unit}"
+                yield name, float(np.linalg.norm(values[-1, list(columns)])) * scale, limit * scale, unit
+
+    # on the page
+
+    def diagram(self) -> dict[str, Any]:
+        """States in their order, those that end, and transitions (from, to, event); those from everywhere left out."""
+        behavior = self._behavior
+        if behavior is None:
+            return {"states": [], "final": [], "ways": []}
+        ways = [
+            (source.name, row["dest"].name, row["trigger"].replace("_", " "))
+            for row in behavior.table
+            if row["dest"] is not None and len(sources(row)) <= 2
+            for source in sources(row)
+        ]
+        return {
+            "states": [state.name for state in behavior.States],
+            "final": [state.name for state in behavior.final],
+            "ways": ways,
+        }
+
+    def panels(self) -> list[str]:
+        """Streams that are drawn: what detectors hold against thresholds, what they hear, what the guard watches."""
+        wanted = [f"{DETECTOR}{name}" for name in self._detectors]
+        wanted += [stream for detector in self._detectors.values() for stream in detector.inputs]
+        wanted += [stream for stream in (self._limits.force_stream, self._limits.position_stream) if stream]
+        present = set(self.recording.streams)
+        return list(islice((stream for stream in dict.fromkeys(wanted) if stream in present), PANELS))
+
+    def ages(self) -> list[tuple[str, float, int]]:
+        """Each stream that was heard, s since its last sample, and how many samples were lost."""
+        now_s = self.now()
+        found = []
+        for stream in self.recording.streams:
+            last = self.recording.blocks(stream, -1)
+            if last and len(last[0]) and not stream.startswith(DETECTOR):
+                found.append((stream, now_s - last[0].last_s, self._lost.get(stream, 0)))
+        return found
+
+    def events(self, first: int) -> list[tuple[float, str]]:
+        """What happened, the first ones left out: when, and what in words."""
+        told = []
+        for event in self._events[first:]:
+            name, details = describe_event(event)
+            said = ", ".join(
+                f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"
+                for key, value in details.items()
+            )
+            told.append((event.t_s, f"{name} {said}".strip()))
+        return told
+
+
+def heard(stream: str, values: NDArray[np.float64], unit: str) -> tuple[NDArray[np.float64], str]:
+    """A signal as it is shown: a period as a frequency, metres as millimetres."""
+    if stream.endswith(".period"):
+        return 1.0 / values, "Hz"
+    return (1e3 * values, "mm") if unit == "m" else (values, unit)
 
 
 def sparkline(values: NDArray[np.float64] | Sequence[float]) -> str:

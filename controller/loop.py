@@ -13,7 +13,7 @@ from pydantic import Field
 
 from behaviors.events import Detected, Event, GuardStopped, Paused, Resumed, Tick
 from behaviors.machine import Behavior
-from controller.detectors.protocol import Detector
+from controller.detectors.protocol import Detector, Reading, reading_of
 from controller.fit import misfits
 from controller.guard import Guard
 from controller.rig import Rig
@@ -63,6 +63,9 @@ class Witness(Protocol):
 
     def record(self, blocks: Sequence[SampleBlock]) -> None:
         """Keep the blocks of one turn."""
+
+    def reading(self, detector: str, reading: Reading) -> None:
+        """Keep what a detector held against its threshold."""
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
         """Nobody listened to a stream in this span."""
@@ -356,6 +359,9 @@ class Loop:
                         found += detector.push(block)
                     except ValueError as error:
                         raise UnfitStreamError(f"{detector.name}: {error}") from error
+                    reading = reading_of(detector)
+                    if reading is not None:
+                        self._witness.reading(detector.name, reading)
         return found
 
     def _handle(self, event: Event) -> None:

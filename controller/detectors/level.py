@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
+from controller.detectors.protocol import Reading, largest
 from controller.signals.along import Along, Heard, as_complex, silence
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
@@ -75,6 +76,7 @@ class LevelPaperDetector:
 
     def reset(self) -> None:
         """Forget window and contact."""
+        self.reading: Reading | None = None
         self._along.reset()
         self._window: Window | None = None
         self._touching = False
@@ -90,11 +92,12 @@ class LevelPaperDetector:
         Raises:
             ValueError: samples at irregular times.
         """
-        heard = self._along.push(block)
+        heard, self.reading = self._along.push(block), None
         rate_hz = self._along.rate_hz
         if not len(heard.times_s) or rate_hz is None:
             return []
         scores = np.abs(self._hear(heard, rate_hz))
+        self.reading = largest(heard.times_s, scores, self.settings.threshold)
         hold = max(1, round(self.settings.hold_s * rate_hz))
         events: list[Detected] = []
         above = scores > self.settings.threshold  # NaN is not
@@ -261,6 +264,7 @@ class LevelDetector:
 
     def reset(self) -> None:
         """Forget levels, scales and contact."""
+        self.reading: Reading | None = None
         self._along.reset()
         self._steps: Steps | None = None
         self._search: Search | None = None
@@ -275,11 +279,12 @@ class LevelDetector:
         Raises:
             ValueError: samples at irregular times.
         """
-        heard = self._along.push(block)
+        heard, self.reading = self._along.push(block), None
         if not len(heard.times_s) or self._along.rate_hz is None:
             return []
         threshold = self.settings.threshold
         scores, said = self._hear(heard, self._along.rate_hz, threshold)
+        self.reading = largest(heard.times_s, np.nan_to_num(scores), threshold)
         events: list[Detected] = []
         for i in np.flatnonzero(said).tolist():
             kind = (Contact, ContactHeld, ContactLost)[said[i] - 1]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
+from controller.detectors.protocol import Reading, largest
 from controller.signals.along import Along, Heard, as_complex, silence
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
@@ -126,6 +127,7 @@ class PreTouchDetector:
 
     def reset(self) -> None:
         """Forget what was near, and the way here."""
+        self.reading: Reading | None = None
         self._along.reset()
         self._way: Way | None = None
         self._fit: Fit | None = None
@@ -141,10 +143,11 @@ class PreTouchDetector:
         Raises:
             ValueError: an envelope at irregular times.
         """
-        heard = self._along.push(block)
+        heard, self.reading = self._along.push(block), None
         if not len(heard.times_s) or self._along.rate_hz is None:
             return []
         ratios, amplitudes_fs = self._hear(heard, self._along.rate_hz)
+        self.reading = largest(heard.times_s, ratios, self.settings.threshold)
         events: list[Detected] = []
         settings = self.settings
         for i in np.flatnonzero(np.isfinite(ratios)).tolist():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
+from controller.detectors.protocol import Reading
 from controller.signals.along import Along, Heard
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
@@ -73,6 +74,7 @@ class PreTouchPaperDetector:
 
     def reset(self) -> None:
         """Forget the window begun and what was near."""
+        self.reading: Reading | None = None
         self._along.reset()
         self._begun = np.empty(0)
         self._near = False
@@ -83,17 +85,21 @@ class PreTouchPaperDetector:
         Raises:
             ValueError: an envelope at irregular times, or so slow that a window has no two samples.
         """
-        heard = self._along.push(block)
+        heard, self.reading = self._along.push(block), None
         if not len(heard.times_s) or self._along.rate_hz is None:
             return []
         events: list[Detected] = []
         for i, power in self._windows(heard, self._along.rate_hz):
             near = power > self.settings.threshold
-            if math.isnan(power) or near == self._near:
+            if math.isnan(power):
+                continue
+            t_s, position_m = float(heard.times_s[i]), float(heard.position_m[i])
+            if self.reading is None or power > self.reading.statistic:
+                self.reading = Reading(t_s, power, self.settings.threshold)
+            if near == self._near:
                 continue
             self._near = near
             kind = PreTouch if near else PreTouchLost
-            t_s, position_m = float(heard.times_s[i]), float(heard.position_m[i])
             # one and the same NaN, so that equal events are equal
             known_m = position_m if math.isfinite(position_m) else math.nan
             events.append(kind(t_s, self.name, power, self.settings.threshold, known_m))

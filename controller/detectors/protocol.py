@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from drivers.messages import SampleBlock
@@ -28,6 +32,45 @@ class Detector(Protocol):
 
     def reset(self) -> None:
         """Forget everything, as on the day it was made."""
+
+
+class Reading(NamedTuple):
+    """What a detector held against its threshold.
+
+    Attributes:
+        t_s: Time of the sample.
+        statistic: The largest number of what was heard last.
+        threshold: NaN while it is not known yet.
+    """
+
+    t_s: float
+    statistic: float
+    threshold: float
+
+
+def reading_of(detector: object) -> Reading | None:
+    """What a detector shows; one of the user's own need not, and what it shows wrongly counts for nothing."""
+    try:
+        reading = getattr(detector, "reading", None)
+    except Exception:
+        return None
+    return reading if isinstance(reading, Reading) else None
+
+
+@runtime_checkable
+class Telling(Protocol):
+    """A detector that shows its number and threshold: to who watches, and to the recording."""
+
+    reading: Reading | None
+    """Of the last `push`; None where nothing was held against the threshold in it."""
+
+
+def largest(times_s: NDArray[np.float64], statistic: NDArray[np.float64], threshold: float) -> Reading | None:
+    """The reading of a block: times (n,), and the number after each sample (n,), NaN where it decides nothing."""
+    most = float(np.fmax.reduce(statistic, initial=math.nan))
+    if math.isnan(most):
+        return None
+    return Reading(float(times_s[int((statistic == most).argmax())]), most, threshold)
 
 
 @runtime_checkable

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHeld, ContactLost, Detected
+from controller.detectors.protocol import Reading, largest
 from controller.signals.envelope import Envelope
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
@@ -118,6 +119,7 @@ class ResonanceDetector:
 
     def reset(self) -> None:
         """Forget everything."""
+        self.reading: Reading | None = None
         self._envelope: Envelope | None = None
         self._raw: list[Floats] = []
         self._raw_times: list[Floats] = []
@@ -148,6 +150,7 @@ class ResonanceDetector:
                 " resonance.paper for period counts"
             )
         times_s, x = block.times, block.physical[:, 0]
+        self.reading = None
         events: list[Detected] = []
         if self._next_seq is not None and block.seq != self._next_seq:
             events += self._interrupted(times_s[:1])
@@ -298,6 +301,7 @@ class ResonanceDetector:
     def _told(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
         assert self._envelope is not None
         s = self._deviations(features)
+        self.reading = largest(past[:, 0], s, self._limit)
         off = features - self._middle
         surprise = np.sqrt((off * (off[:, :, None] * self._inverse).sum(axis=1)).sum(axis=1))
         rate_hz = self._envelope.free_hz + rates_hz

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
+from controller.detectors.protocol import Reading
 from controller.signals.cycles import CycleCounter
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
@@ -65,6 +66,7 @@ class ResonancePaperDetector:
 
     def reset(self) -> None:
         """Forget baseline, average and contact."""
+        self.reading: Reading | None = None
         self._cycles = CycleCounter(self.settings.hysteresis)
         self._window: deque[float] = deque(maxlen=self.settings.average_samples)
         self._last_s = math.nan
@@ -76,14 +78,10 @@ class ResonancePaperDetector:
         self._refused = False
         self._contact = False
 
-    @property
-    def threshold_hz(self) -> float:
-        """Frequency that means contact, NaN until the baseline is ready."""
-        return self._threshold_hz
-
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Hear the next periods, frequencies or waveform samples."""
         events: list[Detected] = []
+        self.reading = None
         for t_s, frequency_hz in self._frequencies(block):
             if self._due(t_s, frequency_hz):
                 event = self._averaged(t_s, frequency_hz)
@@ -127,6 +125,8 @@ class ResonancePaperDetector:
         if len(self._window) < settings.average_samples or self._refused:
             return None
         average_hz = math.fsum(self._window) / settings.average_samples
+        if self.reading is None or average_hz >= self.reading.statistic:
+            self.reading = Reading(t_s, average_hz, self._threshold_hz)
         if not math.isfinite(self._threshold_hz):
             return self._learn(t_s, average_hz)
         if (average_hz > self._threshold_hz) == self._contact:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, SlipEnded, SlipStarted
+from controller.detectors.protocol import Reading, largest
 from controller.signals.spectrum_blocks import SpectrumBlocks
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
@@ -82,6 +83,7 @@ class SlipPaperDetector:
 
     def reset(self) -> None:
         """Forget the block begun and the slip."""
+        self.reading: Reading | None = None
         self._blocks: SpectrumBlocks | None = None
         self._next_seq: int | None = None
         self._slipping = False
@@ -95,6 +97,7 @@ class SlipPaperDetector:
             self._blocks.reset()
         self._next_seq = block.seq + len(block)
         ends, products = self._products(self._blocks, self.settings.chosen(block.physical), rate_hz)
+        self.reading = largest(block.times[ends], products, self.settings.threshold)
         events: list[Detected] = []
         for t_s, product in zip(block.times[ends].tolist(), products.tolist(), strict=True):
             if not math.isnan(product) and (product > self.settings.threshold) != self._slipping:
@@ -235,6 +238,7 @@ class SlipDetector:
 
     def reset(self) -> None:
         """Forget noise, ringing and evidence."""
+        self.reading: Reading | None = None
         self._channels: list[_Channel] = []
         self._next_seq: int | None = None
         self._slipping = False
@@ -270,6 +274,7 @@ class SlipDetector:
         trace = self.hear(block)
         events = [] if self._told else self._baseline(block)
         threshold = self.settings.threshold
+        self.reading = largest(block.times, trace, threshold)
         if begun_anew and self._slipping:
             self._slipping = False
             events.append(SlipEnded(float(block.times[0]), self.name, 0.0, threshold))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
+from controller.detectors.protocol import Reading, largest
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
 
@@ -76,6 +77,7 @@ class ForceThresholdDetector:
 
     def reset(self) -> None:
         """Forget level and contact."""
+        self.reading: Reading | None = None
         self._waiting: Floats | None = None
         self._level: Floats | None = None
         self._threshold = math.nan if self.settings.threshold is None else self.settings.threshold
@@ -94,6 +96,7 @@ class ForceThresholdDetector:
         if block.seq != self._next_seq:
             self._tail = None
         self._next_seq = block.seq + len(block)
+        self.reading = None
         if self._refused:
             return []
         events: list[Detected] = []
@@ -189,6 +192,7 @@ class ForceThresholdDetector:
             return []
         distances = np.linalg.norm(_running(joined, size) - level, axis=1)
         times_s = times_s[len(times_s) - len(distances) :]
+        self.reading = largest(times_s, distances, self._threshold)
         events: list[Detected] = []
         deciding = (distances > self._threshold) | (distances <= settings.release_ratio * self._threshold)
         for i in np.flatnonzero(deciding):

@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 
+import numpy as np
+
 from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
+from controller.detectors.protocol import Reading
 from controller.recording.disk import DiskThread
 from controller.recording.event_log import EventLog, describe_command, describe_event
 from controller.recording.ledger import Ledger
 from controller.recording.run_folder import RecordingError, RunFolder
-from controller.recording.series import TrialRecording
+from controller.recording.series import DETECTOR, TrialRecording
 from controller.recording.stream_writer import StreamWriter
 from drivers.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
 
 _ERRORS = (GuardStopped, Failed, Stalled)
 _WARNINGS = (Lost, Refused, BaselineRefused, ContactLost)
+
+READINGS_S = 0.1
+"""How much of what a detector tells is gathered before it is kept, s: a person sees no less, and a block costs as much
+as ten readings."""
 
 
 class Recorder:
@@ -49,6 +56,7 @@ class Recorder:
         self.folder = folder
         self.trial = TrialRecording(-1)
         self._now_s = 0.0
+        self._readings: dict[str, list[Reading]] = {}
         self._ledger = Ledger(folder.trials_path, factors, measures)
         self._streams = StreamWriter(folder.new_recording(), wall_start, streams)
         try:
@@ -67,6 +75,7 @@ class Recorder:
         """Begin a trial whose bench time zero is `offset_s` in campaign time; returns what is kept of it."""
         self.trial = TrialRecording(trial, factors)
         self._now_s = 0.0
+        self._readings.clear()
         self._disk.post(self._streams, self._streams.begin_trial, trial, dict(factors), offset_s)
         text = ", ".join(f"{name} {value}" for name, value in factors.items())
         self._log(0.0, "trial", f"trial {trial} begins: {text}", "INFO")
@@ -80,6 +89,20 @@ class Recorder:
             self._now_s = max(self._now_s, block.t0_s)
             if room:
                 self._disk.post(self._streams, self._streams.block, block)
+
+    def reading(self, detector: str, reading: Reading) -> None:
+        """Keep what a detector held against its threshold, as samples of the stream `detector.NAME`."""
+        gathered = self._readings.setdefault(detector, [])
+        gathered.append(reading)
+        if reading.t_s - gathered[0].t_s >= READINGS_S:
+            self._keep_readings(detector)
+
+    def _keep_readings(self, detector: str) -> None:
+        told = np.array(self._readings.pop(detector))
+        stream = DETECTOR + detector
+        before = self.trial.blocks(stream, -1)
+        seq = before[-1].seq + len(before[-1]) if before else 0
+        self.record([SampleBlock(stream, seq, float(told[0, 0]), told[:, 1:], times_s=told[:, 0])])
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
         """Note that nobody listened to a stream from `t0_s` to `t1_s`: no loss. An empty span is none."""
@@ -105,6 +128,8 @@ class Recorder:
             RecordingError: the row, or anything of the run before it, cannot be written.
             ValueError: a measure that has no column.
         """
+        for detector in list(self._readings):
+            self._keep_readings(detector)
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
         self._disk.post(self._ledger, self._ledger.add, self._ledger.line(row))
         self._log(self._now_s, "trial", f"trial {self.trial.trial} ends: {outcome}", "INFO")

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from drivers.messages import SampleBlock
 
+DETECTOR = "detector."
+"""Begins the streams of what detectors held against their thresholds: `detector.NAME`, statistic and threshold."""
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -86,9 +89,9 @@ class TrialRecording:
         """Note that nobody listened to a stream from `t0_s` to `t1_s`."""
         self._skipped.setdefault(stream, []).append(Span(t0_s, t1_s))
 
-    def blocks(self, stream: str) -> Sequence[SampleBlock]:
-        """The stream's blocks as they were recorded; empty where there are none."""
-        return tuple(self._blocks.get(stream, ()))
+    def blocks(self, stream: str, first: int = 0) -> Sequence[SampleBlock]:
+        """The stream's blocks as they were recorded, the first ones left out; empty where there are none."""
+        return tuple(self._blocks.get(stream, ())[first:])
 
     def latest(self, name: str, samples: int) -> tuple[NDArray[np.float64], str]:
         """The last samples of a stream, shape (n, channels) with n up to `samples`, and their unit."""

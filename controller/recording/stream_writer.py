@@ -22,6 +22,7 @@ from controller.recording.schemas import (
     log_schema,
     skipped_schema,
 )
+from controller.recording.series import DETECTOR
 from drivers.messages import SampleBlock, StreamInfo
 
 TRIAL, TRIAL_END = "trial", "trial_end"
@@ -194,6 +195,8 @@ class StreamWriter:
     def _new_topic(self, block: SampleBlock) -> tuple[SampleSchema, int, int]:
         width = block.values.shape[1]
         channels = ("value",) if width == 1 else tuple(f"value_{index}" for index in range(width))
+        if block.stream.startswith(DETECTOR):
+            channels = ("statistic", "threshold")
         info = self._streams.get(block.stream) or StreamInfo(block.stream, channels, block.unit)
         schema = SampleSchema(info)
         topic = "/" + block.stream.replace(".", "/")

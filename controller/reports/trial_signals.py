@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.recording.reader import Run
-from controller.recording.series import Series, TrialRecording
+from controller.recording.series import DETECTOR, Series, TrialRecording
 from controller.reports.run_account import setting_of
 from controller.reports.text import title
 
@@ -68,10 +68,13 @@ def key_of(runs: Sequence[Run], run: Run, trial: int) -> str:
 
 
 def _chosen(run: Run, recording: TrialRecording) -> Iterator[tuple[str, str, Series, int]]:
-    """Curves as (panel, name, series, channel): first what detectors hear, then what else the profile names."""
+    """Curves as (panel, name, series, channel): first what detectors hold against their thresholds, then what they
+    hear, then what else the profile names."""
     named = json.dumps([setting_of(run, part) for part in ("detectors", "behavior", "limits")], default=str)
 
     def place(stream: str) -> int:
+        if stream.startswith(DETECTOR):
+            return -1
         found = named.find(f'"{stream}"')
         return found if found >= 0 else len(named)
 
@@ -80,9 +83,10 @@ def _chosen(run: Run, recording: TrialRecording) -> Iterator[tuple[str, str, Ser
         series = recording.stream(stream)
         if len(series) < 2:
             continue
-        for channel in range(min(series.values.shape[1], 3, CURVES - curves)):
+        width = 1 if stream.startswith(DETECTOR) else series.values.shape[1]
+        for channel in range(min(width, 3, CURVES - curves)):
             curves += 1
-            yield stream, f"{channel}" if series.values.shape[1] > 1 else "", series, channel
+            yield stream, f"{channel}" if width > 1 else "", series, channel
 
 
 def _trial(
@@ -97,14 +101,15 @@ def _trial(
             values, unit = 1.0 / values, "Hz"
         elif unit == "m":
             values, unit = 1e3 * values, "mm"
-        panel = panels.setdefault(stream, {"label": f"{stream}, {unit}" if unit else stream, "curves": []})
+        label = f"{stream.removeprefix(DETECTOR)}, statistic" if stream.startswith(DETECTOR) else stream
+        panel = panels.setdefault(stream, {"label": f"{label}, {unit}" if unit else label, "curves": []})
         panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points)})
     factors = ", ".join(f"{name} {row[name]}" for name in run.factors if row.get(name) is not None)
     return {
         "title": f"Trial {trial}, {factors}: {title(str(row.get('outcome', 'not ended')))}",
         "run": run.folder.path.name,
         "panels": list(panels.values()),
-        "thresholds": list(_thresholds(run, events, panels)),
+        "thresholds": list(_thresholds(events, panels, curves)),
         "states": [[e["t_s"], e["next"]] for e in events if e.get("next") != e.get("state")],
         "marks": list(_marks(run, events)),
         "truths": [
@@ -130,14 +135,20 @@ def _marks(run: Run, events: Sequence[Mapping[str, Any]]) -> Iterator[list[Any]]
 
 
 def _thresholds(
-    run: Run, events: Sequence[Mapping[str, Any]], panels: Mapping[str, Mapping[str, Any]]
+    events: Sequence[Mapping[str, Any]],
+    panels: Mapping[str, Mapping[str, Any]],
+    curves: Sequence[tuple[str, str, Series, int]],
 ) -> Iterator[list[Any]]:
-    """Panel, detector and threshold where the threshold is one of the signal itself: of a frequency."""
-    told = {str(e["detector"]): e["threshold"] for e in events if e.get("threshold") is not None}
-    for detector, threshold in told.items():
-        for number, stream in enumerate(panels):
-            if stream.endswith(".period") and _kind(run, detector) == "resonance.paper":
-                yield [number, detector, threshold]
+    """Panel (-1 is none), detector and threshold: as it was recorded, or as the detector's last event tells it."""
+    told = {str(e["detector"]): (-1, e["threshold"]) for e in events if e.get("threshold") is not None}
+    for number, stream in enumerate(panels):
+        if stream.startswith(DETECTOR):
+            heard = next(series.values[:, 1] for name, _, series, _ in curves if name == stream)
+            known = heard[np.isfinite(heard)]
+            if len(known):
+                told[stream.removeprefix(DETECTOR)] = number, float(known[-1])
+    for detector, (number, threshold) in told.items():
+        yield [number, detector, threshold]
 
 
 def _measured(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:

@@ -86,6 +86,9 @@ def level_input():
     return [SampleBlock("signals.right", 0, 0.0, values, rate_hz=rate_hz, unit="FS")]
 
 
+ALARMS = ("Contact", "PreTouch", "SlipStarted")
+"""What a detector says because its number exceeds its threshold."""
+
 INPUTS = {
     "level": level_input,
     "level.paper": level_input,
@@ -179,3 +182,19 @@ def test_warming_up_in_the_middle_of_it_changes_nothing(kind):
         events += warmed.push(part)
     assert events == expected
     assert expected
+
+
+@pytest.mark.parametrize("kind", DETECTORS)
+def test_what_it_alarms_by_is_shown_beside_its_threshold_in_the_push_that_alarms(kind):
+    detector = made(kind)
+    shown = 0
+    for block in INPUTS[kind]():
+        for part in cut(block, 64):
+            alarms = [event for event in detector.push(part) if type(event).__name__ in ALARMS]
+            for alarm in alarms:
+                assert alarm.value <= detector.reading.statistic
+                assert alarm.threshold == detector.reading.threshold < detector.reading.statistic
+                shown += 1
+    assert shown
+    detector.reset()
+    assert detector.reading is None

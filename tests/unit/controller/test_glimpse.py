@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from controller.detectors.protocol import Reading
 from controller.glimpse import BARS, SPARKS, Glimpse, sparkline
 from controller.guard import GuardSettings
 from controller.recording.series import TrialRecording
@@ -23,7 +24,7 @@ def test_a_sparkline_runs_from_the_least_to_the_largest():
 
 def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margins():
     recording = TrialRecording(1)
-    detector = SimpleNamespace(inputs=("board.period",), threshold_hz=28.13)
+    detector = SimpleNamespace(name="contact", inputs=("board.period",), reading=Reading(1.0, 28.02, 28.13))
     limits = GuardSettings(
         force_stream="board.load_cell", force_n=2.0, position_stream="stage.position", travel_m=0.012
     )
@@ -35,7 +36,7 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
     signal, margins = glimpse.lines()
     assert signal.startswith("board.period  ")
     assert sum(letter in BARS for letter in signal) == SPARKS
-    assert signal.endswith("28 of 28.13 Hz")
+    assert signal.endswith("28 Hz  contact 28.02 of 28.13")
     assert margins == "force 0.04 of 2.0 N  travel 3.10 of 12.0 mm"
 
 
@@ -49,13 +50,13 @@ def test_the_latest_samples_come_from_the_last_blocks():
 
 
 class Raising:
-    """A detector of a user's own, without inputs or with a threshold that cannot be read."""
+    """A detector of a user's own, without inputs or with a reading that cannot be read."""
 
     def __init__(self, inputs):
         self.inputs = inputs
 
     @property
-    def threshold_hz(self):
+    def reading(self):
         raise ZeroDivisionError("nothing heard")
 
 

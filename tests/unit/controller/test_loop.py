@@ -231,6 +231,8 @@ class Bench:
     def record(self, blocks):
         self.recorded += blocks
 
+    def reading(self, detector, reading): ...
+
     def skip(self, stream, t0_s, t1_s):
         if t1_s > t0_s:
             self.skipped.append((stream, t0_s, t1_s))

@@ -8,6 +8,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from behaviors.events import Contact, GuardStopped
+from controller.detectors.protocol import Reading
 from controller.recording.ledger import read_ledger
 from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
@@ -323,3 +324,21 @@ def test_a_recorder_may_be_closed_twice(folder):
     recorder.close()
     recorder.close()
     assert not open_run(folder.path)._index.cut
+
+
+def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(folder):
+    recorder = recorder_in(folder)
+    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+    told = [Reading(1.0 + 0.01 * n, 0.1 * n, 7.0) for n in range(25)]
+    for reading in told:
+        recorder.reading("near", reading)
+    assert 0 < len(kept.stream("detector.near")) < len(told), "some at a time"
+    recorder.end_trial("contact", {})
+    recorder.close()
+    series = open_run(folder.path).recording(1).stream("detector.near")
+    assert [(t_s, *row) for t_s, row in zip(series.times_s, series.values, strict=True)] == told
+    assert series.gaps == ()
+    with folder.recordings[0].open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        plotted = [d for _, _, _, d in reader.iter_decoded_messages(topics="/detector/near")]
+    assert [(d.t_s, d.statistic, d.threshold) for d in plotted] == told
