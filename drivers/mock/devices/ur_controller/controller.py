@@ -10,12 +10,11 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field, Strict
 
-from drivers.mock.devices.ur_controller.custom_script import CustomScript, UnknownError
 from drivers.mock.devices.ur_controller.panel import Panel
 from drivers.mock.devices.ur_controller.registers import registers
 from drivers.mock.devices.ur_controller.rtde import Value
@@ -90,17 +89,6 @@ class Safety(IntEnum):
         )
 
 
-class Program(Protocol):
-    """What the controller runs."""
-
-    def step(self) -> bool:
-        """One cycle of it; False when it has ended.
-
-        Raises:
-            ValueError, ArithmeticError, LookupError, TypeError, ScriptError: it is at fault, and ends.
-        """
-
-
 class _Instant(NamedTuple):
     joints_rad: Array
     force_n: Array
@@ -146,7 +134,7 @@ class UrController:
         self._noise = np.random.Generator(np.random.Philox(settings.seed))
         self._sigma = np.array([settings.force_noise_n] * 3 + [settings.torque_noise_n_m] * 3)
         self._steps = 0
-        self._script: Program | None = None
+        self._script: ControlScript | None = None
         self._watched: tuple[str, float] | None = None
         self._written_s: dict[str, float] = {}
         self._stopped_s = -np.inf
@@ -213,29 +201,13 @@ class UrController:
 
         A script that comes while another runs ends it [E]. A protective stop or local control runs nothing.
         """
-        self._start(lambda: ControlScript(self, offset))
-
-    def start_custom(self, lines: Sequence[str]) -> None:
-        """Run a client's own program, likewise; one with a line that is not emulated is refused.
-
-        Args:
-            lines: From `def name():` to `end`.
-        """
-        self._start(lambda: CustomScript(self, lines, STEP_S))
-
-    def _start(self, program: Callable[[], Program]) -> None:
         if self.safety is not Safety.NORMAL or not self.accepts_scripts:
             self.log.append("script refused")
-            return
-        try:
-            made = program()
-        except UnknownError as error:
-            self.log.append(f"program refused: {error}")
             return
         if self._script is not None:
             self.stop_program("replaced by another program")
         self._watched = None
-        self._script = made
+        self._script = ControlScript(self, offset)
 
     def stop_program(self, reason: str) -> None:
         """End the program; the arm comes to rest."""

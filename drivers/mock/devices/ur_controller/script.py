@@ -150,7 +150,11 @@ class ControlScript:
         }
 
     def step(self) -> bool:
-        """Run every thread to its next `sync`; False when the script has ended. See `Program.step`."""
+        """Run every thread to its next `sync`; False when the script has ended.
+
+        Raises:
+            ValueError, ArithmeticError, LookupError, TypeError, ScriptError: it is at fault, and ends.
+        """
         ran: set[str] = set()
         while pending := [name for name in self._threads if name not in ran]:
             ran.add(pending[0])

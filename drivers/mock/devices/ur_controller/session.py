@@ -171,6 +171,8 @@ class ScriptSession:
         heads = [after for line, after in pairwise(lines) if line.endswith("# int register offset")]
         digits = heads[0].split()[0] if heads and heads[0].split() else ""
         if lines[0] != "def rtde_control():" or digits not in ("0", "24"):
-            self._controller.start_custom(lines)
+            self._controller.log.append(
+                f"program refused: {lines[0][:60]!r} is not the client's control script"
+            )
             return
         self._controller.start_program(int(digits))
