@@ -32,7 +32,7 @@ from benchmarks.results import save, table
 from drivers.mock.physics.finger import FingerPlant
 from tests.stability.finger_oracles import modal
 
-EXACT, RK4, ORDER_8, SCIPY = "exact pieces", "RK4, events located", "order 8, events located", "scipy DOP853"
+EXACT, RK4, ORDER_8, SCIPY = "exact pieces", "RK4, events located", "order 8, events located", "scipy LSODA"
 
 ORDERS = {RK4: 4, ORDER_8: 8}
 

@@ -1,4 +1,4 @@
-"""scipy's DOP853, restarted at every event, with a compiled right-hand side: what a careful user would write."""
+"""scipy's LSODA, restarted at every event, with a compiled right-hand side: what a careful user would write."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def solve(scene: Scene, tolerance: float) -> Trajectory:
             lambda t, x: _rates(values, switches, motion, t, x),
             (t, until),
             x,
-            "DOP853",
+            "LSODA",
             t_eval=ahead if ahead.size and ahead[-1] == until else np.append(ahead, until),
             events=events,
             rtol=tolerance,
@@ -110,7 +110,7 @@ def solve(scene: Scene, tolerance: float) -> Trajectory:
             t, x = until, result.y[:, -1].copy()
             continue
         if result.status != 1:
-            raise ArithmeticError(f"scipy DOP853 at {tolerance:g}: {result.message}")
+            raise ArithmeticError(f"scipy LSODA at {tolerance:g}: {result.message}")
         first = {which: float(at[0]) for which, at in enumerate(result.t_events) if at.size}
         which = min(first, key=lambda which: first[which])
         t, x = first[which], result.y_events[which][0].copy()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -20,18 +20,16 @@ from drivers.messages import (
     DeviceInfo,
     Excite,
     Listen,
-    Lost,
     Reached,
-    Refused,
     SampleBlock,
     Saturated,
-    Sent,
     Status,
     StreamInfo,
     Tone,
 )
 from drivers.mock.devices.audio import AudioBench
 from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.bench import part
 from drivers.settings import Settings
 
@@ -52,7 +50,7 @@ class MockAudioSettings(Settings):
     """Longest block that `read` hands out."""
 
 
-class MockAudio:
+class MockAudio(MockDriver):
     """What a bench's fingers send, only while somebody listens; the bench's `level` says which of the two.
 
     At carrier level the stream is the real driver's. At envelope level it is baseband: 1 kHz, floats, full scale 1,
@@ -78,11 +76,9 @@ class MockAudio:
         faults: FaultSchedule | None = None,
     ) -> None:
         part(bench, "carrier", name)
-        self.name = name
+        super().__init__(name, clock, faults)
         self._settings = settings
-        self._clock = clock
         self._bench = bench
-        self._faults = faults or FaultSchedule()
         self._envelope = bench.level == "envelope"
         self._info = fingers_info(name)
         if self._envelope:
@@ -97,8 +93,7 @@ class MockAudio:
         self._sweep_s: float | None = None
         self._sweep = 0  # id of its command
         self._excursions = Excursions(self._rate_hz)
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
@@ -122,11 +117,11 @@ class MockAudio:
         """
         command, now_s = checked(self.name, command), self._clock.now()
         self._bench.advance(now_s)
-        self._statuses.append(Sent(now_s, self.name, command))
+        self._sent(command)
         if isinstance(command, Listen):
             self._listen(bool(command.streams), now_s)
         elif isinstance(command, Tone | Chirp) and self._faults.active(now_s, "refuse"):
-            self._statuses.append(Refused(now_s, self.name, command, "its amplifier is off"))
+            self._refuse(command, "its amplifier is off")
         else:
             self._tell_sweep(now_s)
             self._drive(command, now_s)
@@ -153,10 +148,10 @@ class MockAudio:
         now_s = self._clock.now()
         if self._next is None:
             return ()
-        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
+        if self._gone(now_s):
             self._next = last_tick(now_s, self._rate_hz) + 1
             return ()
-        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
+        if self._garbled(now_s):
             return self._lose(now_s)
         blocks: list[SampleBlock] = []
         while (last := last_tick(now_s, self._rate_hz)) >= self._next:
@@ -172,8 +167,7 @@ class MockAudio:
         assert self._next is not None
         last = last_tick(now_s, self._rate_hz)
         if last >= self._next:
-            lost = last + 1 - self._next
-            self._statuses.append(Lost(now_s, self.name, self._info.name, lost))
+            self._lost(now_s, self._info.name, last + 1 - self._next)
             self._next = last + 1
         return ()
 
@@ -196,7 +190,7 @@ class MockAudio:
             column = 2 * finger if self._envelope else finger
             value = float(values[place, column]) * self._info.scale
             t_s = (first + place) / self._rate_hz
-            self._statuses.append(Saturated(t_s, self.name, self._info.name, value))
+            self._say(Saturated(t_s, self.name, self._info.name, value))
         return SampleBlock(
             self._info.name,
             first,
@@ -211,19 +205,10 @@ class MockAudio:
 
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
-        now_s = self._clock.now()
-        self._tell_sweep(now_s)
-        failed = self._faults.failure(now_s, self.name)
-        if failed is not None:
-            self._statuses.append(failed)
-        taken, self._statuses = self._statuses, []
-        return taken
+        self._tell_sweep(self._clock.now())
+        return super().poll()
 
     def _tell_sweep(self, now_s: float) -> None:
         if self._sweep_s is not None and self._sweep_s <= now_s:
-            self._statuses.append(Reached(self._sweep_s, self.name, 0.0, command_id=self._sweep))
+            self._say(Reached(self._sweep_s, self.name, 0.0, command_id=self._sweep))
             self._sweep_s = None
-
-    def account(self) -> Mapping[str, object]:
-        """No link, nothing to tell."""
-        return {}

@@ -22,7 +22,7 @@ from drivers.messages import (
 )
 from drivers.mock.devices.barrett_hand import Source, counts
 from drivers.mock.devices.faults import FaultSchedule
-from drivers.mock.drivers.sampled import MockSensor
+from drivers.mock.drivers.base import MockSensor
 from drivers.mock.physics.bench import part
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -20,16 +20,14 @@ from drivers.messages import (
     Grip,
     Home,
     Listen,
-    Lost,
-    Refused,
     Release,
     SampleBlock,
-    Sent,
     Status,
     Stop,
     StreamInfo,
 )
 from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.bench import part
 from drivers.mock.physics.jaws_drive import JawsDrive
 from drivers.settings import Settings
@@ -62,7 +60,7 @@ class MockCanGripperSettings(Settings):
     """How long something must hold the jaws to be an object, as in the real driver."""
 
 
-class MockCanGripper:
+class MockCanGripper(MockDriver):
     """Moves the bench's jaws through the counts of the real gripper; can be told to fail.
 
     Args:
@@ -85,12 +83,10 @@ class MockCanGripper:
         faults: FaultSchedule | None = None,
     ) -> None:
         part(bench, "jaws", name)
-        self.name = name
+        super().__init__(name, clock, faults)
         self._settings = settings
-        self._clock = clock
         self._bench = bench
         self._brackets = Brackets(bench.jaws.jaws.settings.closed_width_m)
-        self._faults = faults or FaultSchedule()
         self._infos = {
             f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
             f"{name}.force": StreamInfo(
@@ -106,8 +102,7 @@ class MockCanGripper:
         self._heard: frozenset[str] = frozenset()
         self._asked = 0
         self._samples: list[tuple[int, State]] = []
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
@@ -147,11 +142,11 @@ class MockCanGripper:
         self._run(now_s)
         refusal = self._refusal(command, now_s)
         if refusal is not None:
-            self._statuses.append(Refused(now_s, self.name, command, refusal))
+            self._refuse(command, refusal)
             return Applied(command, now_s)
-        drives = self._carry_out(command)
+        drives = self._do(command)
         self._watch.begin(command, now_s, drives=drives)
-        self._statuses.append(Sent(now_s, self.name, command))
+        self._sent(command)
         return Applied(command, now_s)
 
     def read(self) -> Sequence[SampleBlock]:
@@ -161,8 +156,9 @@ class MockCanGripper:
         samples, self._samples = self._samples, []
         if not samples:
             return ()
-        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
-            self._statuses += [Lost(now_s, self.name, stream, len(samples)) for stream in sorted(self._heard)]
+        if self._garbled(now_s):
+            for stream in sorted(self._heard):
+                self._lost(now_s, stream, len(samples))
             return ()
         times_s = np.array([number for number, _ in samples]) / self._settings.poll_hz
         widths_m = [self._brackets.width_m(state.position) for _, state in samples]
@@ -182,22 +178,17 @@ class MockCanGripper:
             for stream in sorted(self._heard)
         ]
 
-    def account(self) -> Mapping[str, object]:
-        """No link, nothing to tell."""
-        return {}
-
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
         now_s = self._clock.now()
         self._run(now_s)
         if self._faults.begun(now_s, "stall"):
             self._bench.jaws.jam()
-        failed = self._faults.failure(now_s, self.name)
-        if failed is not None:
-            self._bench.jaws.sleep()  # the gripper's own watchdog: nobody feeds it any more
-            self._statuses.append(failed)
-        taken, self._statuses = self._statuses, []
-        return taken
+        return super().poll()
+
+    def _cut_off(self, now_s: float) -> None:
+        """Its own watchdog: nobody feeds it any more."""
+        self._bench.jaws.sleep()
 
     def _refusal(self, command: Command, now_s: float) -> str | None:
         if self._faults.active(now_s, "refuse"):
@@ -206,7 +197,7 @@ class MockCanGripper:
             return "it does not know its ends; send Home first, with empty jaws"
         return None
 
-    def _carry_out(self, command: Command) -> bool:
+    def _do(self, command: Command) -> bool:
         """Do it; whether it drives the jaws."""
         match command:
             case Grip():
@@ -234,7 +225,7 @@ class MockCanGripper:
 
     def _run(self, now_s: float) -> None:
         """Ask for the states that are due by now."""
-        silent = self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
+        silent = self._gone(now_s)
         last = last_tick(now_s, self._settings.poll_hz)
         while self._asked < last:
             self._asked += 1

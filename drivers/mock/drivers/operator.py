@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from drivers.clock import Clock
 from drivers.errors import RefusedError
@@ -15,12 +15,11 @@ from drivers.messages import (
     Listen,
     Loaded,
     LoadWeight,
-    Refused,
     SampleBlock,
-    Sent,
     Status,
 )
 from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.weight_set import Hands, HandSettings, WeightBench
 from drivers.operator.requests import LoadLimits, Loads, load_stream, valid
 
@@ -29,7 +28,7 @@ class MockPersonSettings(HandSettings, LoadLimits):
     """The simulated person, within the real one's limits."""
 
 
-class MockPerson:
+class MockPerson(MockDriver):
     """Answers every request after a while, and hangs the weights on the bench.
 
     Its faults: "silent" and "lose" (no answer), "refuse" (it says no), "unplug" (it has left).
@@ -50,11 +49,9 @@ class MockPerson:
         bench: WeightBench,
         faults: FaultSchedule | None = None,
     ) -> None:
-        self.name = name
+        super().__init__(name, clock, faults)
         self._settings = settings
-        self._clock = clock
         self._hands = Hands(settings, bench)
-        self._faults = faults or FaultSchedule()
         self.restart()
 
     def restart(self) -> None:
@@ -62,8 +59,7 @@ class MockPerson:
         self._loads = Loads(self.name)
         self._asked: Ask | LoadWeight | None = None
         self._due_s = 0.0
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nobody to wait for."""
@@ -86,7 +82,7 @@ class MockPerson:
             return Applied(command, now_s)
         self._asked = valid(self.name, self._settings, command)
         self._due_s = now_s + self._settings.answer_s
-        self._statuses.append(Sent(now_s, self.name, command))
+        self._sent(command)
         return Applied(command, now_s)
 
     def read(self) -> Sequence[SampleBlock]:
@@ -97,27 +93,21 @@ class MockPerson:
     def poll(self) -> Sequence[Status]:
         """Statuses since the last call, in order."""
         self._work()
-        failed = self._faults.failure(self._clock.now(), self.name)
-        if failed is not None:
-            self._asked = None
-            self._statuses.append(failed)
-        taken, self._statuses = self._statuses, []
-        return taken
+        return super().poll()
 
-    def account(self) -> Mapping[str, object]:
-        """No link, nothing to tell."""
-        return {}
+    def _cut_off(self, now_s: float) -> None:
+        """They have left."""
+        self._asked = None
 
     def _work(self) -> None:
         now_s = self._clock.now()
-        away = any(self._faults.active(now_s, kind) for kind in ("silent", "lose", "corrupt", "unplug"))
-        if self._asked is None or now_s < self._due_s or away:
+        if self._asked is None or now_s < self._due_s or self._gone(now_s) or self._garbled(now_s):
             return
         asked, self._asked = self._asked, None
         if self._faults.active(now_s, "refuse"):
-            self._statuses.append(Refused(now_s, self.name, asked, "the person says no (injected fault)"))
+            self._refuse(asked, "the person says no (injected fault)")
         elif isinstance(asked, Ask):
-            self._statuses.append(Answered(now_s, self.name, asked.request, command_id=asked.id))
+            self._say(Answered(now_s, self.name, asked.request, command_id=asked.id))
         else:
             self._hang(asked, now_s)
 
@@ -125,7 +115,7 @@ class MockPerson:
         try:
             self._hands.hang(now_s, asked.bridge, asked.force_n)
         except RefusedError as error:
-            self._statuses.append(Refused(now_s, self.name, asked, f"{error.reason}; {error.advice}"))
+            self._refuse(asked, f"{error.reason}; {error.advice}")
             return
         self._loads.hang(now_s, asked.bridge, asked.force_n)
-        self._statuses.append(Loaded(now_s, self.name, asked.bridge, asked.force_n, command_id=asked.id))
+        self._say(Loaded(now_s, self.name, asked.bridge, asked.force_n, command_id=asked.id))

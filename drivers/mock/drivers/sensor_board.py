@@ -22,7 +22,7 @@ from drivers.messages import (
 )
 from drivers.mock.devices.board_channels import Source
 from drivers.mock.devices.faults import FaultSchedule
-from drivers.mock.drivers.sampled import MockSensor
+from drivers.mock.drivers.base import MockSensor
 from drivers.sensor_board.commands import BoardLimits, valid
 from drivers.sensor_board.streams import stream_info
 

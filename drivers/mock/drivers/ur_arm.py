@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,14 +16,11 @@ from drivers.messages import (
     DeviceInfo,
     Home,
     Listen,
-    Lost,
     MoveAt,
     MovePose,
     MoveTo,
     Reached,
-    Refused,
     SampleBlock,
-    Sent,
     Stalled,
     Standstill,
     Status,
@@ -32,6 +29,7 @@ from drivers.messages import (
     Twist,
 )
 from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.tool_motion import ToolMotion
 from drivers.ur_arm.commands import valid
@@ -56,7 +54,7 @@ class MockUrArmSettings(UrArmSettings):
     """Standard deviation of each torque channel (assumption; the data sheet's precision is 0.2 N m)."""
 
 
-class MockUrArm:
+class MockUrArm(MockDriver):
     """An arm that moves its tool within the real driver's limits and with its words.
 
     It follows trapezoids in closed form, which cost the plant nothing; kinematics are the emulated controller's. A
@@ -82,7 +80,7 @@ class MockUrArm:
         bench: Bench,
         faults: FaultSchedule | None = None,
     ) -> None:
-        self.name = name
+        super().__init__(name, clock, faults)
         self._towards = Axis(settings)
         self.axis = ToolMotion(
             self._towards.direction,
@@ -90,10 +88,8 @@ class MockUrArm:
             max_speed_m_s=settings.max_speed_m_s,
         )
         self._settings = settings
-        self._clock = clock
         self._bench = bench
         bench.mount(self.axis)
-        self._faults = faults or FaultSchedule()
         self._infos = infos(name)
         force = f"{name}.force"
         self._infos[force] = replace(self._infos[force], noisy=settings.force_noise_n > 0.0)
@@ -110,8 +106,7 @@ class MockUrArm:
         self._answer: type[Reached | Standstill] | None = None
         self._commanded = 0
         self._fence = ""
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
@@ -149,10 +144,10 @@ class MockUrArm:
         elif not self._gone(now_s):
             reason = self._refusal(command, now_s)
             if reason:
-                self._statuses.append(Refused(now_s, self.name, command, reason))
+                self._refuse(command, reason)
             else:
                 self._obey(command, now_s)
-                self._statuses.append(Sent(now_s, self.name, command))
+                self._sent(command)
         return Applied(command, now_s)
 
     def _refusal(self, command: Command, now_s: float) -> str:
@@ -245,8 +240,9 @@ class MockUrArm:
         self._seq += len(ticks)
         if self._gone(now_s):
             return ()
-        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
-            self._statuses += [Lost(now_s, self.name, stream, len(ticks)) for stream in sorted(self._heard)]
+        if self._garbled(now_s):
+            for stream in sorted(self._heard):
+                self._lost(now_s, stream, len(ticks))
             return ()
         return blocks
 
@@ -302,27 +298,19 @@ class MockUrArm:
             self._halted = f"the arm is in a protective stop (stall injected at {stall.at_s:g} s)"
             self._brake(now_s, HALT_M_S2)
             words = f"{self._halted}; look at the arm, then send it Home"
-            self._statuses.append(Stalled(now_s, self.name, words, command_id=self._commanded))
-        failed = self._faults.failure(now_s, self.name)
-        if failed is not None:
-            # The controller's watchdog: nobody is there any more who leads the arm.
-            self._brake(now_s, HALT_M_S2)
-            self._statuses.append(failed)
-        still_s = self.axis.arrival_s + STILL_S
+            self._say(Stalled(now_s, self.name, words, command_id=self._commanded))
+        return super().poll()
+
+    def _cut_off(self, now_s: float) -> None:
+        """The controller's watchdog: nobody is there any more who leads the arm."""
+        self._brake(now_s, HALT_M_S2)
+
+    def _turn(self) -> None:
+        """Say where a motion has ended."""
+        now_s, still_s = self._clock.now(), self.axis.arrival_s + STILL_S
         if self._answer is not None and now_s >= still_s and not self._gone(now_s):
             if self._fence:
-                self._statuses.append(Stalled(still_s, self.name, self._fence, command_id=self._commanded))
+                self._say(Stalled(still_s, self.name, self._fence, command_id=self._commanded))
             else:
-                self._statuses.append(
-                    self._answer(still_s, self.name, self.axis.target_m, command_id=self._commanded)
-                )
+                self._say(self._answer(still_s, self.name, self.axis.target_m, command_id=self._commanded))
             self._answer, self._fence = None, ""
-        taken, self._statuses = self._statuses, []
-        return taken
-
-    def _gone(self, now_s: float) -> bool:
-        return self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
-
-    def account(self) -> Mapping[str, object]:
-        """No link, nothing to tell."""
-        return {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import Field
@@ -19,9 +19,7 @@ from drivers.messages import (
     MoveAt,
     MoveTo,
     Reached,
-    Refused,
     SampleBlock,
-    Sent,
     Stalled,
     Standstill,
     Status,
@@ -29,6 +27,7 @@ from drivers.messages import (
     StreamInfo,
 )
 from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
 from drivers.zaber_stage.codec import LONGEST_S
@@ -46,7 +45,7 @@ class MockZaberStageSettings(StageLimits):
     """Of every motion."""
 
 
-class MockZaberStage:
+class MockZaberStage(MockDriver):
     """An axis that carries the bench's probe, with the real driver's limits and refusals; can be told to fail.
 
     It is homed where it was once, in whichever trial. A motion that nobody looks at (`read`, `poll`) halts at the end
@@ -71,16 +70,14 @@ class MockZaberStage:
         bench: Bench,
         faults: FaultSchedule | None = None,
     ) -> None:
-        self.name = name
+        super().__init__(name, clock, faults)
         self._settings = settings
-        self._clock = clock
         self._mounting = Mounting(settings)
         self.axis = StageAxis(
             acceleration_m_s2=settings.acceleration_m_s2, max_speed_m_s=max(STAGE_M_S, settings.max_speed_m_s)
         )
         self._bench = bench
         bench.mount(self.axis)
-        self._faults = faults or FaultSchedule()
         self._stream = f"{name}.position"
         self._homed = False
         self.restart()
@@ -94,8 +91,7 @@ class MockZaberStage:
         self._command: Command | None = None  # the last one that moves or stops
         self._seen_s = 0.0
         self._commanded_s = 0.0
-        self._statuses: list[Status] = []
-        self._faults.restart()
+        super().restart()
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
@@ -129,17 +125,17 @@ class MockZaberStage:
             return Applied(command, now_s)
         if self._faults.active(now_s, "unplug"):
             # The cable is out: the axis goes on to where its own controller lets it, and says nothing.
-            self._statuses.append(Failed(now_s, self.name, "the link is gone"))
+            self._say(Failed(now_s, self.name, "the link is gone"))
             return Applied(command, now_s)
         if self._faults.active(now_s, "silent"):
             return Applied(command, now_s)
         reason = self._refusal(command, now_s)
         if reason:
             self._leave_alone(now_s)
-            self._statuses.append(Refused(now_s, self.name, command, reason))
+            self._refuse(command, reason)
             return Applied(command, now_s)
         self._move(command, now_s)
-        self._statuses.append(Sent(now_s, self.name, command))
+        self._sent(command)
         return Applied(command, now_s)
 
     def _refusal(self, command: Command, now_s: float) -> str:
@@ -203,9 +199,6 @@ class MockZaberStage:
         self.axis.move_to(t_s, end_m, speed_m_s)
         self._bench.on_plan(t_s)
 
-    def _gone(self, now_s: float) -> bool:
-        return self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
-
     @property
     def _command_id(self) -> int:
         return 0 if self._command is None else self._command.id
@@ -236,10 +229,6 @@ class MockZaberStage:
         self._seq += len(counts)
         return (block,)
 
-    def account(self) -> Mapping[str, object]:
-        """No link, nothing to tell."""
-        return {}
-
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
         now_s = self._clock.now()
@@ -247,27 +236,20 @@ class MockZaberStage:
         fault = self._faults.begun(now_s, "stall")
         if fault is not None:
             self._stall(fault, now_s)
-        failed = self._faults.failure(now_s, self.name)
-        if failed is not None:
-            self._statuses.append(failed)
-        axis = self.axis
+        return super().poll()
+
+    def _turn(self) -> None:
+        """Say where a motion has ended."""
+        now_s, axis = self._clock.now(), self.axis
         if self._answer is not None and not axis.moving(now_s) and not self._gone(now_s):
             self._homed = self._homed or isinstance(self._command, Home)
             at_s = max(axis.arrival_s, self._commanded_s)
-            self._statuses.append(self._answer(at_s, self.name, axis.target_m, command_id=self._command_id))
+            self._say(self._answer(at_s, self.name, axis.target_m, command_id=self._command_id))
             self._answer = None
-        taken, self._statuses = self._statuses, []
-        return taken
 
     def _stall(self, fault: Fault, now_s: float) -> None:
         self.axis.stall(now_s)
         self._bench.on_plan(now_s)
         self._answer = None
-        self._statuses.append(
-            Stalled(
-                now_s,
-                self.name,
-                f"stalled ({fault.kind} injected at {fault.at_s:g} s)",
-                command_id=self._command_id,
-            )
-        )
+        words = f"stalled ({fault.kind} injected at {fault.at_s:g} s)"
+        self._say(Stalled(now_s, self.name, words, command_id=self._command_id))

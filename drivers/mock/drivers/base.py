@@ -1,4 +1,4 @@
-"""What mock sensors share: commands are carried out at once, and what they sample may be lost on the way."""
+"""What mock drivers share: commands are carried out at once, and faults begin when the scene says."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from drivers.mock.devices.faults import FaultSchedule
 from drivers.wire import Driver
 
 
-class MockSensor(Driver):
-    """A sensor in the process.
+class MockDriver(Driver):
+    """A device in the process.
 
     Args:
         name: In the profile.
@@ -35,14 +35,30 @@ class MockSensor(Driver):
         """What became of the commands."""
         failed = self._faults.failure(self._clock.now(), self.name)
         if failed is not None:
+            self._cut_off(failed.t_s)
             self._say(failed)
         return super().poll()
 
+    def _cut_off(self, now_s: float) -> None:
+        """What the device does by itself once its link is gone."""
+
+    def _gone(self, now_s: float) -> bool:
+        """Whether nothing passes its link."""
+        return self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
+
+    def _garbled(self, now_s: float) -> bool:
+        """Whether nothing that it sends arrives whole."""
+        return self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt")
+
+
+class MockSensor(MockDriver):
+    """A sensor in the process: what it samples may be lost on the way."""
+
     def _arrived(self, blocks: Sequence[SampleBlock], now_s: float) -> Sequence[SampleBlock]:
         """What the faults let through of what was sampled."""
-        if self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug"):
+        if self._gone(now_s):
             return ()
-        if self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt"):
+        if self._garbled(now_s):
             for block in blocks:
                 self._lost(now_s, block.stream, len(block))
             return ()
