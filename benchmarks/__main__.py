@@ -6,7 +6,6 @@ from importlib import import_module
 BENCHMARKS = {
     "loop": "benchmarks.loop",
     "stop": "benchmarks.stop_latency",
-    "resume": "benchmarks.resume_kills",
     "left_alone": "benchmarks.left_alone",
     "physics": "benchmarks.physics.run",
     "chain": "benchmarks.chain",

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from config.assemble import Table, build_rig, plan_campaign
 from config.costs import COSTS
-from config.jobs import _Silent
+from config.jobs import Silent
 from config.profile import load_profile
 from config.source import profile_names, read_source
 from controller.campaign import Campaign
@@ -43,7 +43,7 @@ def _cost(name: str, trials: int) -> tuple[float, float, float]:
         for part in (some[:1], some[1:] or some):
             with closing(build_rig(profile)) as rig:
                 begun_s = time.process_time()
-                outcome = Campaign(plan_campaign(profile, part, 0), rig, _Silent(), Path(folder)).run()
+                outcome = Campaign(plan_campaign(profile, part, 0), rig, Silent(), Path(folder)).run()
                 computing_s = time.process_time() - begun_s
                 bench_s = rig.clock.now() if len(part) == 1 else _bench_s(outcome.folder)
             size = sum(path.stat().st_size for path in outcome.folder.iterdir())

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.results import save, table
-from benchmarks.silent import Silent
 from config import assemble
+from config.jobs import Silent
 from config.profile import load_profile
 from controller.campaign import Campaign
 from controller.guard import Guard

@@ -18,8 +18,8 @@ import numpy as np
 from behaviors.events import Contact, Detected, Event
 from behaviors.machine import Behavior, StatePlan, on, with_failures
 from benchmarks.results import save, table
-from benchmarks.silent import Silent
 from config import assemble
+from config.jobs import Silent
 from config.profile import load_profile
 from controller.guard import Guard
 from controller.loop import Loop

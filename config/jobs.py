@@ -84,22 +84,29 @@ class Order:
         return cls(profile.name, resolved, profile.source.folders, tuple(factors), seed)
 
 
-class _Silent:
-    """Nobody at a worker's side."""
+class Silent:
+    """A console that nobody looks at, and an operator who never interrupts."""
 
-    def poll(self) -> None: ...
+    def poll(self) -> None:
+        """Nothing."""
 
-    def suspend(self) -> None: ...
+    def suspend(self) -> None:
+        """Nothing."""
 
-    def state(self, name: str, t_s: float) -> None: ...
+    def state(self, name: str, t_s: float) -> None:
+        """Nothing."""
 
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
+        """Nothing."""
 
-    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None: ...
+    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
+        """Nothing."""
 
-    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None: ...
+    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
+        """Nothing."""
 
-    def campaign_ended(self, line: str) -> None: ...
+    def campaign_ended(self, line: str) -> None:
+        """Nothing."""
 
 
 def run_part(order: Order, trials: Sequence[Trial]) -> Part:
@@ -113,7 +120,7 @@ def run_part(order: Order, trials: Sequence[Trial]) -> Part:
     profile = _profile(order.name, order.resolved, order.folders)
     plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
     with tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder, closing(build_rig(profile)) as rig:
-        outcome = Campaign(plan, rig, _Silent(), Path(folder)).run()
+        outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
         return Part.of(outcome.folder, outcome.error, monotonic_s() - begun_s)
 
 

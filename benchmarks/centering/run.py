@@ -1,4 +1,4 @@
-"""The centering study (C3): `python -m benchmarks centering`, or `python -m benchmarks.centering [--quick]`."""
+"""The centering study (C3): `python -m benchmarks centering [--quick]`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pre-touch study (C5): `python -m benchmarks pretouch`, or `python -m benchmarks.pretouch [--quick]`."""
+"""The pre-touch study (C5): `python -m benchmarks pretouch [--quick]`."""
 
 from __future__ import annotations
 

@@ -9,9 +9,9 @@ import pytest
 
 from drivers.errors import CommandError
 from drivers.messages import Command, Excite, Listen, Lost, Saturated
-from drivers.mock.devices.dsa_matrix import SteadyTexels
 from drivers.mock.physics.fingertip_settings import Matrix
 from tests.contracts.crank import Crank
+from tests.steady import SteadyTexels
 
 SHAPES = (Matrix(2, 3, 0.0034), Matrix(1, 2, 0.0034))
 

@@ -9,10 +9,10 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.messages import Failed, Lost, Saturated, Status
-from drivers.mock.devices.barrett_hand import SteadyForces
 from drivers.mock.devices.faults import Fault, FaultSchedule
 from drivers.mock.drivers.barrett_hand import MockBarrettHand, MockBarrettHandSettings
 from tests.contracts.hand_suite import F1, FORCES_N, HandBench, HandContract
+from tests.steady import SteadyForces
 
 
 def opened(*faults: dict[str, Any]) -> HandBench:

@@ -46,9 +46,8 @@ from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from drivers.mock.devices.barrett_hand import (
     EmulatedBarrettHand,
     EmulatedBarrettHandSettings,
-    SteadyForces,
 )
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, SteadyTexels
+from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
 from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from drivers.mock.devices.slcan import EmulatedSlcan
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
@@ -65,6 +64,7 @@ from drivers.sensor_board.framing import FrameDecoder, frame
 from drivers.sensor_board.streams import BoardStreams
 from drivers.zaber_stage import codec as zaber
 from tests.contracts.audio_suite import SteadyFingers
+from tests.steady import SteadyForces, SteadyTexels
 from tests.unit.drivers.sensor_board.board_bench import Source
 
 BYTES_MAX: Final = 4096

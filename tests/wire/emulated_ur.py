@@ -49,7 +49,7 @@ class EmulatedUr:
         command = [
             sys.executable,
             "-m",
-            "drivers.mock.wiring.ur_controller",
+            "tests.wire.ur_controller_process",
             "--settings",
             json.dumps(options),
         ]

@@ -10,9 +10,10 @@ import pytest
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.errors import ProtocolError, SilentError
 from drivers.messages import Failed, Lost
-from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings, SteadyForces
+from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings
 from drivers.mock.devices.slcan import EmulatedSlcan
 from tests.contracts.hand_suite import F1, F2, F3, FORCES_N, HandBench, HandContract
+from tests.steady import SteadyForces
 
 
 class Wire:

@@ -12,9 +12,10 @@ from drivers.clock import WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import Failed, Lost
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, SteadyTexels
+from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
 from drivers.mock.physics.fingertip_settings import Matrix
 from tests.contracts.matrix_suite import TEXELS, MatrixBench, MatrixContract, steady
+from tests.steady import SteadyTexels
 
 PATIENT = {"reply_timeout_s": 0.5, "silence_timeout_s": 3.0, "power_up_s": 2.0}
 """The machine may be busy with other tests."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Literal, Protocol, get_args
 
 import numpy as np
@@ -16,7 +15,7 @@ from drivers.can_frame import CanFrame
 Fault = Literal["silent", "saturate"]
 
 
-class Source(Protocol):
+class FingerForces(Protocol):
     """The forces that the fingers feel. Its time is the one that is handed to the hand."""
 
     def advance(self, t_s: float) -> None:
@@ -24,24 +23,6 @@ class Source(Protocol):
 
     def forces_n(self, finger: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Force at a fingertip, compression positive, at ascending times up to the present; shape (n,)."""
-
-
-class SteadyForces:
-    """Forces that never change: the simplest source.
-
-    Args:
-        forces_n: By finger; none where none is given.
-    """
-
-    def __init__(self, forces_n: Mapping[int, float]) -> None:
-        self._forces_n = dict(forces_n)
-
-    def advance(self, t_s: float) -> None:
-        """Nothing changes."""
-
-    def forces_n(self, finger: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same at all times."""
-        return np.full(len(times_s), self._forces_n.get(finger, 0.0))
 
 
 def counts(forces_n: NDArray[np.float64], settings: StrainSettings) -> NDArray[np.int64]:
@@ -68,7 +49,7 @@ class EmulatedBarrettHand:
         source: What its fingers feel.
     """
 
-    def __init__(self, settings: EmulatedBarrettHandSettings, source: Source) -> None:
+    def __init__(self, settings: EmulatedBarrettHandSettings, source: FingerForces) -> None:
         self._settings = settings
         self._source = source
         self._silent = False

@@ -39,7 +39,7 @@ class SourceStream(Protocol):
         """Sample rate, or None where it comes as events."""
 
 
-class Source(Protocol):
+class BoardSource(Protocol):
     """What the board is wired to. Its time is the one that is handed to the board."""
 
     def streams(self) -> Sequence[SourceStream]:

@@ -34,7 +34,7 @@ from drivers.settings import Settings
 Fault = Literal["stall", "overheat", "reboot", "silent"]
 
 
-class Source(Protocol):
+class JawsSource(Protocol):
     """The drive and jaws that the gripper moves. Its time is the one that is handed to the gripper."""
 
     finding: Finding
@@ -104,7 +104,7 @@ class EmulatedCanGripper:
         source: What it moves.
     """
 
-    def __init__(self, settings: EmulatedCanGripperSettings, source: Source) -> None:
+    def __init__(self, settings: EmulatedCanGripperSettings, source: JawsSource) -> None:
         self._settings = settings
         self._source = source
         self._power_up()

@@ -37,7 +37,7 @@ FASTEST_HZ = 1000
 """Most frames a second that it takes (assumption: its clock counts milliseconds)."""
 
 
-class Source(Protocol):
+class Texels(Protocol):
     """What the texels feel. Its time is the one that is handed to the matrices."""
 
     def matrices(self) -> Sequence[Matrix]:
@@ -51,30 +51,6 @@ class Source(Protocol):
 
         Cells come matrix after matrix, each row after row.
         """
-
-
-class SteadyTexels:
-    """Texels that never change: the simplest source.
-
-    Args:
-        matrices: What is connected.
-        texels_v: What they read, shape (cells,).
-    """
-
-    def __init__(self, matrices: Sequence[Matrix], texels_v: NDArray[np.float64]) -> None:
-        self._matrices = tuple(matrices)
-        self._texels_v = texels_v
-
-    def matrices(self) -> Sequence[Matrix]:
-        """As they were given."""
-        return self._matrices
-
-    def advance(self, t_s: float) -> None:
-        """Nothing changes."""
-
-    def texels_v(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same at all times."""
-        return np.tile(self._texels_v, (len(times_s), 1))
 
 
 def counts(texels_v: NDArray[np.float64], threshold: int = 0) -> NDArray[np.uint16]:
@@ -114,7 +90,7 @@ class EmulatedDsaMatrix:
         source: What its texels feel.
     """
 
-    def __init__(self, settings: EmulatedDsaMatrixSettings, source: Source) -> None:
+    def __init__(self, settings: EmulatedDsaMatrixSettings, source: Texels) -> None:
         self._settings = settings
         self._source = source
         self._matrices = tuple(source.matrices())

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from pydantic import Field
 
-from drivers.mock.devices.board_channels import BoardClock, Channel, Source
+from drivers.mock.devices.board_channels import BoardClock, BoardSource, Channel
 from drivers.sensor_board.codec import (
     TIME_MODULUS,
     Code,
@@ -73,7 +73,7 @@ class EmulatedSensorBoard:
         source: What its sensors and its drive are wired to.
     """
 
-    def __init__(self, settings: EmulatedSensorBoardSettings, source: Source) -> None:
+    def __init__(self, settings: EmulatedSensorBoardSettings, source: BoardSource) -> None:
         self._settings = settings
         self._source = source
         self._channels = [

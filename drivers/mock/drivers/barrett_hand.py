@@ -20,7 +20,7 @@ from drivers.messages import (
     SampleBlock,
     Tare,
 )
-from drivers.mock.devices.barrett_hand import Source, counts
+from drivers.mock.devices.barrett_hand import FingerForces, counts
 from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockSensor
 from drivers.mock.physics.bench import part
@@ -30,7 +30,7 @@ class HandBench(Protocol):
     """A bench with a hand's fingers on it."""
 
     @property
-    def fingers(self) -> Source:
+    def fingers(self) -> FingerForces:
         """What they feel; its time is the bench's."""
 
 

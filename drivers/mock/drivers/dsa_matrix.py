@@ -20,7 +20,7 @@ from drivers.messages import (
     Saturated,
     StreamInfo,
 )
-from drivers.mock.devices.dsa_matrix import Source, counts
+from drivers.mock.devices.dsa_matrix import Texels, counts
 from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockSensor
 from drivers.mock.physics.bench import part
@@ -31,7 +31,7 @@ class MatrixBench(Protocol):
     """A bench with tactile matrices on it."""
 
     @property
-    def taxels(self) -> Source:
+    def taxels(self) -> Texels:
         """What their texels feel; its time is the bench's."""
 
 

@@ -20,7 +20,7 @@ from drivers.messages import (
     SetTendon,
     Tare,
 )
-from drivers.mock.devices.board_channels import Source
+from drivers.mock.devices.board_channels import BoardSource
 from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockSensor
 from drivers.sensor_board.commands import BoardLimits, valid
@@ -29,7 +29,7 @@ from drivers.sensor_board.streams import stream_info
 INT32 = np.iinfo(np.int32)
 
 
-class BoardBench(Source, Protocol):
+class BoardBench(BoardSource, Protocol):
     """A bench with a board's sensors on it."""
 
 

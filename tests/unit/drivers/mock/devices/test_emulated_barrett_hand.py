@@ -9,9 +9,9 @@ from drivers.can_frame import CanFrame
 from drivers.mock.devices.barrett_hand import (
     EmulatedBarrettHand,
     EmulatedBarrettHandSettings,
-    SteadyForces,
     counts,
 )
+from tests.steady import SteadyForces
 
 SETTINGS = EmulatedBarrettHandSettings(newton_per_count=0.01, zero_counts=2000, mode=5)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, SteadyTexels, counts
+from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, counts
 from drivers.mock.physics.fingertip_settings import Matrix
+from tests.steady import SteadyTexels
 
 CELLS = np.arange(6) * 0.5
 

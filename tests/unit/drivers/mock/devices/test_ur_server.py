@@ -22,7 +22,7 @@ from drivers.mock.devices.ur_controller.server import (
 )
 from drivers.mock.devices.ur_controller.session import RtdeSession
 from drivers.mock.wiring.far_ends import HOSTS
-from drivers.mock.wiring.ur_controller import answered
+from tests.wire.ur_controller_process import answered
 
 PATIENCE_S = 10.0
 """Loopback takes microseconds; a busy machine only takes its time."""

@@ -1,4 +1,4 @@
-"""A controller on its own, in front of a stiff plane: `python -m drivers.mock.wiring.ur_controller`.
+"""A controller on its own, in front of a stiff plane: `python -m tests.wire.ur_controller_process`.
 
 Prints one JSON line when it listens, with the clock that others may share (`drivers.bench_clock`), then obeys one JSON
 object a line from standard input and answers each with the controller's state; it ends with standard input or at
