@@ -185,8 +185,7 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
     loaded = _loaded(profile, overrides, csv)
     trials = loaded.trials(0)
     whole = plan_campaign(loaded, trials, 0)
-    behavior = next(iter(whole.trials)).behavior
-    click.echo("\n".join(planned(loaded, trials, behavior, jobs_for(loaded, whole, None))))
+    click.echo("\n".join(planned(loaded, trials, next(iter(whole.trials)), jobs_for(loaded, whole, None))))
 
 
 @cli.command(cls=Verb, short_help="Run an experiment, write a run folder and its report.")

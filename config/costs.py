@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from behaviors.machine import Behavior
     from config.profile import Profile
     from config.trials import Trial
+    from controller.campaign import TrialPlan
 
 COSTS = Path(__file__).with_name("costs.toml")
 """What a trial of each shipped profile took: `python -m benchmarks.costs`."""
@@ -41,16 +41,16 @@ def cost(profile: str, experiment: str, trials: int) -> Cost | None:
     return Cost(*(trials * float(measured[name]) for name in Cost._fields))
 
 
-def planned(profile: Profile, trials: Sequence[Trial], behavior: Behavior, workers: int) -> Iterator[str]:
+def planned(profile: Profile, trials: Sequence[Trial], first: TrialPlan, workers: int) -> Iterator[str]:
     """What `run` would do, a line each.
 
     Args:
         profile: What is planned.
         trials: All of them.
-        behavior: Of the first trial.
+        first: The first one, ready to run.
         workers: In how many processes they would run.
     """
-    yield f"{profile.name}: {len(trials)} trials of {profile.experiment} on the {profile.bench} bench"
+    yield f"{profile.name}: {counted(len(trials))} of {profile.experiment} on the {profile.bench} bench"
     yield f"time      {duration(profile.name, profile.experiment, profile.bench, len(trials), workers)}"
     found = cost(profile.name, profile.experiment, len(trials))
     yield f"disk      {_rounded(found.disk_bytes, _SIZES) if found else 'not measured'}"
@@ -60,13 +60,19 @@ def planned(profile: Profile, trials: Sequence[Trial], behavior: Behavior, worke
     yield f"motion    {travel}, at {speed_m_s:g} m/s; the guard stops beyond {limits.speed_m_s:g} m/s"
     yield f"force     {_force(profile, speed_m_s)}"
     heard: set[str] = set()
-    for state, plan in behavior.plans.items():
-        names = [*sorted(plan.detectors), *(f"{name} (recorded)" for name in sorted(plan.measures))]
+    for state, plan in first.behavior.plans.items():
+        names = [f"{name} ({', '.join(first.detectors[name].inputs)})" for name in sorted(plan.detectors)]
+        names += [f"{name} (recorded)" for name in sorted(plan.measures)]
         heard |= plan.detectors
         yield f"{state.name:<20}{', '.join(names) or 'skipped: nobody subscribes'}"
     idle = sorted(set(profile.detectors) - heard)
     if idle:
         yield f"never     {', '.join(idle)}: no state subscribes"
+
+
+def counted(trials: int) -> str:
+    """`1 trial`, `3 trials`."""
+    return f"{trials} trial{'s' * (trials != 1)}"
 
 
 def duration(name: str, experiment: str, bench: str, trials: int, workers: int = 1) -> str:

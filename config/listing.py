@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from config.assemble import DETECTORS, DRIVERS, SIGNALS
-from config.costs import duration
+from config.costs import counted, duration
 from config.source import ProfileError, bench_of, profile_names, read_source
 
 
@@ -30,7 +30,7 @@ def listed_profiles() -> list[str]:
         lines += [
             f"{name:<28}{data.get('title', '')}",
             *_needs(data),
-            f"        {_trials(data)} trials: {duration(name, data['experiment'], bench_of(data), _trials(data))}",
+            f"        {counted(_trials(data))}: {duration(name, data['experiment'], bench_of(data), _trials(data))}",
         ]
     return [*lines, "", f"Benches to extend: {', '.join(benches)}", "More of one: run.py check PROFILE"]
 

@@ -16,8 +16,7 @@ def plan_of(name, **sets):
 
 def lines_of(name, **sets):
     profile, plan = plan_of(name, **sets)
-    behavior = next(iter(plan.trials)).behavior
-    return list(planned(profile, plan.left, behavior, 1))
+    return list(planned(profile, plan.left, next(iter(plan.trials)), 1))
 
 
 def test_what_was_never_measured_is_told_as_such():
@@ -36,7 +35,8 @@ def test_a_plan_says_time_disk_motion_force_and_what_each_state_computes():
     assert "the guard stops at 2 N; 3.3 N at the most if it alone does" in said
     assert "15 ms (median and a turn) x 7300 N/m" in said
     assert "SETTLING            skipped: nobody subscribes" in said
-    assert "APPROACH            contact" in said
+    assert "APPROACH            contact (board.period), ours (board.accelerometer)" in said
+    assert lines_of("emulated/pointer")[0].startswith("emulated/pointer: 1 trial of pointer")
 
 
 def test_a_bench_in_wall_time_is_planned_in_wall_time():

@@ -1,0 +1,30 @@
+"""Detectors say of recordings that are kept what they have always said."""
+
+import pytest
+
+from tests.events import CASES, FOLDER, TIME_S, changes, kept, said
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_detector_says_of_a_recording_what_it_said_before(case):
+    found = list(changes(kept()[case], said(case)))
+    assert not found, f"{case}; if that is meant: python -m tests.events\n" + "\n".join(found)
+
+
+def event(t_s, name="Contact", value=1.0):
+    return {"t_s": t_s, "event": name, "value": value, "threshold": 0.5}
+
+
+def test_a_change_is_told_with_its_size_and_what_is_allowed():
+    before = [event(1.0), event(2.0, "ContactLost"), event(3.0)]
+    after = [event(1.0 + TIME_S / 2), event(3.002, value=1.1), event(4.0, "ContactHeld")]
+    assert list(changes(before, before)) == []
+    assert list(changes(before, after)) == [
+        "- 2.000000 s ContactLost 1.0",
+        "~ 3.000000 s Contact 1.0: +0.002000 s (at most 1e-06), value 1 → 1.1 (at most 0.0001 of it)",
+        "+ 4.000000 s ContactHeld 1.0",
+    ]
+
+
+def test_the_recordings_are_small():
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 200_000
