@@ -8,8 +8,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
-from benchmarks.centering import figures
-from benchmarks.centering.report import Study, document, numbers
+from benchmarks.centering.numbers import Study, numbers
 from benchmarks.centering.search import Found
 from benchmarks.centering.study import (
     FULL,
@@ -30,7 +29,7 @@ from benchmarks.centering.study import (
     papers_choices,
     with_object,
 )
-from benchmarks.results import FOLDER, save
+from benchmarks.results import save, table
 from config.assemble import Table
 from config.profile import load_profile
 from drivers.mock.physics.aura_objects import SIX
@@ -40,20 +39,17 @@ WAVES = ((0.125, 0.0125), (0.5, 0.015))
 
 
 def main(quick: bool = False) -> None:
-    """Run the study; writes results/centering.json, results/centering.md and the figure."""
+    """Run the study, print the worst of the 85; writes results/centering.json."""
     started_s, size = time.perf_counter(), QUICK if quick else FULL
     # a fresh interpreter each: a fork of one that has loaded numba's threads may hang
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), context) as pool:
         study = _study(size, pool)
     study = replace(study, wall_s=time.perf_counter() - started_s)
-    name = "centering_quick" if quick else "centering"
-    save(name, numbers(study))
-    page = document(study)
-    (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
-    if not quick:
-        figures.draw(study)
-    print(page.partition("## Choices")[0])
+    found = numbers(study)
+    save("centering_quick" if quick else "centering", found)
+    head = ("method", "mismatch_db", "speed_m_s", "worst_m", "mean_m", "touched", "stopped", "unseen")
+    print(table(head, [[row[key] for key in head] for row in found["eighty_five"]]))
 
 
 def _study(size: Size, pool: ProcessPoolExecutor) -> Study:

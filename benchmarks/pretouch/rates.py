@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.pretouch.scenes import KINDS, POSITIVE, SPEEDS_M_S
 from benchmarks.pretouch.scoring import Rate, figures, quantiles, rate
 from benchmarks.pretouch.study import (
     CLAIRVOYANT,
@@ -20,7 +19,7 @@ from benchmarks.pretouch.study import (
     contact_judges,
     pretouch_judges,
 )
-from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
+from drivers.mock.physics.aura_objects import SIX, SOFT
 
 PRETOUCH, CONTACT = tuple(pretouch_judges({})), tuple(contact_judges({}))
 OURS, OURS_CONTACT = "pretouch", "level"
@@ -96,24 +95,6 @@ def by_object(names: Sequence[str]) -> dict[str, Chosen]:
         return lambda verdict: verdict.event.object == name
 
     return {name: of(name) for name in names}
-
-
-def by_side_and_speed() -> dict[str, Chosen]:
-    """Which verdicts are of which side at which speed."""
-
-    def of(side: str, speed_m_s: float) -> Chosen:
-        return lambda v: v.event.side == side and v.event.speed_m_s == speed_m_s
-
-    return {f"{side}, {speed:g} m/s": of(side, speed) for side in SIDES for speed in SPEEDS_M_S}
-
-
-def by_kind() -> dict[str, Chosen]:
-    """Which verdicts are of which kind of passage before nothing."""
-
-    def of(kind: str) -> Chosen:
-        return lambda verdict: verdict.event.kind == kind
-
-    return {kind: of(kind) for kind in KINDS if kind not in POSITIVE}
 
 
 def targets(study: Study) -> list[list[str]]:

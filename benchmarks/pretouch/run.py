@@ -1,4 +1,4 @@
-"""The pre-touch study (C5): `python -m benchmarks pretouch [--quick]`."""
+"""The pre-touch study (C5): `python -m benchmarks pretouch [--quick]`; results/pretouch.md is written by hand."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.pretouch import figures
-from benchmarks.pretouch.rates import Study, numbers
-from benchmarks.pretouch.report import document
+from benchmarks.pretouch.rates import Study, numbers, targets
 from benchmarks.pretouch.scenes import (
     DRIVE_HZ,
     LEVEL,
@@ -40,7 +38,7 @@ from benchmarks.pretouch.study import (
     matched_db,
     pretouch_judges,
 )
-from benchmarks.results import FOLDER, save
+from benchmarks.results import save, table
 from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
 
 SWEEP_DB = (0, 5, 10, 15, 20, 25, 30, 35, 40)
@@ -48,7 +46,7 @@ AFAR_M = 0.12
 
 
 def main(quick: bool = False) -> None:
-    """Run the study; writes results/pretouch.json, results/pretouch.md and the figures."""
+    """Run the study, print what was asked and found; writes results/pretouch.json."""
     started_s, size = time.perf_counter(), QUICK if quick else FULL
     # a fresh interpreter each: a fork of one that has loaded numba's threads may hang
     context = multiprocessing.get_context("spawn")
@@ -57,13 +55,8 @@ def main(quick: bool = False) -> None:
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = time.process_time() + children.ru_utime + children.ru_stime
     study = replace(study, cost_ns=costs(), wall_s=time.perf_counter() - started_s, cpu_s=cpu_s)
-    name = "pretouch_quick" if quick else "pretouch"
-    save(name, numbers(study))
-    page = document(study)
-    (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
-    if not quick:
-        figures.draw(study)
-    print(page.partition("## Pre-touch")[0])
+    save("pretouch_quick" if quick else "pretouch", numbers(study))
+    print(table(["asked", "found", ""], targets(study)))
 
 
 def _study(size: Size, pool: ProcessPoolExecutor) -> Study:
