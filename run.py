@@ -570,14 +570,17 @@ def open_(name: str, out: Path) -> None:
 
 @cli.command(cls=Verb, short_help="Write a run in the formats of other programs.")
 @click.argument("run", metavar="RUN")
-@click.option("--to", type=click.Choice(["csv", "parquet", "rosbag2"]), required=True, help="Which format.")
+@click.option(
+    "--to", type=click.Choice(["csv", "lerobot", "parquet", "rosbag2"]), required=True, help="Which format."
+)
 @click.option("--into", type=click.Path(path_type=Path), help="Folder to write into; RUN/FORMAT otherwise.")
 @out_option
 def export(run: str, to: str, into: Path | None, out: Path) -> None:
     """Write a RUN's trials and samples for other programs, and print the files.
 
     csv and parquet: trials, and samples as tidy tables (trial, stream, channel, t_s, value, unit). rosbag2: an MCAP
-    file a trial with WrenchStamped, Imu and JointState, which ROS 2 plays.
+    file a trial with WrenchStamped, Imu and JointState, which ROS 2 plays. lerobot: a dataset (v3.0), an episode a
+    trial, in which each frame says when each stream was sampled.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""A run in the formats of other programs: tables in CSV or Parquet, samples as a bag of ROS 2."""
+"""A run in the formats of other programs: tables in CSV or Parquet, a LeRobot dataset, samples as a bag of ROS 2."""
 
 from __future__ import annotations
 
@@ -188,8 +188,16 @@ _ROS: Mapping[str, tuple[str, Callable[[str, list[float]], Message]]] = {
 }
 """By a stream's unit: its message, and how it is filled; what has none of its own goes as positions by name."""
 
+
+def _lerobot(run: Run, out: Path) -> list[Path]:
+    from controller.lerobot import write_lerobot
+
+    return write_lerobot(run, out)
+
+
 FORMATS: Mapping[str, Callable[[Run, Path], list[Path]]] = {
     "csv": _csv,
+    "lerobot": _lerobot,
     "parquet": _parquet,
     "rosbag2": _rosbag2,
 }

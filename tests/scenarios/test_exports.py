@@ -1,5 +1,6 @@
 """A run in other programs' formats is the run, and two runs beside each other show what differs."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -64,6 +65,30 @@ def test_a_bag_is_read_by_the_reader_of_ros_2_messages(run, tmp_path, column, st
     np.testing.assert_allclose(found.values[:, 0], series.values[:, 0])
     assert found.times_s is not None
     np.testing.assert_allclose(np.diff(found.times_s), np.diff(series.times_s), atol=2e-9)
+
+
+def test_a_lerobot_dataset_holds_every_sample_at_its_own_time(run, tmp_path):
+    """Read as LeRobot 0.4 does (load_info, load_tasks, load_nested_dataset), without its torch."""
+    export(run, "lerobot", tmp_path)
+    info = json.loads((tmp_path / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 1000, len(TRIALS))
+    tasks = pd.read_parquet(tmp_path / "meta/tasks.parquet")
+    (listed,) = tmp_path.glob("meta/episodes/*/*.parquet")
+    episodes = pd.read_parquet(listed)
+    assert set(tasks.index) == {task for (task,) in episodes["tasks"]}
+    frames = pd.concat(pd.read_parquet(path) for path in sorted(tmp_path.glob("data/*/*.parquet")))
+    assert len(frames) == info["total_frames"] == episodes["dataset_to_index"].iloc[-1]
+    assert set(frames.columns) == set(info["features"])
+    np.testing.assert_array_equal(frames["index"], np.arange(len(frames)))
+    for episode, trial in enumerate(TRIALS):
+        own = frames[frames["episode_index"] == episode]
+        np.testing.assert_allclose(own["timestamp"], own["frame_index"] / 1000, rtol=1e-6)
+        for name in run.trial(trial).streams:
+            series = run.trial(trial).stream(name)
+            heard = own.dropna(subset=f"time.{name}").drop_duplicates(f"time.{name}")
+            np.testing.assert_array_equal(heard[f"time.{name}"], series.times_s)
+            values = np.stack(heard[f"observation.{name}"].to_list()).reshape(series.values.shape)
+            np.testing.assert_allclose(values, series.values, rtol=1e-6)
 
 
 def test_an_acceleration_is_an_imu(tmp_path):
