@@ -68,6 +68,7 @@ class Order:
         folders: Where modules of the user's own that it names are looked for.
         factors: Names of what all trials vary, in the order of the columns.
         seed: Of the noise.
+        own: SHA-256 of the modules of the user's own, by name.
     """
 
     name: str
@@ -75,13 +76,17 @@ class Order:
     folders: tuple[Path, ...]
     factors: Sequence[str]
     seed: int
+    own: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def of(cls, profile: Profile, trials: Sequence[Trial], factors: Sequence[str], seed: int) -> Order:
         """The trials themselves come with each part: of the profile's own one is kept, which validates."""
+        from config.assemble import own_modules
+
         one = {"list": [dict(trials[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
         resolved = json.dumps({**profile.resolved, "trials": one})
-        return cls(profile.name, resolved, profile.source.folders, tuple(factors), seed)
+        own = tuple((name, entry["sha256"]) for name, entry in own_modules(profile).items())
+        return cls(profile.name, resolved, profile.source.folders, tuple(factors), seed, own)
 
 
 class Silent:
@@ -110,14 +115,18 @@ class Silent:
 
 
 def run_part(order: Order, trials: Sequence[Trial]) -> Part:
-    """Run some trials of a campaign here; the same rows, events and samples wherever that is."""
+    """Run some trials of a campaign here; the same rows, events and samples wherever that is.
+
+    Raises:
+        JobsError: the modules of the user's own that are here are not those of the campaign.
+    """
     from config.assemble import build_rig, plan_campaign
     from controller.campaign import Campaign
     from controller.parts import Part
     from drivers.clock import monotonic_s
 
     begun_s = monotonic_s()
-    profile = _profile(order.name, order.resolved, order.folders)
+    profile = _profile(order.name, order.resolved, order.folders, order.own)
     plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
     with tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder, closing(build_rig(profile)) as rig:
         outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
@@ -125,11 +134,20 @@ def run_part(order: Order, trials: Sequence[Trial]) -> Part:
 
 
 @lru_cache(maxsize=1)
-def _profile(name: str, resolved: str, folders: tuple[Path, ...]) -> Profile:
-    from config.assemble import Table
+def _profile(
+    name: str, resolved: str, folders: tuple[Path, ...], own: tuple[tuple[str, str], ...]
+) -> Profile:
+    """The campaign's profile; a worker that lives longer than a campaign loads the user's own code anew."""
+    from config.assemble import Table, own_modules
     from config.profile import load_resolved
+    from controller.named import forget_own
 
-    return load_resolved(name, json.loads(resolved), table=Table(), folders=folders)
+    forget_own()
+    profile = load_resolved(name, json.loads(resolved), table=Table(), folders=folders)
+    here = {top: entry["sha256"] for top, entry in own_modules(profile).items()}
+    if other := [top for top, digest in own if here.get(top) != digest]:
+        raise JobsError(f"{', '.join(other)} is another one at a worker than here; give all the same files")
+    return profile
 
 
 # --- who runs them -------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ _PARTS = {
 """What a class of each role has; `controller.detectors.protocol` and its like say more."""
 
 _folders: dict[str, Path] = {}
-"""Top-level modules of the user's own that are loaded, and the folder that each was found in."""
+"""Top-level modules of the user's own that are loaded, what they import of their folder included, and that folder."""
 
 
 class NamedError(ValueError):
@@ -110,16 +110,27 @@ def settings_of(made: Any, parameter: str = "settings") -> type[Settings]:
 
 
 def own_files(names: Sequence[str]) -> Mapping[str, Mapping[str, str]]:
-    """For each loaded module of the user's own its folder and the SHA-256 of its files, for the manifest."""
+    """For each loaded module of the user's own its folder and the SHA-256 of its files, for the manifest.
+
+    What stands beside those that are named and was imported by own modules counts as theirs.
+    """
+    named = {name.partition(":")[0].partition(".")[0] for name in names if is_own(name)}
+    folders = {_folders[top] for top in named if top in _folders}  # the others are installed
     account = {}
-    for top in sorted({name.partition(":")[0].partition(".")[0] for name in names if is_own(name)}):
-        folder = _folders.get(top)
-        if folder is None:  # installed
+    for top, folder in sorted(_folders.items()):
+        if folder not in folders:
             continue
         paths = [folder / f"{top}.py", *sorted((folder / top).rglob("*.py"))]
         data = b"".join(path.read_bytes() for path in paths if path.is_file())
         account[top] = {"folder": str(folder), "sha256": hashlib.sha256(data).hexdigest()}
     return account
+
+
+def forget_own() -> None:
+    """Unload the user's own modules: what is found next is what their files hold then."""
+    for top in _folders:
+        _unload(top)
+    _folders.clear()
 
 
 def own_folders(manifest: Mapping[str, Any]) -> Sequence[Path]:
@@ -130,15 +141,25 @@ def own_folders(manifest: Mapping[str, Any]) -> Sequence[Path]:
 
 def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
     top = name.partition(".")[0]
-    there = [folder for folder in folders if (folder / f"{top}.py").is_file() or (folder / top).is_dir()]
+    there = [folder for folder in folders if _has(folder, top)]
     if there:
+        for known in [known for known in _folders if known != top and _has(there[0], known)]:
+            _make_way(known, there[0])  # a helper of another profile's
         _make_way(top, there[0])
         _folders[top] = there[0]
     path = [str(folder) for folder in there[:1]]
     sys.path[:0] = path
+    before, kept, sys.dont_write_bytecode = (
+        set(sys.modules),
+        sys.dont_write_bytecode,
+        True,
+    )  # it tells no version
     try:
         importlib.invalidate_caches()
         module = import_module(name)
+        for helper in {new.partition(".")[0] for new in set(sys.modules) - before} if there else ():
+            if _lies_in(sys.modules.get(helper), there[0]):
+                _folders[helper] = there[0]
     except Exception as error:
         if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
             where = ", ".join(str(folder) for folder in folders) or "the program"
@@ -151,9 +172,20 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
             f"{name} cannot be imported: {type(error).__name__}: {said} ({file}, line {line})"
         ) from None
     finally:
+        sys.dont_write_bytecode = kept
         for entry in path:
             sys.path.remove(entry)
     return module
+
+
+def _has(folder: Path, top: str) -> bool:
+    return (folder / f"{top}.py").is_file() or (folder / top).is_dir()
+
+
+def _lies_in(module: ModuleType | None, folder: Path) -> bool:
+    """Whether it is a file of the folder, or a package in it."""
+    file = Path(getattr(module, "__file__", None) or "/")
+    return folder in (file.parent, file.parent.parent if file.name == "__init__.py" else file.parent)
 
 
 def _make_way(top: str, folder: Path) -> None:
@@ -166,5 +198,9 @@ def _make_way(top: str, folder: Path) -> None:
         return
     if top not in _folders:
         raise NamedError(f"the name {top} is taken by a module of the program; rename {folder / top}")
+    _unload(top)
+
+
+def _unload(top: str) -> None:
     for name in [name for name in sys.modules if name == top or name.startswith(f"{top}.")]:
         del sys.modules[name]

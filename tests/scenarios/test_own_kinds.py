@@ -3,9 +3,15 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from config.assemble import Table
+from config.jobs import JobsError, Order, run_part
+from config.profile import load_profile
+from controller.named import forget_own
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -242,6 +248,44 @@ def test_workers_find_what_the_profile_names(verb, lab):
     assert code == 0, err
     alone, shared = (next(lab.parent.glob(f"{name}/*/trials.csv")) for name in ("alone", "shared"))
     assert shared.read_bytes() == alone.read_bytes()
+
+
+@pytest.fixture
+def helped(lab):
+    """The lab's experiment, which imports a module that stands beside its profile."""
+    (lab / "helper.py").write_text("FACTOR = 1.0\n")
+    text = EXPERIMENT.replace("from enum", "import helper\nfrom enum")
+    (lab / "my_lab" / "rest.py").write_text(text.replace(".mean()", ".mean() * helper.FACTOR"))
+    return lab
+
+
+def test_what_an_own_module_imports_of_its_folder_is_recorded_and_holds_a_resumed_run(verb, helped):
+    assert verb("run", helped / "rest.toml", "--out", "runs", "--no-report")[0] == 0
+    (run,) = helped.parent.glob("runs/*")
+    assert set(json.loads((run / "manifest.json").read_text())["profile"]["own"]) == {"helper", "my_lab"}
+    (helped / "helper.py").write_text("FACTOR = 2.0\n")
+    forget_own()  # as a new program
+    code, _, err = verb("resume", "latest")
+    assert code == 2
+    assert "own.helper" in err
+
+
+def test_a_worker_that_outlives_a_campaign_loads_own_code_anew_and_refuses_another_one(helped):
+    def order() -> Order:
+        forget_own()
+        profile = load_profile(helped / "rest.toml", table=Table())
+        return Order.of(profile, profile.trials(0), ("number",), 0)
+
+    first = order()
+    trials = load_profile(helped / "rest.toml", table=Table()).trials(0)[:1]
+    assert run_part(first, trials).error == ""
+    assert sys.modules["helper"].FACTOR == 1.0
+    (helped / "helper.py").write_text("FACTOR = 2.0\n")
+    with pytest.raises(JobsError, match="helper is another one at a worker"):
+        run_part(replace(first, seed=1, resolved=f" {first.resolved}"), [])
+    second = order()
+    assert run_part(second, trials).error == ""
+    assert sys.modules["helper"].FACTOR == 2.0
 
 
 def test_a_run_is_not_resumed_by_another_version_of_the_users_own_code(verb, lab):
