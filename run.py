@@ -601,17 +601,24 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
 def compare(first: str, second: str, out: Path) -> None:
     """Show which settings differ between two runs, and the mean difference of each result, second less first.
 
-    Trials are paired by number and factors; behind a mean stands its 95 % interval (Student's).
+    Trials are paired by number and factors; behind a mean stands its 95 % interval (Student's). A page beside the
+    second run's report has the figures of both side by side.
 
     \b
     Example:
       run.py compare 2026-11-20T12-00-00Z latest
     """
-    from controller.comparing import compared
+    from controller.comparing import compared, side_by_side
     from controller.recording.reader import open_run
+    from controller.reports.report import build_report
 
-    for line in compared(open_run(first, out), open_run(second, out)):
-        click.echo(line)
+    runs = open_run(first, out), open_run(second, out)
+    lines = list(compared(*runs))
+    click.echo("\n".join(lines))
+    for run in runs:
+        if not (run.folder.path / "report.html").is_file():
+            build_report([run])
+    click.echo(side_by_side(*runs, lines))
 
 
 # --- what the verbs share ------------------------------------------------------------------------
@@ -690,10 +697,13 @@ def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reporte
 
 
 def _report(folders: Sequence[RunFolder]) -> None:
+    from controller.export import tidy
     from controller.recording.reader import open_run
     from controller.reports.report import tell
 
     runs = [open_run(run.path) for folder in folders for run in folder.runs]
+    for run in runs:
+        tidy(run)
     whole = folders[0].read_manifest() if len(folders) == 1 else {}
     page, lines = tell(runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()))
     usual = page.parent.parent.resolve() == Path("runs").resolve()

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from jinja2 import Environment, FileSystemLoader
 from scipy import stats
 
 from controller.recording.reader import Run
-from controller.recording.run_folder import RunFolderError
+from controller.recording.run_folder import RecordingError, RunFolderError
 
 CONFIDENCE = 0.95
 """Of the interval around a mean difference."""
@@ -43,6 +46,34 @@ def compared(first: Run, second: Run) -> Iterator[str]:
             line = _difference(column, pairs[column], pairs[f"{column} (second)"])
             if line:
                 yield line
+
+
+def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
+    """Write a page with the figures of both reports beside each other, into the second run's folder.
+
+    Args:
+        first: A run with a report.
+        second: Likewise.
+        lines: What `compared` says of them.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    folders = [run.folder.path / "figures" for run in (first, second)]
+    drawn = [{str(path.relative_to(folder)): path for path in folder.rglob("*.svg")} for folder in folders]
+    figures = [
+        (name, [b64encode(each[name].read_bytes()).decode() if name in each else "" for each in drawn])
+        for name in sorted(drawn[0].keys() | drawn[1].keys())
+    ]
+    templates = FileSystemLoader(Path(__file__).parent / "reports" / "templates")
+    template = Environment(loader=templates, autoescape=True).get_template("compare.html.j2")
+    names = [run.folder.path.name for run in (first, second)]
+    path = second.folder.path / "compare.html"
+    try:
+        path.write_text(template.render(names=names, lines=lines, figures=figures), "utf-8")
+    except OSError as error:
+        raise RecordingError(path, "writing", error) from error
+    return path
 
 
 def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:

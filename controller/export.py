@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from controller.recording.reader import Run
-from controller.recording.run_folder import RunFolderError
+from controller.recording.run_folder import RecordingError, RunFolderError
 
 if TYPE_CHECKING:
+    import pandas as pd
     from mcap_ros2.writer import Writer
 
 Message = dict[str, Any]
@@ -84,8 +84,40 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
         raise RunFolderError(f"--to {to} needs {error.name}: pip install {error.name}") from None
 
 
+def tidy(run: Run) -> Path | None:
+    """Write trials.parquet beside a run's trials.csv: the same rows and columns; None where pyarrow is not installed.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    if find_spec("pyarrow") is None:
+        return None
+    return _trials_parquet(run, run.folder.path / "trials.parquet")
+
+
+def _trials_parquet(run: Run, path: Path) -> Path:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    def column(values: list[Any]) -> pa.Array[Any]:
+        try:
+            return pa.array(values)
+        except (pa.ArrowInvalid, pa.ArrowTypeError):  # numbers and words
+            return pa.array([None if value is None else str(value) for value in values])
+
+    names = dict.fromkeys(name for row in run.trials for name in row)
+    table = pa.table({name: column([row.get(name) for row in run.trials]) for name in names})
+    try:
+        pq.write_table(table, path, compression="zstd")
+    except OSError as error:
+        raise RecordingError(path, "writing", error) from error
+    return path
+
+
 def samples(run: Run, trial: int) -> pd.DataFrame:
     """A trial's samples, tidy: columns trial, stream, channel, t_s (bench time, s), value (in `unit`), unit."""
+    import pandas as pd
+
     recording = run.trial(trial)
     frames = []
     for name in recording.streams:
@@ -114,7 +146,7 @@ def _parquet(run: Run, out: Path) -> list[Path]:
     import pyarrow.parquet as pq
 
     paths = [out / "trials.parquet", out / "samples.parquet"]
-    run.table.to_parquet(paths[0], index=False)
+    _trials_parquet(run, paths[0])
     fields = {"trial": pa.int64(), "stream": pa.string(), "channel": pa.int64()}
     schema = pa.schema({**fields, "t_s": pa.float64(), "value": pa.float64(), "unit": pa.string()})
     with pq.ParquetWriter(paths[1], schema, compression="zstd") as writer:

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from controller.comparing import compared
-from controller.export import export
+from controller.comparing import compared, side_by_side
+from controller.export import export, tidy
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
 from controller.recording.tables import read_columns
@@ -41,6 +41,15 @@ def test_parquet_holds_every_row_and_every_sample(run, tmp_path):
             np.testing.assert_array_equal(found["t_s"], series.times_s)
             np.testing.assert_array_equal(found["value"], series.values[:, 0])
             assert set(found["unit"]) == {series.unit}
+
+
+def test_a_run_has_its_trials_as_parquet_beside_the_csv_where_pyarrow_is_there(run, monkeypatch):
+    run.trials[0]["place"], run.trials[1]["place"] = "a", 1.5  # numbers and words: all words
+    found = pd.read_parquet(tidy(run))
+    assert list(found["place"]) == ["a", "1.5"]
+    pd.testing.assert_frame_equal(found.drop(columns="place"), run.table.drop(columns="place"))
+    monkeypatch.setattr("controller.export.find_spec", lambda _: None)
+    assert tidy(run) is None
 
 
 def test_csv_holds_the_same(run, tmp_path):
@@ -111,3 +120,16 @@ def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, r
     both = run.table.merge(other.table, on="trial")
     assert f"{(both['delay_s_y'] - both['delay_s_x']).mean():+.4g} (" in delay
     assert delay.endswith("n = 2")
+
+
+def test_two_runs_figures_stand_side_by_side_on_one_page(run, run_profile):
+    other = run_profile(trials=TRIALS, seed=2).run
+    for one, names in ((run, ("fig_5", "fig_7")), (other, ("fig_5",))):
+        for name in names:
+            (one.folder.path / "figures").mkdir(exist_ok=True)
+            (one.folder.path / "figures" / f"{name}.svg").write_text(f"<svg>{one.folder.path.name}</svg>")
+    page = side_by_side(run, other, ["a < b"]).read_text()
+    assert "<li>a &lt; b</li>" in page
+    assert page.index("fig_5.svg") < page.index("fig_7.svg")
+    assert page.count("<img") == 3
+    assert page.count("not drawn") == 1
