@@ -119,7 +119,7 @@ DETECTORS: Mapping[str, KindEntry] = {
         "controller.detectors.slip:SlipPaperDetector",
     ),
     "slip": KindEntry(
-        "slip from knocks that no past foretells: whitened, bounded, summed; bumps are not slip",
+        "slip from knocks that no past foretells, summed, or from vibration in several octaves at once",
         "controller.detectors.slip:SlipDetector",
     ),
 }

@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.physics.slip import SlipPlant, SlipSettings
+from drivers.mock.physics.slip_nuisances import SlipNuisances
 from drivers.mock.physics.slip_sensors import SENSORS
 
 Floats = NDArray[np.float64]
@@ -20,12 +22,22 @@ Floats = NDArray[np.float64]
 OFF = ((0.7, 3.0), (1.3, 1.0 / 3.0), (0.7, 1.0 / 3.0), (1.3, 3.0))
 """Factors on frequency and damping of the structure that the detectors are scored on: 30 % and 3 either way."""
 
-NUISANCES: Mapping[str, str] = {
-    "clean": "rolling on a smooth table and the sensor's noise",
-    "bumps": "the same with one bump a second, exponential, mean 1.5 slip events",
-    "loads": "the same with a load step of 0.3 to 1 V every two seconds",
-    "rough": "rolling twice as strong and twice as fast",
+NUISANCES: Mapping[str, Mapping[str, Any]] = {
+    "clean": {},
+    "bumps": {"bumps_hz": 1.0},
+    "loads": {"loads_hz": 0.5},
+    "tails": {"nuisances": SlipNuisances(tails=1.4)},
+    "tremor": {"nuisances": SlipNuisances(tremor_n=0.05)},
+    "smooth": {"nuisances": SlipNuisances(smoothness=10.0)},
+    "bouncing": {"bumps_hz": 0.2, "nuisances": SlipNuisances(bounces=3)},
+    "impacts": {"bumps_hz": 0.2, "nuisances": SlipNuisances(bounces=3, tremor_n=0.05)},
+    "rolling, 0.6 N": {"rolling_n": 0.6},
+    "rolling, 1 N": {"rolling_n": 1.0},
+    "rolling, 2 N": {"rolling_n": 2.0},
+    "table moves": {"nuisances": SlipNuisances(table_m_s=0.01)},
 }
+"""What is different from rolling on a smooth table under the sensor's noise. Bumps are exponential, 1.5 slip events in
+the mean, load steps of 0.3 to 1 V."""
 
 SPEED_M_S = 0.01
 """Of the slip. Assumption: the paper prints none."""
@@ -63,20 +75,13 @@ def sensor(name: str, nuisance: str, frequency: float = 1.0, damping: float = 1.
     The stiffness stays: it is the mass that is another.
     """
     base = SENSORS[name]
-    more: dict[str, object] = {}
-    if nuisance == "bumps":
-        more["bumps_hz"] = 1.0
-    elif nuisance == "loads":
-        more["loads_hz"] = 0.5
-    elif nuisance == "rough":
-        more["rolling_n"], more["rolling_hz"] = 2.0 * base.rolling_n, 2.0 * base.rolling_hz
     return base.model_copy(
         update={
             "bridges": base.bridges[-1:],
             "mode_hz": base.mode_hz * frequency,
             "mass_kg": base.mass_kg / frequency**2,
             "damping_ratio": base.damping_ratio * damping,
-            **more,
+            **NUISANCES[nuisance],
         }
     )
 
@@ -93,6 +98,49 @@ def recordings(settings: SlipSettings, hours: float, seed: int) -> Iterator[Floa
         if np.ptp(plant.slid_m) != 0.0:
             raise RuntimeError("a recording without slip slipped: press harder")
         yield values
+
+
+STEP_S = 4.0
+"""Before a step of the noise, and after."""
+
+
+def stepped(kind: str, rate_hz: float, factor: float, seed: int) -> Floats:
+    """The fingertip in the air while its noise steps: white, hum of one sine from 50 to 500 Hz that is switched on, or
+    noise below a converter's step."""
+    hum_hz = float(np.random.default_rng(seed).uniform(50.0, min(500.0, 0.4 * rate_hz)))
+    changes: Mapping[str, dict[str, Any]] = {
+        "white": {"noise_factor": factor},
+        "hum": {"hum": math.sqrt(factor**2 - 1.0), "hum_hz": (hum_hz,)},
+        "converter": {"noise_factor": factor, "converter": 2.0},
+    }
+    settings = sensor("fingertip", "clean").model_copy(
+        update={
+            "rate_hz": rate_hz,
+            "nuisances": SlipNuisances.model_validate({"change_s": STEP_S, **changes[kind]}),
+        }
+    )
+    plant = SlipPlant(settings)
+    plant.begin(key=(seed, 0), press_m=-LIGHT_M)
+    n = round(2.0 * STEP_S * rate_hz)
+    values: Floats = plant.advance(np.zeros(n), np.full(n, -LIGHT_M), np.zeros(n))[:, 0]
+    return values
+
+
+AIR_S, CONTACT_S = 3.0, 60.0
+"""In the air, where a detector learns, and then in contact."""
+
+
+def contact(settings: SlipSettings, seed: int, press_m: float, *, rolls: bool) -> tuple[Floats, int, bool]:
+    """A tip that comes to the table and stays; what it shows, the sample of the touch, and whether it slid."""
+    plant = SlipPlant(settings)
+    touch = round(AIR_S * settings.rate_hz)
+    n = touch + round(CONTACT_S * settings.rate_hz)
+    press = np.where(np.arange(n) < touch, -LIGHT_M, press_m)
+    t_s = np.arange(1, n + 1) / settings.rate_hz
+    roll_rad = 0.5 * np.abs((t_s / 10.0) % 2.0 - 1.0) if rolls else np.zeros(n)
+    plant.begin(key=(seed, 0), press_m=-LIGHT_M, roll_rad=float(roll_rad[0]))
+    values = plant.advance(np.zeros(n), press, roll_rad)[:, 0]
+    return values, touch, bool(np.ptp(plant.slid_m[touch + 1 :]) > 0.0)
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,10 @@ reported is the judging half, and seeds 8,000 and 8,100.
 
 from __future__ import annotations
 
+import json
 import math
-import multiprocessing
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,13 @@ from benchmarks.recordings import BIOTAC_HZ, MARGIN_S, TRIBOMETER_HZ, Drag, drag
 from benchmarks.results import FOLDER, save, table
 from benchmarks.slip import scenes
 from benchmarks.slip.rivals import LEARN_S, RIVALS, Rival
-from controller.detectors.calibration import span_maxima, threshold_for
+from controller.detectors.calibration import (
+    calibrate_pieces,
+    courses_of,
+    poisson_interval,
+    span_maxima,
+    threshold_for,
+)
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from drivers.messages import SampleBlock
 
@@ -35,11 +40,23 @@ HOURS, TRIALS = 2.0 / 3.0, 40
 """Simulated without slip, and slips, for each sensor and nuisance: a quarter on each structure that is off."""
 
 NUISANCES = ("clean", "bumps", "loads")
+MORE = ("tails", "tremor", "smooth", "bouncing")
+"""On the fingertip alone."""
+
+CONTACTS = ("impacts", "rolling, 0.6 N", "rolling, 1 N", "rolling, 2 N")
+"""Contact without slip."""
+
 SENSORS = ("fingertip", "flexible_finger", "barrett_finger")
-SEED_QUIET, SEED_SLIP = 8_000, 8_100
+SEED_QUIET, SEED_SLIP, SEED_STEPS = 8_000, 8_100, 8_200
+
+THRESHOLDS = (11.0, 25.0)
+"""Of the recordings, rounded up; and the default."""
 
 STEPS = (1.3, 1.5, 2.0, 3.0)
 STEPS_EACH = 20
+
+INTERVALS_S = (5.0, 10.0, 20.0)
+"""Asked of `calibrate`: 138 s of quiet in both halves hold seven alarms and more of each."""
 
 SIMULATED_RIVALS = ("high-pass RMS, 10 ms", "AR(16) residual, GLR", "whitened knocks, Poisson CUSUM")
 """The best on recordings, in rolling and among bumps."""
@@ -163,18 +180,46 @@ def on_tribometer(threshold: float) -> Iterator[dict[str, Any]]:
         yield {"channel": name, "threshold": threshold, "said": marks}
 
 
+def on_quiet(interval_s: float) -> dict[str, Any]:
+    """False alarms of thresholds that `calibrate` sets for an interval, on recordings that it did not hear: one half of
+    the drags for the other, and each material for the other five."""
+    found: dict[str, Any] = {"interval_s": interval_s}
+    kept = [drag for half in ("choosing", "judging") for drag in drags(half)]
+    cuts: Mapping[str, Callable[[Drag], str]] = {
+        "half": lambda drag: str(int(drag.name.split("_")[1]) % 4),
+        "material": lambda drag: drag.name.split("_")[0],
+    }
+    for name, cut in cuts.items():
+        alarms, heard_s = 0, 0.0
+        for left_out in sorted({cut(drag) for drag in kept}):
+            others = [_quiet(drag) for drag in kept if cut(drag) != left_out]
+            threshold = calibrate_pieces(others, interval_s).threshold
+            for drag in kept:
+                if cut(drag) == left_out:
+                    maxima = np.concatenate(
+                        [span_maxima(c.statistic, c.rate_hz) for c in courses_of(*_quiet(drag))]
+                    )
+                    alarms += int(np.sum(maxima > threshold))
+                    heard_s += float(len(maxima))
+        found[name] = {"alarms": alarms, "expected": heard_s / interval_s}
+    return found
+
+
+def _quiet(drag: Drag) -> tuple[SlipDetector, list[SampleBlock]]:
+    """Ours, and what `calibrate` hears of a drag: its end, where the finger hangs in the air."""
+    values = drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :, None]
+    detector = SlipDetector("slip", SlipSettings())
+    return detector, [SampleBlock("board.tangential", 0, 0.0, values, rate_hz=BIOTAC_HZ)]
+
+
 def at_reset() -> dict[str, int]:
     """Drags of the judging half that slip while ours learns, with the quiet level of their own end stored."""
     refused = told = 0
     chosen = drags("judging")
     for drag in chosen:
-        quiet = drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :, None]
-        level = SlipDetector("a", SlipSettings()).push(
-            SampleBlock("board.tangential", 0, 0.0, quiet, rate_hz=BIOTAC_HZ)
-        )
-        slipping = drag.pressure[round(BIOTAC_HZ) : round(2.5 * BIOTAC_HZ), None]
-        detector = SlipDetector("a", SlipSettings(quiet_rms=level[0].value))
-        said = detector.push(SampleBlock("board.tangential", 0, 0.0, slipping, rate_hz=BIOTAC_HZ))
+        level = _pushed(drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :], BIOTAC_HZ, None)
+        slipping = drag.pressure[round(BIOTAC_HZ) : round(2.5 * BIOTAC_HZ)]
+        said = _pushed(slipping, BIOTAC_HZ, level[0].value)
         refused += any(isinstance(event, BaselineRefused) for event in said)
         told += bool(said)
     return {"drags": len(chosen), "refused": refused, "something_said": told}
@@ -183,29 +228,74 @@ def at_reset() -> dict[str, int]:
 # --- simulated -----------------------------------------------------------------------------------
 
 
-def _stepped(kind: str, rate_hz: float, factor: float, seed: int) -> Floats:
-    """Four seconds of noise, four of more: white, hum of 50 to 500 Hz switched on, noise below a converter's step."""
-    rng = np.random.default_rng(seed)
-    n = round(4.0 * rate_hz)
-    x = rng.standard_normal(2 * n)
-    if kind == "hum":
-        t_s = np.arange(n) / rate_hz
-        frequency_hz = rng.uniform(50.0, min(500.0, 0.4 * rate_hz))
-        x[n:] += math.sqrt(2.0 * (factor**2 - 1.0)) * np.sin(2.0 * np.pi * frequency_hz * t_s)
-        return x
-    x[n:] *= factor
-    return 2.0 * np.rint(x / 2.0) if kind == "converter" else x
-
-
-def on_step(kind: str, rate_hz: float, factor: float, threshold: float) -> dict[str, Any]:
+def on_step(kind: str, rate_hz: float, factor: float) -> Iterator[dict[str, Any]]:
     """How often ours calls a step of the noise a slip, and for how long."""
-    judge, n = _ours(), round(4.0 * rate_hz)
-    alarmed, longest_s = 0, 0.0
-    for seed in range(STEPS_EACH):
-        above = np.flatnonzero(judge(_stepped(kind, rate_hz, factor, seed), rate_hz)[n:] > threshold)
-        alarmed += bool(above.size)
-        longest_s = max(longest_s, above[-1] / rate_hz if above.size else 0.0)
-    return {"kind": kind, "rate_hz": rate_hz, "factor": factor, "alarmed": alarmed, "longest_s": longest_s}
+    n = round(scenes.STEP_S * rate_hz)
+    after = [
+        _ours()(scenes.stepped(kind, rate_hz, factor, seed), rate_hz)[n:]
+        for seed in range(SEED_STEPS, SEED_STEPS + STEPS_EACH)
+    ]
+    for threshold in THRESHOLDS:
+        ends = [np.flatnonzero(each > threshold) for each in after]
+        yield {
+            "kind": kind,
+            "rate_hz": rate_hz,
+            "factor": factor,
+            "threshold": threshold,
+            "alarmed": sum(bool(above.size) for above in ends),
+            "longest_s": max((above[-1] / rate_hz for above in ends if above.size), default=0.0),
+        }
+
+
+def in_contact(nuisance: str) -> Iterator[dict[str, Any]]:
+    """Share of the time in contact without slip in which ours says slip, from the touch on; each sensor once for each
+    structure that is off."""
+    for sensor in SENSORS:
+        heard = []
+        for number, factors in enumerate(scenes.OFF):
+            settings = scenes.sensor(sensor, nuisance, *factors)
+            rolls = nuisance.startswith("rolling")
+            values, touch, slid = scenes.contact(settings, SEED_QUIET + number, scenes.FIRM_M, rolls=rolls)
+            if slid:
+                raise RuntimeError(f"{sensor}, {nuisance}: it slipped")
+            heard.append((values, touch, settings.rate_hz))
+        for threshold in THRESHOLDS:
+            slipping_s = sum(
+                _slipping_s(values, touch, rate_hz, threshold) for values, touch, rate_hz in heard
+            )
+            share = slipping_s / (len(heard) * scenes.CONTACT_S)
+            yield {"sensor": sensor, "nuisance": nuisance, "threshold": threshold, "share": share}
+
+
+def _slipping_s(values: Floats, touch: int, rate_hz: float, threshold: float) -> float:
+    """How long ours says slip after the touch."""
+    detector = SlipDetector("slip", SlipSettings(threshold=threshold))
+    said = detector.push(SampleBlock("board.tangential", 0, 0.0, values[:, None], rate_hz=rate_hz))
+    edges = [e.t_s for e in said if isinstance(e, SlipStarted | SlipEnded)]
+    edges += [len(values) / rate_hz] * (len(edges) % 2)
+    begin_s = touch / rate_hz
+    return sum(max(0.0, off - max(on, begin_s)) for on, off in zip(edges[::2], edges[1::2], strict=True))
+
+
+def at_simulated_reset() -> Iterator[dict[str, Any]]:
+    """A table that moves under the tip while ours learns, with the quiet level of the air stored."""
+    for sensor in SENSORS:
+        said = refused = 0
+        for number, factors in enumerate(scenes.OFF * 5):
+            settings = scenes.sensor(sensor, "table moves", *factors)
+            values, touch, _ = scenes.contact(settings, SEED_SLIP + number, scenes.LIGHT_M, rolls=False)
+            learned = _pushed(values[:touch], settings.rate_hz, None)
+            begin = touch + round(0.5 * settings.rate_hz)
+            events = _pushed(values[begin : begin + touch], settings.rate_hz, learned[0].value)
+            said += bool(events)
+            refused += any(isinstance(event, BaselineRefused) for event in events)
+        yield {"sensor": sensor, "slips": number + 1, "refused": refused, "something_said": said}
+
+
+def _pushed(values: Floats, rate_hz: float, quiet_rms: float | None) -> Sequence[Any]:
+    """What ours says of a stretch."""
+    detector = SlipDetector("a", SlipSettings(quiet_rms=quiet_rms))
+    return detector.push(SampleBlock("board.tangential", 0, 0.0, values[:, None], rate_hz=rate_hz))
 
 
 def simulated(sensor: str, nuisance: str, hours: float, count: int) -> list[dict[str, Any]]:
@@ -268,6 +358,14 @@ def _cells(row: Mapping[str, Any], ours: Sequence[float]) -> list[str]:
     return [_ms(quantile(delays, 0.5)), _ms(quantile(delays, 0.9)), f"{100.0 * missed:.1f} %", ratio]
 
 
+def _alarms(counted: Mapping[str, Any]) -> str:
+    """Found, expected, and the interval of their ratio."""
+    expected = counted["expected"]
+    low, high = (end / expected for end in poisson_interval(counted["alarms"]))
+    ratio = f"{counted['alarms'] / expected:.2f}, {low:.2f} to {high:.2f}"
+    return f"{counted['alarms']} of {expected:.1f} ({ratio})"
+
+
 def page(study: Mapping[str, Any]) -> str:
     """All tables; what they mean stands in docs/explanation/slip.md."""
     parts = [
@@ -301,8 +399,29 @@ def page(study: Mapping[str, Any]) -> str:
             f"## Recorded: slip that runs at reset\n\nOf {r['drags']} drags {r['refused']} are refused by name, with "
             f"the quiet level stored; {r['something_said'] - r['refused']} are taken for quiet, and said to be.\n"
         )
+        rows = [[f"{r['interval_s']:g}", _alarms(r["half"]), _alarms(r["material"])] for r in study["quiet"]]
+        head = [
+            "asked for one in, s",
+            "on the other half: found of expected (95 %)",
+            "on a material left out",
+        ]
+        parts.append(
+            f"## Recorded: thresholds of `calibrate` on quiet it did not hear\n\n{table(head, rows)}\n"
+        )
     else:
         parts.append("The rows on recordings are missing: `make recordings` fetches them.\n")
+    rows = [
+        [r["sensor"], str(r["slips"]), str(r["refused"]), str(r["something_said"])]
+        for r in study["at_simulated_reset"]
+    ]
+    head = ["sensor", "slips", "refused by name", "something said"]
+    parts.append(f"## Simulated: a table that moves under the tip at reset\n\n{table(head, rows)}\n")
+    rows = [
+        [r["sensor"], r["nuisance"], f"{r['threshold']:g}", f"{100.0 * r['share']:.1f} %"]
+        for r in study["contact"]
+    ]
+    head = ["sensor", "contact", "threshold", "time called slip"]
+    parts.append(f"## Simulated: contact without slip\n\n{table(head, rows)}\n")
     head = ["noise", "rate, Hz", "threshold", *(f"x{factor:g}" for factor in STEPS)]
     lines: dict[tuple[Any, ...], list[str]] = {}
     for r in study["steps"]:
@@ -339,37 +458,43 @@ def page(study: Mapping[str, Any]) -> str:
 
 
 def main(quick: bool = False) -> None:
-    """Run all of it; writes results/slip.json and slip.md."""
-    started_s, name = time.perf_counter(), "slip_quick" if quick else "slip"
-    count, known = 8 if quick else TRIALS, bool(drags("judging"))
+    """Run all of it; writes results/slip.json and slip.md. Each simulated part is kept in build/slip_study: a run that
+    broke off goes on; take that away after a change of a detector."""
+    name, count, known = "slip_quick" if quick else "slip", 8 if quick else TRIALS, bool(drags("judging"))
+    parts = [(sensor, nuisance) for nuisance in NUISANCES for sensor in SENSORS]
+    parts += [(SENSORS[0], nuisance) for nuisance in MORE]
     study: dict[str, Any] = {
-        "drags": [{"detector": name, **on_drags(judge)} for name, judge in judges().items()] if known else [],
-        "tribometer": [row for threshold in (11.0, 25.0) for row in on_tribometer(threshold)],
+        "drags": [{"detector": each, **on_drags(judge)} for each, judge in judges().items()] if known else [],
+        "tribometer": [row for threshold in THRESHOLDS for row in on_tribometer(threshold)],
         "at_reset": at_reset() if known else None,
+        "quiet": [on_quiet(interval_s) for interval_s in INTERVALS_S] if known else [],
+        "at_simulated_reset": list(at_simulated_reset()),
         "steps": [
-            {"threshold": threshold, **on_step(kind, rate_hz, factor, threshold)}
-            for threshold in (11.0, 25.0)
+            row
             for kind in ("white", "hum", "converter")
             for rate_hz in (1000.0, 2200.0, 10_000.0)
             for factor in STEPS
+            for row in on_step(kind, rate_hz, factor)
         ],
+        "contact": [row for nuisance in CONTACTS for row in in_contact(nuisance)],
         "hours": HOURS,
-        "simulated": [],
+        "simulated": [row for part in parts for row in _kept(*part, count)],
     }
-    _write(name, study, started_s)
-    # a fresh interpreter each: a fork of one that has loaded numba's threads may hang
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-        work = [pool.submit(simulated, s, n, HOURS, count) for n in NUISANCES for s in SENSORS]
-        for part in work:
-            study["simulated"] += part.result()
-            _write(name, study, started_s)
+    save(name, study)
+    (FOLDER / f"{name}.md").write_text(page(study), encoding="utf-8")
     print(page(study))
 
 
-def _write(name: str, study: Mapping[str, Any], started_s: float) -> None:
-    """What is known so far: a run that breaks off leaves it."""
-    save(name, {**study, "wall_s": time.perf_counter() - started_s})
-    (FOLDER / f"{name}.md").write_text(page(study), encoding="utf-8")
+def _kept(sensor: str, nuisance: str, count: int) -> list[dict[str, Any]]:
+    """A simulated part, from the disk where it is known."""
+    path = Path("build/slip_study") / f"{sensor}_{nuisance}_{count}.json"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        begun = path.with_suffix(".begun")
+        begun.write_text(json.dumps(simulated(sensor, nuisance, HOURS, count)), encoding="utf-8")
+        begun.rename(path)
+    found: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    return found
 
 
 if __name__ == "__main__":

@@ -127,18 +127,19 @@ def quiet_level(o: Octaves) -> float:
 
 
 @compiled()
-def judge_octaves(o: Octaves, floor: float) -> float:
+def judge_octaves(o: Octaves, floor: float, louder: float) -> float:
     """Nats by which the loudest neighbours together exceed their quiet; follows the quiet levels.
 
     Args:
         o: The filters.
         floor: Added to each energy: what noise of the converter may hide.
+        louder: Nats by which the noise in all octaves has grown since quiet was learned; they count for nothing.
     """
     best, last, second = 0.0, 0.0, 0.0
     for k in range(o.states.shape[0]):
         beyond = math.log(o.states[k, ENERGY] + floor) - o.states[k, LEVEL]
         o.states[k, LEVEL] += o.follow * min(max(beyond, -1.0), 1.0)
-        counts = min(max(beyond - DEAD_NATS, 0.0), MOST_NATS)
+        counts = min(max(beyond - louder - DEAD_NATS, 0.0), MOST_NATS)
         best = max(best, counts + last + second)
         second, last = last, counts
     return best

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from drivers.mock.physics.bench import StreamSpec
 from drivers.mock.physics.slip import SlipSettings
+from drivers.mock.physics.slip_nuisances import SlipNuisances
 from drivers.mock.physics.slip_sensors import SENSORS
 from drivers.settings import Settings
 
@@ -89,6 +90,9 @@ class SlipBenchSettings(Settings):
     friction: float | None = Field(default=None, gt=0.0, le=10.0)
     """Mean coefficient of kinetic friction; None takes the sensor's."""
 
+    nuisances: SlipNuisances = SlipNuisances()
+    """What recordings have besides; nothing of it by default."""
+
     @property
     def quiet(self) -> bool:
         """Whether the noise is too small for a converter to see: a sensor that repeats its value is not stuck then."""
@@ -117,5 +121,6 @@ class SlipBenchSettings(Settings):
                 "mass_kg": base.mass_kg / self.mode_scale**2,
                 "damping_ratio": self.damping_scale * base.damping_ratio,
                 "friction": base.friction if self.friction is None else self.friction,
+                "nuisances": self.nuisances,
             }
         )

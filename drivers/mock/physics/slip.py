@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from drivers.mock.physics.slip_nuisances import SlipNuisances
 from drivers.settings import Settings
 
 if TYPE_CHECKING:
@@ -126,6 +127,9 @@ class SlipSettings(Settings):
     event_load_n: float = Field(default=5.0, gt=0.0, le=1e4)
     """Normal force at which `slip_event_n` is stated, N."""
 
+    nuisances: SlipNuisances = SlipNuisances()
+    """What recordings have besides; nothing of it by default."""
+
     @property
     def slip_event_n(self) -> float:
         """Amplitude of the ring that one event of slip leaves in the tangential force, N.
@@ -218,7 +222,9 @@ class SlipPlant:
             np.isfinite(track).all() for track in tracks
         ):
             raise ValueError("slip: arm, press and roll need one finite value for each sample")
-        n = tracks[0].size - 1
+        n, arm_last_m = tracks[0].size - 1, tracks[0][-1]
+        if self.settings.nuisances.table_m_s != 0.0:
+            tracks[0] = tracks[0] - self._table_m(self._count + np.arange(n + 1))
         tangential_n, normal_n, self.slid_m = np.empty(n), np.empty(n), np.empty(n)
         moving = np.any([np.diff(track) != 0.0 for track in tracks], axis=0)
         kernel = self._kernel
@@ -241,8 +247,12 @@ class SlipPlant:
         self.tangential_n, self.normal_n = tangential_n, normal_n
         values = self._read(tangential_n, normal_n, tracks[2][1:])
         self._count += n
-        self._last = (tracks[0][-1], tracks[1][-1], tracks[2][-1])
+        self._last = (arm_last_m, tracks[1][-1], tracks[2][-1])
         return values
+
+    def _table_m(self, number: NDArray[np.int64]) -> Floats:
+        """How far the table has gone under the arm at these samples."""
+        return np.asarray(self.settings.nuisances.table_m_s / self.settings.rate_hz * number, np.float64)
 
     def _read(self, tangential_n: Floats, normal_n: Floats, roll_rad: Floats) -> Floats:
         values = np.empty((tangential_n.size, len(self.settings.bridges)))
@@ -253,6 +263,8 @@ class SlipPlant:
                     bridge.normal_sine * np.sin(roll_rad) + bridge.normal_cosine * np.cos(roll_rad)
                 )
             out = np.empty(tangential_n.size)
+            wrong = self.settings.nuisances
+            noise = self.settings.noise_scale * bridge.noise
             # the loop's width, and the gain that a line through zero finds in it, are those that were asked for
             share = bridge.hysteresis / (2.0 * _PLAY + bridge.hysteresis / 8.0)
             self._kernel.read_bridge(
@@ -261,8 +273,14 @@ class SlipPlant:
                 bridge.gain / (1.0 - share / 8.0),
                 _PLAY * bridge.full_scale_n,
                 share,
-                self.settings.noise_scale * bridge.noise,
-                bridge.step,
+                self._kernel.Electronics(
+                    noise,
+                    wrong.converter * noise if wrong.converter > 0.0 else bridge.step,
+                    wrong.tails,
+                    round(wrong.change_s * self.settings.rate_hz),
+                    wrong.noise_factor,
+                    *self._sines(wrong.hum * noise, wrong.hum_hz),
+                ),
                 self._key,
                 self._kernel.STREAM_BRIDGE + channel,
                 self._play[channel],
@@ -271,9 +289,15 @@ class SlipPlant:
             values[:, channel] = out
         return values
 
+    def _sines(self, rms: float, frequencies_hz: tuple[float, ...]) -> tuple[float, Floats]:
+        """Amplitude and phase from sample to sample of equally strong sines."""
+        rad = 2.0 * np.pi / self.settings.rate_hz * np.array(frequencies_hz, dtype=np.float64)
+        return rms * math.sqrt(2.0 / max(1, len(frequencies_hz))), rad
+
     @cached_property
     def _tip(self) -> Tip:
-        s = self.settings
+        s, wrong = self.settings, self.settings.nuisances
+        tremor_n, tremor_rad = self._sines(wrong.tremor_n * (1.0 + s.contact_ratio), wrong.tremor_hz)
         omega = 2.0 * math.pi * s.mode_hz
         spring, damper = s.mass_kg * omega**2, 2.0 * s.damping_ratio * omega * s.mass_kg
         contact = s.contact_ratio * spring
@@ -295,9 +319,9 @@ class SlipPlant:
             stuck_rad_s=stuck_rad_s,
             normal_n_m=s.normal_n_m,
             friction=s.friction,
-            static_excess=s.static_excess,
+            static_excess=s.static_excess / wrong.smoothness,
             roughness=s.roughness,
-            patch=s.patch_m,
+            patch=s.patch_m / wrong.smoothness,
             rolling_n=s.rolling_n * (1.0 + s.contact_ratio) / left,
             rolling_keep=keep,
             bump_chance=0.5 * s.bumps_hz * sample_s,
@@ -307,6 +331,11 @@ class SlipPlant:
             load_low_n=s.load_low / carried,
             load_high_n=s.load_high / carried,
             load_samples=max(1, round(s.load_rise_s * s.rate_hz)),
+            bounces=wrong.bounces,
+            bounce_samples=wrong.bounce_s * s.rate_hz,
+            bounce_ratio=wrong.bounce_ratio,
+            tremor_n=tremor_n,
+            tremor_rad=tremor_rad,
             **self._recursions(spring, damper, contact, sample_s),
             seed=self._key[0],
             trial=self._key[1],

@@ -73,6 +73,11 @@ class Tip(NamedTuple):
     load_low_n: float
     load_high_n: float
     load_samples: int
+    bounces: int
+    bounce_samples: float
+    bounce_ratio: float
+    tremor_n: float
+    tremor_rad: Floats
     stuck_step: Floats
     stuck_drive: Floats
     free_step: Floats
@@ -104,9 +109,51 @@ def _uniforms(tip: Tip, stream: int, index: int) -> tuple[float, float]:
     return (np.float64(w0) + 1.0) * _WORD, (np.float64(w1) + 1.0) * _WORD
 
 
+class Electronics(NamedTuple):
+    """What an amplifier adds to a force; times in samples.
+
+    Attributes:
+        noise: Standard deviation of one sample, output units.
+        step: Of the converter, output units; 0 for none.
+        tails: Heaviness of the noise's tails; 1 is normal.
+        change: Sample from which the noise is another and hum is heard.
+        factor: Multiplies the noise from then on.
+        hum: Amplitude of each sine of the hum, output units.
+        hum_rad: Their phase from sample to sample, shape (sines,).
+    """
+
+    noise: float
+    step: float
+    tails: float
+    change: int
+    factor: float
+    hum: float
+    hum_rad: Floats
+
+
 @compiled()
-def _outer_force(tip: Tip, x: Floats, flags: Ints, index: int, moving: bool) -> float:
-    """Force on the tip during sample `index`, N: rolling (6), bumps (7), load steps (8)."""
+def _sines(rad: Floats, index: int) -> float:
+    """Sum of sines of amplitude 1, each with a phase of its own."""
+    total = 0.0
+    for k in range(rad.size):
+        total += math.sin(rad[k] * index + k)
+    return total
+
+
+@compiled()
+def _bump(tip: Tip, index: int) -> float:
+    """Push of a bump that begins with sample `index`, N; 0 for none."""
+    chance, size = _uniforms(tip, STREAM_BUMPS, index)
+    if chance > 2.0 * tip.bump_chance:
+        return 0.0
+    # the lower half of the chances pushes one way, the upper half the other: one draw for both
+    bump = -tip.bump_n * math.log(size)
+    return bump if chance <= tip.bump_chance else -bump
+
+
+@compiled()
+def _outer_force(tip: Tip, x: Floats, flags: Ints, index: int, moving: bool, loaded: bool) -> float:
+    """Force on the tip during sample `index`, N: rolling (6), bumps (7), load steps (8), tremor."""
     force = 0.0
     if tip.rolling_n > 0.0:
         push = tip.rolling_n * normal(tip.seed, tip.trial, STREAM_ROLLING, index) if moving else 0.0
@@ -114,11 +161,15 @@ def _outer_force(tip: Tip, x: Floats, flags: Ints, index: int, moving: bool) -> 
         x[ROLL_2] = tip.rolling_keep * x[ROLL_2] + (1.0 - tip.rolling_keep) * x[ROLL_1]
         force += x[ROLL_2]
     if tip.bump_chance > 0.0:
-        chance, size = _uniforms(tip, STREAM_BUMPS, index)
-        if chance <= 2.0 * tip.bump_chance:
-            # the lower half of the chances pushes one way, the upper half the other: one draw for both
-            bump = -tip.bump_n * math.log(size)
-            force += bump if chance <= tip.bump_chance else -bump
+        force += _bump(tip, index)
+        since, left = 0.0, 1.0
+        for _ in range(tip.bounces):
+            since += left * tip.bounce_samples
+            left *= tip.bounce_ratio
+            if index >= since:
+                force += left * _bump(tip, index - round(since))
+    if loaded and tip.tremor_n > 0.0:
+        force += tip.tremor_n * _sines(tip.tremor_rad, index)
     if tip.load_chance > 0.0:
         chance, size = _uniforms(tip, STREAM_LOADS, index)
         if chance <= tip.load_chance:
@@ -303,7 +354,7 @@ def advance(
     for i in range(tangential_n.size):
         arm_m_s = (arm_m[i + 1] - arm_m[i]) / tip.sample_s
         load_n = tip.normal_n_m * max(0.0, press_m[i + 1])
-        force = _outer_force(tip, x, flags, first + i, moving[i] and load_n > 0.0)
+        force = _outer_force(tip, x, flags, first + i, moving[i] and load_n > 0.0, load_n > 0.0)
         push = (force + tip.damper * arm_m_s) / tip.mass
         if load_n == 0.0:
             flags[MODE] = FREE
@@ -344,8 +395,7 @@ def read_bridge(
     gain: float,
     play_n: float,
     play_share: float,
-    noise: float,
-    step: float,
+    e: Electronics,
     key: tuple[int, int],
     stream: int,
     play: Floats,
@@ -359,8 +409,7 @@ def read_bridge(
         gain: Output units per newton.
         play_n: Half the width of the play, N.
         play_share: Share of the force that passes through the play.
-        noise: Standard deviation of one sample, output units.
-        step: Of the converter, output units; 0 for none.
+        e: What is added.
         key: Seed of the run and number of the trial.
         stream: Of the noise.
         play: State of the play, shape (1,), advanced.
@@ -370,7 +419,13 @@ def read_bridge(
     for i in range(force_n.size):
         held = min(max(held, force_n[i] - play_n), force_n[i] + play_n)
         value = gain * (force_n[i] + play_share * (held - force_n[i]))
-        if noise > 0.0:
-            value += noise * normal(key[0], key[1], stream, first + i)
-        out[i] = round(value / step) * step if step > 0.0 else value
+        changed = first + i >= e.change
+        if e.noise > 0.0:
+            deviate = normal(key[0], key[1], stream, first + i)
+            if e.tails > 1.0:
+                deviate = math.sinh(e.tails * math.asinh(deviate)) / math.sinh(e.tails * math.asinh(1.0))
+            value += (e.noise * e.factor if changed else e.noise) * deviate
+        if changed and e.hum > 0.0:
+            value += e.hum * _sines(e.hum_rad, first + i)
+        out[i] = round(value / e.step) * e.step if e.step > 0.0 else value
     play[0] = held

@@ -135,6 +135,17 @@ def test_a_sensor_of_which_no_quiet_can_be_learned_is_refused_once(dead):
     assert "is the sensor alive" in events[0].reason
 
 
+@pytest.mark.parametrize("rate_hz", [1000.0, 2200.0, 10_000.0])
+def test_noise_that_doubles_is_not_slip_and_three_times_as_much_is_so_for_half_a_second(rate_hz):
+    n = round(3.0 * rate_hz)
+    for factor, allowed_s in ((2.0, 0.0), (3.0, 0.5)):
+        for seed in range(5):
+            noise = np.random.default_rng(seed).standard_normal((2 * n, 1))
+            noise[n:] *= factor
+            above = np.flatnonzero(ours().statistic(noise, rate_hz)[n:] > 25.0)
+            assert above.size == 0 or above[-1] <= allowed_s * rate_hz
+
+
 def test_weak_hum_that_is_switched_on_is_not_slip():
     x = shaken(8000, 0.0, seed=10)
     x[4000:] += 0.006 * np.sin(2.0 * np.pi * 160.0 * np.arange(4000) / 1000.0)
