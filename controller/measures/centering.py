@@ -9,7 +9,7 @@ from typing import Any
 from behaviors.events import Contact, PreTouch
 from behaviors.search import SearchSettings
 from controller.measures.trial import TrialEvidence
-from drivers.messages import Gripped, Reached, Sent, Standstill, Stop
+from drivers.messages import Gripped, Reached, Standstill
 
 TELLING = ("error_m", "search_s", "touched")
 """Results that say most, for who watches a run."""
@@ -108,18 +108,8 @@ def _stopped_after(evidence: TrialEvidence, settings: SearchSettings, seen_s: fl
     """From a finger's seeing the object, which is when the state was entered, to the last byte of Stop."""
     if seen_s is None:
         return None
-    sent = next(
-        (
-            event
-            for event in evidence.events
-            if isinstance(event, Sent)
-            and isinstance(event.command, Stop)
-            and event.device == settings.mover
-            and event.t_s >= seen_s
-        ),
-        None,
-    )
-    return None if sent is None else sent.t_s - seen_s
+    sent_s = evidence.stop_sent_s(settings.mover, seen_s)
+    return None if sent_s is None else sent_s - seen_s
 
 
 def _grasp(evidence: TrialEvidence, settings: SearchSettings) -> Mapping[str, Any]:

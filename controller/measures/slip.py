@@ -23,7 +23,7 @@ from behaviors.slip_settings import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures.trial import TrialEvidence
 from controller.signals.spectrum_blocks import SpectrumBlocks
-from drivers.messages import SampleBlock, Sent, Stop
+from drivers.messages import SampleBlock
 
 Floats = NDArray[np.float64]
 
@@ -404,20 +404,10 @@ def _stop(evidence: TrialEvidence, settings: RollSlipSettings, run: SensorRunSet
     if halted_s is None:
         return {}
     told = evidence.last(SlipStarted, detector=getattr(run, settings.reflex), t_s=halted_s)
-    sent = next(
-        (
-            event
-            for event in evidence.events
-            if isinstance(event, Sent)
-            and isinstance(event.command, Stop)
-            and event.device == settings.mover
-            and event.t_s >= halted_s
-        ),
-        None,
-    )
-    if told is None or sent is None:
+    sent_s = evidence.stop_sent_s(settings.mover, halted_s)
+    if told is None or sent_s is None:
         return {}
-    found = {"slip_to_stop_s": sent.t_s - told.t_s}
+    found = {"slip_to_stop_s": sent_s - told.t_s}
     still_s = evidence.entered_s.get("STOPPED")
     if still_s is not None:
         poses = evidence.covered(settings.pose_stream, told.t_s, still_s)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from behaviors.events import BaselineReady, Contact
 from behaviors.transient import TransientSettings
 from controller.measures.trial import TrialEvidence
-from drivers.messages import Sent, Standstill, Stop
+from drivers.messages import Standstill
 
 ONSET_N = 0.005
 """The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
@@ -129,17 +129,6 @@ def _certificate(
     evidence: TrialEvidence, settings: TransientSettings, position: str, detect_s: float
 ) -> Mapping[str, float | None]:
     """The stop certificate: when the command left, when the mover stood still, how far it went in between."""
-    sent = next(
-        (
-            event
-            for event in evidence.events
-            if isinstance(event, Sent)
-            and isinstance(event.command, Stop)
-            and event.device == settings.mover
-            and event.t_s >= detect_s
-        ),
-        None,
-    )
     still = next(
         (
             event
@@ -153,7 +142,7 @@ def _certificate(
         at = _positions(evidence, position, (detect_s, still.t_s))
         travel_m = float(at[1] - at[0]) if at is not None else None
     return {
-        "command_s": None if sent is None else sent.t_s,
+        "command_s": evidence.stop_sent_s(settings.mover, detect_s),
         "standstill_s": None if still is None else still.t_s,
         "stop_travel_m": travel_m,
     }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from behaviors.events import Event
 from controller.detectors.protocol import Detector
 from controller.recording.series import Series, Span, TrialRecording
-from drivers.messages import StreamInfo
+from drivers.messages import Sent, Stop, StreamInfo
 
 EDGE_S = 0.1
 """How late a stream may begin after it was subscribed, and how long before the end of a span its last sample may be:
@@ -119,6 +119,15 @@ class TrialEvidence:
         while stream in self.sources:
             stream = self.sources[stream][0]
         return stream.partition(".")[0]
+
+    def stop_sent_s(self, mover: str, from_s: float) -> float | None:
+        """When the first `Stop` from some time on left the host (its last byte), or None."""
+        stops = (
+            event.t_s
+            for event in self.events
+            if isinstance(event, Sent) and isinstance(event.command, Stop) and event.device == mover
+        )
+        return next((t_s for t_s in stops if t_s >= from_s), None)
 
     def last(self, kind: type[Event], **wanted: object) -> Any:
         """Last event of a kind whose attributes are as wanted, or None."""
