@@ -1,7 +1,7 @@
 """What every stream needs: numbers that grow for ever, loss that is seen, times, and blocks without a gap. Pure.
 
-A device with a clock of its own tells when a sample was taken, some also count samples; `Track` makes numbers and host
-times of both. Where the host asks for each sample it knows these itself, and needs `Runs` alone.
+A device with a clock of its own tells when a sample was taken, some also count samples; `StreamTrack` makes numbers
+and host times of both. Where the host asks for each sample it knows these itself, and needs `Runs` alone.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Placed(NamedTuple):
     lost: int | None
 
 
-class Track:
+class StreamTrack:
     """One stream of a device with a clock of its own.
 
     Device time and the counter, where there is one, have to tell the same number of missing samples. Where they do
@@ -198,7 +198,7 @@ class Track:
 
 
 @dataclass(slots=True)
-class Run(Generic[T]):
+class SampleRun(Generic[T]):
     """Samples that came one by one, without a gap.
 
     Attributes:
@@ -225,7 +225,7 @@ class Runs(Generic[T]):
     """Makes runs of samples that come one by one."""
 
     def __init__(self) -> None:
-        self._runs: list[Run[T]] = []
+        self._runs: list[SampleRun[T]] = []
 
     def __bool__(self) -> bool:
         return bool(self._runs)
@@ -238,9 +238,9 @@ class Runs(Generic[T]):
             last.samples.append(sample)
             last.arrival_s = arrival_s
         else:
-            self._runs.append(Run(seq, [t_s], [sample], arrival_s, device_s))
+            self._runs.append(SampleRun(seq, [t_s], [sample], arrival_s, device_s))
 
-    def take(self) -> list[Run[T]]:
+    def take(self) -> list[SampleRun[T]]:
         """Runs since the last call."""
         taken, self._runs = self._runs, []
         return taken
@@ -260,7 +260,7 @@ class SampleStream(Generic[T]):
         self.info = info
         self._bench = bench
         self._dtype = dtype
-        self._track = Track(clock, info.rate_hz)
+        self._track = StreamTrack(clock, info.rate_hz)
         self._runs = Runs[T]()
 
     def begin(self) -> None:

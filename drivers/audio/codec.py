@@ -38,7 +38,7 @@ class CodecError(ValueError):
     """These bytes are not what a recorder says, or not what it is told."""
 
 
-class Kind(IntEnum):
+class SoundKind(IntEnum):
     """What a frame holds."""
 
     SOUND = 1
@@ -59,7 +59,7 @@ class Sound:
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class SoundWords:
     """What the recorder says.
 
     Attributes:
@@ -98,18 +98,18 @@ def pack24(counts: NDArray[np.int32]) -> bytes:
     return wide[:, :BYTES].tobytes()
 
 
-def encode(message: Sound | Words) -> bytes:
+def encode(message: Sound | SoundWords) -> bytes:
     """A frame of the recorder's.
 
     Raises:
         CodecError: it does not fit.
     """
     try:
-        if isinstance(message, Words):
+        if isinstance(message, SoundWords):
             payload = json.dumps(message.content, separators=(",", ":")).encode()
-            return HEADER.pack(MAGIC, Kind.WORDS, 0, len(payload), message.frame) + payload
+            return HEADER.pack(MAGIC, SoundKind.WORDS, 0, len(payload), message.frame) + payload
         n, channels = message.counts.shape
-        return HEADER.pack(MAGIC, Kind.SOUND, channels, n, message.frame) + pack24(message.counts)
+        return HEADER.pack(MAGIC, SoundKind.SOUND, channels, n, message.frame) + pack24(message.counts)
     except struct.error as error:
         raise CodecError(f"it does not fit a frame: {error}") from error
 
@@ -140,19 +140,19 @@ class FrameDecoder:
     def __init__(self) -> None:
         self._waiting = bytearray()
 
-    def feed(self, data: bytes) -> list[Sound | Words]:
+    def feed(self, data: bytes) -> list[Sound | SoundWords]:
         """The frames that end in these bytes, in order.
 
         Raises:
             CodecError: this is no recorder, or its line is out of step: nothing after it can be read.
         """
         self._waiting += data
-        frames: list[Sound | Words] = []
+        frames: list[Sound | SoundWords] = []
         while (frame := self._next()) is not None:
             frames.append(frame)
         return frames
 
-    def _next(self) -> Sound | Words | None:
+    def _next(self) -> Sound | SoundWords | None:
         waiting = self._waiting
         begin = bytes(waiting[: len(MAGIC)])
         if not MAGIC.startswith(begin):
@@ -160,13 +160,13 @@ class FrameDecoder:
         if len(waiting) < HEADER.size:
             return None
         _, kind, channels, n, frame = HEADER.unpack_from(waiting)
-        if kind not in tuple(Kind) or (kind == Kind.SOUND and not (channels and n)):
+        if kind not in tuple(SoundKind) or (kind == SoundKind.SOUND and not (channels and n)):
             raise CodecError(f"a frame of kind {kind} with {channels} channels and a length of {n}")
-        end = HEADER.size + (n * channels * BYTES if kind == Kind.SOUND else n)
+        end = HEADER.size + (n * channels * BYTES if kind == SoundKind.SOUND else n)
         if len(waiting) < end:
             return None
         payload = bytes(waiting[HEADER.size : end])
         del waiting[:end]
-        if kind == Kind.SOUND:
+        if kind == SoundKind.SOUND:
             return Sound(frame, unpack24(payload).reshape(n, channels))
-        return Words(frame, decode_line(payload))
+        return SoundWords(frame, decode_line(payload))

@@ -9,10 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.audio.commands import checked, fingers_info
-from drivers.audio.frames import CounterError, Frames
+from drivers.audio.frames import CounterError, SoundFrames
 from drivers.audio.quality import Excursions, Stillness, clipped, flaw
 from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, AudioSettings
-from drivers.audio.source import Declined, Found, Happening, Packet, Source, Swept, make_source
+from drivers.audio.source import (
+    Declined,
+    Happening,
+    SoundPacket,
+    SoundSource,
+    SourceFound,
+    Swept,
+    make_source,
+)
 from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import (
@@ -41,7 +49,7 @@ TURN_MAX_S: Final = 0.05
 MENDING: Final = "see docs/reference/audio.md"
 
 
-class Audio(WireDriver[Source]):
+class Audio(WireDriver[SoundSource]):
     """The fingers' sound; implements `drivers.protocols.Device`. It moves nothing.
 
     The stream `<name>.fingers` has raw 24-bit counts of the right and the left finger. Its `seq` counts the frames of
@@ -67,7 +75,7 @@ class Audio(WireDriver[Source]):
 
     def _forget(self) -> None:
         s = self._settings
-        self._frames = Frames(self._info, s.channels, self._clock, s.max_drift_ppm)
+        self._frames = SoundFrames(self._info, s.channels, self._clock, s.max_drift_ppm)
         self._excursions = Excursions(RATE_HZ)
         self._stillness = Stillness(RATE_HZ, s.silence_timeout_s)
         self._listening = False
@@ -76,7 +84,7 @@ class Audio(WireDriver[Source]):
         self._turned_s = self._clock.monotonic_s()
         self._unheard_s = 0.0
 
-    def _identify(self, source: Source) -> DeviceInfo:
+    def _identify(self, source: SoundSource) -> DeviceInfo:
         """See that the sound fits, listen for a moment; clipped, silent or 16-bit sound is refused."""
         found = source.open()
         self._check(found)
@@ -136,7 +144,7 @@ class Audio(WireDriver[Source]):
 
     # at open
 
-    def _check(self, found: Found) -> None:
+    def _check(self, found: SourceFound) -> None:
         """Whether it can be what is wanted, by what it says of itself."""
         doing, needed = "opening", max(*self._settings.channels, 1) + 1
         if found.channels < needed:
@@ -150,7 +158,7 @@ class Audio(WireDriver[Source]):
             reason = f"{found.what} has {found.bits} bits a sample, not {BITS_MIN}"
             raise ProtocolError(self.name, doing, reason, "choose a 24-bit format")
 
-    def _look(self, source: Source, found: Found) -> None:
+    def _look(self, source: SoundSource, found: SourceFound) -> None:
         """Listen for a moment, and refuse what is clipped, silent or coarse."""
         counts = source.peek(self._settings.look_s)
         if counts is None:
@@ -161,7 +169,7 @@ class Audio(WireDriver[Source]):
                 reason, advice = wrong
                 raise ProtocolError(self.name, f"listening to {found.what}", reason, advice)
 
-    def _gather(self, source: Source, found: Found) -> NDArray[np.int32]:
+    def _gather(self, source: SoundSource, found: SourceFound) -> NDArray[np.int32]:
         wanted = round(self._settings.look_s * RATE_HZ)
         until_s = self._clock.monotonic_s() + self._settings.look_s + self._settings.silence_timeout_s
         heard: list[NDArray[np.int32]] = []
@@ -169,7 +177,7 @@ class Audio(WireDriver[Source]):
         while sum(map(len, heard)) < wanted and source.fault is None and self._clock.monotonic_s() < until_s:
             self._clock.rest(TURN_S)
             for one in source.receive():
-                if isinstance(one, Packet):
+                if isinstance(one, SoundPacket):
                     self._frames.learn(one)
                     heard.append(one.counts)
         source.listen(False)
@@ -183,7 +191,7 @@ class Audio(WireDriver[Source]):
 
     # while it runs
 
-    def _listen(self, on: bool, source: Source) -> None:
+    def _listen(self, on: bool, source: SoundSource) -> None:
         if on == self._listening:
             return
         self._turn()
@@ -194,7 +202,7 @@ class Audio(WireDriver[Source]):
         self._stillness.begin()
         source.listen(on)
 
-    def _heed(self, source: Source) -> str | None:
+    def _heed(self, source: SoundSource) -> str | None:
         """Hear what has come; notice what has not."""
         now_s = self._clock.monotonic_s()
         passed_s, self._turned_s = min(now_s - self._turned_s, TURN_MAX_S), now_s
@@ -215,7 +223,7 @@ class Audio(WireDriver[Source]):
             self._unheard_s = 0.0
             self._hear(happening)
 
-    def _hear(self, packet: Packet) -> None:
+    def _hear(self, packet: SoundPacket) -> None:
         try:
             block, lost = self._frames.push(packet)
         except CounterError as error:

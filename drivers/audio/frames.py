@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.audio.source import Packet
+from drivers.audio.source import SoundPacket
 from drivers.clock import Clock
 from drivers.messages import SampleBlock, StreamInfo
-from drivers.numbering import DeviceClock, Track
+from drivers.numbering import DeviceClock, StreamTrack
 
 
 class CounterError(ValueError):
     """The converter's counter went backwards: it has begun anew, and with it the drive's phase."""
 
 
-class Frames:
+class SoundFrames:
     """Sound on the converter's own clock. Pure: it asks no clock.
 
     A block's `seq` is the converter's counter of its first frame, which is also what the drive's phase is counted by.
@@ -42,19 +42,19 @@ class Frames:
         self._rate_hz = info.rate_hz
         self._channels = list(channels)
         self._bench = clock
-        self._track = Track(self.clock, info.rate_hz)
+        self._track = StreamTrack(self.clock, info.rate_hz)
         self._last = -1
 
     def begin(self) -> None:
         """What comes next was asked for anew: what is missing before it is not lost."""
         self._track.begin()
 
-    def learn(self, packet: Packet) -> None:
+    def learn(self, packet: SoundPacket) -> None:
         """Learn of the converter's clock from a packet that is not handed out."""
         last = packet.frame + len(packet.counts) - 1
         self.clock.model.observe(last / self._rate_hz, packet.arrival_s)
 
-    def push(self, packet: Packet) -> tuple[SampleBlock, int]:
+    def push(self, packet: SoundPacket) -> tuple[SampleBlock, int]:
         """The block of a packet, and how many frames were lost before it.
 
         Raises:

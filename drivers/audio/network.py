@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from drivers.audio.codec import CodecError, FrameDecoder, Words, encode_line
+from drivers.audio.codec import CodecError, FrameDecoder, SoundWords, encode_line
 from drivers.audio.settings import AudioSettings
-from drivers.audio.source import Declined, Drive, Found, Happening, Packet, Swept
+from drivers.audio.source import Declined, Drive, Happening, SoundPacket, SourceFound, Swept
 from drivers.clock import Clock
 from drivers.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.messages import Chirp, Tone
@@ -90,7 +90,7 @@ class NetworkRecorder:
         self._happened: list[Happening] = []
         self.fault: str | None = None
 
-    def open(self) -> Found:
+    def open(self) -> SourceFound:
         """See `Source.open`."""
         doing = f"connecting to {self._address}"
         host, _, port = self._address.rpartition(":")
@@ -107,7 +107,7 @@ class NetworkRecorder:
         greeting = self._greet(doing)
         # An earlier host may have left it driving.
         self._ask({"do": "silence"})
-        return Found(
+        return SourceFound(
             what=f"the recorder at {self._address}",
             model=greeting.recorder,
             serial=greeting.serial,
@@ -171,10 +171,10 @@ class NetworkRecorder:
         try:
             for arrival_s, data in link.receive():
                 for frame in self._decoder.feed(data):
-                    if isinstance(frame, Words):
+                    if isinstance(frame, SoundWords):
                         self._hear(frame, arrival_s)
                     elif self._hears:
-                        self._happened.append(Packet(frame.frame, frame.counts, arrival_s))
+                        self._happened.append(SoundPacket(frame.frame, frame.counts, arrival_s))
         except CodecError as error:
             self.fault = f"what it says is not a recorder's: {error}"
         self.fault = self.fault or link.fault or self._overdue()
@@ -204,7 +204,7 @@ class NetworkRecorder:
         self._asked[self._tag] = _Asked(words, command, self._clock.monotonic_s() + timeout_s)
         self._link.send(encode_line({**words, "tag": self._tag}))
 
-    def _hear(self, words: Words, arrival_s: float) -> None:
+    def _hear(self, words: SoundWords, arrival_s: float) -> None:
         content = words.content
         if content.get("event") == "swept":
             self._happened.append(Swept(words.frame, arrival_s))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.audio.settings import FULL_SCALE, AudioSettings
-from drivers.audio.source import Drive, Found, Happening, Packet, Swept
+from drivers.audio.source import Drive, Happening, SoundPacket, SourceFound, Swept
 from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError
 from drivers.messages import Chirp
@@ -58,7 +58,7 @@ class Recording:
         self._sweep: int | None = None
         self.fault: str | None = None
 
-    def open(self) -> Found:
+    def open(self) -> SourceFound:
         """See `Source.open`."""
         import soundfile
 
@@ -72,7 +72,7 @@ class Recording:
             raise ProtocolError(self._device, doing, reason, "a WAV or FLAC recording is wanted") from error
         self._frames, self._rate_hz = opened.frames, float(opened.samplerate)
         self._check_whole(opened, doing)
-        return Found(
+        return SourceFound(
             what=f"the recording {self._path.name}",
             model=f"{opened.format} recording {self._path.name}",
             rate_hz=self._rate_hz,
@@ -139,7 +139,7 @@ class Recording:
             if len(counts) < end - self._next:
                 self.fault = f"the recording cannot be read beyond {self._next / self._rate_hz:.2f} s"
                 return happened
-            happened.append(Packet(self._next, counts, self._begun_s + end / self._rate_hz))
+            happened.append(SoundPacket(self._next, counts, self._begun_s + end / self._rate_hz))
             self._next = end
         if self._sweep is not None and self._sweep <= min(due, self._next):
             happened.append(Swept(self._sweep, self._begun_s + self._sweep / self._rate_hz))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.audio.oscillator import ChirpWave, Silence, ToneWave, Wave
 from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
-from drivers.audio.source import Declined, Drive, Found, Happening, Packet, Swept
+from drivers.audio.source import Declined, Drive, Happening, SoundPacket, SourceFound, Swept
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.messages import Chirp, Tone
@@ -54,7 +54,7 @@ class SoundCard:
         self._listening = False
         self.fault: str | None = None
 
-    def open(self) -> Found:
+    def open(self) -> SourceFound:
         """See `Source.open`."""
         sounddevice = self._library()
         chosen = self._choose(sounddevice)
@@ -80,7 +80,7 @@ class SoundCard:
             reason = f"{chosen['name']} does not open at {RATE_HZ} Hz ({_first(error)})"
             advice = "is it held by another program, and can it do 96 kHz?"
             raise PortError(self._device, "opening the sound card", reason, advice) from error
-        return Found(
+        return SourceFound(
             what=f"the sound card {chosen['name']}",
             model=str(chosen["name"]),
             rate_hz=float(self._stream.samplerate),
@@ -207,7 +207,7 @@ class _Callback:
         self.sweeps: deque[Swept] = deque()
         self.fault: str | None = None
         self.closing = False
-        self._packets: deque[Packet] = deque(maxlen=WAITING_PACKETS)
+        self._packets: deque[SoundPacket] = deque(maxlen=WAITING_PACKETS)
         self._frame = 0
         self._played = 0
         self._round_trip_s = round_trip_s
@@ -223,7 +223,7 @@ class _Callback:
         with self._lock:
             self._asked = command
 
-    def take(self) -> list[Packet]:
+    def take(self) -> list[SoundPacket]:
         """What came since the last call."""
         taken = []
         while self._packets:
@@ -240,7 +240,7 @@ class _Callback:
         self.overruns += bool(status.input_overflow or status.input_underflow)
         if self._doubtful < frames:
             first = self._doubtful
-            self._packets.append(Packet(self._frame + first, indata[first:] >> SPARE_BITS, arrival_s))
+            self._packets.append(SoundPacket(self._frame + first, indata[first:] >> SPARE_BITS, arrival_s))
         self._doubtful = max(0, self._doubtful - frames)
         self._frame += frames
         adc_s = float(time.inputBufferAdcTime)

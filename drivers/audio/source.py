@@ -26,7 +26,7 @@ SOURCES: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SourceFound:
     """What opening a source found.
 
     Attributes:
@@ -53,7 +53,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Packet:
+class SoundPacket:
     """Consecutive frames.
 
     Attributes:
@@ -96,17 +96,17 @@ class Declined:
     arrival_s: float
 
 
-Happening = Packet | Swept | Declined
+Happening = SoundPacket | Swept | Declined
 
 
-class Source(Protocol):
+class SoundSource(Protocol):
     """Where sound comes from. Nothing here waits but `open` and `close`."""
 
     @property
     def fault(self) -> str | None:
         """Why there will be no more sound; None while there may be."""
 
-    def open(self) -> Found:
+    def open(self) -> SourceFound:
         """Connect; no sound is handed out yet, and the drive is silent.
 
         Raises:
@@ -132,7 +132,7 @@ class Source(Protocol):
         """Silence the drive, let go. Never raises; may be called twice."""
 
 
-def make_source(device: str, settings: AudioSettings, clock: Clock) -> Source:
+def make_source(device: str, settings: AudioSettings, clock: Clock) -> SoundSource:
     """The source that a port names, closed.
 
     Raises:
@@ -147,5 +147,5 @@ def make_source(device: str, settings: AudioSettings, clock: Clock) -> Source:
             'write port = "mock", "emulated", "sounddevice:NAME", "file:PATH" or "tcp:HOST:PORT"',
         )
     module, _, made = SOURCES[kind].partition(":")
-    source: Source = getattr(import_module(module), made)(device, settings, clock, address)
+    source: SoundSource = getattr(import_module(module), made)(device, settings, clock, address)
     return source

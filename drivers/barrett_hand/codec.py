@@ -75,7 +75,7 @@ class Set:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class HandReply:
     """A node's property."""
 
     sender: int
@@ -111,13 +111,13 @@ def reply_id(sender: int) -> int:
     return GROUP_BIT | sender << 5 | REPLIES
 
 
-def encode_reply(reply: Reply) -> CanFrame:
+def encode_reply(reply: HandReply) -> CanFrame:
     """A reply as the frame on the wire: 16 bits where the value fits, else 32."""
     kind = "<BBh" if -(2**15) <= reply.value < 2**15 else "<BBi"
     return CanFrame(reply_id(reply.sender), struct.pack(kind, REPLY_BIT | reply.property, 0, reply.value))
 
 
-def decode_reply(frame: CanFrame) -> Reply:
+def decode_reply(frame: CanFrame) -> HandReply:
     """What a host makes of a frame.
 
     Raises:
@@ -128,4 +128,4 @@ def decode_reply(frame: CanFrame) -> Reply:
     if frame.remote or not to_replies or len(data) not in (4, 6) or not data[0] & REPLY_BIT:
         raise CodecError(f"no reply: {frame}")
     value = int.from_bytes(data[2:], "little", signed=True)
-    return Reply(frame.id >> 5 & 0x1F, data[0] & ~REPLY_BIT, value)
+    return HandReply(frame.id >> 5 & 0x1F, data[0] & ~REPLY_BIT, value)

@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
-from drivers.barrett_hand.strain import Strain, StrainSettings
-from drivers.can_link import Beat, CanLink, CanPort, Heard, open_can, strange_frames
+from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
+from drivers.can_link import Beat, CanLink, CanPort, HeardFrame, open_can, strange_frames
 from drivers.clock import Clock
 from drivers.errors import check_streams, wrong
 from drivers.messages import Command, DeviceInfo, Listen, Tare
-from drivers.numbering import Runs, Track, host_clock
+from drivers.numbering import Runs, StreamTrack, host_clock
 from drivers.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 10
@@ -31,7 +31,7 @@ class _Answer(NamedTuple):
     counts: int
 
 
-class BarrettHandSettings(CanPort, StrainSettings):
+class BarrettHandSettings(CanPort, FingerStrainSettings):
     """A BarrettHand on a CAN bus."""
 
     fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
@@ -71,8 +71,12 @@ class BarrettHand(WireDriver[CanLink]):
     ) -> None:
         super().__init__(name, settings, clock, connect)
         self._settings = settings
-        gauge = StrainSettings(newton_per_count=settings.newton_per_count, zero_counts=settings.zero_counts)
-        self._strains = {finger: Strain(name, finger, settings.poll_hz, gauge) for finger in settings.fingers}
+        gauge = FingerStrainSettings(
+            newton_per_count=settings.newton_per_count, zero_counts=settings.zero_counts
+        )
+        self._strains = {
+            finger: FingerStrain(name, finger, settings.poll_hz, gauge) for finger in settings.fingers
+        }
         self._fingers = {strain.info.name: finger for finger, strain in self._strains.items()}
         self._missing = 0
         self._forget()
@@ -81,7 +85,7 @@ class BarrettHand(WireDriver[CanLink]):
         self._heard: frozenset[int] = frozenset()
         self._heard_s = self._clock.monotonic_s()
         self._tracks = {
-            finger: Track(host_clock(), self._settings.poll_hz) for finger in self._settings.fingers
+            finger: StreamTrack(host_clock(), self._settings.poll_hz) for finger in self._settings.fingers
         }
 
     def _identify(self, link: CanLink) -> DeviceInfo:
@@ -183,7 +187,7 @@ class BarrettHand(WireDriver[CanLink]):
         """Ask one finger until it answers; raises a `DeviceError`."""
         strangers = 0
 
-        def hear(heard: Heard) -> int | None:
+        def hear(heard: HeardFrame) -> int | None:
             nonlocal strangers
             reply = _strain(heard)
             strangers += reply is None
@@ -203,7 +207,7 @@ class BarrettHand(WireDriver[CanLink]):
         return inquiry.ask(lambda: link.send(question), hear, OPEN_ATTEMPTS)
 
 
-def _strain(heard: Heard) -> codec.Reply | None:
+def _strain(heard: HeardFrame) -> codec.HandReply | None:
     """What a finger's gauge reads; None where this is something else."""
     try:
         reply = codec.decode_reply(heard.frame)

@@ -16,7 +16,7 @@ TARE_SAMPLES = 50
 """Readings that a new zero is the mean of: 50 ms at 1 kHz (assumption)."""
 
 
-class StrainSettings(Settings):
+class FingerStrainSettings(Settings):
     """What a strain gauge reads."""
 
     newton_per_count: float = Field(default=codec.NEWTON_PER_COUNT, gt=0.0, le=1.0)
@@ -25,7 +25,7 @@ class StrainSettings(Settings):
     """What an unloaded finger reads, until it is tared."""
 
 
-class Strain:
+class FingerStrain:
     """The gauge of one finger.
 
     Values are raw counts less the zero, so that a force is value times scale; the zero is a whole count.
@@ -41,7 +41,7 @@ class Strain:
         zero: Raw counts that are called no force.
     """
 
-    def __init__(self, device: str, finger: int, rate_hz: float, settings: StrainSettings) -> None:
+    def __init__(self, device: str, finger: int, rate_hz: float, settings: FingerStrainSettings) -> None:
         name = f"{device}.strain_{finger}"
         self.info = StreamInfo(name, ("force",), "N", settings.newton_per_count, rate_hz, noisy=True)
         self.zero = settings.zero_counts

@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from drivers.can_gripper import units
-from drivers.can_gripper.words import Drive, State
+from drivers.can_gripper.words import DriveOrder, GripperState
 from drivers.can_link import CanPort
 from drivers.errors import CommandError
 from drivers.messages import Command, Grip, Home, Listen, Release, Stop
@@ -97,16 +97,16 @@ class Brackets:
         """How hard a current presses, whichever way."""
         return abs(current_ma) * self._force_n_per_ma
 
-    def grip(self, command: Grip) -> Drive:
+    def grip(self, command: Grip) -> DriveOrder:
         """The order that carries out a command."""
         speed, current_ma = units.speed_count(command.speed_m_s), self.current_ma(command.force_n)
-        return Drive(self.position(command.width_m), speed, current_ma)
+        return DriveOrder(self.position(command.width_m), speed, current_ma)
 
-    def release(self, command: Release, force_n: float) -> Drive:
+    def release(self, command: Release, force_n: float) -> DriveOrder:
         """The same."""
-        return Drive(0, units.speed_count(command.speed_m_s), self.current_ma(force_n))
+        return DriveOrder(0, units.speed_count(command.speed_m_s), self.current_ma(force_n))
 
-    def hold(self, state: State, order: Drive) -> Drive:
+    def hold(self, state: GripperState, order: DriveOrder) -> DriveOrder:
         """The order that stops a motion where it is."""
         return replace(order, position=state.position)
 

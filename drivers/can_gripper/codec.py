@@ -5,7 +5,7 @@ Source: the gripper's interface page and its firmware's behaviour (both public).
 
 The two object bits: the page numbers bits from the left and the firmware writes the low bit of the verdict
 first, so that bit 5 of the byte is the low one; the vendor's own client takes it for the high one. Nobody
-should tell 1 from 2 by these bits: `State.object` is true for both, and the direction is the command's.
+should tell 1 from 2 by these bits: `GripperState.object` is true for both, and the direction is the command's.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from drivers.can_gripper.words import (
     ASKED,
     PLAIN,
     Answer,
-    Ask,
-    Beat,
-    Code,
-    Drive,
+    AskState,
+    DriveOrder,
     Encoder,
-    Errors,
-    Finding,
+    GripFinding,
+    GripperCode,
+    GripperErrors,
+    GripperInfo,
+    GripperState,
+    Heartbeat,
     HeartbeatPeriod,
-    Info,
     Number,
     Order,
     Plain,
     Poll,
-    State,
     Watchdog,
 )
 
@@ -47,11 +47,11 @@ ERROR_BITS: Final = (
     "overcurrent",
     "emergency stop",
 )
-"""Bits 6 to 0 of the first byte of `Errors`; bit 7 is any of them (interface page)."""
+"""Bits 6 to 0 of the first byte of `GripperErrors`; bit 7 is any of them (interface page)."""
 
 WATCHDOG_BIT: Final = 0x20
 MOTOR_BIT: Final = 0x80
-"""In the second byte of `Errors` (interface page)."""
+"""In the second byte of `GripperErrors` (interface page)."""
 
 
 class CodecError(ValueError):
@@ -67,18 +67,20 @@ def encode_order(node: int, order: Order) -> CanFrame:
     match order:
         case Plain(code=code):
             return CanFrame(_id(node, code))
-        case Ask(code=code):
+        case AskState(code=code):
             return CanFrame(_id(node, code), remote=True)
         case Poll():
-            return CanFrame(_id(node, Code.DRIVE))
-        case Drive():
+            return CanFrame(_id(node, GripperCode.DRIVE))
+        case DriveOrder():
             flags = order.activate << 7 | order.go << 6 | order.estop << 5
             data = struct.pack(">BBhB", order.position, order.speed, order.current_ma, flags)
-            return CanFrame(_id(node, Code.DRIVE), data)
+            return CanFrame(_id(node, GripperCode.DRIVE), data)
         case Watchdog():
-            return CanFrame(_id(node, Code.WATCHDOG), struct.pack(">IB", order.period_ms, order.action))
+            return CanFrame(
+                _id(node, GripperCode.WATCHDOG), struct.pack(">IB", order.period_ms, order.action)
+            )
         case HeartbeatPeriod():
-            return CanFrame(_id(node, Code.HEARTBEAT_PERIOD), struct.pack(">I", order.period_ms))
+            return CanFrame(_id(node, GripperCode.HEARTBEAT_PERIOD), struct.pack(">I", order.period_ms))
 
 
 def decode_order(frame: CanFrame) -> tuple[int, Order]:
@@ -90,17 +92,17 @@ def decode_order(frame: CanFrame) -> tuple[int, Order]:
     node, code, _ = _parts(frame)
     if frame.remote:
         if code in ASKED:
-            return node, Ask(code)
+            return node, AskState(code)
     elif code in PLAIN and not frame.data:
         return node, Plain(code)
-    elif code is Code.DRIVE and not frame.data:
+    elif code is GripperCode.DRIVE and not frame.data:
         return node, Poll()
-    elif code is Code.DRIVE and len(frame.data) == 5:
+    elif code is GripperCode.DRIVE and len(frame.data) == 5:
         position, speed, current_ma, flags = struct.unpack(">BBhB", frame.data)
-        return node, Drive(position, speed, current_ma, _bit(flags, 7), _bit(flags, 6), _bit(flags, 5))
-    elif code is Code.WATCHDOG and len(frame.data) == 5:
+        return node, DriveOrder(position, speed, current_ma, _bit(flags, 7), _bit(flags, 6), _bit(flags, 5))
+    elif code is GripperCode.WATCHDOG and len(frame.data) == 5:
         return node, Watchdog(*struct.unpack(">IB", frame.data))
-    elif code is Code.HEARTBEAT_PERIOD and len(frame.data) == 4:
+    elif code is GripperCode.HEARTBEAT_PERIOD and len(frame.data) == 4:
         return node, HeartbeatPeriod(*struct.unpack(">I", frame.data))
     raise CodecError(f"no order: {frame}")
 
@@ -108,19 +110,19 @@ def decode_order(frame: CanFrame) -> tuple[int, Order]:
 def encode_answer(node: int, fault: bool, answer: Answer) -> CanFrame:
     """An answer as the frame on the wire; `fault` says that any fault is active."""
     match answer:
-        case State():
-            code, data = Code.STATE, _state_bytes(answer)
-        case Beat(code=code):
+        case GripperState():
+            code, data = GripperCode.STATE, _state_bytes(answer)
+        case Heartbeat(code=code):
             data = b""
         case Number(code=code):
             data = struct.pack(">h", answer.value)
-        case Info():
-            code = Code.INFO
+        case GripperInfo():
+            code = GripperCode.INFO
             data = struct.pack(">BBBI", answer.hardware, answer.batch, answer.software, answer.serial)
-        case Errors():
-            code, data = Code.ERRORS, _error_bytes(answer, fault)
+        case GripperErrors():
+            code, data = GripperCode.ERRORS, _error_bytes(answer, fault)
         case Encoder():
-            code, data = Code.ENCODER, struct.pack(">ii", answer.position, answer.speed)
+            code, data = GripperCode.ENCODER, struct.pack(">ii", answer.position, answer.speed)
     return CanFrame(_id(node, code, fault), data)
 
 
@@ -135,32 +137,32 @@ def decode_answer(frame: CanFrame) -> tuple[int, bool, Answer]:
     answer: Answer | None = None
     if frame.remote:
         pass
-    elif code is Code.STATE and len(data) == 4:
+    elif code is GripperCode.STATE and len(data) == 4:
         answer = _state(data)
-    elif code in (Code.PING, Code.HEARTBEAT) and not data:
-        answer = Beat(code)
-    elif code in (Code.TEMPERATURE, Code.VOLTAGE, Code.CURRENT) and len(data) == 2:
+    elif code in (GripperCode.PING, GripperCode.HEARTBEAT) and not data:
+        answer = Heartbeat(code)
+    elif code in (GripperCode.TEMPERATURE, GripperCode.VOLTAGE, GripperCode.CURRENT) and len(data) == 2:
         answer = Number(code, *struct.unpack(">h", data))
-    elif code is Code.INFO and len(data) == 7:
-        answer = Info(*struct.unpack(">BBBI", data))
-    elif code is Code.ERRORS and len(data) == 2:
+    elif code is GripperCode.INFO and len(data) == 7:
+        answer = GripperInfo(*struct.unpack(">BBBI", data))
+    elif code is GripperCode.ERRORS and len(data) == 2:
         answer = _errors(data)
-    elif code is Code.ENCODER and len(data) == 8:
+    elif code is GripperCode.ENCODER and len(data) == 8:
         answer = Encoder(*struct.unpack(">ii", data))
     if answer is None:
         raise CodecError(f"no answer: {frame}")
     return node, fault, answer
 
 
-def _id(node: int, code: Code, fault: bool = False) -> int:
+def _id(node: int, code: GripperCode, fault: bool = False) -> int:
     if not 0 <= node < NODES:
         raise CodecError(f"no node {node}")
     return node << 7 | code << 1 | fault
 
 
-def _parts(frame: CanFrame) -> tuple[int, Code, bool]:
+def _parts(frame: CanFrame) -> tuple[int, GripperCode, bool]:
     try:
-        return frame.id >> 7, Code(frame.id >> 1 & 0x3F), _bit(frame.id, 0)
+        return frame.id >> 7, GripperCode(frame.id >> 1 & 0x3F), _bit(frame.id, 0)
     except ValueError as error:
         raise CodecError(f"unknown command: {frame}") from error
 
@@ -173,7 +175,7 @@ def _exchanged(two_bits: int) -> int:
     return (two_bits & 1) << 1 | two_bits >> 1
 
 
-def _state_bytes(state: State) -> bytes:
+def _state_bytes(state: GripperState) -> bytes:
     flags = (
         state.activated << 7
         | state.going << 6
@@ -186,21 +188,21 @@ def _state_bytes(state: State) -> bytes:
     return struct.pack(">BhB", state.position, state.current_ma, flags)
 
 
-def _state(data: bytes) -> State:
+def _state(data: bytes) -> GripperState:
     position, current_ma, flags = struct.unpack(">BhB", data)
-    finding = Finding(_exchanged(flags >> 4 & 0b11))
+    finding = GripFinding(_exchanged(flags >> 4 & 0b11))
     activated, going, hot, late, stopped, calibrated = (_bit(flags, place) for place in (7, 6, 3, 2, 1, 0))
-    return State(position, current_ma, finding, activated, going, hot, late, stopped, calibrated)
+    return GripperState(position, current_ma, finding, activated, going, hot, late, stopped, calibrated)
 
 
-def _error_bytes(errors: Errors, fault: bool) -> bytes:
+def _error_bytes(errors: GripperErrors, fault: bool) -> bytes:
     first = sum(1 << (6 - place) for place, name in enumerate(ERROR_BITS) if name in errors.active)
     second = MOTOR_BIT * errors.motor_calibrated | WATCHDOG_BIT * ("watchdog" in errors.active)
     return bytes([first | fault << 7, second])
 
 
-def _errors(data: bytes) -> Errors:
+def _errors(data: bytes) -> GripperErrors:
     active = {name for place, name in enumerate(ERROR_BITS) if _bit(data[0], 6 - place)}
     if data[1] & WATCHDOG_BIT:
         active.add("watchdog")
-    return Errors(frozenset(active), bool(data[1] & MOTOR_BIT))
+    return GripperErrors(frozenset(active), bool(data[1] & MOTOR_BIT))

@@ -15,18 +15,18 @@ from drivers.can_gripper.identify import heard_from, identify
 from drivers.can_gripper.units import LONGEST_S
 from drivers.can_gripper.watch import Watch
 from drivers.can_gripper.words import (
-    Ask,
-    Code,
-    Drive,
-    Errors,
-    Finding,
+    AskState,
+    DriveOrder,
+    GripFinding,
+    GripperCode,
+    GripperErrors,
+    GripperState,
     Order,
     Plain,
     Poll,
-    State,
     Watchdog,
 )
-from drivers.can_link import CanLink, CanPort, Heard, open_can
+from drivers.can_link import CanLink, CanPort, HeardFrame, open_can
 from drivers.clock import Clock
 from drivers.messages import (
     Applied,
@@ -39,10 +39,10 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.numbering import Run, Runs
+from drivers.numbering import Runs, SampleRun
 from drivers.wire import WireDriver
 
-IDLE = Drive(0, 0, 0, activate=False, go=False)
+IDLE = DriveOrder(0, 0, 0, activate=False, go=False)
 
 
 class _Sample(NamedTuple):
@@ -95,7 +95,7 @@ class CanGripper(WireDriver[CanLink]):
     def _forget(self) -> None:
         self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
         self._heard: frozenset[str] = frozenset()
-        self._state: State | None = None
+        self._state: GripperState | None = None
         self._order = IDLE  # the last one that moves
         self._asked: deque[float] = deque()  # monotonic times of questions for the state without an answer
         self._asked_s = -math.inf
@@ -106,9 +106,9 @@ class CanGripper(WireDriver[CanLink]):
         """A gripper that is found moving is stopped."""
         found = identify(self.name, self._settings, link, self._clock)
         self._write(link, Watchdog(round(self._settings.watchdog_s * 1e3)))
-        if found.state.calibrated and found.state.going and found.state.finding is Finding.MOVING:
+        if found.state.calibrated and found.state.going and found.state.finding is GripFinding.MOVING:
             steady_ma = self._brackets.current_ma(self._settings.release_force_n)
-            self._write(link, Drive(found.state.position, 0, steady_ma))
+            self._write(link, DriveOrder(found.state.position, 0, steady_ma))
         self._state = found.state
         self._watch.faulty = bool(found.errors.active)
         self._asked.clear()
@@ -210,20 +210,20 @@ class CanGripper(WireDriver[CanLink]):
             return (Poll(),)
         # An emergency stop stays up until an order without it has come, and only then can be cleared.
         self._order = IDLE
-        clearing = (IDLE, Plain(Code.CLEAR_ERROR))
-        return clearing if known else (*clearing, Plain(Code.CALIBRATE))
+        clearing = (IDLE, Plain(GripperCode.CLEAR_ERROR))
+        return clearing if known else (*clearing, Plain(GripperCode.CALIBRATE))
 
     def _stopping(self) -> Sequence[Order]:
         """What stops a motion: to hold where the jaws are, or to sleep where they do not know that."""
         if self._state is None or not self._state.calibrated:
-            return (Plain(Code.IDLE),)
+            return (Plain(GripperCode.IDLE),)
         self._order = self._brackets.hold(self._state, self._order)
         return (self._order,)
 
     def _write(self, link: CanLink, *orders: Order) -> None:
         for order in orders:
             sent_s = link.send(encode_order(self._settings.node, order))
-            if isinstance(order, Poll | Drive) and sent_s is not None:
+            if isinstance(order, Poll | DriveOrder) and sent_s is not None:
                 self._asked.append(sent_s)
                 self._asked_s = sent_s
 
@@ -245,16 +245,16 @@ class CanGripper(WireDriver[CanLink]):
         watched = self._heard or self._watch.busy or self._order.go
         return self._settings.poll_interval_s if watched else self._settings.idle_interval_s
 
-    def _hear(self, link: CanLink, heard: Heard) -> None:
+    def _hear(self, link: CanLink, heard: HeardFrame) -> None:
         answer, fault = heard_from(self._settings.node, heard) or (None, False)
-        if isinstance(answer, Errors):
+        if isinstance(answer, GripperErrors):
             self._faults = sorted(answer.active)
-        if not isinstance(answer, State):
+        if not isinstance(answer, GripperState):
             return
         self._missing = 0
         asked_s = self._asked.popleft() if self._asked else heard.arrival_s
         if fault and not self._watch.faulty:
-            self._write(link, Ask(Code.ERRORS))
+            self._write(link, AskState(GripperCode.ERRORS))
         self._state = answer
         self._statuses += self._watch.push(self._clock.from_monotonic(asked_s), answer, fault)
         if self._heard:
@@ -274,7 +274,7 @@ class CanGripper(WireDriver[CanLink]):
             for stream in sorted(self._heard):
                 self._lost(t_s, stream, 1)
 
-    def _block(self, info: StreamInfo, run: Run[_Sample]) -> SampleBlock:
+    def _block(self, info: StreamInfo, run: SampleRun[_Sample]) -> SampleBlock:
         width = info is self._infos[0]
         return info.block(
             run.seq,
@@ -287,4 +287,4 @@ class CanGripper(WireDriver[CanLink]):
 
 def _drives(order: Order) -> bool:
     """Whether an order drives the jaws; one that puts the drive to sleep does not."""
-    return order == Plain(Code.CALIBRATE) or (isinstance(order, Drive) and order.go)
+    return order == Plain(GripperCode.CALIBRATE) or (isinstance(order, DriveOrder) and order.go)

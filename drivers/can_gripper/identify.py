@@ -6,8 +6,18 @@ from typing import NamedTuple, TypeVar
 
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.codec import CodecError, decode_answer, encode_order
-from drivers.can_gripper.words import Answer, Ask, Code, Errors, Info, Number, Order, Poll, State
-from drivers.can_link import CanLink, Heard, strange_frames
+from drivers.can_gripper.words import (
+    Answer,
+    AskState,
+    GripperCode,
+    GripperErrors,
+    GripperInfo,
+    GripperState,
+    Number,
+    Order,
+    Poll,
+)
+from drivers.can_link import CanLink, HeardFrame, strange_frames
 from drivers.clock import Clock
 from drivers.wire import Inquiry
 
@@ -17,17 +27,17 @@ ATTEMPTS = 4
 T = TypeVar("T")
 
 
-class Identity(NamedTuple):
+class GripperIdentity(NamedTuple):
     """What a gripper says of itself."""
 
-    info: Info
-    errors: Errors
+    info: GripperInfo
+    errors: GripperErrors
     temperature_c: float
     supply_v: float
-    state: State
+    state: GripperState
 
 
-def identify(name: str, settings: CanGripperSettings, link: CanLink, clock: Clock) -> Identity:
+def identify(name: str, settings: CanGripperSettings, link: CanLink, clock: Clock) -> GripperIdentity:
     """Ask who it is, and how; nothing moves.
 
     Raises:
@@ -39,16 +49,16 @@ def identify(name: str, settings: CanGripperSettings, link: CanLink, clock: Cloc
     def answer(order: Order, kind: type[T]) -> T:
         return _answer(name, settings, link, clock, order, kind)
 
-    return Identity(
-        answer(Ask(Code.INFO), Info),
-        answer(Ask(Code.ERRORS), Errors),
-        float(answer(Ask(Code.TEMPERATURE), Number).value),
-        answer(Ask(Code.VOLTAGE), Number).value * 1e-3,
-        answer(Poll(), State),
+    return GripperIdentity(
+        answer(AskState(GripperCode.INFO), GripperInfo),
+        answer(AskState(GripperCode.ERRORS), GripperErrors),
+        float(answer(AskState(GripperCode.TEMPERATURE), Number).value),
+        answer(AskState(GripperCode.VOLTAGE), Number).value * 1e-3,
+        answer(Poll(), GripperState),
     )
 
 
-def heard_from(node: int, heard: Heard) -> tuple[Answer, bool] | None:
+def heard_from(node: int, heard: HeardFrame) -> tuple[Answer, bool] | None:
     """What this node says, and whether it has a fault; None where it is not this gripper that speaks."""
     try:
         sender, fault, answer = decode_answer(heard.frame)
@@ -62,7 +72,7 @@ def _answer(
 ) -> T:
     strangers = 0
 
-    def hear(heard: Heard) -> T | None:
+    def hear(heard: HeardFrame) -> T | None:
         nonlocal strangers
         said = heard_from(settings.node, heard)
         strangers += said is None
@@ -85,4 +95,4 @@ def _answer(
 
 def _fits(order: Order, answer: object) -> bool:
     """A temperature is no voltage: numbers bear the code that was asked for."""
-    return not (isinstance(order, Ask) and isinstance(answer, Number)) or answer.code is order.code
+    return not (isinstance(order, AskState) and isinstance(answer, Number)) or answer.code is order.code

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivers.can_gripper.brackets import Brackets
-from drivers.can_gripper.words import Finding, State
+from drivers.can_gripper.words import GripFinding, GripperState
 from drivers.messages import Command, Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
 
 CALIBRATION_S = 32.0
@@ -54,7 +54,7 @@ class Watch:
         self._held_s: float | None = None  # since when something holds the jaws
         self._gripped: bool | None = None  # what the last `Gripped` said
         self._still_s = math.inf
-        self._state: State | None = None
+        self._state: GripperState | None = None
         self._driving: Command | None = None  # the last command that drove the jaws
         self._driven_s = -math.inf
         self._under_way = False  # whether the jaws have not yet come to where it ends
@@ -86,7 +86,7 @@ class Watch:
     def _id(self) -> int:
         return 0 if self._command is None else self._command.id
 
-    def push(self, asked_s: float, state: State, fault: bool) -> list[Status]:
+    def push(self, asked_s: float, state: GripperState, fault: bool) -> list[Status]:
         """What a state means that was asked for at bench time `asked_s`."""
         newly_faulty, self.faulty = fault and not self.faulty, fault
         fresh, stops = asked_s > self._sent_s, isinstance(self._command, Stop)
@@ -117,14 +117,14 @@ class Watch:
                 told += self._releasing(asked_s, state, found)
         return told
 
-    def _broken(self, t_s: float, state: State) -> Status:
+    def _broken(self, t_s: float, state: GripperState) -> Status:
         reasons = [words for name, words in FAULTS.items() if getattr(state, name)]
         reason = " and ".join(reasons) or "it reports a fault of its motor or supply"
         return Stalled(
             t_s, self._device, f"{reason}, and whatever it held is loose; send Home", command_id=self._id
         )
 
-    def _homing(self, t_s: float, state: State) -> list[Status]:
+    def _homing(self, t_s: float, state: GripperState) -> list[Status]:
         if self.busy and state.calibrated:
             self.busy = False
             width_m = self._brackets.width_m(state.position)
@@ -135,14 +135,14 @@ class Watch:
             return [Stalled(t_s, self._device, reason, command_id=self._id)]
         return []
 
-    def _gripping(self, t_s: float, state: State, found: bool | None) -> list[Status]:
+    def _gripping(self, t_s: float, state: GripperState, found: bool | None) -> list[Status]:
         if found is None or found is self._gripped:
             return []
         self._gripped, self.busy = found, False
         width_m, force_n = self._brackets.width_m(state.position), self._brackets.force_n(state.current_ma)
         return [Gripped(t_s, self._device, found, width_m, force_n, command_id=self._id)]
 
-    def _releasing(self, t_s: float, state: State, found: bool | None) -> list[Status]:
+    def _releasing(self, t_s: float, state: GripperState, found: bool | None) -> list[Status]:
         if found is None or not self.busy:
             return []
         self.busy = False
@@ -152,7 +152,9 @@ class Watch:
             return [Stalled(t_s, self._device, reason, command_id=self._id)]
         return [Reached(t_s, self._device, width_m, command_id=self._id)]
 
-    def _stopping(self, t_s: float, before: State | None, state: State, there: bool) -> list[Status]:
+    def _stopping(
+        self, t_s: float, before: GripperState | None, state: GripperState, there: bool
+    ) -> list[Status]:
         if math.isinf(self._still_s) or before is None or state.position != before.position:
             self._still_s = t_s
         if not self.busy or not (there or t_s - self._still_s >= STILL_S):
@@ -161,14 +163,14 @@ class Watch:
         width_m = self._brackets.width_m(state.position)
         return [Standstill(t_s, self._device, width_m, command_id=self._id)]
 
-    def _found(self, t_s: float, state: State) -> bool | None:
+    def _found(self, t_s: float, state: GripperState) -> bool | None:
         """Whether an object stopped the jaws; None while nothing has."""
         if not state.object:
             self._held_s = None
-            return False if state.finding is Finding.AT_POSITION else None
+            return False if state.finding is GripFinding.AT_POSITION else None
         self._held_s = t_s if self._held_s is None else self._held_s
         return True if t_s - self._held_s >= self._hold_s else None
 
 
-def _held(state: State) -> bool:
-    return state.finding is not Finding.MOVING
+def _held(state: GripperState) -> bool:
+    return state.finding is not GripFinding.MOVING

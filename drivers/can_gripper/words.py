@@ -7,7 +7,7 @@ from enum import IntEnum
 from typing import Final
 
 
-class Code(IntEnum):
+class GripperCode(IntEnum):
     """Command numbers, 6 bits (interface page)."""
 
     ESTOP = 0
@@ -29,11 +29,21 @@ class Code(IntEnum):
 
 
 ASKED: Final = frozenset(
-    {Code.PING, Code.TEMPERATURE, Code.VOLTAGE, Code.INFO, Code.ERRORS, Code.CURRENT, Code.ENCODER}
+    {
+        GripperCode.PING,
+        GripperCode.TEMPERATURE,
+        GripperCode.VOLTAGE,
+        GripperCode.INFO,
+        GripperCode.ERRORS,
+        GripperCode.CURRENT,
+        GripperCode.ENCODER,
+    }
 )
 """What a remote frame can ask for; the answer bears the same number."""
 
-PLAIN: Final = frozenset({Code.ESTOP, Code.CLEAR_ERROR, Code.IDLE, Code.CALIBRATE})
+PLAIN: Final = frozenset(
+    {GripperCode.ESTOP, GripperCode.CLEAR_ERROR, GripperCode.IDLE, GripperCode.CALIBRATE}
+)
 """Orders without data and without an answer."""
 
 
@@ -44,24 +54,24 @@ PLAIN: Final = frozenset({Code.ESTOP, Code.CLEAR_ERROR, Code.IDLE, Code.CALIBRAT
 class Plain:
     """An order without data: one of `PLAIN`."""
 
-    code: Code
+    code: GripperCode
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class AskState:
     """A remote frame: one of `ASKED`."""
 
-    code: Code
+    code: GripperCode
 
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """Asks for `State` and feeds the watchdog."""
+    """Asks for `GripperState` and feeds the watchdog."""
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
-    """Go to a position; answered by `State`.
+class DriveOrder:
+    """Go to a position; answered by `GripperState`.
 
     Attributes:
         position: 0 open to 255 closed.
@@ -95,13 +105,13 @@ class HeartbeatPeriod:
     period_ms: int
 
 
-Order = Plain | Ask | Poll | Drive | Watchdog | HeartbeatPeriod
+Order = Plain | AskState | Poll | DriveOrder | Watchdog | HeartbeatPeriod
 
 
 # --- what the gripper says -----------------------------------------------------------------------
 
 
-class Finding(IntEnum):
+class GripFinding(IntEnum):
     """What the firmware makes of a motion; on the wire with its bits exchanged."""
 
     MOVING = 0
@@ -111,24 +121,24 @@ class Finding(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class GripperState:
     """How the gripper is.
 
     Attributes:
         position: 0 open to 255 closed; means nothing before calibration.
         current_ma: Measured; negative closes, positive opens (firmware).
         finding: What became of the motion.
-        activated: As the last `Drive` had it.
-        going: As the last `Drive` had it.
+        activated: As the last `DriveOrder` had it.
+        going: As the last `DriveOrder` had it.
         over_temperature: Fault.
         watchdog: Fault.
-        estop: Fault raised by a `Drive`; that of an `ESTOP` order is seen in `Errors` alone.
+        estop: Fault raised by a `DriveOrder`; that of an `ESTOP` order is seen in `GripperErrors` alone.
         calibrated: It knows its ends.
     """
 
     position: int
     current_ma: int
-    finding: Finding
+    finding: GripFinding
     activated: bool
     going: bool
     over_temperature: bool
@@ -139,26 +149,26 @@ class State:
     @property
     def object(self) -> bool:
         """Something holds the jaws."""
-        return self.finding in (Finding.OBJECT_CLOSING, Finding.OBJECT_OPENING)
+        return self.finding in (GripFinding.OBJECT_CLOSING, GripFinding.OBJECT_OPENING)
 
 
 @dataclass(frozen=True, slots=True)
-class Beat:
+class Heartbeat:
     """The answer to a ping, or a heartbeat: it lives."""
 
-    code: Code
+    code: GripperCode
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
     """A temperature in degrees Celsius, a voltage in mV or a current in mA."""
 
-    code: Code
+    code: GripperCode
     value: int
 
 
 @dataclass(frozen=True, slots=True)
-class Info:
+class GripperInfo:
     """Who it is."""
 
     hardware: int
@@ -168,7 +178,7 @@ class Info:
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class GripperErrors:
     """Active faults by name, and whether the motor is calibrated (by the maker; not the jaws)."""
 
     active: frozenset[str]
@@ -183,4 +193,4 @@ class Encoder:
     speed: int
 
 
-Answer = State | Beat | Number | Info | Errors | Encoder
+Answer = GripperState | Heartbeat | Number | GripperInfo | GripperErrors | Encoder

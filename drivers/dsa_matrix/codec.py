@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.dsa_matrix.packets import Packet
+from drivers.dsa_matrix.packets import MatrixPacket
 
 TEXEL_MAX: Final = 0xFFF
 """Texels have 12 bits (interface page)."""
@@ -76,7 +76,7 @@ class CodecError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class AskMatrices:
     """Asks for `ControllerInfo` or `SensorInfo`."""
 
     id: Id
@@ -106,7 +106,7 @@ class SetThreshold:
     counts: int
 
 
-Request = Ask | AskMatrix | Acquire | SetThreshold
+Request = AskMatrices | AskMatrix | Acquire | SetThreshold
 
 
 # --- what the controller says --------------------------------------------------------------------
@@ -186,21 +186,21 @@ _MATRIX: Final = struct.Struct("<HffHH6s2xB24xfB")
 _CAN_BAUD: Final = 1_000_000
 
 
-def encode_request(request: Request) -> Packet:
+def encode_request(request: Request) -> MatrixPacket:
     """A request as a packet."""
     match request:
-        case Ask(id=number):
-            return Packet(number)
+        case AskMatrices(id=number):
+            return MatrixPacket(number)
         case AskMatrix(id=number, matrix=matrix):
-            return Packet(number, bytes([matrix]))
+            return MatrixPacket(number, bytes([matrix]))
         case Acquire():
             flags = RUN_BIT * request.run | RLE_BIT * request.rle
-            return Packet(Id.ACQUIRE, struct.pack("<BH", flags, request.frames_per_s))
+            return MatrixPacket(Id.ACQUIRE, struct.pack("<BH", flags, request.frames_per_s))
         case SetThreshold(counts=counts):
-            return Packet(Id.SET_THRESHOLD, struct.pack("<BBH", ALL_MATRICES_BIT, 0, counts))
+            return MatrixPacket(Id.SET_THRESHOLD, struct.pack("<BBH", ALL_MATRICES_BIT, 0, counts))
 
 
-def decode_request(packet: Packet) -> Request:
+def decode_request(packet: MatrixPacket) -> Request:
     """What the controller makes of a packet.
 
     Raises:
@@ -208,7 +208,7 @@ def decode_request(packet: Packet) -> Request:
     """
     data = packet.payload
     if packet.id in (Id.CONTROLLER, Id.SENSOR) and not data:
-        return Ask(Id(packet.id))
+        return AskMatrices(Id(packet.id))
     if packet.id in (Id.MATRIX, Id.THRESHOLD) and len(data) == 1:
         return AskMatrix(Id(packet.id), data[0])
     if packet.id == Id.ACQUIRE and len(data) == 3:
@@ -219,7 +219,7 @@ def decode_request(packet: Packet) -> Request:
     raise CodecError(f"no request: {packet}")
 
 
-def encode_answer(answer: Answer) -> Packet:
+def encode_answer(answer: Answer) -> MatrixPacket:
     """An answer as a packet."""
     match answer:
         case ControllerInfo():
@@ -227,23 +227,23 @@ def encode_answer(answer: Answer) -> Packet:
             data = _CONTROLLER.pack(
                 a.error, a.serial, a.hardware, a.software, a.status, 0, 0, 0, _CAN_BAUD, 0
             )
-            return Packet(Id.CONTROLLER, data)
+            return MatrixPacket(Id.CONTROLLER, data)
         case SensorInfo():
             data = _SENSOR.pack(answer.error, answer.matrices, 0, answer.hardware, answer.serial, 0)
-            return Packet(Id.SENSOR, data)
+            return MatrixPacket(Id.SENSOR, data)
         case MatrixInfo():
             size = (answer.texel_width_mm, answer.texel_height_mm, answer.cells_x, answer.cells_y)
-            return Packet(Id.MATRIX, _MATRIX.pack(answer.error, *size, answer.uid, 1, TEXEL_MAX, 0))
+            return MatrixPacket(Id.MATRIX, _MATRIX.pack(answer.error, *size, answer.uid, 1, TEXEL_MAX, 0))
         case Done(id=number, error=error):
-            return Packet(number, struct.pack("<H", error))
+            return MatrixPacket(number, struct.pack("<H", error))
         case Threshold():
-            return Packet(Id.THRESHOLD, struct.pack("<HH", answer.error, answer.counts))
+            return MatrixPacket(Id.THRESHOLD, struct.pack("<HH", answer.error, answer.counts))
         case Frame():
             texels = _runs(answer.texels) if answer.rle else answer.texels.astype("<u2").tobytes()
-            return Packet(Id.FRAME, struct.pack("<IB", answer.time_ms, RLE_BIT * answer.rle) + texels)
+            return MatrixPacket(Id.FRAME, struct.pack("<IB", answer.time_ms, RLE_BIT * answer.rle) + texels)
 
 
-def decode_answer(packet: Packet) -> Answer:
+def decode_answer(packet: MatrixPacket) -> Answer:
     """What the host makes of a packet.
 
     Raises:

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from drivers.clock import Clock
 from drivers.dsa_matrix import codec
-from drivers.dsa_matrix.frames import Frames
-from drivers.dsa_matrix.identify import Identity, identify
+from drivers.dsa_matrix.frames import MatrixFrames
+from drivers.dsa_matrix.identify import MatrixIdentity, identify
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
 from drivers.errors import RefusedError, check_streams, wrong
 from drivers.links import SerialLink, SerialPort, open_serial
@@ -77,7 +77,7 @@ class DsaMatrix(WireDriver[SerialLink]):
         super().__init__(name, settings, clock, connect)
         self._settings = settings
         self._stream = f"{name}.taxels"
-        self._frames: Frames | None = None
+        self._frames: MatrixFrames | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -94,7 +94,7 @@ class DsaMatrix(WireDriver[SerialLink]):
         if s.threshold_counts is not None:
             found.set_threshold(s.threshold_counts)
         info = self._stream_info(found)
-        self._frames = Frames(self.name, info, self._clock, s.max_drift_ppm)
+        self._frames = MatrixFrames(self.name, info, self._clock, s.max_drift_ppm)
         return DeviceInfo(
             self.name,
             model="DSACON32-M",
@@ -158,7 +158,7 @@ class DsaMatrix(WireDriver[SerialLink]):
     def _raw_limit_hz(self, cells: int) -> float:
         return self._settings.baud / BITS_PER_BYTE / (OVERHEAD_BYTES + 2 * cells)
 
-    def _stream_info(self, found: Identity) -> StreamInfo:
+    def _stream_info(self, found: MatrixIdentity) -> StreamInfo:
         """What the texels' stream is.
 
         Raises:

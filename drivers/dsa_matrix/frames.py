@@ -13,7 +13,7 @@ from drivers.messages import Lost, SampleBlock, Saturated, Status, StreamInfo
 from drivers.numbering import DeviceClock, SampleStream
 
 
-class Frames:
+class MatrixFrames:
     """From the controller's frames to sample blocks, on its own clock. Pure: it asks no clock.
 
     Frame k is where the controller's clock says; a step of more than one and a half periods is loss

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from drivers.clock import Clock
 from drivers.dsa_matrix import codec
-from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
+from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
 from drivers.errors import ProtocolError, RefusedError
 from drivers.links import SerialLink
 from drivers.wire import Inquiry
@@ -20,7 +20,7 @@ T = TypeVar("T", bound=codec.Answer)
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class MatrixIdentity:
     """What there is.
 
     Attributes:
@@ -44,7 +44,7 @@ def identify(
     clock: Clock,
     power_up_s: float,
     timeout_s: float,
-) -> Identity:
+) -> MatrixIdentity:
     """Stop the frames of an earlier host, then ask who is there and what there is.
 
     Args:
@@ -65,8 +65,8 @@ def identify(
     dialogue = _Dialogue(name, port, link, decoder, clock, timeout_s)
     attempts = max(ATTEMPTS, round(power_up_s / timeout_s))
     dialogue.ask(codec.Acquire(run=False, rle=True, frames_per_s=0), codec.Done, attempts)
-    controller = dialogue.ask(codec.Ask(codec.Id.CONTROLLER), codec.ControllerInfo)
-    sensor = dialogue.ask(codec.Ask(codec.Id.SENSOR), codec.SensorInfo)
+    controller = dialogue.ask(codec.AskMatrices(codec.Id.CONTROLLER), codec.ControllerInfo)
+    sensor = dialogue.ask(codec.AskMatrices(codec.Id.SENSOR), codec.SensorInfo)
     matrices = tuple(
         dialogue.ask(codec.AskMatrix(codec.Id.MATRIX, number), codec.MatrixInfo)
         for number in range(sensor.matrices)
@@ -80,7 +80,7 @@ def identify(
                 reason = f"matrix {number} was told threshold {counts} and holds {held}"
                 raise RefusedError(name, "setting it up", reason, "is its firmware older than release 268?")
 
-    return Identity(controller, sensor, matrices, set_threshold)
+    return MatrixIdentity(controller, sensor, matrices, set_threshold)
 
 
 class _Dialogue:
@@ -122,7 +122,7 @@ class _Dialogue:
 
         return self._inquiry.ask(say, hear, attempts)
 
-    def _decoded(self, packet: Packet, kind: type[T]) -> T | None:
+    def _decoded(self, packet: MatrixPacket, kind: type[T]) -> T | None:
         try:
             answer = codec.decode_answer(packet)
         except codec.CodecError as error:

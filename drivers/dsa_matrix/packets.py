@@ -44,14 +44,14 @@ def checksum(data: bytes) -> bytes:
     return crc.to_bytes(CRC_BYTES, "little")
 
 
-class Packet(NamedTuple):
+class MatrixPacket(NamedTuple):
     """One packet."""
 
     id: int
     payload: bytes = b""
 
 
-def encode_packet(packet: Packet) -> bytes:
+def encode_packet(packet: MatrixPacket) -> bytes:
     """The bytes on the wire.
 
     Raises:
@@ -89,7 +89,7 @@ class PacketDecoder:
     noise: bytes = b""
     _rest: bytearray = field(default_factory=bytearray)
 
-    def feed(self, data: bytes) -> list[Packet]:
+    def feed(self, data: bytes) -> list[MatrixPacket]:
         """The packets that these bytes complete."""
         rest = self._rest
         rest += data
@@ -105,12 +105,12 @@ class PacketDecoder:
                 self.counts.bad_crc += 1
                 self._pass_over(1)
             else:
-                packets.append(Packet(rest[3], bytes(rest[HEADER_BYTES : HEADER_BYTES + length])))
+                packets.append(MatrixPacket(rest[3], bytes(rest[HEADER_BYTES : HEADER_BYTES + length])))
                 self.counts.good += 1
                 del rest[:end]
         return packets
 
-    def flush(self) -> list[Packet]:
+    def flush(self) -> list[MatrixPacket]:
         """The line has fallen silent: what has begun will not be completed; packets that were hidden in it."""
         packets = []
         while self._rest:

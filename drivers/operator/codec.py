@@ -22,14 +22,14 @@ LINE_MAX = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Hello:
+class PersonHello:
     """Who speaks."""
 
     who: str
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class PersonRequest:
     """A question to a person; `bridge` and `force_n` where it is for a weight."""
 
     number: int
@@ -39,7 +39,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PersonAnswer:
     """What the person says to a question."""
 
     number: int
@@ -47,31 +47,31 @@ class Answer:
     reason: str = ""
 
 
-Message = Hello | Request | Answer
+Message = PersonHello | PersonRequest | PersonAnswer
 
 
 class CodecError(ValueError):
     """A line that is none of the three messages."""
 
 
-def request_of(number: int, command: Ask | LoadWeight) -> Request:
+def request_of(number: int, command: Ask | LoadWeight) -> PersonRequest:
     """The question that a command puts."""
     if isinstance(command, LoadWeight):
-        return Request(number, in_words(command), command.bridge, command.force_n)
-    return Request(number, in_words(command))
+        return PersonRequest(number, in_words(command), command.bridge, command.force_n)
+    return PersonRequest(number, in_words(command))
 
 
 def encode(message: Message) -> bytes:
     """A message as a line."""
     table: dict[str, object]
     match message:
-        case Hello(who=who):
+        case PersonHello(who=who):
             table = {"hello": who}
-        case Request(number=number, says=says, bridge=bridge, force_n=force_n):
+        case PersonRequest(number=number, says=says, bridge=bridge, force_n=force_n):
             table = {"ask": number, "says": says}
             if bridge is not None:
                 table["load"] = {"bridge": bridge, "force_n": force_n}
-        case Answer(number=number, done=done, reason=reason):
+        case PersonAnswer(number=number, done=done, reason=reason):
             table = {"answer": number, "done": done, **({"reason": reason} if reason else {})}
     return json.dumps(table, ensure_ascii=False, allow_nan=False).encode() + b"\n"
 
@@ -85,13 +85,13 @@ def decode(line: bytes) -> Message:
     try:
         match json.loads(line.decode()):
             case {"hello": str(who)}:
-                return Hello(who)
+                return PersonHello(who)
             case {"ask": int(number), "says": str(says), "load": {"bridge": str(bridge), "force_n": force_n}}:
-                return Request(number, says, bridge, float(force_n))
+                return PersonRequest(number, says, bridge, float(force_n))
             case {"ask": int(number), "says": str(says)}:
-                return Request(number, says)
+                return PersonRequest(number, says)
             case {"answer": int(number), "done": bool(done), **others}:
-                return Answer(number, done, str(others.get("reason", "")))
+                return PersonAnswer(number, done, str(others.get("reason", "")))
     except (ValueError, TypeError, OverflowError, RecursionError):
         pass
     raise CodecError(f"no message: {line[:60]!r}")

@@ -11,7 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Answered, Applied, Ask, Command, DeviceInfo, Listen, Loaded, LoadWeight, Refused
-from drivers.operator.codec import Answer, Hello, LineDecoder, encode, request_of
+from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, encode, request_of
 from drivers.operator.requests import LoadLimits, Loads, in_words, load_stream, valid
 from drivers.protocols import Question
 from drivers.wire import Inquiry, WireDriver
@@ -32,7 +32,7 @@ class PersonSettings(SerialPort, LoadLimits):
     """How long whoever is behind a line may take to say hello. Assumption: a program does, not a person."""
 
 
-class Console:
+class ConsolePerson:
     """The terminal that the program runs in: its keyboard hears the answer, nothing comes over a line.
 
     Args:
@@ -56,7 +56,7 @@ class Console:
         """Nothing to let go of."""
 
 
-def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink | Console:
+def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink | ConsolePerson:
     """The way to the person.
 
     Raises:
@@ -67,10 +67,10 @@ def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink
     if sys.stdin is None or not sys.stdin.isatty():
         reason = "nobody can answer: standard input is no terminal"
         raise PortError(name, "opening the console", reason, "run it in a terminal, by hand")
-    return Console(clock)
+    return ConsolePerson(clock)
 
 
-class Person(WireDriver[SerialLink | Console]):
+class Person(WireDriver[SerialLink | ConsolePerson]):
     """Puts requests to a person; implements `drivers.protocols.Device` and `Asking`.
 
     It answers when the person does: how long that may take is for the behavior to say. A request that is not
@@ -89,7 +89,7 @@ class Person(WireDriver[SerialLink | Console]):
         name: str,
         settings: PersonSettings,
         clock: Clock,
-        connect: Callable[[str, PersonSettings, Clock], SerialLink | Console] = open_person,
+        connect: Callable[[str, PersonSettings, Clock], SerialLink | ConsolePerson] = open_person,
     ) -> None:
         super().__init__(name, settings, clock, connect)
         self._settings = settings
@@ -101,18 +101,18 @@ class Person(WireDriver[SerialLink | Console]):
         self._decoder = LineDecoder()
         self._asked: Ask | LoadWeight | None = None
 
-    def _identify(self, link: SerialLink | Console) -> DeviceInfo:
-        on_console = isinstance(link, Console)
+    def _identify(self, link: SerialLink | ConsolePerson) -> DeviceInfo:
+        on_console = isinstance(link, ConsolePerson)
         info = load_stream(self.name)
         who = "the person at the console" if on_console else self._greeted(link)
         return DeviceInfo(self.name, model=who, streams={info.name: info})
 
-    def _greeted(self, link: SerialLink | Console) -> str:
+    def _greeted(self, link: SerialLink | ConsolePerson) -> str:
         """Say hello; returns who says it back. What else was on the line is forgotten."""
 
         def hear(arrived: tuple[float, bytes]) -> str | None:
             heard = self._decoder.feed(arrived[1])
-            return next((message.who for message in heard if isinstance(message, Hello)), None)
+            return next((message.who for message in heard if isinstance(message, PersonHello)), None)
 
         advice = 'is their program running? for a person at this terminal write port = "console"'
         inquiry = Inquiry(
@@ -125,7 +125,7 @@ class Person(WireDriver[SerialLink | Console]):
             stranger=advice,
             silent=advice,
         )
-        return inquiry.ask(lambda: link.send(encode(Hello("touchbench"))), hear, attempts=1)
+        return inquiry.ask(lambda: link.send(encode(PersonHello("touchbench"))), hear, attempts=1)
 
     def close(self) -> None:
         """Ask for nothing any more, let go of the line. Never raises; may be called twice."""
@@ -160,25 +160,25 @@ class Person(WireDriver[SerialLink | Console]):
     @property
     def question(self) -> Question | None:
         """What the console has to ask, or None; see `drivers.protocols.Asking`."""
-        if self._asked is None or not isinstance(self._link, Console):
+        if self._asked is None or not isinstance(self._link, ConsolePerson):
             return None
         return Question(self._number, f"{in_words(self._asked)}, {HOW_TO_ANSWER}")
 
     def answer(self, number: int, done: bool) -> None:
         """The person has answered on the console; see `drivers.protocols.Asking`."""
-        self._settle(self._clock.now(), Answer(number, done, "" if done else "the person says no"))
+        self._settle(self._clock.now(), PersonAnswer(number, done, "" if done else "the person says no"))
 
     def account(self) -> Mapping[str, object]:
         """How many requests were made, and lines that made no sense."""
         return {"requests": self._number, "malformed_lines": self._decoder.malformed}
 
-    def _heed(self, link: SerialLink | Console) -> None:
+    def _heed(self, link: SerialLink | ConsolePerson) -> None:
         for arrival_s, data in link.receive():
             for message in self._decoder.feed(data):
-                if isinstance(message, Answer):
+                if isinstance(message, PersonAnswer):
                     self._settle(self._clock.from_monotonic(arrival_s), message)
 
-    def _settle(self, t_s: float, answer: Answer) -> None:
+    def _settle(self, t_s: float, answer: PersonAnswer) -> None:
         if self._asked is None or answer.number != self._number:
             return
         asked, self._asked = self._asked, None

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from drivers.sensor_board.framing import frame
 
 MAX_STREAMS: Final = 32
-"""Streams of a board: one bit each in the mask of `Code.START`."""
+"""Streams of a board: one bit each in the mask of `BoardCode.START`."""
 
 COUNTER_MODULUS: Final = 1 << 16
 """The sample counter is a u16."""
@@ -37,7 +37,7 @@ class CodecError(ValueError):
     """These bytes are no message of the sensor board, or the message cannot be told in bytes."""
 
 
-class Kind(IntEnum):
+class BoardKind(IntEnum):
     """First byte of a body."""
 
     SAMPLES = 0x01
@@ -47,7 +47,7 @@ class Kind(IntEnum):
     REPLY = 0x81
 
 
-class Code(IntEnum):
+class BoardCode(IntEnum):
     """What a command asks for."""
 
     HELLO = 1
@@ -69,13 +69,13 @@ class ReplyStatus(IntEnum):
 
 
 ARGUMENTS: Final[Mapping[int, struct.Struct]] = {
-    Code.HELLO: struct.Struct("<"),
-    Code.START: struct.Struct("<I"),
-    Code.STOP: struct.Struct("<"),
-    Code.EXCITE: struct.Struct("<B"),
-    Code.TENDON: struct.Struct("<i"),
-    Code.TARE: struct.Struct("<B"),
-    Code.WATCHDOG: struct.Struct("<H"),
+    BoardCode.HELLO: struct.Struct("<"),
+    BoardCode.START: struct.Struct("<I"),
+    BoardCode.STOP: struct.Struct("<"),
+    BoardCode.EXCITE: struct.Struct("<B"),
+    BoardCode.TENDON: struct.Struct("<i"),
+    BoardCode.TARE: struct.Struct("<B"),
+    BoardCode.WATCHDOG: struct.Struct("<H"),
 }
 """Layout of each command's argument: stream mask, on, position in um, stream, time in ms."""
 
@@ -126,7 +126,7 @@ class HelloStream(_Json):
     """One stream that the board has.
 
     Attributes:
-        id: Its number in frames, and its bit in the mask of `Code.START`.
+        id: Its number in frames, and its bit in the mask of `BoardCode.START`.
         name: Its name, as profiles write it behind the device's.
         channels: Names of the channels, or how many there are.
         rate_hz: Sample rate, or None where every sample brings its own time.
@@ -151,7 +151,7 @@ class HelloStream(_Json):
         return (self.name,) if self.channels == 1 else tuple(map(str, range(self.channels)))
 
 
-class Hello(_Json):
+class BoardHello(_Json):
     """Who the board is, and what it can send."""
 
     board: str
@@ -160,7 +160,7 @@ class Hello(_Json):
     streams: tuple[HelloStream, ...] = Field(max_length=MAX_STREAMS)
 
     @model_validator(mode="after")
-    def _tell_apart(self) -> Hello:
+    def _tell_apart(self) -> BoardHello:
         if any(stream.scale == 0.0 for stream in self.streams):
             raise ValueError("a stream has a scale of 0")
         for what in ("id", "name"):
@@ -179,7 +179,7 @@ class CommandFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class BoardReply:
     """The board's answer to the command with this code and tag; `status` as in `ReplyStatus`."""
 
     code: int
@@ -187,7 +187,7 @@ class Reply:
     status: int
 
 
-Message = Samples | Times | Hello | CommandFrame | Reply
+Message = Samples | Times | BoardHello | CommandFrame | BoardReply
 
 
 def encode(message: Message) -> bytes:
@@ -208,17 +208,17 @@ def decode(body: bytes) -> Message:
     """
     kind = body[0] if body else -1
     try:
-        if kind == Kind.SAMPLES:
+        if kind == BoardKind.SAMPLES:
             return _decode_samples(body)
-        if kind == Kind.TIMES:
+        if kind == BoardKind.TIMES:
             return _decode_times(body)
-        if kind == Kind.HELLO:
-            return Hello.model_validate_json(body[1:])
-        if kind == Kind.COMMAND:
+        if kind == BoardKind.HELLO:
+            return BoardHello.model_validate_json(body[1:])
+        if kind == BoardKind.COMMAND:
             return _decode_command(body)
-        if kind == Kind.REPLY:
+        if kind == BoardKind.REPLY:
             _, code, tag, status = struct.unpack("<BBBB", body)
-            return Reply(code, tag, status)
+            return BoardReply(code, tag, status)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
@@ -229,21 +229,21 @@ def decode(body: bytes) -> Message:
 
 
 def _body(message: Message) -> bytes:
-    if isinstance(message, Hello):
-        return bytes([Kind.HELLO]) + message.model_dump_json().encode()
+    if isinstance(message, BoardHello):
+        return bytes([BoardKind.HELLO]) + message.model_dump_json().encode()
     try:
         if isinstance(message, Samples):
-            header = _HEADER.pack(Kind.SAMPLES, message.stream, message.seq, message.t_us)
+            header = _HEADER.pack(BoardKind.SAMPLES, message.stream, message.seq, message.t_us)
             return header + _some(message.values).astype(_I32, copy=False).tobytes()
         if isinstance(message, Times):
             rows = np.empty(len(_some(message.values)), _TIMED)
             rows["t_us"], rows["value"] = message.times_us, message.values
-            return _HEADER.pack(Kind.TIMES, message.stream, message.seq, message.t_us) + rows.tobytes()
+            return _HEADER.pack(BoardKind.TIMES, message.stream, message.seq, message.t_us) + rows.tobytes()
         if isinstance(message, CommandFrame):
             argument = () if message.argument is None else (message.argument,)
             layout = ARGUMENTS[message.code]
-            return struct.pack("<BBB", Kind.COMMAND, message.code, message.tag) + layout.pack(*argument)
-        return struct.pack("<BBBB", Kind.REPLY, message.code, message.tag, message.status)
+            return struct.pack("<BBB", BoardKind.COMMAND, message.code, message.tag) + layout.pack(*argument)
+        return struct.pack("<BBBB", BoardKind.REPLY, message.code, message.tag, message.status)
     except (struct.error, KeyError) as error:
         raise CodecError(f"{message} does not fit into a frame: {error}") from error
 

@@ -8,8 +8,17 @@ from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.links import SerialLink
 from drivers.messages import Command
-from drivers.sensor_board.codec import Code, CodecError, CommandFrame, Hello, Kind, Reply, decode, encode
-from drivers.sensor_board.framing import FrameDecoder
+from drivers.sensor_board.codec import (
+    BoardCode,
+    BoardHello,
+    BoardKind,
+    BoardReply,
+    CodecError,
+    CommandFrame,
+    decode,
+    encode,
+)
+from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.wire import Inquiry
 
 HELLO_ATTEMPTS = 4
@@ -20,7 +29,7 @@ TAGS = 256
 
 
 @dataclass(slots=True, eq=False)
-class Order:
+class BoardOrder:
     """An order on its way.
 
     Attributes:
@@ -34,7 +43,7 @@ class Order:
         superseded: A later order on the same thing has been written: this one must not be repeated.
     """
 
-    code: Code
+    code: BoardCode
     argument: int | None
     command: Command | None
     frame: bytes
@@ -44,14 +53,14 @@ class Order:
     superseded: bool = False
 
     @property
-    def subject(self) -> tuple[Code, int | None]:
+    def subject(self) -> tuple[BoardCode, int | None]:
         """What it is about: of two orders on one thing the later one holds."""
-        if self.code is Code.TARE:
+        if self.code is BoardCode.TARE:
             return self.code, self.argument
-        return (Code.START if self.code is Code.STOP else self.code), None
+        return (BoardCode.START if self.code is BoardCode.STOP else self.code), None
 
 
-class Dialogue:
+class BoardDialogue:
     """Orders that have no reply yet.
 
     An order without a reply is written once more, under its tag: each says what shall be, so saying it twice
@@ -67,31 +76,31 @@ class Dialogue:
         self._link = link
         self._timeout_s = timeout_s
         self._tag = 0
-        self._orders: dict[int, Order] = {}
+        self._orders: dict[int, BoardOrder] = {}
 
     @property
     def idle(self) -> bool:
         """Whether no reply is awaited."""
         return not self._orders
 
-    def awaits(self, code: Code) -> bool:
+    def awaits(self, code: BoardCode) -> bool:
         """Whether a reply to such an order is awaited."""
         return any(order.code is code for order in self._orders.values())
 
     def ask(
-        self, watch_s: float, code: Code, argument: int | None = None, command: Command | None = None
-    ) -> Order:
+        self, watch_s: float, code: BoardCode, argument: int | None = None, command: Command | None = None
+    ) -> BoardOrder:
         """Write an order; `watch_s` is the driver's watch now."""
         self._tag = (self._tag + 1) % TAGS
         frame = encode(CommandFrame(code, self._tag, argument))
         sent_s = self._link.send(frame)
-        order = Order(code, argument, command, frame, sent_s, watch_s + self._timeout_s)
+        order = BoardOrder(code, argument, command, frame, sent_s, watch_s + self._timeout_s)
         for earlier in self._orders.values():
             earlier.superseded |= earlier.subject == order.subject
         self._orders[self._tag] = order
         return order
 
-    def answered(self, reply: Reply) -> Order | None:
+    def answered(self, reply: BoardReply) -> BoardOrder | None:
         """The order that this replies to; None for a reply that nobody waits for (any more)."""
         order = self._orders.get(reply.tag)
         if order is None or order.code != reply.code:
@@ -115,8 +124,8 @@ class Dialogue:
 
 
 def identify(
-    name: str, port: str, link: SerialLink, decoder: FrameDecoder, clock: Clock, timeout_s: float
-) -> Hello:
+    name: str, port: str, link: SerialLink, decoder: BoardFrameDecoder, clock: Clock, timeout_s: float
+) -> BoardHello:
     """Ask who is there, up to `HELLO_ATTEMPTS` times, until somebody says so.
 
     Args:
@@ -135,7 +144,7 @@ def identify(
     doing = f"asking who is at {port}"
     heard = 0
 
-    def hear(arrived: tuple[float, bytes]) -> Hello | None:
+    def hear(arrived: tuple[float, bytes]) -> BoardHello | None:
         nonlocal heard
         heard += len(arrived[1])
         return _hello(name, doing, decoder.feed(arrived[1]))
@@ -151,18 +160,18 @@ def identify(
         silent="is it powered, and is this its port?",
     )
     # The delimiter ahead closes whatever the board has half heard.
-    question = b"\0" + encode(CommandFrame(Code.HELLO, 0))
+    question = b"\0" + encode(CommandFrame(BoardCode.HELLO, 0))
     return inquiry.ask(lambda: link.send(question), hear, HELLO_ATTEMPTS)
 
 
-def _hello(name: str, doing: str, bodies: list[bytes]) -> Hello | None:
+def _hello(name: str, doing: str, bodies: list[bytes]) -> BoardHello | None:
     for body in bodies:
-        if body[:1] == bytes([Kind.HELLO]):
+        if body[:1] == bytes([BoardKind.HELLO]):
             try:
                 hello = decode(body)
             except CodecError as error:
                 advice = "does the board's firmware fit this version of the program?"
                 raise ProtocolError(name, doing, str(error), advice) from error
-            assert isinstance(hello, Hello)
+            assert isinstance(hello, BoardHello)
             return hello
     return None

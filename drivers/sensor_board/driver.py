@@ -12,10 +12,10 @@ from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
-from drivers.sensor_board.codec import Code, CodecError, Reply, ReplyStatus, Samples, Times, decode
+from drivers.sensor_board.codec import BoardCode, BoardReply, CodecError, ReplyStatus, Samples, Times, decode
 from drivers.sensor_board.commands import BoardLimits, valid
-from drivers.sensor_board.dialogue import Dialogue, Order, identify
-from drivers.sensor_board.framing import FrameDecoder
+from drivers.sensor_board.dialogue import BoardDialogue, BoardOrder, identify
+from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.sensor_board.streams import BoardStreams, stream_info
 from drivers.wire import TURN_S, WireDriver
 
@@ -91,7 +91,7 @@ class SensorBoard(WireDriver[SerialLink]):
         self._forget()
 
     def _forget(self) -> None:
-        self._decoder = FrameDecoder()
+        self._decoder = BoardFrameDecoder()
         self._infos: Mapping[int, StreamInfo] = {}
         self._malformed = 0
         self._excited = False
@@ -125,7 +125,7 @@ class SensorBoard(WireDriver[SerialLink]):
         }
         self._numbers = {info.name: number for number, info in self._infos.items()}
         self._streams = BoardStreams(self._infos, self._clock, s.max_drift_ppm)
-        self._dialogue = Dialogue(link, s.reply_timeout_s)
+        self._dialogue = BoardDialogue(link, s.reply_timeout_s)
         self._set_up(link)
         return DeviceInfo(
             self.name,
@@ -139,7 +139,7 @@ class SensorBoard(WireDriver[SerialLink]):
 
     def _set_up(self, link: SerialLink) -> None:
         """Stop whatever an earlier host has left on, and set the watchdog."""
-        self._dialogue.ask(self._watch_s, Code.STOP)
+        self._dialogue.ask(self._watch_s, BoardCode.STOP)
         self._feed(self._clock.monotonic_s())
         fault = self._settled(link, math.inf)
         if fault is not None:
@@ -160,8 +160,8 @@ class SensorBoard(WireDriver[SerialLink]):
         return fault
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
-        self._dialogue.ask(self._watch_s, Code.EXCITE, 0)
-        self._dialogue.ask(self._watch_s, Code.STOP)
+        self._dialogue.ask(self._watch_s, BoardCode.EXCITE, 0)
+        self._dialogue.ask(self._watch_s, BoardCode.STOP)
         if failure is None:
             self._settled(link, CLOSE_S)
 
@@ -183,21 +183,21 @@ class SensorBoard(WireDriver[SerialLink]):
         self._fail(reason)
         self._refuse(command, reason)
 
-    def _translated(self, command: Command) -> tuple[Code, int | None]:
+    def _translated(self, command: Command) -> tuple[BoardCode, int | None]:
         match command:
             case Excite(on=on):
-                return Code.EXCITE, int(on)
+                return BoardCode.EXCITE, int(on)
             case SetTendon(position_m=position_m):
-                return Code.TENDON, round(position_m * 1e6)
+                return BoardCode.TENDON, round(position_m * 1e6)
             case Tare(stream=stream):
-                return Code.TARE, self._numbers[stream]
+                return BoardCode.TARE, self._numbers[stream]
             case Listen(streams=streams) if streams:
-                return Code.START, sum(1 << self._numbers[stream] for stream in streams)
-        return Code.STOP, None
+                return BoardCode.START, sum(1 << self._numbers[stream] for stream in streams)
+        return BoardCode.STOP, None
 
     def _feed(self, now_s: float) -> None:
         self._fed_s = now_s
-        self._dialogue.ask(self._watch_s, Code.WATCHDOG, round(self._settings.watchdog_s * 1e3))
+        self._dialogue.ask(self._watch_s, BoardCode.WATCHDOG, round(self._settings.watchdog_s * 1e3))
 
     # what is heard
 
@@ -218,7 +218,7 @@ class SensorBoard(WireDriver[SerialLink]):
         )
         # A feed that waits for its reply is not replaced: it is repeated, and fails by itself.
         due = now_s - self._fed_s >= self._settings.watchdog_s / FEEDS
-        if fault is None and due and not self._dialogue.awaits(Code.WATCHDOG):
+        if fault is None and due and not self._dialogue.awaits(BoardCode.WATCHDOG):
             self._feed(now_s)
         return fault
 
@@ -227,7 +227,7 @@ class SensorBoard(WireDriver[SerialLink]):
             message = decode(body)
             if isinstance(message, Samples | Times):
                 self._take(message, arrival_s)
-            elif isinstance(message, Reply):
+            elif isinstance(message, BoardReply):
                 self._settle(message)
         except CodecError:
             self._malformed += 1
@@ -240,7 +240,7 @@ class SensorBoard(WireDriver[SerialLink]):
         if frame.stream in self._heard_s:
             self._heard_s[frame.stream] = self._watch_s
 
-    def _settle(self, reply: Reply) -> None:
+    def _settle(self, reply: BoardReply) -> None:
         order = self._dialogue.answered(reply)
         if order is None:
             return
@@ -252,11 +252,11 @@ class SensorBoard(WireDriver[SerialLink]):
         elif reply.status != ReplyStatus.BUSY:
             self._fault = f"{reason}: {order.code.name.lower()}"
 
-    def _follow(self, order: Order) -> None:
+    def _follow(self, order: BoardOrder) -> None:
         """The board has done it. Its reply stands on the line between the frames before and after."""
-        if order.code is Code.EXCITE:
+        if order.code is BoardCode.EXCITE:
             self._excited = bool(order.argument)
-        elif order.code in (Code.START, Code.STOP):
+        elif order.code in (BoardCode.START, BoardCode.STOP):
             mask = order.argument or 0
             on = [number for number in self._infos if mask >> number & 1]
             self._streams.begin(number for number in on if number not in self._heard_s)

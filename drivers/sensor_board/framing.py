@@ -43,7 +43,7 @@ class FrameCounts:
 
 
 @dataclass(slots=True)
-class FrameDecoder:
+class BoardFrameDecoder:
     """Cuts a stream of bytes into bodies, in whatever pieces they come.
 
     What precedes the first delimiter is the rest of a frame that began before anybody listened, and is

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.messages import SampleBlock, StreamInfo
-from drivers.numbering import DeviceClock, Track
+from drivers.numbering import DeviceClock, StreamTrack
 from drivers.sensor_board.codec import TIME_MODULUS, CodecError, Samples, Times
 
 PERIOD_S = 0.2
@@ -58,7 +58,7 @@ class BoardStreams:
         self.clock = DeviceClock(max_drift_ppm, wrap_s=TIME_MODULUS * 1e-6)
         self._bench = clock
         self._infos = infos
-        self._tracks = {number: Track(self.clock, info.rate_hz) for number, info in infos.items()}
+        self._tracks = {number: StreamTrack(self.clock, info.rate_hz) for number, info in infos.items()}
 
     def begin(self, numbers: Iterable[int]) -> None:
         """These streams go on after a silence that was asked for: what is missing is not lost."""

@@ -27,8 +27,8 @@ from drivers.ur_arm.client import CONTROL_GONE, RtdeClient
 from drivers.ur_arm.controller import PLAYING, Seen, still, trouble
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.guidance import CYCLE_S
-from drivers.ur_arm.motion import Conductor, State
-from drivers.ur_arm.pipe import Broken, BrokenError, Opened, Pipe, Row, Start
+from drivers.ur_arm.motion import Conductor, MotionState
+from drivers.ur_arm.pipe import ArmRow, Broken, BrokenError, Opened, Pipe, Start
 from drivers.ur_arm.settings import UrArmSettings
 
 VARIABLES = [
@@ -95,11 +95,11 @@ class ArmProcess:
         self._turns = turns
         self._name = name
         self._settings = settings
-        self._outbox: deque[Status | Row | Opened | Broken] = deque()
+        self._outbox: deque[Status | ArmRow | Opened | Broken] = deque()
         self._sending = threading.Lock()
         self._beat_s = self._clock.monotonic_s()
         self._patience_s = STUCK_S
-        self._row = Row(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, 0, 0)
+        self._row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, 0, 0)
         self._still_since_s = self._clock.monotonic_s()
 
     def run(self, again: bool) -> None:
@@ -188,7 +188,8 @@ class ArmProcess:
         conductor.order(Stop(self._name))
         deadline_s = self._clock.monotonic_s() + LEAVE_S
         while (
-            conductor.state not in (State.STANDING, State.HALTED) and self._clock.monotonic_s() < deadline_s
+            conductor.state not in (MotionState.STANDING, MotionState.HALTED)
+            and self._clock.monotonic_s() < deadline_s
         ):
             self._beat_s = self._clock.monotonic_s()
             conductor.step(self._seen())
@@ -232,7 +233,7 @@ class ArmProcess:
                 "refused", "another program runs on the controller", "stop it at the pendant, or its host"
             )
 
-    def _await_row(self, wanted: Callable[[Row], bool]) -> bool:
+    def _await_row(self, wanted: Callable[[ArmRow], bool]) -> bool:
         """Read rows until one is as wanted; False where none came in time."""
         deadline_s = self._clock.monotonic_s() + SETTLED_S
         while not (self._read_row() and wanted(self._row)):
@@ -267,7 +268,7 @@ class ArmProcess:
         device_s = receive.getTimestamp()
         if device_s == self._row.device_s:
             return False
-        row = Row(
+        row = ArmRow(
             self._clock.monotonic_s(),
             device_s,
             tuple(receive.getActualTCPPose()),
@@ -302,7 +303,7 @@ class ArmProcess:
                 "silent", "the client is blocked in a command", "restart the controller's program"
             )
 
-    def _send(self, message: Status | Row | Opened | Broken) -> None:
+    def _send(self, message: Status | ArmRow | Opened | Broken) -> None:
         """Hand a message over, after those that wait; where the pipe is full, it waits for the next one."""
         with self._sending:
             self._outbox.append(message)

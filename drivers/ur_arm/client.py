@@ -11,7 +11,7 @@ from collections.abc import Callable
 from drivers.clock import Clock, rest
 from drivers.ur_arm.controller import PLAYING, PROTECTIVE_STOP, trouble
 from drivers.ur_arm.dashboard import Dashboard
-from drivers.ur_arm.pipe import BrokenError, Row
+from drivers.ur_arm.pipe import ArmRow, BrokenError
 from drivers.ur_arm.settings import Pose, UrArmSettings
 
 SPEED_S = 0.002
@@ -41,7 +41,7 @@ class RtdeClient:
     """
 
     def __init__(
-        self, settings: UrArmSettings, dashboard: Dashboard, clock: Clock, latest: Callable[[], Row]
+        self, settings: UrArmSettings, dashboard: Dashboard, clock: Clock, latest: Callable[[], ArmRow]
     ) -> None:
         from rtde_control import RTDEControlInterface
 
@@ -150,7 +150,7 @@ class RtdeClient:
             raise BrokenError("silent", CONTROL_GONE, "is the cable in, and the controller up?")
 
 
-def _safety(row: Row) -> str:
+def _safety(row: ArmRow) -> str:
     return trouble(row._replace(runtime=PLAYING))
 
 

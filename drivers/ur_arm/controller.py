@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from drivers.ur_arm.pipe import Row
+from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import Pose
 
 PLAYING = 2
@@ -32,7 +32,7 @@ STILL_M_S, STILL_RAD_S = 1e-3, 5e-3
 class Seen(NamedTuple):
     """What is known of the arm: its latest row, and since when it has stood still (infinity where it moves)."""
 
-    row: Row
+    row: ArmRow
     still_since_s: float
 
 
@@ -67,7 +67,7 @@ class Client(Protocol):
         """Unlock a protective stop and start the program again; why not, or ""."""
 
 
-def trouble(row: Row) -> str:
+def trouble(row: ArmRow) -> str:
     """Why the arm will not move, or ""."""
     for bit, reason in SAFETY.items():
         if row.safety_bits >> bit & 1:

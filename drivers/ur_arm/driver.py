@@ -10,7 +10,7 @@ from drivers.errors import DeviceError, PortError, ProtocolError, RefusedError, 
 from drivers.messages import Applied, Command, DeviceInfo, Listen, Stalled, Standstill, Status, Stop
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.host import ArmHost
-from drivers.ur_arm.pipe import Broken, Opened, Row
+from drivers.ur_arm.pipe import ArmRow, Broken, Opened
 from drivers.ur_arm.settings import Axis, UrArmSettings
 from drivers.ur_arm.stream import Streams
 from drivers.wire import NOT_OPEN, Driver
@@ -175,9 +175,9 @@ class UrArm(Driver):
         host = self._host
         if host is not None:
             host.turned()
-            rows: list[Row] = []
+            rows: list[ArmRow] = []
             for message in host.receive():
-                if isinstance(message, Row):
+                if isinstance(message, ArmRow):
                     rows.append(message)
                 else:
                     self._hear(message)

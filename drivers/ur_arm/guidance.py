@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivers.messages import MoveAt
-from drivers.ur_arm.pipe import Row
+from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import Axis, Pose, UrArmSettings, quaternion
 
 CYCLE_S = 0.008
@@ -33,7 +33,7 @@ class Guidance:
         self._settings = settings
         self._axis = Axis(settings)
 
-    def approach(self, goal: MoveAt, row: Row, now_s: float) -> Pose | None:
+    def approach(self, goal: MoveAt, row: ArmRow, now_s: float) -> Pose | None:
         """The twist that brings the tool to its limit, or None where it is there.
 
         It slows down towards the limit, so that the tool comes to rest before it whatever a cycle takes.
@@ -50,7 +50,7 @@ class Guidance:
         )
         return self._axis.twist(sign * speed_m_s)
 
-    def fence(self, row: Row, now_s: float) -> str:
+    def fence(self, row: ArmRow, now_s: float) -> str:
         """Which bound a free motion runs over unless it brakes now, or ""; the way back in is free."""
         settings, axis = self._settings, self._axis
         braking_s = 0.5 * math.hypot(*row.twist[:3]) / settings.stop_m_s2
@@ -141,7 +141,7 @@ def way(start: Pose, end: Pose) -> tuple[float, float]:
     return math.dist(start[:3], end[:3]), 2.0 * math.acos(min(1.0, cosine))
 
 
-def _ahead(row: Row, now_s: float) -> Pose:
+def _ahead(row: ArmRow, now_s: float) -> Pose:
     """Where the tool will be, at its present speed, when the next cycle's command acts."""
     time_s = now_s - row.arrival_s + CYCLE_S
     x, y, z = (row.pose[i] + row.twist[i] * time_s for i in range(3))

@@ -52,7 +52,7 @@ REST: Pose = (0.0,) * 6
 NOT_TAKEN = "the controller does not take it"
 
 
-class State(Enum):
+class MotionState(Enum):
     """What the arm does."""
 
     STANDING = auto()
@@ -87,7 +87,7 @@ class Conductor:
         say: Callable[[Status], None],
         seen: Seen,
     ) -> None:
-        self.state = State.STANDING
+        self.state = MotionState.STANDING
         self._name = name
         self._settings = settings
         self._axis = Axis(settings)
@@ -119,17 +119,17 @@ class Conductor:
             self._stop(command)
         elif isinstance(command, Tare):
             self._tare(command)
-        elif self.state is State.HALTED and not self._recovered(command):
+        elif self.state is MotionState.HALTED and not self._recovered(command):
             return
-        elif self.state is State.STANDING or (
-            self.state is State.SPEEDING and isinstance(command, MoveAt | Twist)
+        elif self.state is MotionState.STANDING or (
+            self.state is MotionState.SPEEDING and isinstance(command, MoveAt | Twist)
         ):
             self._begin(command)
         else:
             self._next = command
-            if self.state is State.SPEEDING:
+            if self.state is MotionState.SPEEDING:
                 self._brake(None)
-            elif self.state is State.TRAVELLING:
+            elif self.state is MotionState.TRAVELLING:
                 self._stop_travel(None)
 
     def pass_over(self, command: Command) -> None:
@@ -140,16 +140,16 @@ class Conductor:
         """One cycle: look at the arm, keep it going."""
         self._seen = seen
         reason = trouble(seen.row)
-        if reason and self.state is not State.HALTED:
+        if reason and self.state is not MotionState.HALTED:
             self._halt(reason)
         self._check_lead()
         {
-            State.STANDING: self._stand,
-            State.SPEEDING: self._keep_speed,
-            State.BRAKING: self._keep_braking,
-            State.TRAVELLING: self._keep_travelling,
-            State.STOPPING: self._keep_stopping,
-            State.HALTED: self._stay_halted,
+            MotionState.STANDING: self._stand,
+            MotionState.SPEEDING: self._keep_speed,
+            MotionState.BRAKING: self._keep_braking,
+            MotionState.TRAVELLING: self._keep_travelling,
+            MotionState.STOPPING: self._keep_stopping,
+            MotionState.HALTED: self._stay_halted,
         }[self.state]()
 
     @property
@@ -183,13 +183,13 @@ class Conductor:
                     self._travel(command, self._settings.start_pose, self._settings.home_speed_m_s)
 
     def _start_speed(self, command: MoveAt | Twist) -> None:
-        self.state = State.SPEEDING
+        self.state = MotionState.SPEEDING
         taken = self._keep_speed()
-        if taken or self.state is State.BRAKING:  # braking: it is over already
+        if taken or self.state is MotionState.BRAKING:  # braking: it is over already
             self._say(Sent(self._now(), self._name, command))
         else:
             self._refuse(command, trouble(self._seen.row) or NOT_TAKEN)
-            if self.state is not State.HALTED:
+            if self.state is not MotionState.HALTED:
                 self._brake(None)
 
     def _travel(self, command: Command, pose: Pose, speed_m_s: float) -> None:
@@ -198,14 +198,14 @@ class Conductor:
         if not self._client.move(pose, speed_m_s, acceleration):
             self._refuse(command, trouble(self._seen.row) or NOT_TAKEN)
             return
-        self.state = State.TRAVELLING
+        self.state = MotionState.TRAVELLING
         self._say(Sent(self._now(), self._name, command))
         # How fast the controller turns a tool is its own affair: a radian may take what a metre takes.
         length = sum(way(self._seen.row.pose, pose))
         self._deadline_s = self._now() + length / speed_m_s + 2.0 * speed_m_s / acceleration + GRACE_S
 
     def _tare(self, command: Tare) -> None:
-        if self.state is not State.STANDING:
+        if self.state is not MotionState.STANDING:
             self._refuse(command, self._halted or "the arm is not standing still")
         elif self._client.zero_force():
             self._say(Sent(self._now(), self._name, command))
@@ -220,7 +220,7 @@ class Conductor:
         if reason:
             self._refuse(command, reason)
             return False
-        self.state, self._halted, self._heard_s = State.STANDING, "", self._now()
+        self.state, self._halted, self._heard_s = MotionState.STANDING, "", self._now()
         self._told = REST
         return True
 
@@ -229,24 +229,24 @@ class Conductor:
     def _stop(self, command: Stop) -> None:
         self._next, self._commanded = None, command.id
         match self.state:
-            case State.SPEEDING | State.BRAKING:
+            case MotionState.SPEEDING | MotionState.BRAKING:
                 self._brake(self._standstill)
-            case State.TRAVELLING:
+            case MotionState.TRAVELLING:
                 self._stop_travel(self._standstill)
-            case State.STANDING | State.STOPPING:
+            case MotionState.STANDING | MotionState.STOPPING:
                 self._settle(self._standstill)
-            case State.HALTED:
+            case MotionState.HALTED:
                 self._ending, self._since_s = self._standstill, self._now()
                 return
         self._say(Sent(self._now(), self._name, command))
 
     def _brake(self, ending: Callable[[], Status] | None) -> None:
         """Take the speed away; the speeds end when the tool stands."""
-        if self.state is not State.BRAKING:
+        if self.state is not MotionState.BRAKING:
             self._since_s = self._now()
             speed_m_s = math.hypot(*self._seen.row.twist[:3])
             self._deadline_s = self._since_s + speed_m_s / self._settings.stop_m_s2 + GRACE_S
-        self.state, self._ending, self._told = State.BRAKING, ending, REST
+        self.state, self._ending, self._told = MotionState.BRAKING, ending, REST
         self._hear(self._client.speed(REST, self._settings.stop_m_s2))
 
     def _stop_travel(self, ending: Callable[[], Status] | None) -> None:
@@ -254,13 +254,13 @@ class Conductor:
         self._settle(ending)
 
     def _settle(self, ending: Callable[[], Status] | None) -> None:
-        self.state, self._ending = State.STOPPING, ending
+        self.state, self._ending = MotionState.STOPPING, ending
         self._since_s = self._now()
         self._deadline_s = self._since_s + GRACE_S
 
     def _rest(self) -> None:
         """The arm stands: say what came of the motion, and begin the next."""
-        self.state, self._goal, self._told = State.STANDING, None, REST
+        self.state, self._goal, self._told = MotionState.STANDING, None, REST
         ending, self._ending = self._ending, None
         if ending is not None:
             self._say(ending())
@@ -273,7 +273,7 @@ class Conductor:
             self._refuse(self._next, reason)
         if self._ending != self._standstill:
             self._ending = None
-        self.state, self._halted, self._next, self._goal = State.HALTED, reason, None, None
+        self.state, self._halted, self._next, self._goal = MotionState.HALTED, reason, None, None
         self._told = REST
         self._since_s = self._now()
         self._deadline_s = self._since_s + HALT_S
@@ -347,9 +347,9 @@ class Conductor:
         if self._next is not None:
             self._refuse(self._next, reason)
             self._next = None
-        if self.state is State.SPEEDING:
+        if self.state is MotionState.SPEEDING:
             self._brake(lambda: self._stalled(reason))
-        elif self.state is State.TRAVELLING:
+        elif self.state is MotionState.TRAVELLING:
             self._stop_travel(lambda: self._stalled(reason))
 
     # --- guidance --------------------------------------------------------------------------------------
@@ -381,7 +381,7 @@ class Conductor:
         """Note whether the controller takes commands; a reason shows in the rows, as a rule at once."""
         if taken:
             self._heard_s = self._now()
-        elif self._now() - self._heard_s > UNHEARD_S and self.state is not State.HALTED:
+        elif self._now() - self._heard_s > UNHEARD_S and self.state is not MotionState.HALTED:
             self._halt("the controller takes no commands")
             # Its watchdog may yet hear what it does not obey.
             self._client.halt()

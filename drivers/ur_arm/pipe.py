@@ -1,6 +1,6 @@
 """What goes through the pipe between the program and the arm's process.
 
-Downwards go `Start` and `drivers.messages` commands; upwards go `Opened`, `Row`, `Broken` and `drivers.messages`
+Downwards go `Start` and `drivers.messages` commands; upwards go `Opened`, `ArmRow`, `Broken` and `drivers.messages`
 statuses. All times in the pipe are the clock's monotonic seconds, which both processes share.
 """
 
@@ -39,7 +39,7 @@ class Start(NamedTuple):
     clock: str
 
 
-class Row(NamedTuple):
+class ArmRow(NamedTuple):
     """One cycle of the controller.
 
     Attributes:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.messages import Lost, SampleBlock, StreamInfo
-from drivers.numbering import DeviceClock, Runs, Track
-from drivers.ur_arm.pipe import Row
+from drivers.numbering import DeviceClock, Runs, StreamTrack
+from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
 RATE_HZ = 500.0
@@ -71,10 +71,10 @@ class Streams:
         self._name = name
         self._axis = Axis(settings)
         self._bench = bench
-        self._track = Track(DeviceClock(MAX_DRIFT_PPM), RATE_HZ)
-        self._runs = Runs[Row]()
+        self._track = StreamTrack(DeviceClock(MAX_DRIFT_PPM), RATE_HZ)
+        self._runs = Runs[ArmRow]()
 
-    def take(self, rows: Sequence[Row]) -> list[Lost]:
+    def take(self, rows: Sequence[ArmRow]) -> list[Lost]:
         """Take rows in order; what was lost between them, for each stream that is listened to.
 
         A row that the client skipped is a jump in the controller's time. A controller whose time has gone back
@@ -107,7 +107,7 @@ class Streams:
             for stream in sorted(self.listening)
         ]
 
-    def _values(self, short: str, rows: Sequence[Row]) -> NDArray[np.float64]:
+    def _values(self, short: str, rows: Sequence[ArmRow]) -> NDArray[np.float64]:
         if short == "position":
             return np.array([[self._axis.position_m(row.pose)] for row in rows])
         return np.array([row.pose if short == "pose" else row.force for row in rows])

@@ -67,7 +67,7 @@ class ChecksumError(CodecError):
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class StageRequest:
     """A command from the host; device or axis 0 means all."""
 
     device: int
@@ -77,7 +77,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class StageReply:
     """The answer to one command."""
 
     device: int
@@ -101,7 +101,7 @@ class Alert:
 
 
 @dataclass(frozen=True, slots=True)
-class Info:
+class StageInfo:
     """A line for people."""
 
     device: int
@@ -110,7 +110,7 @@ class Info:
     text: str
 
 
-Message = Reply | Alert | Info
+Message = StageReply | Alert | StageInfo
 
 
 class LineBuffer:
@@ -136,13 +136,13 @@ def lrc(body: bytes) -> int:
     return -sum(body) & 0xFF
 
 
-def encode_request(request: Request, *, checksum: bool = True) -> bytes:
+def encode_request(request: StageRequest, *, checksum: bool = True) -> bytes:
     """A command as the bytes on the wire."""
     head = f"{request.device} {request.axis}" + ("" if request.id is None else f" {request.id:02d}")
     return _frame("/", f"{head} {request.text}".rstrip(), checksum, "\n")
 
 
-def decode_request(line: bytes) -> Request:
+def decode_request(line: bytes) -> StageRequest:
     """What a device makes of a line.
 
     Raises:
@@ -154,7 +154,7 @@ def decode_request(line: bytes) -> Request:
     while words and len(numbers) < 3 and words[0].isdecimal():
         numbers.append(int(words.pop(0)))
     device, axis, *rest = [*numbers, 0, 0][: max(2, len(numbers))]
-    return Request(device, axis, rest[0] if rest else None, " ".join(words))
+    return StageRequest(device, axis, rest[0] if rest else None, " ".join(words))
 
 
 def encode_message(message: Message, *, checksum: bool = True) -> bytes:
@@ -162,7 +162,7 @@ def encode_message(message: Message, *, checksum: bool = True) -> bytes:
     head = f"{message.device:02d} {message.axis}"
     if not isinstance(message, Alert) and message.id is not None:
         head += f" {message.id:02d}"
-    if isinstance(message, Info):
+    if isinstance(message, StageInfo):
         return _frame("#", f"{head} {message.text}", checksum, "\r\n")
     state = f"{'BUSY' if message.busy else 'IDLE'} {message.flag} {message.data}".rstrip()
     if isinstance(message, Alert):
@@ -190,7 +190,7 @@ def decode_message(line: bytes, *, checksum: bool = True) -> Message:
         if lead != b"!" and rest and rest[0].isdecimal():
             number = int(rest.pop(0))
         if lead == b"#":
-            return Info(device, axis, number, " ".join(rest))
+            return StageInfo(device, axis, number, " ".join(rest))
         accepted = lead == b"!" or _either(rest.pop(0), "OK", "RJ")
         busy = _either(rest.pop(0), "BUSY", "IDLE")
         flag, data = rest[0], " ".join(rest[1:])
@@ -198,7 +198,7 @@ def decode_message(line: bytes, *, checksum: bool = True) -> Message:
         raise CodecError(f"no Zaber ASCII message: {line!r}") from error
     if lead == b"!":
         return Alert(device, axis, busy, flag, data)
-    return Reply(device, axis, number, accepted, busy, flag, data)
+    return StageReply(device, axis, number, accepted, busy, flag, data)
 
 
 def meaning(flag: str) -> str:

@@ -14,7 +14,7 @@ AXIS = 1
 
 
 @dataclass(slots=True, eq=False)
-class Question:
+class StageQuestion:
     """A command on its way: monotonic times in seconds, of its first and of its last writing."""
 
     text: str
@@ -24,15 +24,15 @@ class Question:
     attempts: int = 1
 
 
-class Answer(NamedTuple):
+class StageAnswer(NamedTuple):
     """A reply, with the monotonic times at which its question was written and at which it arrived."""
 
-    reply: codec.Reply
+    reply: codec.StageReply
     sent_s: float
     arrival_s: float
 
 
-class Dialogue:
+class StageDialogue:
     """What was asked and is not answered yet.
 
     A question without an answer is asked again, under a new id, every `retry_s`: each command of this
@@ -63,21 +63,21 @@ class Dialogue:
         self._retry_s = retry_s
         self._timeout_s = timeout_s
         self._lines = codec.LineBuffer()
-        self._open: dict[int, Question] = {}
+        self._open: dict[int, StageQuestion] = {}
         self._next_id = 0
 
-    def ask(self, text: str) -> Question:
+    def ask(self, text: str) -> StageQuestion:
         """Write a question, whatever else is open."""
         now_s = self._clock.monotonic_s()
-        question = Question(text, self._next_id, now_s, now_s)
+        question = StageQuestion(text, self._next_id, now_s, now_s)
         self._write(question)
         return question
 
-    def withdraw(self, question: Question) -> None:
+    def withdraw(self, question: StageQuestion) -> None:
         """Neither repeat a question nor hear its answer."""
         self._open.pop(question.id, None)
 
-    def turn(self) -> list[tuple[Question, Answer]]:
+    def turn(self) -> list[tuple[StageQuestion, StageAnswer]]:
         """The answers that have arrived, in order; repeats what is overdue."""
         answered = []
         for arrival_s, data in self._link.receive():
@@ -86,18 +86,18 @@ class Dialogue:
                 reply = self._decode(line)
                 question = self._open.pop(reply.id, None) if reply and reply.id is not None else None
                 if reply and question:
-                    answered.append((question, Answer(reply, question.sent_s, arrival_s)))
+                    answered.append((question, StageAnswer(reply, question.sent_s, arrival_s)))
         self._repeat(self._clock.monotonic_s())
         return answered
 
-    def _decode(self, line: bytes) -> codec.Reply | None:
+    def _decode(self, line: bytes) -> codec.StageReply | None:
         try:
             message = codec.decode_message(line, checksum=self.checksums_due)
         except codec.CodecError:
             return None
         self.garbage = b""
-        mine = isinstance(message, codec.Reply) and message.device == self._address
-        return message if mine and isinstance(message, codec.Reply) else None
+        mine = isinstance(message, codec.StageReply) and message.device == self._address
+        return message if mine and isinstance(message, codec.StageReply) else None
 
     def _repeat(self, now_s: float) -> None:
         for question in list(self._open.values()):
@@ -110,10 +110,10 @@ class Dialogue:
                 self._write(question)
         self.fault = self._link.fault or self.fault
 
-    def _write(self, question: Question) -> None:
+    def _write(self, question: StageQuestion) -> None:
         question.id = self._next_id
         self._next_id = (self._next_id + 1) % codec.IDS
         self._open[question.id] = question
-        request = codec.Request(self._address, AXIS, question.id, question.text)
+        request = codec.StageRequest(self._address, AXIS, question.id, question.text)
         question.sent_s = self._link.send(codec.encode_request(request)) or self._clock.monotonic_s()
         self.fault = self._link.fault or self.fault

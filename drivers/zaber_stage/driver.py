@@ -28,9 +28,17 @@ from drivers.numbering import Runs
 from drivers.wire import WireDriver
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import doing, valid
-from drivers.zaber_stage.dialogue import Answer, Dialogue, Question
+from drivers.zaber_stage.dialogue import StageAnswer, StageDialogue, StageQuestion
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
-from drivers.zaber_stage.procedures import Found, Line, Moving, Opening, Procedures, RejectedError, Way
+from drivers.zaber_stage.procedures import (
+    Moving,
+    Opening,
+    Procedures,
+    RejectedError,
+    StageFound,
+    StageLine,
+    StageWay,
+)
 
 OPEN_TURN_S = 0.0005
 """Pause between two looks at the port while opening (assumption: a tenth of an exchange at 115,200 baud)."""
@@ -81,12 +89,12 @@ class ZaberStage(WireDriver[SerialLink]):
         self._waiting: Command | None = None  # not yet begun
         self._command: Command | None = None  # of the procedure
         self._procedure: Moving | Opening | None = None
-        self._question: Question | None = None  # of the procedure
-        self._poll: Question | None = None  # for the position
-        self._halt: Question | None = None
-        self._renewal: Question | None = None  # sends it on
+        self._question: StageQuestion | None = None  # of the procedure
+        self._poll: StageQuestion | None = None  # for the position
+        self._halt: StageQuestion | None = None
+        self._renewal: StageQuestion | None = None  # sends it on
         self._motion: Command | None = None  # the stage is on its way
-        self._way: Way | None = None  # of the motion; None on the way home
+        self._way: StageWay | None = None  # of the motion; None on the way home
         self._stopping: Stop | None = None  # not yet answered
         self._since_s = -math.inf  # answers to older questions say nothing of this motion
         self._asked_s = -math.inf
@@ -95,7 +103,7 @@ class ZaberStage(WireDriver[SerialLink]):
     def _identify(self, link: SerialLink) -> DeviceInfo:
         """A stage that is found moving, left so by a host that died, is stopped."""
         s = self._settings
-        dialogue = Dialogue(link, s.address, self._clock, retry_s=s.retry_s, timeout_s=s.reply_timeout_s)
+        dialogue = StageDialogue(link, s.address, self._clock, retry_s=s.retry_s, timeout_s=s.reply_timeout_s)
         found = self._converse(link, dialogue, self._procedures.identify())
         dialogue.checksums_due = found.checksums
         self._dialogue = dialogue
@@ -193,7 +201,7 @@ class ZaberStage(WireDriver[SerialLink]):
             self._proceed(dialogue)
         return None
 
-    def _proceed(self, dialogue: Dialogue) -> None:
+    def _proceed(self, dialogue: StageDialogue) -> None:
         watched = self._listening or self._stopping is not None or self._motion is not None
         interval_s = self._settings.position_interval_s if watched else self._settings.idle_interval_s
         if self._waiting is not None:
@@ -204,7 +212,7 @@ class ZaberStage(WireDriver[SerialLink]):
             self._poll = dialogue.ask("get pos")
             self._asked_s = self._poll.sent_s
 
-    def _ask(self, dialogue: Dialogue, line: Line) -> None:
+    def _ask(self, dialogue: StageDialogue, line: StageLine) -> None:
         self._question = dialogue.ask(line.text)
         if line.decisive and self._command is not None and dialogue.fault is None:
             self._since_s = self._question.sent_s
@@ -213,7 +221,7 @@ class ZaberStage(WireDriver[SerialLink]):
 
     # what is heard
 
-    def _hear(self, dialogue: Dialogue, question: Question, answer: Answer) -> None:
+    def _hear(self, dialogue: StageDialogue, question: StageQuestion, answer: StageAnswer) -> None:
         if question is self._poll:
             self._poll = None
             self._observe(dialogue, question, answer)
@@ -230,7 +238,7 @@ class ZaberStage(WireDriver[SerialLink]):
         elif question is self._question:
             self._advance(dialogue, answer)
 
-    def _advance(self, dialogue: Dialogue, answer: Answer) -> None:
+    def _advance(self, dialogue: StageDialogue, answer: StageAnswer) -> None:
         """Give the procedure its reply, and say its next line."""
         command, procedure = self._command, self._procedure
         assert command is not None
@@ -244,7 +252,7 @@ class ZaberStage(WireDriver[SerialLink]):
             self._question = self._procedure = self._command = None
             self._refuse(command, str(rejection))
 
-    def _observe(self, dialogue: Dialogue, question: Question, answer: Answer) -> None:
+    def _observe(self, dialogue: StageDialogue, question: StageQuestion, answer: StageAnswer) -> None:
         """Take a position, and what the stage says of itself beside it."""
         reply = answer.reply
         if not (reply.accepted and reply.data.lstrip("-").isdecimal()):
@@ -270,7 +278,7 @@ class ZaberStage(WireDriver[SerialLink]):
         if not reply.busy:
             self._stand_still(t_s, counts)
 
-    def _send_on(self, dialogue: Dialogue, ahead: Way, *, standing: bool) -> None:
+    def _send_on(self, dialogue: StageDialogue, ahead: StageWay, *, standing: bool) -> None:
         self._way = ahead
         self._renewal = dialogue.ask(self._procedures.towards(ahead).text)
         self._renewals += 1
@@ -309,7 +317,7 @@ class ZaberStage(WireDriver[SerialLink]):
 
     # the rest
 
-    def _converse(self, link: SerialLink, dialogue: Dialogue, procedure: Opening) -> Found:
+    def _converse(self, link: SerialLink, dialogue: StageDialogue, procedure: Opening) -> StageFound:
         """Carry a procedure through, waiting for each reply."""
         question = dialogue.ask(next(procedure).text)
         try:
@@ -319,7 +327,7 @@ class ZaberStage(WireDriver[SerialLink]):
                         question = dialogue.ask(procedure.send(answer.reply).text)
                 self._clock.rest(OPEN_TURN_S)
         except StopIteration as end:
-            found: Found = end.value
+            found: StageFound = end.value
             return found
         except RejectedError as rejection:
             advice = "hold travel and speed in the profile against the stage's data sheet"

@@ -19,7 +19,7 @@ RENEWED_SHARE = 0.25
 """How much of the blind travel is used up before the stage is sent on (assumption: it leaves three more chances)."""
 
 
-class Line(NamedTuple):
+class StageLine(NamedTuple):
     """What is said next; `decisive` where it is the line that sets the stage in motion."""
 
     text: str
@@ -31,7 +31,7 @@ class RejectedError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class StageFound:
     """What opening found and set; limits as the device has them, in metres from its home end."""
 
     device_id: str
@@ -45,7 +45,7 @@ class Found:
     checksums: bool
 
 
-class Way(NamedTuple):
+class StageWay(NamedTuple):
     """Where a motion leads, in counts.
 
     Attributes:
@@ -61,8 +61,8 @@ class Way(NamedTuple):
     blind_travel_m: float
 
 
-Opening = Generator[Line, codec.Reply, Found]
-Moving = Generator[Line, codec.Reply, Way | None]
+Opening = Generator[StageLine, codec.StageReply, StageFound]
+Moving = Generator[StageLine, codec.StageReply, StageWay | None]
 """Ends with the stage's way, or None where it goes to its home end."""
 
 
@@ -87,13 +87,13 @@ class Procedures:
             RejectedError: it does not take a limit.
         """
         s, mounting = self._settings, self._mounting
-        status = yield Line("")
+        status = yield StageLine("")
         if status.busy:
-            yield from _accepted(Line("stop"))
-        checksums = (yield Line("set comm.checksum 1")).accepted
-        device_id = yield from _accepted(Line("get deviceid"))
-        serial = yield from _accepted(Line("get system.serial"))
-        firmware = yield from _accepted(Line("get version"))
+            yield from _accepted(StageLine("stop"))
+        checksums = (yield StageLine("set comm.checksum 1")).accepted
+        device_id = yield from _accepted(StageLine("get deviceid"))
+        serial = yield from _accepted(StageLine("get system.serial"))
+        firmware = yield from _accepted(StageLine("get version"))
         acceleration = yield from _asked("accel")
         self._acceleration_m_s2 = codec.acceleration_m_s2(acceleration, s.microstep_m)
         for name in ("limit.min", "limit.max"):
@@ -101,8 +101,8 @@ class Procedures:
         found_m = self._limits_m()
         yield from self._set_limits(mounting.lowest, mounting.highest)
         yield from _set("maxspeed", codec.velocity_data(s.max_speed_m_s, s.microstep_m))
-        warnings = yield from _accepted(Line("warnings clear"))
-        return Found(
+        warnings = yield from _accepted(StageLine("warnings clear"))
+        return StageFound(
             device_id=device_id.data,
             serial=serial.data,
             firmware=firmware.data,
@@ -120,9 +120,9 @@ class Procedures:
         Raises:
             RejectedError: it is not homed, is beyond the limit, or rejects a line.
         """
-        warnings = yield from _accepted(Line("warnings clear"))
+        warnings = yield from _accepted(StageLine("warnings clear"))
         if not isinstance(command, MoveAt | MoveTo):
-            yield from _accepted(Line("home", decisive=True))
+            yield from _accepted(StageLine("home", decisive=True))
             return None
         if codec.UNHOMED.intersection(warnings.data.split()):
             raise RejectedError(NOT_HOMED)
@@ -138,22 +138,22 @@ class Procedures:
             raise RejectedError(reason)
         speed = max(1, codec.velocity_data(abs(velocity_m_s), self._settings.microstep_m))
         bound = mounting.ahead(here, target, command.blind_travel_m)
-        way = Way(target, bound, speed, command.blind_travel_m)
+        way = StageWay(target, bound, speed, command.blind_travel_m)
         yield from _accepted(self.towards(way))
         return way
 
-    def towards(self, way: Way) -> Line:
+    def towards(self, way: StageWay) -> StageLine:
         """What sends the stage to the bound of its way. Said of one that moves, it goes on at its speed."""
-        return Line(f"move abs {self._mounting.device(way.bound)} {way.speed}", decisive=True)
+        return StageLine(f"move abs {self._mounting.device(way.bound)} {way.speed}", decisive=True)
 
-    def renewed(self, way: Way, here: int) -> Way | None:
+    def renewed(self, way: StageWay, here: int) -> StageWay | None:
         """The way with its bound moved on; None where that may wait until more of what was given is used up."""
         bound = self._mounting.ahead(here, way.target, way.blind_travel_m)
         used = abs(bound - way.bound) * self._settings.microstep_m
         enough = used >= RENEWED_SHARE * way.blind_travel_m or (bound == way.target and used)
         return way._replace(bound=bound) if enough else None
 
-    def _set_limits(self, lowest: int, highest: int) -> Generator[Line, codec.Reply, None]:
+    def _set_limits(self, lowest: int, highest: int) -> Generator[StageLine, codec.StageReply, None]:
         """Writes what differs, for the device keeps its limits in flash; the wider end comes first."""
         wanted = self._mounting.limits(lowest, highest)
         held = {name: self._limits.get(name, value) for name, value in wanted.items()}
@@ -175,7 +175,7 @@ class Procedures:
         )
 
 
-def _accepted(line: Line) -> Generator[Line, codec.Reply, codec.Reply]:
+def _accepted(line: StageLine) -> Generator[StageLine, codec.StageReply, codec.StageReply]:
     reply = yield line
     if not reply.accepted:
         reason = codec.REJECTIONS.get(reply.data, "it does not say why")
@@ -183,17 +183,17 @@ def _accepted(line: Line) -> Generator[Line, codec.Reply, codec.Reply]:
     return reply
 
 
-def _asked(setting: str) -> Generator[Line, codec.Reply, int]:
-    reply = yield from _accepted(Line(f"get {setting}"))
+def _asked(setting: str) -> Generator[StageLine, codec.StageReply, int]:
+    reply = yield from _accepted(StageLine(f"get {setting}"))
     try:
         return int(reply.data)
     except ValueError:
         raise RejectedError(f"it answers 'get {setting}' with {reply.data!r}") from None
 
 
-def _set(setting: str, value: int) -> Generator[Line, codec.Reply, None]:
+def _set(setting: str, value: int) -> Generator[StageLine, codec.StageReply, None]:
     """Sets and reads back."""
-    yield from _accepted(Line(f"set {setting} {value}"))
+    yield from _accepted(StageLine(f"set {setting} {value}"))
     held = yield from _asked(setting)
     if held != value:
         raise RejectedError(f"it was told {setting} = {value} and holds {held}")

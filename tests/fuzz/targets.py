@@ -38,8 +38,8 @@ from drivers.can_frame import CanFrame
 from drivers.can_gripper import codec as gripper
 from drivers.clock import VirtualClock
 from drivers.dsa_matrix import codec as dsa
-from drivers.dsa_matrix.frames import Frames
-from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
+from drivers.dsa_matrix.frames import MatrixFrames
+from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
 from drivers.errors import DeviceError
 from drivers.messages import StreamInfo
 from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
@@ -60,7 +60,7 @@ from drivers.mock.physics.stage_axis import StageAxis
 from drivers.mock.wiring.control_port import ControlPort
 from drivers.operator import codec as person
 from drivers.sensor_board import codec as board
-from drivers.sensor_board.framing import FrameDecoder, frame
+from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from drivers.sensor_board.streams import BoardStreams
 from drivers.zaber_stage import codec as zaber
 from tests.contracts.audio_suite import SteadyFingers
@@ -101,7 +101,7 @@ def _halves(data: bytes) -> tuple[bytes, ...]:
 
 def _board(data: bytes) -> None:
     streams = BoardStreams(BOARD_STREAMS, VirtualClock(), 200.0)
-    decoder = FrameDecoder()
+    decoder = BoardFrameDecoder()
     bodies = [body for piece in _halves(data) for body in decoder.feed(piece)]
     for place, body in enumerate((*bodies, *data.split(b"\xff\x00\xff"))):
         with suppress(board.CodecError):
@@ -163,7 +163,7 @@ def _zaber(data: bytes) -> None:
         stage.receive(text + b"\n", 0.1 * place)
         with suppress(UnicodeDecodeError):
             body = text.decode("ascii")
-            stage.receive(zaber.encode_request(zaber.Request(1, 0, place % 100, body)), 0.1 * place)
+            stage.receive(zaber.encode_request(zaber.StageRequest(1, 0, place % 100, body)), 0.1 * place)
     stage.step(1.0)
 
 
@@ -219,9 +219,9 @@ def _slcan_seeds() -> Iterable[bytes]:
 def _dsacon(data: bytes) -> None:
     decoder = PacketDecoder()
     packets = [packet for piece in _halves(data) for packet in decoder.feed(piece)] + decoder.flush()
-    packets += [Packet(part[0], part[1:]) for part in data.split(b"\xaa\xbb") if part]
+    packets += [MatrixPacket(part[0], part[1:]) for part in data.split(b"\xaa\xbb") if part]
     info = StreamInfo("dsa.taxels", ("a", "b"), "V", 1e-3, 100.0)
-    frames = Frames("dsa", info, VirtualClock(), 200.0)
+    frames = MatrixFrames("dsa", info, VirtualClock(), 200.0)
     for place, packet in enumerate(packets):
         with suppress(dsa.CodecError):
             answer = dsa.decode_answer(packet)
@@ -307,7 +307,7 @@ def _audio(data: bytes) -> None:
 
 def _audio_seeds() -> Iterable[bytes]:
     counts = np.arange(12, dtype=np.int32).reshape(6, 2)
-    yield b"\x10" + sound.encode(sound.Sound(2**33, counts)) + sound.encode(sound.Words(5, {"reply": 1}))
+    yield b"\x10" + sound.encode(sound.Sound(2**33, counts)) + sound.encode(sound.SoundWords(5, {"reply": 1}))
     words = [
         {"do": "hello", "tag": 1},
         {"do": "start", "tag": 2},

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.barrett_hand import codec
-from drivers.barrett_hand.strain import StrainSettings
+from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.can_frame import CanFrame
 
 Fault = Literal["silent", "saturate"]
@@ -25,13 +25,13 @@ class FingerForces(Protocol):
         """Force at a fingertip, compression positive, at ascending times up to the present; shape (n,)."""
 
 
-def counts(forces_n: NDArray[np.float64], settings: StrainSettings) -> NDArray[np.int64]:
+def counts(forces_n: NDArray[np.float64], settings: FingerStrainSettings) -> NDArray[np.int64]:
     """What a gauge reads under forces; same shape."""
     ideal = np.rint(forces_n / settings.newton_per_count) + settings.zero_counts
     return np.asarray(np.clip(np.nan_to_num(ideal, nan=0.0), 0, codec.COUNTS_MAX), dtype=np.int64)
 
 
-class EmulatedBarrettHandSettings(StrainSettings):
+class EmulatedBarrettHandSettings(FingerStrainSettings):
     """What the emulated hand is."""
 
     mode: int = Field(default=0, ge=0, le=8)
@@ -84,7 +84,7 @@ class EmulatedBarrettHand:
             return []
         values = {node: self._value(node, request.property, t_s) for node in nodes}
         return [
-            codec.encode_reply(codec.Reply(node, request.property, value))
+            codec.encode_reply(codec.HandReply(node, request.property, value))
             for node, value in values.items()
             if value is not None
         ]

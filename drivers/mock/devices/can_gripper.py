@@ -13,20 +13,20 @@ from drivers.can_gripper import units
 from drivers.can_gripper.codec import CodecError, decode_order, encode_answer
 from drivers.can_gripper.words import (
     Answer,
-    Ask,
-    Beat,
-    Code,
-    Drive,
+    AskState,
+    DriveOrder,
     Encoder,
-    Errors,
-    Finding,
+    GripFinding,
+    GripperCode,
+    GripperErrors,
+    GripperInfo,
+    GripperState,
+    Heartbeat,
     HeartbeatPeriod,
-    Info,
     Number,
     Order,
     Plain,
     Poll,
-    State,
     Watchdog,
 )
 from drivers.settings import Settings
@@ -37,7 +37,7 @@ Fault = Literal["stall", "overheat", "reboot", "silent"]
 class JawsSource(Protocol):
     """The drive and jaws that the gripper moves. Its time is the one that is handed to the gripper."""
 
-    finding: Finding
+    finding: GripFinding
     calibrated: bool
     current_ma: float
 
@@ -94,10 +94,11 @@ class EmulatedCanGripperSettings(Settings):
 class EmulatedCanGripper:
     """Answers as the gripper does.
 
-    Its habits, all of the firmware's: orders but `Drive` and `Poll` have no answer; a `Drive` is answered with the
-    state before it; a fault puts the drive to sleep and stays until `CLEAR_ERROR`, and an emergency stop that
-    came in a `Drive` until a `Drive` without it has come as well; faults do not undo the calibration; a `Drive`
-    breaks a calibration off; only `Poll`, `Drive` and questions feed the watchdog, whose action is never used.
+    Its habits, all of the firmware's: orders but `DriveOrder` and `Poll` have no answer; a `DriveOrder` is answered
+    with the state before it; a fault puts the drive to sleep and stays until `CLEAR_ERROR`, and an emergency stop that
+    came in a `DriveOrder` until a `DriveOrder` without it has come as well; faults do not undo the calibration; a
+    `DriveOrder` breaks a calibration off; only `Poll`, `DriveOrder` and questions feed the watchdog, whose action
+    is never used.
 
     Args:
         settings: What it is.
@@ -111,7 +112,7 @@ class EmulatedCanGripper:
 
     def _power_up(self) -> None:
         self._faults: set[str] = set()
-        self._drive = Drive(0, 0, 0, activate=False, go=False)
+        self._drive = DriveOrder(0, 0, 0, activate=False, go=False)
         self._awake = False
         self._watchdog_s = math.inf
         self._fed_s: float | None = None
@@ -128,7 +129,7 @@ class EmulatedCanGripper:
             return []
         if node != self._settings.node or self._silent:
             return []
-        if isinstance(order, Ask | Poll | Drive):
+        if isinstance(order, AskState | Poll | DriveOrder):
             self._fed_s = t_s
         answer = self._obey(order, t_s)
         return [] if answer is None else [self._said(answer, t_s)]
@@ -138,7 +139,7 @@ class EmulatedCanGripper:
         self._run(t_s)
         if self._silent or self._said_s is None or t_s - self._said_s < self._heartbeat_s:
             return []
-        return [self._said(Beat(Code.HEARTBEAT), t_s)]
+        return [self._said(Heartbeat(GripperCode.HEARTBEAT), t_s)]
 
     def inject(self, kind: str, t_s: float) -> None:
         """Break something at `t_s`.
@@ -188,11 +189,11 @@ class EmulatedCanGripper:
 
     def _obey(self, order: Order, t_s: float) -> Answer | None:
         match order:
-            case Ask(code=code):
+            case AskState(code=code):
                 return self._answers()[code]()
             case Poll():
                 return self._state()
-            case Drive():
+            case DriveOrder():
                 state = self._state()
                 self._go(order)
                 return state
@@ -206,7 +207,7 @@ class EmulatedCanGripper:
                 self._heartbeat_s = period_ms * 1e-3 if period_ms else math.inf
         return None
 
-    def _go(self, order: Drive) -> None:
+    def _go(self, order: DriveOrder) -> None:
         repeated, self._drive = order == self._drive, order
         if order.estop:
             self._break("emergency stop of a drive")
@@ -219,35 +220,35 @@ class EmulatedCanGripper:
             speed_ticks_s = units.speed_ticks_s(order.speed)
             self._source.go(order.position / units.POSITION_COUNTS, speed_ticks_s, order.current_ma)
 
-    def _plain(self, code: Code) -> None:
-        if code is Code.CLEAR_ERROR:
-            # It would be raised again at the next tick: an emergency stop in a `Drive` is a level.
+    def _plain(self, code: GripperCode) -> None:
+        if code is GripperCode.CLEAR_ERROR:
+            # It would be raised again at the next tick: an emergency stop in a `DriveOrder` is a level.
             self._faults &= {"emergency stop of a drive"} if self._drive.estop else set()
             self._sleep()
-        elif code is Code.ESTOP:
+        elif code is GripperCode.ESTOP:
             self._break("emergency stop")
-        elif code is Code.IDLE:
+        elif code is GripperCode.IDLE:
             self._sleep()
-        elif code is Code.CALIBRATE and not self._faults:
+        elif code is GripperCode.CALIBRATE and not self._faults:
             self._awake = False
             self._source.calibrate()
 
-    def _answers(self) -> dict[Code, Callable[[], Answer]]:
+    def _answers(self) -> dict[GripperCode, Callable[[], Answer]]:
         s, source = self._settings, self._source
         hot = "over temperature" in self._faults
         return {
-            Code.PING: lambda: Beat(Code.PING),
-            Code.TEMPERATURE: lambda: Number(Code.TEMPERATURE, 80 if hot else s.temperature_c),
-            Code.VOLTAGE: lambda: Number(Code.VOLTAGE, s.supply_mv),
-            Code.INFO: lambda: Info(s.hardware, 25, s.software, s.serial),
-            Code.ERRORS: lambda: Errors(frozenset(self._faults)),
-            Code.CURRENT: lambda: Number(Code.CURRENT, round(source.current_ma)),
-            Code.ENCODER: lambda: Encoder(source.ticks, round(source.ticks_s)),
+            GripperCode.PING: lambda: Heartbeat(GripperCode.PING),
+            GripperCode.TEMPERATURE: lambda: Number(GripperCode.TEMPERATURE, 80 if hot else s.temperature_c),
+            GripperCode.VOLTAGE: lambda: Number(GripperCode.VOLTAGE, s.supply_mv),
+            GripperCode.INFO: lambda: GripperInfo(s.hardware, 25, s.software, s.serial),
+            GripperCode.ERRORS: lambda: GripperErrors(frozenset(self._faults)),
+            GripperCode.CURRENT: lambda: Number(GripperCode.CURRENT, round(source.current_ma)),
+            GripperCode.ENCODER: lambda: Encoder(source.ticks, round(source.ticks_s)),
         }
 
-    def _state(self) -> State:
+    def _state(self) -> GripperState:
         source = self._source
-        return State(
+        return GripperState(
             position=round(source.closed_share * units.POSITION_COUNTS),
             current_ma=round(source.current_ma),
             finding=source.finding,

@@ -217,9 +217,9 @@ class EmulatedDsaMatrix:
         self._refusals = max(0, self._refusals - 1)
         s = self._settings
         match request:
-            case codec.Ask(id=codec.Id.CONTROLLER):
+            case codec.AskMatrices(id=codec.Id.CONTROLLER):
                 return codec.ControllerInfo(error, s.serial, 0x10, s.software, 0x80 | self._acquire.run << 6)
-            case codec.Ask():
+            case codec.AskMatrices():
                 return codec.SensorInfo(error, len(self._matrices), 0x10, 3210)
             case codec.AskMatrix(id=codec.Id.MATRIX, matrix=number):
                 return self._matrix(number, error)

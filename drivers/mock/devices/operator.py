@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivers.errors import RefusedError
 from drivers.mock.physics.weight_set import Hands, HandSettings, WeightBench
-from drivers.operator.codec import Answer, Hello, LineDecoder, Request, encode
+from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, PersonRequest, encode
 
 
 class EmulatedPersonSettings(HandSettings):
@@ -23,7 +23,7 @@ class EmulatedPerson:
         self._settings = settings
         self._hands = Hands(settings, bench)
         self._decoder = LineDecoder()
-        self._asked: Request | None = None
+        self._asked: PersonRequest | None = None
         self._due_s = 0.0
         self._unwilling = False
 
@@ -31,10 +31,10 @@ class EmulatedPerson:
         """Take bytes from the host; a hello is answered at once."""
         out = b""
         for message in self._decoder.feed(data):
-            if isinstance(message, Hello):
+            if isinstance(message, PersonHello):
                 self._asked = None
-                out += encode(Hello("emulated person"))
-            elif isinstance(message, Request):
+                out += encode(PersonHello("emulated person"))
+            elif isinstance(message, PersonRequest):
                 self._asked, self._due_s = message, t_s + self._settings.answer_s
         return out
 
@@ -44,13 +44,13 @@ class EmulatedPerson:
             return b""
         asked, self._asked = self._asked, None
         if self._unwilling:
-            return encode(Answer(asked.number, False, "that cannot be done"))
+            return encode(PersonAnswer(asked.number, False, "that cannot be done"))
         if asked.bridge is not None:
             try:
                 self._hands.hang(t_s, asked.bridge, asked.force_n)
             except RefusedError as error:
-                return encode(Answer(asked.number, False, f"{error.reason}; {error.advice}"))
-        return encode(Answer(asked.number, True))
+                return encode(PersonAnswer(asked.number, False, f"{error.reason}; {error.advice}"))
+        return encode(PersonAnswer(asked.number, True))
 
     def inject(self, kind: str, t_s: float) -> None:
         """From now on it says no ("refuse").

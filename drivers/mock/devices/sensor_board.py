@@ -12,19 +12,19 @@ from pydantic import Field
 from drivers.mock.devices.board_channels import BoardClock, BoardSource, Channel
 from drivers.sensor_board.codec import (
     TIME_MODULUS,
-    Code,
+    BoardCode,
+    BoardHello,
+    BoardReply,
     CodecError,
     CommandFrame,
-    Hello,
     HelloStream,
-    Reply,
     ReplyStatus,
     Samples,
     Times,
     decode,
     encode,
 )
-from drivers.sensor_board.framing import FrameDecoder
+from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.settings import Settings
 
 Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "busy", "reboot", "restart"]
@@ -80,7 +80,7 @@ class EmulatedSensorBoard:
             Channel(number, spec, settings.adc_bits.get(spec.name, 32), settings.tare_samples)
             for number, spec in enumerate(source.streams())
         ]
-        self._line = FrameDecoder()
+        self._line = BoardFrameDecoder()
         self._outbox = bytearray()
         self._clock: BoardClock | None = None
         self._watchdog_s = math.inf
@@ -90,13 +90,13 @@ class EmulatedSensorBoard:
         self._spoiled = 0
         self._answers: list[ReplyStatus] = []
         self._orders: Mapping[int, Callable[[int, BoardClock], bool]] = {
-            Code.HELLO: self._hello,
-            Code.START: self._start,
-            Code.STOP: self._stop,
-            Code.EXCITE: self._excite,
-            Code.TENDON: self._tendon,
-            Code.TARE: self._tare,
-            Code.WATCHDOG: self._watch,
+            BoardCode.HELLO: self._hello,
+            BoardCode.START: self._start,
+            BoardCode.STOP: self._stop,
+            BoardCode.EXCITE: self._excite,
+            BoardCode.TENDON: self._tendon,
+            BoardCode.TARE: self._tare,
+            BoardCode.WATCHDOG: self._watch,
         }
 
     def receive(self, data: bytes, t_s: float) -> bytes:
@@ -110,7 +110,7 @@ class EmulatedSensorBoard:
             if isinstance(command, CommandFrame):
                 self._fed_s = t_s
                 status = self._answers.pop(0) if self._answers else self._obey(command, clock)
-                self._outbox += encode(Reply(command.code, command.tag, status))
+                self._outbox += encode(BoardReply(command.code, command.tag, status))
         return self._take()
 
     def step(self, t_s: float) -> bytes:
@@ -240,7 +240,7 @@ class EmulatedSensorBoard:
         )
         # A delimiter ahead: who has just begun to listen takes nothing before one.
         self._outbox += b"\0" + encode(
-            Hello(board=s.board, serial=s.serial, version=s.firmware, streams=streams)
+            BoardHello(board=s.board, serial=s.serial, version=s.firmware, streams=streams)
         )
         return True
 

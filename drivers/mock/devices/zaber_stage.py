@@ -178,11 +178,11 @@ class EmulatedZaberStage:
             accepted, data = False, str(rejection)
         flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
         address = self._settings.address
-        reply = codec.Reply(address, request.axis, request.id, accepted, self._moving, flag, data)
+        reply = codec.StageReply(address, request.axis, request.id, accepted, self._moving, flag, data)
         checksum = self._values["comm.checksum"] == 1
         return b"" if self._silent else self._spoil(codec.encode_message(reply, checksum=checksum), t_s)
 
-    def _obey(self, request: codec.Request, t_s: float) -> str:
+    def _obey(self, request: codec.StageRequest, t_s: float) -> str:
         if request.axis not in (0, 1):
             raise _RejectedError("BADAXIS")
         verb, *words = request.text.split() or [""]

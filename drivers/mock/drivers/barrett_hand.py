@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
-from drivers.barrett_hand.strain import Strain, StrainSettings
+from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.clock import Clock, last_tick
 from drivers.errors import check_streams, wrong
 from drivers.messages import (
@@ -34,7 +34,7 @@ class HandBench(Protocol):
         """What they feel; its time is the bench's."""
 
 
-class MockBarrettHandSettings(StrainSettings):
+class MockBarrettHandSettings(FingerStrainSettings):
     """The mock hand."""
 
     fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
@@ -78,7 +78,7 @@ class MockBarrettHand(MockSensor):
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
         s = self._settings
-        strains = [Strain(self.name, finger, s.poll_hz, s) for finger in s.fingers]
+        strains = [FingerStrain(self.name, finger, s.poll_hz, s) for finger in s.fingers]
         self._strains = {strain.info.name: strain for strain in strains}
         self._fingers = dict(zip(self._strains, s.fingers, strict=True))
         self._next: dict[str, int] = {}

@@ -11,7 +11,7 @@ from pydantic import Field
 from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, valid
 from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
 from drivers.can_gripper.watch import Watch
-from drivers.can_gripper.words import Drive, State
+from drivers.can_gripper.words import DriveOrder, GripperState
 from drivers.clock import Clock, last_tick
 from drivers.messages import (
     Applied,
@@ -98,10 +98,10 @@ class MockCanGripper(MockDriver):
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
         self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
-        self._order = Drive(0, 0, 0)
+        self._order = DriveOrder(0, 0, 0)
         self._heard: frozenset[str] = frozenset()
         self._asked = 0
-        self._samples: list[tuple[int, State]] = []
+        self._samples: list[tuple[int, GripperState]] = []
         super().restart()
 
     def open(self) -> DeviceInfo:
@@ -219,7 +219,7 @@ class MockCanGripper(MockDriver):
         else:
             self._bench.jaws.sleep()
 
-    def _go(self, order: Drive) -> None:
+    def _go(self, order: DriveOrder) -> None:
         self._order = order
         self._bench.jaws.go(order.position / POSITION_COUNTS, speed_ticks_s(order.speed), order.current_ma)
 
@@ -239,9 +239,9 @@ class MockCanGripper(MockDriver):
                 self._samples.append((self._asked, state))
         self._bench.jaws.advance(now_s)
 
-    def _state(self) -> State:
+    def _state(self) -> GripperState:
         jaws = self._bench.jaws
-        return State(
+        return GripperState(
             position=round(jaws.closed_share * POSITION_COUNTS),
             current_ma=round(jaws.current_ma),
             finding=jaws.finding,

@@ -32,7 +32,7 @@ class Segment(NamedTuple):
 SILENCE = Segment(-math.inf, 0.0, 0.0, 0.0, math.inf)
 
 
-class Drive:
+class AuraDrive:
     """One drive for both fingers.
 
     A tone's phase is zero at frame 0 of the converter, whenever it was switched on; a sweep's where it begins.

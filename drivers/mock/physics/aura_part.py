@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.physics.aura import ENVELOPE_HZ, FINGERS, LEFT, RIGHT, AuraPlant
-from drivers.mock.physics.aura_drive import FRAME_HZ, Drive
+from drivers.mock.physics.aura_drive import FRAME_HZ, AuraDrive
 from drivers.mock.physics.aura_objects import Side
 from drivers.mock.physics.aura_scene import RATE, TOOL, WIDTH
 from drivers.mock.physics.bench import Bench, Floats, Part
@@ -39,7 +39,7 @@ class Aura(Part):
         super().__init__(bench)
         self._gripper = gripper
         self._settings = settings
-        self._drive = Drive()
+        self._drive = AuraDrive()
         self._plant = AuraPlant(settings)
         self._wired = tuple(PLACES[name] for name in dict.fromkeys(settings.wired))
         self._computed = dict.fromkeys(("envelope", "carrier"), 0)

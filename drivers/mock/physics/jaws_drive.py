@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.can_gripper.units import MOST_MA, TICKS_PER_M
-from drivers.can_gripper.words import Finding
+from drivers.can_gripper.words import GripFinding
 from drivers.clock import last_tick
 from drivers.mock.physics import jaws_kernel as kernel
 from drivers.mock.physics.jaws import Jaws, JawsSettings
@@ -39,9 +39,9 @@ class JawsDrive:
         self._tick = None
 
     @property
-    def finding(self) -> Finding:
+    def finding(self) -> GripFinding:
         """What became of the last order."""
-        return Finding(int(self._flags[kernel.FINDING]))
+        return GripFinding(int(self._flags[kernel.FINDING]))
 
     @property
     def current_ma(self) -> float:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from drivers.numbering import COUNTER_MODULUS, DeviceClock, Placed, Runs, Track, host_clock
+from drivers.numbering import COUNTER_MODULUS, DeviceClock, Placed, Runs, StreamTrack, host_clock
 
 RATE_HZ = 1000.0
 WRAP_S = 2**32 * 1e-6
@@ -33,7 +33,7 @@ class Device:
     clock: DeviceClock = field(default_factory=lambda: DeviceClock(200.0, WRAP_S))
 
     def __post_init__(self) -> None:
-        self.track = Track(self.clock, RATE_HZ)
+        self.track = StreamTrack(self.clock, RATE_HZ)
 
     def true_s(self, sample: int) -> float:
         return 1000.0 + sample / RATE_HZ / (1 + self.drift_ppm * 1e-6) + self.lag_s
@@ -114,7 +114,7 @@ def test_a_device_that_reboots_begins_a_segment_at_the_right_time(
 
 def test_of_several_streams_each_begins_a_segment_when_the_device_reboots() -> None:
     device = Device()
-    other = Track(device.clock, None)
+    other = StreamTrack(device.clock, None)
     device.send(0)
     assert other.place(20.005, device.true_s(12), counter=7).lost is None
     device.reboot(3.0)
@@ -193,14 +193,14 @@ def test_numbers_and_times_ascend_and_no_gap_looks_closed_whatever_happens(
 
 
 def test_irregular_samples_are_lost_by_their_counter_and_a_counter_that_turns_back_has_slipped() -> None:
-    track = Track(DeviceClock(200.0, WRAP_S), None)
+    track = StreamTrack(DeviceClock(200.0, WRAP_S), None)
     assert track.place(0.1, 1000.1, counter=65_530, n=2, span_s=0.05).lost is None
     assert track.place(0.9, 1000.9, counter=65_540 - COUNTER_MODULUS).lost == 8
     assert track.place(1.0, 1001.0, counter=3).lost == 0
 
 
 def test_a_device_without_a_counter_is_numbered_by_its_clock() -> None:
-    track = Track(DeviceClock(200.0), 500.0)
+    track = StreamTrack(DeviceClock(200.0), 500.0)
     numbers = [track.place(shown_s, 1000.0 + shown_s) for shown_s in (5.0, 5.002, 5.0038, 5.010, 5.012)]
     assert [(placed.seq, placed.lost) for placed in numbers] == [
         (0, None),
@@ -215,13 +215,13 @@ def test_a_device_without_a_counter_is_numbered_by_its_clock() -> None:
 
 
 def test_times_of_samples_that_join_one_block_go_on_by_its_rate() -> None:
-    track = Track(DeviceClock(200.0), 500.0)
+    track = StreamTrack(DeviceClock(200.0), 500.0)
     times_s = [track.place(shown_s, 1000.0 + shown_s, joins=True).t0_s for shown_s in (5.0, 5.0021, 5.0039)]
     assert np.diff(times_s) == pytest.approx(0.002, abs=1e-12)
 
 
 def test_on_the_hosts_own_clock_times_are_as_they_are() -> None:
-    track = Track(host_clock(), 1000.0)
+    track = StreamTrack(host_clock(), 1000.0)
     assert track.place(5000.0, 5000.4, counter=0) == (0, 5000.0, 5000.0, None)
     assert track.place(5000.003, 5000.5, counter=3)[:2] == (3, 5000.003)
     # Another question has another grid, and counts from zero.

@@ -61,7 +61,7 @@ def packer(kind: str) -> Callable[[Any], bytes]:
     return lambda value: pack(*(value.tolist() if isinstance(value, np.ndarray) else value))
 
 
-class Kind(IntEnum):
+class PackageKind(IntEnum):
     """Kinds of package (guide)."""
 
     PROTOCOL = 86
@@ -110,7 +110,7 @@ class Recipe:
         return values
 
 
-def encode(kind: Kind, body: bytes = b"") -> bytes:
+def encode(kind: PackageKind, body: bytes = b"") -> bytes:
     """A package.
 
     Raises:
@@ -157,16 +157,16 @@ def outputs_request(body: bytes) -> tuple[float, list[str]]:
     return rate_hz, names(body[_FREQUENCY.size :])
 
 
-def setup_reply(kind: Kind, number: int, types: Sequence[str]) -> bytes:
+def setup_reply(kind: PackageKind, number: int, types: Sequence[str]) -> bytes:
     """The answer to a setup: the recipe's id and a type for each variable."""
     return encode(kind, bytes([number]) + ",".join(types).encode())
 
 
 def version_reply(version: Sequence[int]) -> bytes:
     """The answer to a question for the controller's version: major, minor, bugfix, build."""
-    return encode(Kind.CONTROLLER, struct.pack(">4I", *version))
+    return encode(PackageKind.CONTROLLER, struct.pack(">4I", *version))
 
 
-def accepted(kind: Kind, yes: bool = True) -> bytes:
+def accepted(kind: PackageKind, yes: bool = True) -> bytes:
     """The answer to a protocol, start or pause request."""
     return encode(kind, bytes([yes]))

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from drivers.mock.devices.ur_controller import rtde
 from drivers.mock.devices.ur_controller.controller import UrController
-from drivers.mock.devices.ur_controller.rtde import Kind, Recipe
+from drivers.mock.devices.ur_controller.rtde import PackageKind, Recipe
 from drivers.mock.devices.ur_controller.script import STEP_S
 from drivers.mock.devices.ur_controller.variables import INPUTS, OUTPUTS, Output
 
@@ -66,7 +66,7 @@ class RtdeSession:
         if not self.streaming or self._steps % self._every_steps:
             return b""
         body = [piece if isinstance(piece, bytes) else piece(self._controller) for piece in self._outputs]
-        return rtde.encode(Kind.DATA, b"".join(body))
+        return rtde.encode(PackageKind.DATA, b"".join(body))
 
     def close(self) -> None:
         """Give the inputs back."""
@@ -74,20 +74,20 @@ class RtdeSession:
 
     def _handle(self, kind: int, body: bytes) -> bytes:
         match kind:
-            case Kind.PROTOCOL:
+            case PackageKind.PROTOCOL:
                 version = int.from_bytes(body, "big")
-                return rtde.accepted(Kind.PROTOCOL, version == rtde.PROTOCOL_VERSION)
-            case Kind.CONTROLLER:
+                return rtde.accepted(PackageKind.PROTOCOL, version == rtde.PROTOCOL_VERSION)
+            case PackageKind.CONTROLLER:
                 version_numbers = [int(part) for part in self._controller.settings.version.split(".")]
                 return rtde.version_reply(version_numbers)
-            case Kind.OUTPUTS:
+            case PackageKind.OUTPUTS:
                 return self._set_up_outputs(body)
-            case Kind.INPUTS:
+            case PackageKind.INPUTS:
                 return self._set_up_inputs(rtde.names(body))
-            case Kind.START | Kind.PAUSE:
-                self.streaming = kind == Kind.START and bool(self._outputs)
-                return rtde.accepted(Kind(kind), kind == Kind.PAUSE or self.streaming)
-            case Kind.DATA:
+            case PackageKind.START | PackageKind.PAUSE:
+                self.streaming = kind == PackageKind.START and bool(self._outputs)
+                return rtde.accepted(PackageKind(kind), kind == PackageKind.PAUSE or self.streaming)
+            case PackageKind.DATA:
                 self._take(body)
         return b""
 
@@ -95,19 +95,19 @@ class RtdeSession:
         rate_hz, names = rtde.outputs_request(body)
         types = [OUTPUTS[name].kind if name in OUTPUTS else rtde.NOT_FOUND for name in names]
         if rtde.NOT_FOUND in types or 1 + rtde.size(types) > rtde.LARGEST_BODY:
-            return rtde.setup_reply(Kind.OUTPUTS, 0, types)
+            return rtde.setup_reply(PackageKind.OUTPUTS, 0, types)
         self._outputs = [bytes([OUTPUT_RECIPE]), *(_piece(OUTPUTS[name]) for name in names)]
         self._every_steps = round(1.0 / (min(max(rate_hz, SLOWEST_HZ), FASTEST_HZ) * STEP_S))
-        return rtde.setup_reply(Kind.OUTPUTS, OUTPUT_RECIPE, types)
+        return rtde.setup_reply(PackageKind.OUTPUTS, OUTPUT_RECIPE, types)
 
     def _set_up_inputs(self, names: list[str]) -> bytes:
         types = [self._input_type(name) for name in names]
         if rtde.NOT_FOUND in types or rtde.IN_USE in types or len(self._inputs) == rtde.RECIPES:
-            return rtde.setup_reply(Kind.INPUTS, 0, types)
+            return rtde.setup_reply(PackageKind.INPUTS, 0, types)
         self._own.update(names)
         self._taken.update(names)
         self._inputs.append(Recipe(len(self._inputs) + 1, names, types))
-        return rtde.setup_reply(Kind.INPUTS, len(self._inputs), types)
+        return rtde.setup_reply(PackageKind.INPUTS, len(self._inputs), types)
 
     def _input_type(self, name: str) -> str:
         return rtde.IN_USE if name in self._taken - self._own else INPUTS.get(name, rtde.NOT_FOUND)

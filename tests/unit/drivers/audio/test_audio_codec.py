@@ -11,7 +11,7 @@ from drivers.audio.codec import (
     CodecError,
     FrameDecoder,
     Sound,
-    Words,
+    SoundWords,
     decode_line,
     encode,
     encode_line,
@@ -26,7 +26,7 @@ SOUND = bytes.fromhex("54 42 41 31 01 02 02 00 01 00 00 00 01 00 00 00 01 00 00 
 WORDS = bytes.fromhex("54 42 41 31 02 00 0b 00 02 01 00 00 00 00 00 00") + b'{"reply":7}'
 
 
-def told(frames: list[Sound | Words]) -> list[object]:
+def told(frames: list[Sound | SoundWords]) -> list[object]:
     return [
         (one.frame, one.counts.tolist()) if isinstance(one, Sound) else (one.frame, one.content)
         for one in frames
@@ -47,7 +47,7 @@ def test_golden_frames_are_read_however_they_are_cut() -> None:
 def test_golden_frames_are_written() -> None:
     counts = np.array([[1, -1], [8388607, -8388608]], np.int32)
     assert encode(Sound(2**32 + 1, counts)) == SOUND
-    assert encode(Words(258, {"reply": 7})) == WORDS
+    assert encode(SoundWords(258, {"reply": 7})) == WORDS
 
 
 def test_the_hosts_lines_are_json() -> None:

@@ -7,8 +7,8 @@ import pytest
 from drivers.barrett_hand.codec import (
     CodecError,
     Get,
+    HandReply,
     Property,
-    Reply,
     Set,
     decode_reply,
     decode_request,
@@ -28,11 +28,11 @@ REQUESTS = [
 ]
 
 REPLIES = [
-    (Reply(11, Property.STRAIN, 2000), "566", "99 00 D0 07"),
-    (Reply(12, Property.STRAIN, 4095), "586", "99 00 FF 0F"),
-    (Reply(13, Property.MODE, 0), "5A6", "88 00 00 00"),
-    (Reply(14, Property.POSITION, -3), "5C6", "B0 00 FD FF"),
-    (Reply(11, Property.POSITION, 66_000), "566", "B0 00 D0 01 01 00"),
+    (HandReply(11, Property.STRAIN, 2000), "566", "99 00 D0 07"),
+    (HandReply(12, Property.STRAIN, 4095), "586", "99 00 FF 0F"),
+    (HandReply(13, Property.MODE, 0), "5A6", "88 00 00 00"),
+    (HandReply(14, Property.POSITION, -3), "5C6", "B0 00 FD FF"),
+    (HandReply(11, Property.POSITION, 66_000), "566", "B0 00 D0 01 01 00"),
 ]
 
 
@@ -46,7 +46,7 @@ def test_requests_are_the_bytes_of_the_interface_page(
 
 
 @pytest.mark.parametrize(("reply", "identifier", "data"), REPLIES)
-def test_replies_are_the_bytes_of_the_interface_page(reply: Reply, identifier: str, data: str) -> None:
+def test_replies_are_the_bytes_of_the_interface_page(reply: HandReply, identifier: str, data: str) -> None:
     frame = CanFrame(int(identifier, 16), bytes.fromhex(data))
     assert encode_reply(reply) == frame
     assert decode_reply(frame) == reply

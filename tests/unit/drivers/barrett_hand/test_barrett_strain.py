@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.barrett_hand.strain import Strain, StrainSettings
+from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.messages import SampleBlock, Saturated
 
 
 @pytest.fixture
-def strain() -> Strain:
-    return Strain("hand", 11, 1000.0, StrainSettings(newton_per_count=0.01, zero_counts=2000))
+def strain() -> FingerStrain:
+    return FingerStrain("hand", 11, 1000.0, FingerStrainSettings(newton_per_count=0.01, zero_counts=2000))
 
 
-def block(strain: Strain, *counts: int, t0_s: float = 1.0) -> SampleBlock:
+def block(strain: FingerStrain, *counts: int, t0_s: float = 1.0) -> SampleBlock:
     return strain.block(7, t0_s, np.array(counts, dtype=np.int64), 2.0)
 
 
-def test_a_force_is_counts_less_the_zero_times_the_scale(strain: Strain) -> None:
+def test_a_force_is_counts_less_the_zero_times_the_scale(strain: FingerStrain) -> None:
     made = block(strain, 2000, 2100, 1950)
     assert made.stream == strain.info.name == "hand.strain_11"
     assert made.physical[:, 0] == pytest.approx([0.0, 1.0, -0.5])
@@ -26,14 +26,14 @@ def test_a_force_is_counts_less_the_zero_times_the_scale(strain: Strain) -> None
     assert np.issubdtype(made.values.dtype, np.integer)
 
 
-def test_a_new_zero_is_the_mean_of_the_latest_readings(strain: Strain) -> None:
+def test_a_new_zero_is_the_mean_of_the_latest_readings(strain: FingerStrain) -> None:
     block(strain, *[9] * 60, *[2010, 2012] * 25)
     assert strain.tare()
     assert strain.zero == 2011
     assert block(strain, 2021).physical[0, 0] == pytest.approx(0.1)
 
 
-def test_without_readings_there_is_no_new_zero(strain: Strain) -> None:
+def test_without_readings_there_is_no_new_zero(strain: FingerStrain) -> None:
     assert not strain.tare()
     block(strain, 2100)
     strain.forget()
@@ -44,11 +44,11 @@ def test_without_readings_there_is_no_new_zero(strain: Strain) -> None:
 @pytest.mark.parametrize(
     ("counts", "saturated"), [(667, 0), (666, 1), (3460, 0), (3461, 1), (0, 1), (4095, 1)]
 )
-def test_the_range_is_that_of_the_interface_page(strain: Strain, counts: int, saturated: int) -> None:
+def test_the_range_is_that_of_the_interface_page(strain: FingerStrain, counts: int, saturated: int) -> None:
     assert len(strain.saturation(block(strain, 2000, counts))) == saturated
 
 
-def test_each_excursion_is_told_once_with_its_time_and_force(strain: Strain) -> None:
+def test_each_excursion_is_told_once_with_its_time_and_force(strain: FingerStrain) -> None:
     assert strain.saturation(block(strain, 2000, 3500, 3600)) == [
         Saturated(pytest.approx(1.001), "hand", "hand.strain_11", pytest.approx(15.0))
     ]
@@ -59,7 +59,7 @@ def test_each_excursion_is_told_once_with_its_time_and_force(strain: Strain) -> 
     ]
 
 
-def test_a_new_zero_does_not_move_the_range(strain: Strain) -> None:
+def test_a_new_zero_does_not_move_the_range(strain: FingerStrain) -> None:
     block(strain, 3000)
     strain.tare()
     assert strain.saturation(block(strain, 3400)) == []

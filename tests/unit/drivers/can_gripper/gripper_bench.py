@@ -8,7 +8,7 @@ from typing import Any
 from drivers.can_frame import CanFrame
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
-from drivers.can_link import Beat, Heard
+from drivers.can_link import Beat, HeardFrame
 from drivers.clock import WallClock
 from drivers.messages import Command, DeviceInfo, SampleBlock, Status
 from drivers.mock.devices.can_gripper import EmulatedCanGripper
@@ -33,7 +33,7 @@ class Host:
         self.fault: str | None = None
         self.malformed = 0
         self.closed = False
-        self._due: list[Heard] = []
+        self._due: list[HeardFrame] = []
 
     def open(self, *_: object) -> Any:
         self.closed = False
@@ -51,7 +51,7 @@ class Host:
         self._keep(self.gripper.receive(frame, self.now_s))
         return self.now_s
 
-    def receive(self) -> list[Heard]:
+    def receive(self) -> list[HeardFrame]:
         heard = [one for one in self._due if one.arrival_s <= self.now_s]
         self._due = [one for one in self._due if one.arrival_s > self.now_s]
         return heard
@@ -66,7 +66,7 @@ class Host:
         for frame in frames:
             spoilt = self.spoil(frame)
             if spoilt is not None:
-                self._due.append(Heard(spoilt, self.now_s + DELAY_S))
+                self._due.append(HeardFrame(spoilt, self.now_s + DELAY_S))
 
 
 class HostClock(WallClock):

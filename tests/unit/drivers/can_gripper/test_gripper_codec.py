@@ -8,55 +8,55 @@ from drivers.can_frame import CanFrame
 from drivers.can_gripper.codec import CodecError, decode_answer, decode_order, encode_answer, encode_order
 from drivers.can_gripper.words import (
     Answer,
-    Ask,
-    Beat,
-    Code,
-    Drive,
+    AskState,
+    DriveOrder,
     Encoder,
-    Errors,
-    Finding,
+    GripFinding,
+    GripperCode,
+    GripperErrors,
+    GripperInfo,
+    GripperState,
+    Heartbeat,
     HeartbeatPeriod,
-    Info,
     Number,
     Order,
     Plain,
     Poll,
-    State,
     Watchdog,
 )
 
 ORDERS = [
-    (0, Drive(100, 20, 500), "07A", "64 14 01 F4 C0"),
-    (0, Drive(255, 255, -1, activate=False, go=False, estop=True), "07A", "FF FF FF FF 20"),
+    (0, DriveOrder(100, 20, 500), "07A", "64 14 01 F4 C0"),
+    (0, DriveOrder(255, 255, -1, activate=False, go=False, estop=True), "07A", "FF FF FF FF 20"),
     (3, Poll(), "1FA", ""),
-    (0, Plain(Code.CALIBRATE), "07C", ""),
-    (0, Plain(Code.CLEAR_ERROR), "002", ""),
-    (0, Plain(Code.ESTOP), "000", ""),
-    (15, Plain(Code.IDLE), "798", ""),
+    (0, Plain(GripperCode.CALIBRATE), "07C", ""),
+    (0, Plain(GripperCode.CLEAR_ERROR), "002", ""),
+    (0, Plain(GripperCode.ESTOP), "000", ""),
+    (15, Plain(GripperCode.IDLE), "798", ""),
     (0, Watchdog(1000), "01E", "00 00 03 E8 00"),
     (0, HeartbeatPeriod(500), "03C", "00 00 01 F4"),
 ]
 
 
-def state(finding: Finding, position: int = 128, current_ma: int = -300, **faults: bool) -> State:
+def state(finding: GripFinding, position: int = 128, current_ma: int = -300, **faults: bool) -> GripperState:
     flags = {"over_temperature": False, "watchdog": False, "estop": False, **faults}
-    return State(position, current_ma, finding, activated=True, going=True, calibrated=True, **flags)
+    return GripperState(position, current_ma, finding, activated=True, going=True, calibrated=True, **flags)
 
 
 ANSWERS = [
-    (0, False, state(Finding.OBJECT_CLOSING), "078", "80 FE D4 E1"),
-    (0, False, state(Finding.OBJECT_OPENING, 7, 300), "078", "07 01 2C D1"),
-    (0, False, state(Finding.AT_POSITION), "078", "80 FE D4 F1"),
-    (0, True, state(Finding.MOVING, watchdog=True), "079", "80 FE D4 C5"),
-    (0, True, state(Finding.MOVING, over_temperature=True, estop=True), "079", "80 FE D4 CB"),
-    (2, False, Beat(Code.HEARTBEAT), "112", ""),
-    (0, False, Beat(Code.PING), "014", ""),
-    (0, False, Number(Code.TEMPERATURE, 31), "02E", "00 1F"),
-    (0, False, Number(Code.VOLTAGE, 24_000), "030", "5D C0"),
-    (0, False, Number(Code.CURRENT, -2), "036", "FF FE"),
-    (0, False, Info(2, 25, 1, 4848), "032", "02 19 01 00 00 12 F0"),
-    (0, True, Errors(frozenset({"emergency stop", "watchdog"})), "035", "81 A0"),
-    (0, False, Errors(frozenset()), "034", "00 80"),
+    (0, False, state(GripFinding.OBJECT_CLOSING), "078", "80 FE D4 E1"),
+    (0, False, state(GripFinding.OBJECT_OPENING, 7, 300), "078", "07 01 2C D1"),
+    (0, False, state(GripFinding.AT_POSITION), "078", "80 FE D4 F1"),
+    (0, True, state(GripFinding.MOVING, watchdog=True), "079", "80 FE D4 C5"),
+    (0, True, state(GripFinding.MOVING, over_temperature=True, estop=True), "079", "80 FE D4 CB"),
+    (2, False, Heartbeat(GripperCode.HEARTBEAT), "112", ""),
+    (0, False, Heartbeat(GripperCode.PING), "014", ""),
+    (0, False, Number(GripperCode.TEMPERATURE, 31), "02E", "00 1F"),
+    (0, False, Number(GripperCode.VOLTAGE, 24_000), "030", "5D C0"),
+    (0, False, Number(GripperCode.CURRENT, -2), "036", "FF FE"),
+    (0, False, GripperInfo(2, 25, 1, 4848), "032", "02 19 01 00 00 12 F0"),
+    (0, True, GripperErrors(frozenset({"emergency stop", "watchdog"})), "035", "81 A0"),
+    (0, False, GripperErrors(frozenset()), "034", "00 80"),
     (0, False, Encoder(4321, -200), "038", "00 00 10 E1 FF FF FF 38"),
 ]
 
@@ -73,19 +73,19 @@ def test_orders_are_the_bytes_of_the_interface_page(
 @pytest.mark.parametrize(
     ("code", "identifier"),
     [
-        (Code.PING, 0x14),
-        (Code.TEMPERATURE, 0x2E),
-        (Code.VOLTAGE, 0x30),
-        (Code.INFO, 0x32),
-        (Code.ERRORS, 0x34),
-        (Code.CURRENT, 0x36),
-        (Code.ENCODER, 0x38),
+        (GripperCode.PING, 0x14),
+        (GripperCode.TEMPERATURE, 0x2E),
+        (GripperCode.VOLTAGE, 0x30),
+        (GripperCode.INFO, 0x32),
+        (GripperCode.ERRORS, 0x34),
+        (GripperCode.CURRENT, 0x36),
+        (GripperCode.ENCODER, 0x38),
     ],
 )
-def test_questions_are_remote_frames(code: Code, identifier: int) -> None:
+def test_questions_are_remote_frames(code: GripperCode, identifier: int) -> None:
     frame = CanFrame(identifier, remote=True)
-    assert encode_order(0, Ask(code)) == frame
-    assert decode_order(frame) == (0, Ask(code))
+    assert encode_order(0, AskState(code)) == frame
+    assert decode_order(frame) == (0, AskState(code))
 
 
 @pytest.mark.parametrize(("node", "fault", "answer", "identifier", "data"), ANSWERS)
@@ -100,11 +100,11 @@ def test_answers_are_the_bytes_of_the_interface_page(
 def test_either_order_of_the_object_bits_is_an_object() -> None:
     for flags in (0xD1, 0xE1):
         _, _, answer = decode_answer(CanFrame(0x78, bytes([128, 0, 0, flags])))
-        assert isinstance(answer, State)
+        assert isinstance(answer, GripperState)
         assert answer.object
     for flags in (0xC1, 0xF1):
         _, _, answer = decode_answer(CanFrame(0x78, bytes([128, 0, 0, flags])))
-        assert isinstance(answer, State)
+        assert isinstance(answer, GripperState)
         assert not answer.object
 
 

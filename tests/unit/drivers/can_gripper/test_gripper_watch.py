@@ -8,14 +8,14 @@ import pytest
 
 from drivers.can_gripper.brackets import Brackets
 from drivers.can_gripper.watch import Watch
-from drivers.can_gripper.words import Finding, State
+from drivers.can_gripper.words import GripFinding, GripperState
 from drivers.messages import Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
 
 GRIP = Grip("gripper", 0.02, 0.1, 20.0)
-MOVING = State(100, -400, Finding.MOVING, True, True, False, False, False, True)
-CLOSING = replace(MOVING, finding=Finding.OBJECT_CLOSING)
-OPENING = replace(MOVING, finding=Finding.OBJECT_OPENING)
-THERE = replace(MOVING, finding=Finding.AT_POSITION)
+MOVING = GripperState(100, -400, GripFinding.MOVING, True, True, False, False, False, True)
+CLOSING = replace(MOVING, finding=GripFinding.OBJECT_CLOSING)
+OPENING = replace(MOVING, finding=GripFinding.OBJECT_OPENING)
+THERE = replace(MOVING, finding=GripFinding.AT_POSITION)
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def watch() -> Watch:
     return made
 
 
-def pushed(watch: Watch, *states: State, begin_s: float = 1.01, fault: bool = False) -> list[Status]:
+def pushed(watch: Watch, *states: GripperState, begin_s: float = 1.01, fault: bool = False) -> list[Status]:
     """States 10 ms apart."""
     return [
         status
@@ -41,7 +41,7 @@ def test_what_holds_the_jaws_for_a_moment_is_no_object(watch: Watch) -> None:
 
 
 @pytest.mark.parametrize("held", [CLOSING, OPENING])
-def test_either_object_bit_is_an_object_once_it_is_held(watch: Watch, held: State) -> None:
+def test_either_object_bit_is_an_object_once_it_is_held(watch: Watch, held: GripperState) -> None:
     (gripped,) = pushed(watch, *[held] * 10)
     assert isinstance(gripped, Gripped)
     assert gripped.object

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from drivers.dsa_matrix import codec
-from drivers.dsa_matrix.packets import Packet, encode_packet
+from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
 
 REQUESTS = [
-    (codec.Ask(codec.Id.CONTROLLER), 0x01, ""),
-    (codec.Ask(codec.Id.SENSOR), 0x02, ""),
+    (codec.AskMatrices(codec.Id.CONTROLLER), 0x01, ""),
+    (codec.AskMatrices(codec.Id.SENSOR), 0x02, ""),
     (codec.AskMatrix(codec.Id.MATRIX, 2), 0x0B, "02"),
     (codec.Acquire(run=True, rle=True, frames_per_s=100), 0x03, "81 64 00"),
     (codec.Acquire(run=True, rle=False, frames_per_s=300), 0x03, "80 2C 01"),
@@ -42,21 +42,21 @@ ANSWERS = [
 def test_requests_are_the_bytes_of_the_command_set(
     request_: codec.Request, number: int, payload: str
 ) -> None:
-    packet = Packet(number, bytes.fromhex(payload))
+    packet = MatrixPacket(number, bytes.fromhex(payload))
     assert codec.encode_request(request_) == packet
     assert codec.decode_request(packet) == request_
 
 
 @pytest.mark.parametrize(("answer", "number", "payload"), ANSWERS)
 def test_answers_are_the_bytes_of_the_command_set(answer: codec.Answer, number: int, payload: str) -> None:
-    packet = Packet(number, bytes.fromhex(payload))
+    packet = MatrixPacket(number, bytes.fromhex(payload))
     assert codec.encode_answer(answer) == packet
     assert codec.decode_answer(packet) == answer
 
 
 def test_a_matrix_says_its_cells_and_their_size() -> None:
     """3.4 mm as a float is 9A 99 59 40; 4095 is 00 F0 7F 45."""
-    packet = Packet(0x0B, bytes.fromhex(MATRIX))
+    packet = MatrixPacket(0x0B, bytes.fromhex(MATRIX))
     assert len(packet.payload) == 52
     answer = codec.decode_answer(packet)
     assert isinstance(answer, codec.MatrixInfo)
@@ -67,14 +67,14 @@ def test_a_matrix_says_its_cells_and_their_size() -> None:
 
 
 def test_a_raw_frame_is_time_flags_and_texels() -> None:
-    answer = codec.decode_answer(Packet(0x00, bytes.fromhex("E8 03 00 00  00  01 00  FF 0F  00 F0")))
+    answer = codec.decode_answer(MatrixPacket(0x00, bytes.fromhex("E8 03 00 00  00  01 00  FF 0F  00 F0")))
     assert isinstance(answer, codec.Frame)
     assert (answer.time_ms, answer.rle) == (1000, False)
     assert answer.texels.tolist() == [1, 4095, 0], "the upper four bits are none of the texel's"
 
 
 def test_a_run_length_unit_is_a_count_above_a_value() -> None:
-    answer = codec.decode_answer(Packet(0x00, bytes.fromhex("E8 03 00 00  01  00 F0  00 20  FF 1F")))
+    answer = codec.decode_answer(MatrixPacket(0x00, bytes.fromhex("E8 03 00 00  01  00 F0  00 20  FF 1F")))
     assert isinstance(answer, codec.Frame)
     assert answer.texels.tolist() == [0] * 17 + [4095]
 
@@ -99,22 +99,24 @@ def test_frames_come_back_as_they_were(texels: np.ndarray, rle: bool) -> None:
 @pytest.mark.parametrize(
     "packet",
     [
-        Packet(0x01, bytes(19)),
-        Packet(0x02, bytes(11)),
-        Packet(0x0B, bytes(51)),
-        Packet(0x03, b""),
-        Packet(0x00, bytes(4)),
-        Packet(0x00, bytes(6)),
-        Packet(0x55, b""),
+        MatrixPacket(0x01, bytes(19)),
+        MatrixPacket(0x02, bytes(11)),
+        MatrixPacket(0x0B, bytes(51)),
+        MatrixPacket(0x03, b""),
+        MatrixPacket(0x00, bytes(4)),
+        MatrixPacket(0x00, bytes(6)),
+        MatrixPacket(0x55, b""),
     ],
 )
-def test_what_is_no_answer_is_refused(packet: Packet) -> None:
+def test_what_is_no_answer_is_refused(packet: MatrixPacket) -> None:
     with pytest.raises(codec.CodecError):
         codec.decode_answer(packet)
 
 
-@pytest.mark.parametrize("packet", [Packet(0x01, b"\0"), Packet(0x03, b"\0"), Packet(0x55), Packet(0x0B)])
-def test_what_is_no_request_is_refused(packet: Packet) -> None:
+@pytest.mark.parametrize(
+    "packet", [MatrixPacket(0x01, b"\0"), MatrixPacket(0x03, b"\0"), MatrixPacket(0x55), MatrixPacket(0x0B)]
+)
+def test_what_is_no_request_is_refused(packet: MatrixPacket) -> None:
     with pytest.raises(codec.CodecError):
         codec.decode_request(packet)
 

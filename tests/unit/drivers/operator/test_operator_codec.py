@@ -5,25 +5,25 @@ import pytest
 from drivers.messages import Ask, LoadWeight
 from drivers.operator.codec import (
     LINE_MAX,
-    Answer,
     CodecError,
-    Hello,
     LineDecoder,
-    Request,
+    PersonAnswer,
+    PersonHello,
+    PersonRequest,
     decode,
     encode,
     request_of,
 )
 
 GOLDEN = [
-    (Hello("touchbench"), b'{"hello": "touchbench"}\n'),
-    (Request(3, "turn it by 90°"), '{"ask": 3, "says": "turn it by 90°"}\n'.encode()),
+    (PersonHello("touchbench"), b'{"hello": "touchbench"}\n'),
+    (PersonRequest(3, "turn it by 90°"), '{"ask": 3, "says": "turn it by 90°"}\n'.encode()),
     (
-        Request(4, "hang 0.50 N on bridge Fx", "x", 0.5),
+        PersonRequest(4, "hang 0.50 N on bridge Fx", "x", 0.5),
         b'{"ask": 4, "says": "hang 0.50 N on bridge Fx", "load": {"bridge": "x", "force_n": 0.5}}\n',
     ),
-    (Answer(4, True), b'{"answer": 4, "done": true}\n'),
-    (Answer(4, False, "it broke"), b'{"answer": 4, "done": false, "reason": "it broke"}\n'),
+    (PersonAnswer(4, True), b'{"answer": 4, "done": true}\n'),
+    (PersonAnswer(4, False, "it broke"), b'{"answer": 4, "done": false, "reason": "it broke"}\n'),
 ]
 
 
@@ -56,7 +56,7 @@ def test_the_decoder_puts_lines_together_and_goes_on_after_noise():
     stream = b"".join(line for _, line in GOLDEN)
     heard = [message for byte in stream for message in decoder.feed(bytes([byte]))]
     assert heard == [message for message, _ in GOLDEN]
-    assert decoder.feed(b"noise\n\r\n" + GOLDEN[3][1]) == [Answer(4, True)]
+    assert decoder.feed(b"noise\n\r\n" + GOLDEN[3][1]) == [PersonAnswer(4, True)]
     assert decoder.malformed == 1
 
 
@@ -64,7 +64,7 @@ def test_a_line_without_end_does_not_fill_the_memory():
     decoder = LineDecoder()
     assert decoder.feed(b"x" * (LINE_MAX + 1)) == []
     assert decoder.malformed == 1
-    assert decoder.feed(GOLDEN[3][1]) == [Answer(4, True)]
+    assert decoder.feed(GOLDEN[3][1]) == [PersonAnswer(4, True)]
 
 
 @pytest.mark.parametrize(

@@ -13,19 +13,19 @@ from hypothesis import strategies as st
 
 from drivers.sensor_board.codec import (
     ARGUMENTS,
-    Code,
+    BoardCode,
+    BoardHello,
+    BoardReply,
     CodecError,
     CommandFrame,
-    Hello,
     HelloStream,
     Message,
-    Reply,
     Samples,
     Times,
     decode,
     encode,
 )
-from drivers.sensor_board.framing import FrameDecoder
+from drivers.sensor_board.framing import BoardFrameDecoder
 
 GOLDEN: list[dict[str, Any]] = json.loads(
     (Path(__file__).parents[3] / "data" / "board_golden.json").read_text()
@@ -33,13 +33,19 @@ GOLDEN: list[dict[str, Any]] = json.loads(
 
 U8, U16, U32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
 I32 = st.integers(-(2**31), 2**31 - 1)
-LIMITS = {Code.START: U32, Code.EXCITE: U8, Code.TENDON: I32, Code.TARE: U8, Code.WATCHDOG: U16}
+LIMITS = {
+    BoardCode.START: U32,
+    BoardCode.EXCITE: U8,
+    BoardCode.TENDON: I32,
+    BoardCode.TARE: U8,
+    BoardCode.WATCHDOG: U16,
+}
 NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,10}", fullmatch=True)
 SCALES = st.floats(1e-9, 1e3)
 
 
 def body_of(message: Message) -> bytes:
-    (body,) = FrameDecoder().feed(b"\0" + encode(message))
+    (body,) = BoardFrameDecoder().feed(b"\0" + encode(message))
     return body
 
 
@@ -58,7 +64,7 @@ def test_a_golden_body_says_what_was_written_beside_it(golden: dict[str, Any]) -
     said = golden["message"]
     message = decode(bytes.fromhex(golden["body"]))
     if said["kind"] == "hello":
-        assert isinstance(message, Hello)
+        assert isinstance(message, BoardHello)
         assert [s.name for s in message.streams] == ["load_cell", "period"]
         assert [s.id for s in message.streams] == [0, 3]
         assert [s.rate_hz for s in message.streams] == [1000.0, None]
@@ -86,7 +92,7 @@ def test_what_a_golden_body_says_is_encoded_as_the_golden_frame(golden: dict[str
     elif said["kind"] == "command":
         message = CommandFrame(said["code"], said["tag"], said["argument"])
     else:
-        message = Reply(said["code"], said["tag"], said["status"])
+        message = BoardReply(said["code"], said["tag"], said["status"])
     assert encode(message).hex(" ") == golden["frame"]
 
 
@@ -109,14 +115,14 @@ def test_times_come_back(number: int, seq: int, t_us: int, rows: list[tuple[int,
 
 @given(st.sampled_from(sorted(ARGUMENTS)), U8, st.data())
 def test_commands_come_back(code: int, tag: int, data: st.DataObject) -> None:
-    argument = data.draw(LIMITS[Code(code)]) if code in LIMITS else None
+    argument = data.draw(LIMITS[BoardCode(code)]) if code in LIMITS else None
     command = CommandFrame(code, tag, argument)
     assert decode(body_of(command)) == command
 
 
 @given(U8, U8, U8)
 def test_replies_come_back(code: int, tag: int, status: int) -> None:
-    assert decode(body_of(Reply(code, tag, status))) == Reply(code, tag, status)
+    assert decode(body_of(BoardReply(code, tag, status))) == BoardReply(code, tag, status)
 
 
 @settings(max_examples=30, deadline=None)
@@ -126,7 +132,7 @@ def test_hellos_come_back(
 ) -> None:
     channels = st.integers(1, 6) | st.lists(NAMES, min_size=1, max_size=3).map(tuple)
     rates = st.none() | st.floats(0.1, 1e6)
-    hello = Hello(
+    hello = BoardHello(
         board=board,
         serial=serial,
         version="1",
@@ -151,7 +157,7 @@ def test_any_body_is_a_message_or_a_codec_error(body: bytes) -> None:
         message = decode(body)
     except CodecError:
         return
-    assert isinstance(message, Samples | Times | Hello | CommandFrame | Reply)
+    assert isinstance(message, Samples | Times | BoardHello | CommandFrame | BoardReply)
 
 
 @pytest.mark.parametrize(
@@ -182,11 +188,11 @@ def test_a_command_that_is_not_known_keeps_its_code_and_tag_for_the_answer() -> 
 @pytest.mark.parametrize(
     "message",
     [
-        CommandFrame(Code.WATCHDOG, 0, 70_000),
-        CommandFrame(Code.EXCITE, 0),
-        CommandFrame(Code.STOP, 0, 1),
+        CommandFrame(BoardCode.WATCHDOG, 0, 70_000),
+        CommandFrame(BoardCode.EXCITE, 0),
+        CommandFrame(BoardCode.STOP, 0, 1),
         CommandFrame(99, 0),
-        Reply(4, 256, 0),
+        BoardReply(4, 256, 0),
         Samples(0, 65_536, 0, np.zeros(1, np.int32)),
         Samples(0, 0, 0, np.zeros(0, np.int32)),
     ],
@@ -220,7 +226,7 @@ def test_a_hello_that_says_nothing_usable_is_refused_and_says_where(body: bytes,
 
 def test_keys_of_a_newer_board_are_passed_over() -> None:
     hello = decode(hello_body(stream(range=22.2), colour="red"))
-    assert isinstance(hello, Hello)
+    assert isinstance(hello, BoardHello)
     assert hello.streams[0].unit == "N"
 
 
@@ -229,5 +235,5 @@ def test_keys_of_a_newer_board_are_passed_over() -> None:
 )
 def test_channels_are_named_or_counted(channels: Any, names: tuple[str, ...]) -> None:
     hello = decode(hello_body(stream(channels=channels)))
-    assert isinstance(hello, Hello)
+    assert isinstance(hello, BoardHello)
     assert hello.streams[0].channel_names == names

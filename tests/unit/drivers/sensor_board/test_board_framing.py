@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.sensor_board.framing import MAX_ENCODED_BYTES, FrameDecoder, frame
+from drivers.sensor_board.framing import MAX_ENCODED_BYTES, BoardFrameDecoder, frame
 
 GOLDEN: list[dict[str, Any]] = json.loads(
     (Path(__file__).parents[3] / "data" / "board_golden.json").read_text()
@@ -43,7 +43,7 @@ def reference_unstuffed(encoded: bytes) -> bytes:
 
 
 def heard(data: bytes) -> list[bytes]:
-    return FrameDecoder().feed(b"\0" + data)
+    return BoardFrameDecoder().feed(b"\0" + data)
 
 
 def test_the_reference_crc_gives_the_check_value_of_the_catalogue() -> None:
@@ -72,7 +72,7 @@ def test_a_frame_obeys_the_reference_of_stuffing_and_checksum(body: bytes) -> No
 @given(st.lists(st.binary(min_size=1, max_size=300), max_size=5), st.data())
 def test_bodies_come_back_however_the_bytes_are_cut(bodies: list[bytes], data: st.DataObject) -> None:
     line = b"\0" + b"".join(map(frame, bodies))
-    decoder, found, at = FrameDecoder(), [], 0
+    decoder, found, at = BoardFrameDecoder(), [], 0
     while at < len(line):
         size = data.draw(st.integers(1, len(line)))
         found += decoder.feed(line[at : at + size])
@@ -83,18 +83,18 @@ def test_bodies_come_back_however_the_bytes_are_cut(bodies: list[bytes], data: s
 
 @given(st.binary(max_size=300))
 def test_any_bytes_at_all_raise_nothing_and_the_next_frame_is_heard(noise: bytes) -> None:
-    assert FrameDecoder().feed(noise + b"\0" + frame(b"next"))[-1] == b"next"
+    assert BoardFrameDecoder().feed(noise + b"\0" + frame(b"next"))[-1] == b"next"
 
 
 def test_what_precedes_the_first_delimiter_is_passed_over_and_counted_as_nothing() -> None:
-    decoder = FrameDecoder()
+    decoder = BoardFrameDecoder()
     assert decoder.feed(frame(b"half heard")[3:]) == []
     assert decoder.feed(frame(b"whole")) == [b"whole"]
     assert (decoder.counts.good, decoder.counts.bad_crc, decoder.counts.bad_cobs) == (1, 0, 0)
 
 
 def test_delimiters_in_a_row_are_no_frames() -> None:
-    decoder = FrameDecoder()
+    decoder = BoardFrameDecoder()
     assert decoder.feed(b"\0\0\0" + frame(b"x") + b"\0\0") == [b"x"]
     assert decoder.counts.bad_cobs == decoder.counts.bad_crc == 0
 
@@ -104,20 +104,20 @@ def test_every_flipped_bit_is_noticed() -> None:
     for place in range(8 * (len(whole) - 1)):
         spoilt = bytearray(whole)
         spoilt[place // 8] ^= 1 << place % 8
-        decoder = FrameDecoder()
+        decoder = BoardFrameDecoder()
         assert decoder.feed(b"\0" + bytes(spoilt) + frame(b"next")) == [b"next"], place
         assert decoder.counts.bad_crc + decoder.counts.bad_cobs >= 1
 
 
 def test_a_lost_delimiter_takes_its_neighbour_along() -> None:
-    decoder = FrameDecoder()
+    decoder = BoardFrameDecoder()
     line = b"\0" + frame(b"first")[:-3] + frame(b"second") + frame(b"third")
     assert decoder.feed(line) == [b"third"]
     assert decoder.counts.bad_crc + decoder.counts.bad_cobs == 1
 
 
 def test_a_frame_that_never_ends_is_given_up_once_and_its_memory_with_it() -> None:
-    decoder = FrameDecoder()
+    decoder = BoardFrameDecoder()
     decoder.feed(b"\0")
     for _ in range(100):
         assert decoder.feed(b"\x01" * 1000) == []

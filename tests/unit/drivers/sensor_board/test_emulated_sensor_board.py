@@ -9,18 +9,18 @@ import pytest
 
 from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from drivers.sensor_board.codec import (
-    Code,
+    BoardCode,
+    BoardHello,
+    BoardReply,
     CommandFrame,
-    Hello,
     Message,
-    Reply,
     ReplyStatus,
     Samples,
     Times,
     decode,
     encode,
 )
-from drivers.sensor_board.framing import FrameDecoder, frame
+from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from tests.unit.drivers.sensor_board.board_bench import PERIOD_S, Source
 
 ACCELERATION, FORCE, PERIOD = 0, 1, 2
@@ -32,7 +32,7 @@ class Line:
     def __init__(self, **settings: Any) -> None:
         self.source = Source()
         self.board = EmulatedSensorBoard(EmulatedSensorBoardSettings(**settings), self.source)
-        self.decoder = FrameDecoder()
+        self.decoder = BoardFrameDecoder()
         self.decoder.feed(b"\0")
         self.t_s = 0.0
         self.board.step(0.0)
@@ -44,7 +44,7 @@ class Line:
         return self._heard(self.board.receive(data, self.t_s))
 
     def status(self, code: int, argument: int | None = None) -> int:
-        replies = [message for message in self.ask(code, argument) if isinstance(message, Reply)]
+        replies = [message for message in self.ask(code, argument) if isinstance(message, BoardReply)]
         assert [reply.tag for reply in replies] == [self._tag]
         return replies[0].status
 
@@ -69,22 +69,22 @@ def samples(messages: list[Any], stream: int) -> np.ndarray:
 
 def test_the_first_hello_is_heard_by_who_has_just_begun_to_listen() -> None:
     line = Line()
-    line.decoder = FrameDecoder()
-    hello, reply = line.ask(Code.HELLO)
-    assert isinstance(hello, Hello)
+    line.decoder = BoardFrameDecoder()
+    hello, reply = line.ask(BoardCode.HELLO)
+    assert isinstance(hello, BoardHello)
     assert [(s.id, s.name, s.channels, s.rate_hz) for s in hello.streams] == [
         (0, "accelerometer", ("x", "z"), 1000.0),
         (1, "load_cell", ("force",), 1000.0),
         (2, "period", ("period",), None),
     ]
-    assert reply == Reply(Code.HELLO, 1, ReplyStatus.OK)
+    assert reply == BoardReply(BoardCode.HELLO, 1, ReplyStatus.OK)
 
 
 def test_only_streams_in_the_mask_are_observed_and_sent() -> None:
     line = Line()
     assert line.run(0.1) == []
     assert line.source.observed == frozenset()
-    assert line.status(Code.START, 1 << FORCE) == ReplyStatus.OK
+    assert line.status(BoardCode.START, 1 << FORCE) == ReplyStatus.OK
     heard = line.run(0.1)
     assert {message.stream for message in heard} == {FORCE}
     assert line.source.observed == {"load_cell"}
@@ -93,7 +93,7 @@ def test_only_streams_in_the_mask_are_observed_and_sent() -> None:
 
 def test_samples_lie_on_the_grid_of_a_clock_that_drifts() -> None:
     line = Line(drift_ppm=100.0, start_us=5)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     heard = line.run(10.0, step_s=0.01)
     frames = [message for message in heard if isinstance(message, Samples)]
     assert [frame.t_us for frame in frames[:3]] == [1_005, 11_005, 21_005]
@@ -104,7 +104,7 @@ def test_samples_lie_on_the_grid_of_a_clock_that_drifts() -> None:
 
 def test_the_clock_and_the_counter_wrap() -> None:
     line = Line(start_us=2**32 - 40_000_000, drift_ppm=0.0, block_samples=250)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     frames = [m for m in line.run(70.0, step_s=0.25) if isinstance(m, Samples)]
     assert [frame.seq for frame in frames] == [250 * at % 65_536 for at in range(len(frames))]
     assert frames[-1].t_us == (frames[0].t_us + 250_000 * (len(frames) - 1)) % 2**32
@@ -113,7 +113,7 @@ def test_the_clock_and_the_counter_wrap() -> None:
 
 def test_counts_are_rounded_and_saturate_at_the_converters_width() -> None:
     line = Line(adc_bits={"accelerometer": 14})
-    line.status(Code.START, 1 << ACCELERATION)
+    line.status(BoardCode.START, 1 << ACCELERATION)
     values = samples(line.run(0.1), ACCELERATION).reshape(-1, 2)
     assert set(values[:, 0].tolist()) == {5000}
     assert set(values[:, 1].tolist()) == {2**13 - 1}
@@ -122,14 +122,14 @@ def test_counts_are_rounded_and_saturate_at_the_converters_width() -> None:
 def test_a_reading_that_is_no_number_is_the_lower_rail(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(adc_bits={"load_cell": 24})
     monkeypatch.setattr(line.source, "sample", lambda stream, times_s: np.full(len(times_s), np.nan))
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     assert set(samples(line.run(0.05), FORCE).tolist()) == {-(2**23)}
 
 
 def test_events_are_sent_at_once_each_with_its_own_time() -> None:
     line = Line(drift_ppm=0.0, start_us=0)
     line.run(0.5)
-    line.status(Code.START, 1 << PERIOD)
+    line.status(BoardCode.START, 1 << PERIOD)
     heard = line.run(0.5)
     assert [message.seq for message in heard] == list(range(len(heard)))
     expected_us = [number * PERIOD_S * 1e6 for number in range(15, 29) if number * PERIOD_S <= line.t_s]
@@ -139,17 +139,17 @@ def test_events_are_sent_at_once_each_with_its_own_time() -> None:
 
 def test_the_last_shorter_block_is_sent_when_a_stream_stops() -> None:
     line = Line(drift_ppm=0.0)
-    line.status(Code.START, 1 << FORCE)
-    heard = line.run(0.025) + line.ask(Code.STOP)
+    line.status(BoardCode.START, 1 << FORCE)
+    heard = line.run(0.025) + line.ask(BoardCode.STOP)
     assert samples(heard, FORCE).size == line.source.sampled["load_cell"] == 25
     assert line.run(0.1) == []
 
 
 def test_a_stream_that_stays_in_the_mask_is_not_disturbed() -> None:
     line = Line(drift_ppm=0.0)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     heard = line.run(0.055)
-    line.status(Code.START, 1 << FORCE | 1 << PERIOD)
+    line.status(BoardCode.START, 1 << FORCE | 1 << PERIOD)
     heard += line.run(0.055)
     frames = [m for m in heard if isinstance(m, Samples)]
     assert [frame.seq for frame in frames] == list(range(0, 110, 10))
@@ -159,33 +159,33 @@ def test_a_stream_that_stays_in_the_mask_is_not_disturbed() -> None:
 def test_a_tare_takes_the_mean_of_the_latest_samples_as_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(tare_samples=100)
     monkeypatch.setattr(line.source, "sample", lambda stream, times_s: np.where(times_s < 0.2, 1.0, 3.0))
-    assert line.status(Code.TARE, FORCE) == ReplyStatus.REFUSED
-    line.status(Code.START, 1 << FORCE)
+    assert line.status(BoardCode.TARE, FORCE) == ReplyStatus.REFUSED
+    line.status(BoardCode.START, 1 << FORCE)
     line.run(0.15)
-    assert line.status(Code.TARE, FORCE) == ReplyStatus.OK
+    assert line.status(BoardCode.TARE, FORCE) == ReplyStatus.OK
     values = samples(line.run(0.1), FORCE)
     assert set(values[10:40].tolist()) == {0}
     assert set(values[-20:].tolist()) == {200_000}
-    assert line.status(Code.TARE, 9) == ReplyStatus.REFUSED
+    assert line.status(BoardCode.TARE, 9) == ReplyStatus.REFUSED
 
 
 def test_a_tare_takes_no_samples_from_before_a_stream_was_off() -> None:
     line = Line()
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     line.run(0.2)
-    line.status(Code.STOP)
-    line.status(Code.START, 1 << FORCE)
-    assert line.status(Code.TARE, FORCE) == ReplyStatus.REFUSED
+    line.status(BoardCode.STOP)
+    line.status(BoardCode.START, 1 << FORCE)
+    assert line.status(BoardCode.TARE, FORCE) == ReplyStatus.REFUSED
 
 
 def test_the_watchdog_switches_off_excitation_and_streams_when_nobody_speaks() -> None:
     line = Line(drift_ppm=0.0)
-    line.status(Code.WATCHDOG, 300)
-    line.status(Code.EXCITE, 1)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.WATCHDOG, 300)
+    line.status(BoardCode.EXCITE, 1)
+    line.status(BoardCode.START, 1 << FORCE)
     line.run(0.25)
     assert line.source.excited
-    line.status(Code.WATCHDOG, 300)
+    line.status(BoardCode.WATCHDOG, 300)
     heard = line.run(1.0)
     assert line.source.switched[-1] == (pytest.approx(0.55), False)
     assert samples(heard, FORCE).size == pytest.approx(300, abs=10)
@@ -194,9 +194,9 @@ def test_the_watchdog_switches_off_excitation_and_streams_when_nobody_speaks() -
 
 def test_a_watchdog_that_has_bitten_is_armed_again_by_the_next_command() -> None:
     line = Line()
-    line.status(Code.WATCHDOG, 200)
+    line.status(BoardCode.WATCHDOG, 200)
     line.run(0.5)
-    line.status(Code.EXCITE, 1)
+    line.status(BoardCode.EXCITE, 1)
     line.run(0.1)
     assert line.source.excited
     line.run(0.2)
@@ -205,16 +205,16 @@ def test_a_watchdog_that_has_bitten_is_armed_again_by_the_next_command() -> None
 
 def test_a_watchdog_of_zero_is_off() -> None:
     line = Line()
-    line.status(Code.EXCITE, 1)
-    line.status(Code.WATCHDOG, 0)
+    line.status(BoardCode.EXCITE, 1)
+    line.status(BoardCode.WATCHDOG, 0)
     line.run(5.0, step_s=0.1)
     assert line.source.excited
 
 
 def test_the_watchdog_bites_at_its_time_even_when_steps_are_long() -> None:
     line = Line()
-    line.status(Code.WATCHDOG, 300)
-    line.status(Code.EXCITE, 1)
+    line.status(BoardCode.WATCHDOG, 300)
+    line.status(BoardCode.EXCITE, 1)
     line.run(2.0, step_s=2.0)
     assert line.source.switched[-1] == (pytest.approx(0.3), False)
 
@@ -222,11 +222,11 @@ def test_the_watchdog_bites_at_its_time_even_when_steps_are_long() -> None:
 @pytest.mark.parametrize(
     ("code", "argument", "status"),
     [
-        (Code.EXCITE, 2, ReplyStatus.REFUSED),
-        (Code.START, 8, ReplyStatus.REFUSED),
-        (Code.TENDON, 30_001, ReplyStatus.REFUSED),
-        (Code.TENDON, 30_000, ReplyStatus.OK),
-        (Code.TENDON, -5_001, ReplyStatus.REFUSED),
+        (BoardCode.EXCITE, 2, ReplyStatus.REFUSED),
+        (BoardCode.START, 8, ReplyStatus.REFUSED),
+        (BoardCode.TENDON, 30_001, ReplyStatus.REFUSED),
+        (BoardCode.TENDON, 30_000, ReplyStatus.OK),
+        (BoardCode.TENDON, -5_001, ReplyStatus.REFUSED),
     ],
 )
 def test_what_cannot_be_is_refused(code: int, argument: int, status: int) -> None:
@@ -235,7 +235,7 @@ def test_what_cannot_be_is_refused(code: int, argument: int, status: int) -> Non
 
 def test_a_tendon_position_reaches_the_source() -> None:
     line = Line()
-    line.status(Code.TENDON, -1_250)
+    line.status(BoardCode.TENDON, -1_250)
     assert line.source.tendon_m == pytest.approx(-1.25e-3)
 
 
@@ -243,13 +243,13 @@ def test_an_unknown_command_is_answered_as_unknown() -> None:
     line = Line()
     answer = line.board.receive(b"\0" + frame(b"\x80\x09\x05"), line.t_s)
     (body,) = line.decoder.feed(answer)
-    assert decode(body) == Reply(9, 5, ReplyStatus.UNKNOWN)
+    assert decode(body) == BoardReply(9, 5, ReplyStatus.UNKNOWN)
 
 
 def test_garbage_is_not_answered_and_does_not_feed_the_watchdog() -> None:
     line = Line()
-    line.status(Code.WATCHDOG, 200)
-    line.status(Code.EXCITE, 1)
+    line.status(BoardCode.WATCHDOG, 200)
+    line.status(BoardCode.EXCITE, 1)
     line.run(0.15)
     assert line.board.receive(b"\0hello?\r\n\0\x05\x01\0", line.t_s) == b""
     line.run(0.1)
@@ -259,7 +259,7 @@ def test_garbage_is_not_answered_and_does_not_feed_the_watchdog() -> None:
 @pytest.mark.parametrize("kind", ["drop", "flip"])
 def test_a_spoilt_frame_costs_its_own_samples(kind: Any) -> None:
     line = Line(drift_ppm=0.0)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     heard = line.run(0.1)
     line.board.inject(kind, line.t_s, frames=2)
     heard += line.run(0.1)
@@ -269,7 +269,7 @@ def test_a_spoilt_frame_costs_its_own_samples(kind: Any) -> None:
 
 def test_a_truncated_frame_takes_its_neighbour_along() -> None:
     line = Line(drift_ppm=0.0)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     heard = line.run(0.1)
     line.board.inject("truncate", line.t_s)
     heard += line.run(0.1)
@@ -280,23 +280,23 @@ def test_a_truncated_frame_takes_its_neighbour_along() -> None:
 def test_an_injected_answer_comes_once_and_the_command_has_no_effect(kind: Any, status: int) -> None:
     line = Line()
     line.board.inject(kind, 0.0)
-    assert line.status(Code.EXCITE, 1) == status
+    assert line.status(BoardCode.EXCITE, 1) == status
     assert not line.source.excited
-    assert line.status(Code.EXCITE, 1) == ReplyStatus.OK
+    assert line.status(BoardCode.EXCITE, 1) == ReplyStatus.OK
 
 
 def test_a_silent_board_says_nothing_more() -> None:
     line = Line()
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     line.board.inject("silent", line.t_s)
     assert line.run(0.2) == []
-    assert line.ask(Code.HELLO) == []
+    assert line.ask(BoardCode.HELLO) == []
 
 
 def test_after_a_reboot_nothing_is_on() -> None:
     line = Line()
-    line.status(Code.EXCITE, 1)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.EXCITE, 1)
+    line.status(BoardCode.START, 1 << FORCE)
     line.run(0.1)
     line.board.inject("reboot", line.t_s)
     assert line.run(0.2) == []
@@ -305,7 +305,7 @@ def test_after_a_reboot_nothing_is_on() -> None:
 
 def test_a_restart_under_way_sets_clock_and_counter_to_zero() -> None:
     line = Line(start_us=77_000_000, drift_ppm=0.0)
-    line.status(Code.START, 1 << FORCE)
+    line.status(BoardCode.START, 1 << FORCE)
     line.run(0.1)
     line.board.inject("restart", line.t_s)
     first = line.run(0.02)[0]
@@ -320,7 +320,7 @@ def test_a_fault_that_the_board_does_not_know_is_an_error() -> None:
 def test_steps_of_any_length_say_the_same() -> None:
     def said(step_s: float) -> list[tuple[int, int, int, list[int]]]:
         line = Line()
-        line.status(Code.START, 1 << ACCELERATION | 1 << FORCE)
+        line.status(BoardCode.START, 1 << ACCELERATION | 1 << FORCE)
         messages = line.run(0.3, step_s)
         return sorted((m.stream, m.seq, m.t_us, m.values.tolist()) for m in messages)
 

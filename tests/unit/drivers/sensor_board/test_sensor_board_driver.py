@@ -25,8 +25,8 @@ from drivers.messages import (
     SetTendon,
     Tare,
 )
-from drivers.sensor_board.codec import Code, CommandFrame, decode
-from drivers.sensor_board.framing import FrameDecoder
+from drivers.sensor_board.codec import BoardCode, CommandFrame, decode
+from drivers.sensor_board.framing import BoardFrameDecoder
 from tests.unit.drivers.sensor_board.board_bench import PERIOD_S, Bench, Source
 
 FORCE = "board.load_cell"
@@ -49,7 +49,7 @@ def on(stream: str, blocks: list[SampleBlock]) -> list[SampleBlock]:
 
 
 def orders(bench: Bench) -> list[CommandFrame]:
-    decoder = FrameDecoder()
+    decoder = BoardFrameDecoder()
     bodies = decoder.feed(b"\0" + b"".join(bench.host.written))
     return [message for message in map(decode, bodies) if isinstance(message, CommandFrame)]
 
@@ -228,7 +228,7 @@ def test_a_command_whose_reply_is_lost_is_written_once_more_under_its_tag(bench:
     bench.host.hush = lambda data: b"" if next(answers) == 0 else data
     bench.driver.apply(Excite("board", True))
     _, statuses = bench.run(0.4)
-    excites = [order for order in orders(bench) if order.code == Code.EXCITE]
+    excites = [order for order in orders(bench) if order.code == BoardCode.EXCITE]
     assert len(excites) == 2
     assert excites[0] == excites[1]
     assert of(Failed, statuses) == []
@@ -254,7 +254,7 @@ def test_an_order_is_not_repeated_over_a_newer_one_on_the_same_thing(bench: Benc
     bench.driver.apply(Excite("board", True))
     bench.driver.apply(Excite("board", False))
     _, statuses = bench.run(1.0)
-    assert [order.argument for order in orders(bench) if order.code == Code.EXCITE] == [1, 0]
+    assert [order.argument for order in orders(bench) if order.code == BoardCode.EXCITE] == [1, 0]
     assert not bench.source.excited
     assert of(Failed, statuses) == []
 

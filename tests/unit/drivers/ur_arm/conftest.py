@@ -9,7 +9,7 @@ from drivers.mock.devices.ur_controller.controller import Runtime, Safety, UrCon
 from drivers.mock.physics.arm_motion import StiffPlane
 from drivers.ur_arm.controller import Seen, still
 from drivers.ur_arm.motion import Conductor
-from drivers.ur_arm.pipe import Row
+from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
 EPOCH_S = 1000.0
@@ -144,7 +144,7 @@ class Rig:
 
     def seen(self) -> Seen:
         controller = self.controller
-        row = Row(
+        row = ArmRow(
             self.now(),
             controller.t_s,
             tuple(controller.arm.pose),

@@ -12,7 +12,7 @@ from drivers.clock import VirtualClock
 from drivers.messages import Command, MoveAt, Refused, Sent, Status, Stop
 from drivers.ur_arm.child import ArmProcess
 from drivers.ur_arm.controller import PLAYING
-from drivers.ur_arm.pipe import Pipe, Row
+from drivers.ur_arm.pipe import ArmRow, Pipe
 from drivers.ur_arm.settings import Pose, UrArmSettings
 
 START: Pose = (0.3, 0.0, 0.3, 0.0, 3.14, 0.0)
@@ -37,7 +37,7 @@ class SlowClient:
         self.clock.rest(CALL_S)
         twist = self.twists[-1] if self.twists else (0.0,) * 6
         now_s = self.clock.monotonic_s()
-        self.process._row = Row(now_s, now_s, START, twist, (0.0,) * 6, 0, PLAYING)
+        self.process._row = ArmRow(now_s, now_s, START, twist, (0.0,) * 6, 0, PLAYING)
         self.process._still_since_s = float("inf") if any(twist) else min(self.process._still_since_s, now_s)
         os.eventfd_write(self.process._turns, 1)
         self.after()
@@ -88,7 +88,7 @@ class Program:
         self.process = ArmProcess(VirtualPipe(theirs, clock), self._turns, "arm", SETTINGS, clock)
         self.client.join(self.process, clock)
         now_s = clock.monotonic_s()
-        self.process._row = Row(now_s, now_s, START, (0.0,) * 6, (0.0,) * 6, 0, PLAYING)
+        self.process._row = ArmRow(now_s, now_s, START, (0.0,) * 6, (0.0,) * 6, 0, PLAYING)
 
     def at(self, deeds: dict[int, Callable[[], object]]) -> None:
         """Do something after so many of the client's calls, and end at last."""

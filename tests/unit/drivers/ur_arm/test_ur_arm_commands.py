@@ -23,7 +23,7 @@ from drivers.messages import (
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.guidance import FreeMotion, Guidance, line_speed, way
-from drivers.ur_arm.pipe import Row
+from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
 START = (0.4, 0.0, 0.2, 0.0, math.pi, 0.0)
@@ -189,7 +189,7 @@ def test_the_way_between_poses_is_a_length_and_an_angle() -> None:
 
 
 def fenced(pose: tuple[float, ...], twist: tuple[float, ...]) -> str:
-    row = Row(0.0, 0.0, pose, twist, (0.0,) * 6, 1, 2)  # type: ignore[arg-type]
+    row = ArmRow(0.0, 0.0, pose, twist, (0.0,) * 6, 1, 2)  # type: ignore[arg-type]
     return Guidance(settings(leash_m=0.1, stop_m_s2=1.0)).fence(row, 0.0)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.ur_arm.pipe import Row
+from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.stream import Streams
 
@@ -16,10 +16,10 @@ EPOCH_S = 100.0
 FORCE, POSITION = "arm.force", "arm.position"
 
 
-def row(cycle: int, late_s: float = 0.0, force_z: float = 0.0) -> Row:
+def row(cycle: int, late_s: float = 0.0, force_z: float = 0.0) -> ArmRow:
     device_s = cycle * 0.002
     pose = (0.4, 0.0, 0.2 - 1e-4 * cycle, 0.0, 3.1, 0.0)
-    return Row(
+    return ArmRow(
         EPOCH_S + device_s + late_s, device_s, pose, (0.0,) * 6, (0.0, 0.0, force_z, 0.0, 0.0, 0.0), 1, 2
     )
 

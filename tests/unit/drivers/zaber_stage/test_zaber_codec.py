@@ -22,21 +22,21 @@ def pick(case: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("case", GOLDEN["request"], ids=lambda case: case["source"])
 def test_a_request_has_the_bytes_of_the_page(case: dict[str, Any]) -> None:
-    request = codec.Request(**pick(case))
+    request = codec.StageRequest(**pick(case))
     assert codec.encode_request(request) == case["bytes"].encode()
     assert codec.decode_request(case["bytes"].encode().rstrip()) == request
 
 
 @pytest.mark.parametrize("case", GOLDEN["reply"], ids=lambda case: case["source"])
 def test_a_reply_has_the_bytes_of_the_page(case: dict[str, Any]) -> None:
-    reply = codec.Reply(**pick(case))
+    reply = codec.StageReply(**pick(case))
     assert codec.encode_message(reply) == case["bytes"].encode()
     assert codec.decode_message(case["bytes"].encode().rstrip()) == reply
 
 
 def test_alerts_and_info_lines_are_told_from_replies() -> None:
     assert codec.decode_message(b"!01 1 IDLE FS:57") == codec.Alert(1, 1, busy=False, flag="FS", data="")
-    assert codec.decode_message(b"#01 0 09 hello:92") == codec.Info(1, 0, 9, "hello")
+    assert codec.decode_message(b"#01 0 09 hello:92") == codec.StageInfo(1, 0, 9, "hello")
 
 
 def test_a_line_with_a_wrong_checksum_is_refused() -> None:

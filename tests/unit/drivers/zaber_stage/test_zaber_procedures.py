@@ -8,10 +8,10 @@ import pytest
 
 from drivers.errors import CommandError
 from drivers.messages import Command, Excite, Home, MoveAt, MoveTo
-from drivers.zaber_stage.codec import Reply, acceleration_m_s2
+from drivers.zaber_stage.codec import StageReply, acceleration_m_s2
 from drivers.zaber_stage.commands import valid
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
-from drivers.zaber_stage.procedures import Line, Procedures, RejectedError, Way
+from drivers.zaber_stage.procedures import Procedures, RejectedError, StageLine, StageWay
 
 SETTINGS = ZaberStageSettings(port="-")
 STEP_M = SETTINGS.microstep_m
@@ -28,7 +28,7 @@ class Script:
         self.obeys = True
         self.said: list[str] = []
 
-    def reply(self, line: Line) -> Reply:
+    def reply(self, line: StageLine) -> StageReply:
         self.said.append(line.text)
         data = "0"
         match line.text.split():
@@ -39,9 +39,9 @@ class Script:
             case ["warnings", *_]:
                 data = self.flags
         reason = self.rejects.get(line.text)
-        return Reply(1, 1, 0, reason is None, False, "--", reason or data)
+        return StageReply(1, 1, 0, reason is None, False, "--", reason or data)
 
-    def play(self, procedure: Generator[Line, Reply, object], lines: int = 1000) -> object:
+    def play(self, procedure: Generator[StageLine, StageReply, object], lines: int = 1000) -> object:
         """Carry a procedure through, or through so many lines."""
         try:
             line = next(procedure)
@@ -70,7 +70,7 @@ def test_opening_sets_travel_and_speed_in_the_device_and_moves_nothing() -> None
 def test_an_approach_sets_its_limit_in_the_device_reads_it_back_and_only_then_moves_there() -> None:
     script = Script()
     target = opened(script).carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M))
-    assert script.play(target) == Way(target=10000, bound=4031, speed=8389, blind_travel_m=0.002)
+    assert script.play(target) == StageWay(target=10000, bound=4031, speed=8389, blind_travel_m=0.002)
     assert script.said == [
         "warnings clear",
         "set limit.max 10000",
@@ -131,7 +131,7 @@ def test_a_stage_that_is_beyond_the_limit_is_not_moved_back_to_it() -> None:
 
 def test_a_stage_is_sent_on_from_where_it_is_and_no_farther_than_its_target() -> None:
     procedures = opened(Script())
-    way = Way(target=-10000, bound=-4031, speed=8389, blind_travel_m=0.002)
+    way = StageWay(target=-10000, bound=-4031, speed=8389, blind_travel_m=0.002)
     assert procedures.renewed(way, -1007) is None, "less than a quarter is used up"
     assert procedures.renewed(way, -1008) == way._replace(bound=-5039)
     last = procedures.renewed(way._replace(bound=-9900), -9000)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.dsa_matrix.packets import Packet, PacketDecoder, encode_packet
+from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
 from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, counts
 from drivers.mock.physics.fingertip_settings import Matrix
 from tests.steady import SteadyTexels
@@ -24,11 +24,11 @@ class Line:
         self.t_s = 50.0
         self.matrices.step(self.t_s)
 
-    def say(self, number: int, payload: str = "") -> list[Packet]:
-        raw = self.matrices.receive(encode_packet(Packet(number, bytes.fromhex(payload))), self.t_s)
+    def say(self, number: int, payload: str = "") -> list[MatrixPacket]:
+        raw = self.matrices.receive(encode_packet(MatrixPacket(number, bytes.fromhex(payload))), self.t_s)
         return self.decoder.feed(raw) + self.wait(0.05)
 
-    def wait(self, seconds: float) -> list[Packet]:
+    def wait(self, seconds: float) -> list[MatrixPacket]:
         got = []
         for _ in range(round(seconds * 1000)):
             self.t_s += 1e-3
@@ -48,13 +48,13 @@ def test_infos_are_told() -> None:
 
 
 def test_more_frames_than_its_clock_can_tell_apart_are_refused() -> None:
-    assert Line().say(0x03, "80 e9 03") == [Packet(0x03, b"\x05\0")]
+    assert Line().say(0x03, "80 e9 03") == [MatrixPacket(0x03, b"\x05\0")]
 
 
 def test_frames_come_row_by_row_until_they_are_stopped() -> None:
     line = Line()
     acknowledged, *frames = line.say(0x03, "80 64 00")
-    assert acknowledged == Packet(0x03, b"\0\0")
+    assert acknowledged == MatrixPacket(0x03, b"\0\0")
     frames += line.wait(0.95)
     assert len(frames) == pytest.approx(100, abs=1)
     first, second = frames[0].payload, frames[1].payload
@@ -74,8 +74,8 @@ def test_runs_are_encoded_when_asked_for() -> None:
 
 def test_a_threshold_is_kept() -> None:
     line = Line()
-    assert line.say(0x13, "02 00 96 00") == [Packet(0x13, b"\0\0")]
-    assert line.say(0x14, "00") == [Packet(0x14, b"\0\0\x96\0")]
+    assert line.say(0x13, "02 00 96 00") == [MatrixPacket(0x13, b"\0\0")]
+    assert line.say(0x14, "00") == [MatrixPacket(0x14, b"\0\0\x96\0")]
 
 
 def test_at_power_up_it_makes_noise_and_is_deaf_for_eight_seconds() -> None:
@@ -91,7 +91,7 @@ def test_at_power_up_it_makes_noise_and_is_deaf_for_eight_seconds() -> None:
 def test_bytes_take_their_time_on_the_line() -> None:
     """18 + 8 bytes of ten bits at 9600 baud: 27 ms."""
     line = Line(baud=9600)
-    request = encode_packet(Packet(0x01))
+    request = encode_packet(MatrixPacket(0x01))
     assert line.matrices.receive(request, line.t_s) == b""
     assert line.matrices.step(line.t_s + 0.0270) == b""
     assert len(line.matrices.step(line.t_s + 0.0272)) == 26
@@ -101,13 +101,13 @@ def test_an_unknown_command_and_a_refused_one_are_answered_with_an_error() -> No
     line = Line()
     assert line.say(0x55)[0].payload == b"\x0d\0"
     line.matrices.inject("refuse", line.t_s)
-    assert line.say(0x03, "81 64 00") == [Packet(0x03, b"\x05\0")]
+    assert line.say(0x03, "81 64 00") == [MatrixPacket(0x03, b"\x05\0")]
     assert line.wait(0.2) == []
 
 
 def test_a_packet_with_a_wrong_crc_has_no_answer() -> None:
     line = Line()
-    raw = bytearray(encode_packet(Packet(0x03, b"\x81\x64\0")))
+    raw = bytearray(encode_packet(MatrixPacket(0x03, b"\x81\x64\0")))
     raw[-1] ^= 1
     assert line.matrices.receive(bytes(raw), line.t_s) == b""
     assert line.wait(0.1) == []

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.mock.devices.ur_controller import rtde
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
-from drivers.mock.devices.ur_controller.rtde import Kind, PackageError
+from drivers.mock.devices.ur_controller.rtde import PackageError, PackageKind
 from drivers.mock.devices.ur_controller.session import RtdeSession, ScriptSession
 from drivers.mock.devices.ur_controller.variables import INPUTS, OUTPUTS
 from drivers.mock.physics.arm import elbow
@@ -59,7 +59,7 @@ def test_a_size_without_room_for_its_own_header_is_no_package(session: RtdeSessi
 
 
 def test_a_slower_stream_leaves_cycles_out(controller: UrController, session: RtdeSession) -> None:
-    session.feed(rtde.encode(Kind.OUTPUTS, struct.pack(">d", 125.0) + b"timestamp"))
+    session.feed(rtde.encode(PackageKind.OUTPUTS, struct.pack(">d", 125.0) + b"timestamp"))
     session.feed(START)
     rows = []
     for _ in range(12):
@@ -71,7 +71,7 @@ def test_a_slower_stream_leaves_cycles_out(controller: UrController, session: Rt
 def test_an_input_has_one_writer_and_is_free_again_when_that_one_leaves(controller: UrController) -> None:
     taken: set[str] = set()
     first, second = RtdeSession(controller, taken), RtdeSession(controller, taken)
-    request = rtde.encode(Kind.INPUTS, b"input_int_register_0,")
+    request = rtde.encode(PackageKind.INPUTS, b"input_int_register_0,")
     assert first.feed(request).endswith(b"\x01INT32")
     assert second.feed(request).endswith(b"IN_USE")
     assert first.feed(request).endswith(b"\x02INT32")
@@ -82,8 +82,8 @@ def test_an_input_has_one_writer_and_is_free_again_when_that_one_leaves(controll
 def test_inputs_reach_the_registers_that_their_recipe_names(
     controller: UrController, session: RtdeSession
 ) -> None:
-    session.feed(rtde.encode(Kind.INPUTS, b"input_int_register_24,input_double_register_0,"))
-    session.feed(rtde.encode(Kind.DATA, struct.pack(">Bid", 1, -7, 0.25)))
+    session.feed(rtde.encode(PackageKind.INPUTS, b"input_int_register_24,input_double_register_0,"))
+    session.feed(rtde.encode(PackageKind.DATA, struct.pack(">Bid", 1, -7, 0.25)))
     assert controller.inputs["input_int_register_24"] == -7
     assert controller.inputs["input_double_register_0"] == 0.25
 
@@ -92,8 +92,8 @@ def test_inputs_reach_the_registers_that_their_recipe_names(
 def test_data_that_fit_no_recipe_are_dropped_with_a_word_in_the_log(
     controller: UrController, session: RtdeSession, body: bytes
 ) -> None:
-    session.feed(rtde.encode(Kind.INPUTS, b"input_int_register_0,"))
-    session.feed(rtde.encode(Kind.DATA, body))
+    session.feed(rtde.encode(PackageKind.INPUTS, b"input_int_register_0,"))
+    session.feed(rtde.encode(PackageKind.DATA, body))
     assert controller.inputs["input_int_register_0"] == 0
     assert controller.log
 
@@ -142,7 +142,7 @@ def test_a_program_of_another_kind_is_left_alone(controller: UrController) -> No
 
 
 def outputs(names: str, rate_hz: float = 500.0) -> bytes:
-    return rtde.encode(Kind.OUTPUTS, struct.pack(">d", rate_hz) + names.encode())
+    return rtde.encode(PackageKind.OUTPUTS, struct.pack(">d", rate_hz) + names.encode())
 
 
 @pytest.mark.parametrize(
@@ -185,9 +185,9 @@ def test_names_whose_answer_fits_no_package_are_no_request(session: RtdeSession)
 
 
 def test_a_client_has_as_many_recipes_as_have_an_id(controller: UrController, session: RtdeSession) -> None:
-    request = rtde.encode(Kind.INPUTS, b"input_int_register_0,")
+    request = rtde.encode(PackageKind.INPUTS, b"input_int_register_0,")
     assert [session.feed(request)[3] for _ in range(257)] == [*range(1, 256), 0, 0]
-    session.feed(rtde.encode(Kind.DATA, struct.pack(">Bi", 255, 7)))
+    session.feed(rtde.encode(PackageKind.DATA, struct.pack(">Bi", 255, 7)))
     assert controller.inputs["input_int_register_0"] == 7
 
 
@@ -238,9 +238,9 @@ def test_the_elbow_is_where_and_moves_as_the_joints_say(controller: UrController
 
 
 def written(session: RtdeSession, values: dict[str, int | float]) -> None:
-    number = session.feed(rtde.encode(Kind.INPUTS, ",".join(values).encode()))[3]
+    number = session.feed(rtde.encode(PackageKind.INPUTS, ",".join(values).encode()))[3]
     fields = [rtde.packer(INPUTS[name])(value) for name, value in values.items()]
-    session.feed(rtde.encode(Kind.DATA, bytes([number]) + b"".join(fields)))
+    session.feed(rtde.encode(PackageKind.DATA, bytes([number]) + b"".join(fields)))
 
 
 def test_outputs_that_a_client_sets_are_seen_in_the_stream(session: RtdeSession) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.mock.devices.ur_controller import rtde
 from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
-from drivers.mock.devices.ur_controller.rtde import Kind
+from drivers.mock.devices.ur_controller.rtde import PackageKind
 from drivers.mock.devices.ur_controller.server import (
     CLIENTS,
     DASHBOARD_PORT,
@@ -81,7 +81,7 @@ def is_gone(client: socket.socket) -> bool:
 
 
 def outputs(names: bytes, rate_hz: float = 500.0) -> bytes:
-    return rtde.encode(Kind.OUTPUTS, struct.pack(">d", rate_hz) + names)
+    return rtde.encode(PackageKind.OUTPUTS, struct.pack(">d", rate_hz) + names)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_program_without_an_end_is_let_go_at_its_limit(bench: Bench) -> None:
 def test_a_client_that_never_reads_is_let_go_and_holds_little(bench: Bench) -> None:
     client = bench.client(RTDE_PORT)
     client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    client.sendall(outputs(b",".join([b"target_q"] * 1000)) + rtde.encode(Kind.START))
+    client.sendall(outputs(b",".join([b"target_q"] * 1000)) + rtde.encode(PackageKind.START))
     bench.turn()
     held = 0
     for _ in range(1000):
@@ -132,7 +132,7 @@ def test_a_client_that_never_reads_is_let_go_and_holds_little(bench: Bench) -> N
 
 def test_a_reset_with_answers_pending_leaves_the_others_served(bench: Bench) -> None:
     client = bench.client(RTDE_PORT)
-    client.sendall(rtde.encode(Kind.CONTROLLER) * 5000)
+    client.sendall(rtde.encode(PackageKind.CONTROLLER) * 5000)
     client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET_AT_CLOSE)
     client.close()
     assert bench.serves()
@@ -164,7 +164,7 @@ def test_a_defect_costs_the_client_that_found_it_alone(
 
 def test_what_a_client_leaves_unread_is_sent_when_it_reads(bench: Bench) -> None:
     client = bench.client(RTDE_PORT)
-    client.sendall(rtde.encode(Kind.CONTROLLER) * 10_000)
+    client.sendall(rtde.encode(PackageKind.CONTROLLER) * 10_000)
     answers = b""
     while len(answers) < 10_000 * 19:
         bench.turn(steps=1)

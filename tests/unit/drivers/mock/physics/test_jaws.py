@@ -7,7 +7,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from drivers.can_gripper.words import Finding
+from drivers.can_gripper.words import GripFinding
 from drivers.mock.physics.jaws import GripObject, Jaws, JawsSettings
 from drivers.mock.physics.jaws_drive import JawsDrive
 from drivers.mock.physics.jaws_kernel import TICK_S
@@ -56,7 +56,7 @@ def test_the_force_is_the_currents_within_the_friction(
     assert drive.jaws.contact_n == pytest.approx(0.0462 * current_ma, abs=SCENE.friction_n + 0.01)
     squeezed_m = OBJECTS[name].width_m - drive.jaws.width_m
     assert squeezed_m == pytest.approx(drive.jaws.contact_n / OBJECTS[name].stiffness_n_m)
-    assert drive.finding is Finding.OBJECT_CLOSING
+    assert drive.finding is GripFinding.OBJECT_CLOSING
 
 
 def test_no_current_is_greater_than_1300_ma(drive: JawsDrive) -> None:
@@ -67,7 +67,7 @@ def test_no_current_is_greater_than_1300_ma(drive: JawsDrive) -> None:
 def test_jaws_that_meet_nothing_are_at_their_position(drive: JawsDrive) -> None:
     drive.go(0.5, 10_000.0, 300.0)
     drive.advance(2.0)
-    assert drive.finding is Finding.AT_POSITION
+    assert drive.finding is GripFinding.AT_POSITION
     assert drive.jaws.width_m == pytest.approx(0.010 + 0.024, abs=5e-5)
     assert drive.closed_share == pytest.approx(0.5, abs=1e-3)
 
@@ -91,7 +91,7 @@ def test_an_object_that_is_taken_away_is_felt(drive: JawsDrive) -> None:
     drive.jaws.place(None)
     drive.disturb()
     drive.advance(3.0)
-    assert drive.finding is Finding.AT_POSITION
+    assert drive.finding is GripFinding.AT_POSITION
     assert drive.jaws.width_m == pytest.approx(0.010, abs=5e-5)
 
 
@@ -103,7 +103,7 @@ def test_below_150_ma_a_grip_is_unstable(drive: JawsDrive) -> None:
         forces_n.add(drive.jaws.contact_n)
         findings.add(drive.finding)
     assert max(forces_n) - min(forces_n) > 1.0
-    assert findings == {Finding.MOVING, Finding.OBJECT_CLOSING}
+    assert findings == {GripFinding.MOVING, GripFinding.OBJECT_CLOSING}
 
 
 def test_a_jam_while_opening_is_an_object_while_opening(drive: JawsDrive) -> None:
@@ -112,7 +112,7 @@ def test_a_jam_while_opening_is_an_object_while_opening(drive: JawsDrive) -> Non
     drive.go(0.0, 10_000.0, 300.0)
     drive.jam()
     drive.advance(1.0)
-    assert drive.finding is Finding.OBJECT_OPENING
+    assert drive.finding is GripFinding.OBJECT_OPENING
 
 
 def test_calibration_opens_closes_and_holds_at_each_stop() -> None:
