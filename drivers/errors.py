@@ -43,6 +43,10 @@ class CommandError(DeviceError, ValueError):
     """The command makes no sense for this device: not finite, out of range, of another kind."""
 
 
+class CodecError(ValueError):
+    """Bytes or a line that are nothing of a device's, or a message that cannot be told in its bytes."""
+
+
 def wrong(device: str, command: object, reason: str, advice: str) -> CommandError:
     """The error of a command that a device cannot take."""
     return CommandError(device, f"applying {type(command).__name__}", reason, advice)

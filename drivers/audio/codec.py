@@ -23,6 +23,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import CodecError
+
 MAGIC: Final = b"TBA1"
 
 HEADER: Final = struct.Struct("<4sBBHQ")
@@ -32,10 +34,6 @@ BYTES: Final = 3
 
 MAX_LINE_BYTES: Final = 4096
 """Longest line that a recorder reads (assumption)."""
-
-
-class CodecError(ValueError):
-    """These bytes are not what a recorder says, or not what it is told."""
 
 
 class SoundKind(IntEnum):

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from drivers.audio.codec import CodecError, FrameDecoder, SoundWords, encode_line
+from drivers.audio.codec import FrameDecoder, SoundWords, encode_line
 from drivers.audio.settings import AudioSettings
 from drivers.audio.source import Declined, Drive, Happening, SoundPacket, SourceFound, Swept
 from drivers.clock import Clock
-from drivers.errors import DeviceError, PortError, ProtocolError, SilentError
+from drivers.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
 from drivers.messages import Chirp, Tone
 
 CHUNK_BYTES: Final = 1 << 16

@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import Final
 
 from drivers.can_frame import CanFrame
+from drivers.errors import CodecError
 
 HOST: Final = 0
 """Node of the host (interface page: a finger's reply is to a group, so it need not be said)."""
@@ -49,10 +50,6 @@ class Property(IntEnum):
     COMMAND = 29
     TARGET = 42
     POSITION = 48
-
-
-class CodecError(ValueError):
-    """A frame that is none of the hand's."""
 
 
 @dataclass(frozen=True, slots=True)

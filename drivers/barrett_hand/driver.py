@@ -12,7 +12,7 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.can_link import Beat, CanLink, CanPort, HeardFrame, open_can, strange_frames
 from drivers.clock import Clock
-from drivers.errors import check_streams, wrong
+from drivers.errors import CodecError, check_streams, wrong
 from drivers.messages import Command, DeviceInfo, Listen, Tare
 from drivers.numbering import Runs, StreamTrack, host_clock
 from drivers.wire import Inquiry, WireDriver
@@ -211,6 +211,6 @@ def _strain(heard: HeardFrame) -> codec.HandReply | None:
     """What a finger's gauge reads; None where this is something else."""
     try:
         reply = codec.decode_reply(heard.frame)
-    except codec.CodecError:
+    except CodecError:
         return None
     return reply if reply.property == codec.Property.STRAIN else None

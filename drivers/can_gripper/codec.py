@@ -34,6 +34,7 @@ from drivers.can_gripper.words import (
     Poll,
     Watchdog,
 )
+from drivers.errors import CodecError
 
 NODES: Final = 16
 """Node numbers are 0 to 15 (interface page)."""
@@ -52,10 +53,6 @@ ERROR_BITS: Final = (
 WATCHDOG_BIT: Final = 0x20
 MOTOR_BIT: Final = 0x80
 """In the second byte of `GripperErrors` (interface page)."""
-
-
-class CodecError(ValueError):
-    """A frame that is none of this gripper's."""
 
 
 def encode_order(node: int, order: Order) -> CanFrame:

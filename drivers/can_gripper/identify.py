@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, TypeVar
 
 from drivers.can_gripper.brackets import CanGripperSettings
-from drivers.can_gripper.codec import CodecError, decode_answer, encode_order
+from drivers.can_gripper.codec import decode_answer, encode_order
 from drivers.can_gripper.words import (
     Answer,
     AskState,
@@ -19,6 +19,7 @@ from drivers.can_gripper.words import (
 )
 from drivers.can_link import CanLink, HeardFrame, strange_frames
 from drivers.clock import Clock
+from drivers.errors import CodecError
 from drivers.wire import Inquiry
 
 ATTEMPTS = 4

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.dsa_matrix.packets import MatrixPacket
+from drivers.errors import CodecError
 
 TEXEL_MAX: Final = 0xFFF
 """Texels have 12 bits (interface page)."""
@@ -66,10 +67,6 @@ class Id(IntEnum):
     MATRIX = 0x0B
     SET_THRESHOLD = 0x13
     THRESHOLD = 0x14
-
-
-class CodecError(ValueError):
-    """A payload that is not what its packet should hold."""
 
 
 # --- what the host says --------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.frames import MatrixFrames
 from drivers.dsa_matrix.identify import MatrixIdentity, identify
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
-from drivers.errors import RefusedError, check_streams, wrong
+from drivers.errors import CodecError, RefusedError, check_streams, wrong
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Command, DeviceInfo, Listen, StreamInfo
 from drivers.wire import WireDriver
@@ -189,7 +189,7 @@ class DsaMatrix(WireDriver[SerialLink]):
             for packet in self._decoder.feed(data):
                 try:
                     answer = codec.decode_answer(packet)
-                except codec.CodecError:
+                except CodecError:
                     frames.wrong += 1
                     continue
                 if isinstance(answer, codec.Frame) and self._listening:

@@ -9,7 +9,7 @@ from typing import TypeVar
 from drivers.clock import Clock
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
-from drivers.errors import ProtocolError, RefusedError
+from drivers.errors import CodecError, ProtocolError, RefusedError
 from drivers.links import SerialLink
 from drivers.wire import Inquiry
 
@@ -125,7 +125,7 @@ class _Dialogue:
     def _decoded(self, packet: MatrixPacket, kind: type[T]) -> T | None:
         try:
             answer = codec.decode_answer(packet)
-        except codec.CodecError as error:
+        except CodecError as error:
             raise ProtocolError(self._name, self._doing, str(error), "is it a DSACON32-M?") from error
         refusal = getattr(answer, "error", 0)
         if refusal:

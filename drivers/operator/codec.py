@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
+from drivers.errors import CodecError
 from drivers.messages import Ask, LoadWeight
 from drivers.operator.requests import in_words
 
@@ -48,10 +49,6 @@ class PersonAnswer:
 
 
 Message = PersonHello | PersonRequest | PersonAnswer
-
-
-class CodecError(ValueError):
-    """A line that is none of the three messages."""
 
 
 def request_of(number: int, command: Ask | LoadWeight) -> PersonRequest:

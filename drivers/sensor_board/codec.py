@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from drivers.errors import CodecError
 from drivers.sensor_board.framing import frame
 
 MAX_STREAMS: Final = 32
@@ -31,10 +32,6 @@ TIME_MODULUS: Final = 1 << 32
 _HEADER = struct.Struct("<BBHI")
 _TIMED = np.dtype([("t_us", "<u4"), ("value", "<i4")])
 _I32 = np.dtype("<i4")
-
-
-class CodecError(ValueError):
-    """These bytes are no message of the sensor board, or the message cannot be told in bytes."""
 
 
 class BoardKind(IntEnum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.clock import Clock
-from drivers.errors import ProtocolError
+from drivers.errors import CodecError, ProtocolError
 from drivers.links import SerialLink
 from drivers.messages import Command
 from drivers.sensor_board.codec import (
@@ -13,7 +13,6 @@ from drivers.sensor_board.codec import (
     BoardHello,
     BoardKind,
     BoardReply,
-    CodecError,
     CommandFrame,
     decode,
     encode,

@@ -9,10 +9,10 @@ from dataclasses import asdict
 from pydantic import Field, model_validator
 
 from drivers.clock import Clock
-from drivers.errors import PortError, ProtocolError
+from drivers.errors import CodecError, PortError, ProtocolError
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
-from drivers.sensor_board.codec import BoardCode, BoardReply, CodecError, ReplyStatus, Samples, Times, decode
+from drivers.sensor_board.codec import BoardCode, BoardReply, ReplyStatus, Samples, Times, decode
 from drivers.sensor_board.commands import BoardLimits, valid
 from drivers.sensor_board.dialogue import BoardDialogue, BoardOrder, identify
 from drivers.sensor_board.framing import BoardFrameDecoder

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
+from drivers.errors import CodecError
 from drivers.messages import SampleBlock, StreamInfo
 from drivers.numbering import DeviceClock, StreamTrack
-from drivers.sensor_board.codec import TIME_MODULUS, CodecError, Samples, Times
+from drivers.sensor_board.codec import TIME_MODULUS, Samples, Times
 
 PERIOD_S = 0.2
 """Longest time between two samples of an irregular stream, s. Assumption: five periods of a finger at 28 Hz."""

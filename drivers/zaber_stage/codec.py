@@ -11,6 +11,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from drivers.errors import CodecError
+
 IDS = 100
 """Message ids are 0 to 99 (Zaber ASCII protocol)."""
 
@@ -56,10 +58,6 @@ REJECTIONS = {
 
 _TAIL = re.compile(rb":([0-9A-Fa-f]{2})$")
 _LINE_END = re.compile(rb"[\r\n]+")
-
-
-class CodecError(ValueError):
-    """A line that is not Zaber ASCII."""
 
 
 class ChecksumError(CodecError):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from drivers.clock import Clock
+from drivers.errors import CodecError
 from drivers.links import SerialLink
 from drivers.zaber_stage import codec
 
@@ -93,7 +94,7 @@ class StageDialogue:
     def _decode(self, line: bytes) -> codec.StageReply | None:
         try:
             message = codec.decode_message(line, checksum=self.checksums_due)
-        except codec.CodecError:
+        except CodecError:
             return None
         self.garbage = b""
         mine = isinstance(message, codec.StageReply) and message.device == self._address

@@ -40,7 +40,7 @@ from drivers.clock import VirtualClock
 from drivers.dsa_matrix import codec as dsa
 from drivers.dsa_matrix.frames import MatrixFrames
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
-from drivers.errors import DeviceError
+from drivers.errors import CodecError, DeviceError
 from drivers.messages import StreamInfo
 from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from drivers.mock.devices.barrett_hand import (
@@ -104,7 +104,7 @@ def _board(data: bytes) -> None:
     decoder = BoardFrameDecoder()
     bodies = [body for piece in _halves(data) for body in decoder.feed(piece)]
     for place, body in enumerate((*bodies, *data.split(b"\xff\x00\xff"))):
-        with suppress(board.CodecError):
+        with suppress(CodecError):
             message = board.decode(body)
             if isinstance(message, board.Samples | board.Times):
                 streams.push(message, 10.0 + 0.01 * place)
@@ -153,9 +153,9 @@ def _zaber(data: bytes) -> None:
     lines = zaber.LineBuffer()
     for line in [line for piece in _halves(data) for line in lines.feed(piece)]:
         for checksum in (True, False):
-            with suppress(zaber.CodecError):
+            with suppress(CodecError):
                 zaber.decode_message(line, checksum=checksum)
-        with suppress(zaber.CodecError):
+        with suppress(CodecError):
             zaber.decode_request(line)
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
     stage = EmulatedZaberStage(EmulatedZaberStageSettings(homed=True), axis, lambda t_s: None)
@@ -186,10 +186,10 @@ class _Silent:
 
     def receive(self, heard: CanFrame, t_s: float) -> list[CanFrame]:
         for decode in (gripper.decode_order, gripper.decode_answer):
-            with suppress(gripper.CodecError):
+            with suppress(CodecError):
                 decode(heard)
         for read in (hand.decode_request, hand.decode_reply):
-            with suppress(hand.CodecError):
+            with suppress(CodecError):
                 read(heard)
         return []
 
@@ -223,11 +223,11 @@ def _dsacon(data: bytes) -> None:
     info = StreamInfo("dsa.taxels", ("a", "b"), "V", 1e-3, 100.0)
     frames = MatrixFrames("dsa", info, VirtualClock(), 200.0)
     for place, packet in enumerate(packets):
-        with suppress(dsa.CodecError):
+        with suppress(CodecError):
             answer = dsa.decode_answer(packet)
             if isinstance(answer, dsa.Frame):
                 frames.push(answer, 0.01 * place)
-        with suppress(dsa.CodecError):
+        with suppress(CodecError):
             dsa.decode_request(packet)
     frames.take_blocks()
     texels = SteadyTexels((Matrix(2, 3, 3.4e-3),), np.full(6, 1.0))
@@ -294,12 +294,12 @@ def _script_seeds() -> Iterable[bytes]:
 
 def _audio(data: bytes) -> None:
     decoder = sound.FrameDecoder()
-    with suppress(sound.CodecError):
+    with suppress(CodecError):
         for piece in _halves(data):
             decoder.feed(piece)
     recorder = EmulatedAudio(EmulatedAudioSettings(), SteadyFingers())
     for place, line in enumerate(data.split(b"\n")[:20]):
-        with suppress(sound.CodecError):
+        with suppress(CodecError):
             sound.decode_line(line)
         recorder.receive(line + b"\n", 0.001 * place)
     recorder.step(0.03)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.audio.codec import MAX_LINE_BYTES, CodecError, Sound, SoundWords, decode_line, encode
+from drivers.audio.codec import MAX_LINE_BYTES, Sound, SoundWords, decode_line, encode
 from drivers.audio.oscillator import WHOLE
 from drivers.audio.settings import FINGERS, RATE_HZ
+from drivers.errors import CodecError
 from drivers.settings import Settings
 
 Fault = Literal["drop", "silent", "refuse", "restart", "clip"]

@@ -11,6 +11,7 @@ from pydantic import Field
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.can_frame import CanFrame
+from drivers.errors import CodecError
 
 Fault = Literal["silent", "saturate"]
 
@@ -69,7 +70,7 @@ class EmulatedBarrettHand:
         self._source.advance(t_s)
         try:
             request = codec.decode_request(frame)
-        except codec.CodecError:
+        except CodecError:
             return []
         if self._silent:
             return []

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from drivers.can_frame import CanFrame
 from drivers.can_gripper import units
-from drivers.can_gripper.codec import CodecError, decode_order, encode_answer
+from drivers.can_gripper.codec import decode_order, encode_answer
 from drivers.can_gripper.words import (
     Answer,
     AskState,
@@ -29,6 +29,7 @@ from drivers.can_gripper.words import (
     Poll,
     Watchdog,
 )
+from drivers.errors import CodecError
 from drivers.settings import Settings
 
 Fault = Literal["stall", "overheat", "reboot", "silent"]

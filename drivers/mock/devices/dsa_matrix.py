@@ -12,6 +12,7 @@ from pydantic import Field
 
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
+from drivers.errors import CodecError
 from drivers.mock.physics.fingertip_settings import Matrix
 from drivers.settings import Settings
 
@@ -116,7 +117,7 @@ class EmulatedDsaMatrix:
             for packet in self._line.feed(data):
                 try:
                     answer = self._obey(codec.decode_request(packet), t_s)
-                except codec.CodecError:
+                except CodecError:
                     answer = codec.Done(codec.Id.ACQUIRE, UNKNOWN)
                 self._say(encode_packet(codec.encode_answer(answer)), t_s)
         return self._take(t_s)

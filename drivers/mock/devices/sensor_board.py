@@ -9,13 +9,13 @@ from typing import Literal, get_args
 import numpy as np
 from pydantic import Field
 
+from drivers.errors import CodecError
 from drivers.mock.devices.board_channels import BoardClock, BoardSource, Channel
 from drivers.sensor_board.codec import (
     TIME_MODULUS,
     BoardCode,
     BoardHello,
     BoardReply,
-    CodecError,
     CommandFrame,
     HelloStream,
     ReplyStatus,

@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from drivers.errors import CodecError
 from drivers.mock.devices.zaber_settings import CONSTANTS
 from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, StageAxis
 from drivers.settings import Settings
@@ -168,7 +169,7 @@ class EmulatedZaberStage:
     def _answer(self, line: bytes, t_s: float) -> bytes:
         try:
             request = codec.decode_request(line)
-        except codec.CodecError:
+        except CodecError:
             return b""
         if request.device not in (0, self._settings.address):
             return b""

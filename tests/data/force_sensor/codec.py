@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 
+from drivers.errors import CodecError
+
 TIME_MODULUS = 1 << 32
 """Its milliseconds are a u32."""
-
-
-class CodecError(ValueError):
-    """The line is none of this sensor's."""
 
 
 @dataclass(frozen=True, slots=True)

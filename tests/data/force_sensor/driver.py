@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.clock import Clock
-from drivers.errors import check_streams, wrong
+from drivers.errors import CodecError, check_streams, wrong
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Command, DeviceInfo, Listen, StreamInfo
 from drivers.numbering import DeviceClock, SampleStream
@@ -112,6 +112,6 @@ class ForceSensor(WireDriver[SerialLink]):
             for line in self._lines.feed(data):
                 try:
                     messages.append((arrival_s, codec.decode(line)))
-                except codec.CodecError:
+                except CodecError:
                     self._malformed += 1
         return messages

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from drivers.barrett_hand.codec import (
-    CodecError,
     Get,
     HandReply,
     Property,
@@ -17,6 +16,7 @@ from drivers.barrett_hand.codec import (
     reply_id,
 )
 from drivers.can_frame import CanFrame
+from drivers.errors import CodecError
 
 REQUESTS = [
     (Get(11, Property.STRAIN), "00B", "19"),

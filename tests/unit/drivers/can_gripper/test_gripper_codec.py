@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.can_frame import CanFrame
-from drivers.can_gripper.codec import CodecError, decode_answer, decode_order, encode_answer, encode_order
+from drivers.can_gripper.codec import decode_answer, decode_order, encode_answer, encode_order
 from drivers.can_gripper.words import (
     Answer,
     AskState,
@@ -24,6 +24,7 @@ from drivers.can_gripper.words import (
     Poll,
     Watchdog,
 )
+from drivers.errors import CodecError
 
 ORDERS = [
     (0, DriveOrder(100, 20, 500), "07A", "64 14 01 F4 C0"),

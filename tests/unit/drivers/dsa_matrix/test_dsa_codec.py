@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
+from drivers.errors import CodecError
 
 REQUESTS = [
     (codec.AskMatrices(codec.Id.CONTROLLER), 0x01, ""),
@@ -109,7 +110,7 @@ def test_frames_come_back_as_they_were(texels: np.ndarray, rle: bool) -> None:
     ],
 )
 def test_what_is_no_answer_is_refused(packet: MatrixPacket) -> None:
-    with pytest.raises(codec.CodecError):
+    with pytest.raises(CodecError):
         codec.decode_answer(packet)
 
 
@@ -117,7 +118,7 @@ def test_what_is_no_answer_is_refused(packet: MatrixPacket) -> None:
     "packet", [MatrixPacket(0x01, b"\0"), MatrixPacket(0x03, b"\0"), MatrixPacket(0x55), MatrixPacket(0x0B)]
 )
 def test_what_is_no_request_is_refused(packet: MatrixPacket) -> None:
-    with pytest.raises(codec.CodecError):
+    with pytest.raises(CodecError):
         codec.decode_request(packet)
 
 

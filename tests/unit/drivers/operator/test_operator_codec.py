@@ -2,10 +2,10 @@
 
 import pytest
 
+from drivers.errors import CodecError
 from drivers.messages import Ask, LoadWeight
 from drivers.operator.codec import (
     LINE_MAX,
-    CodecError,
     LineDecoder,
     PersonAnswer,
     PersonHello,

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.errors import CodecError
 from drivers.sensor_board.codec import (
     ARGUMENTS,
     BoardCode,
     BoardHello,
     BoardReply,
-    CodecError,
     CommandFrame,
     HelloStream,
     Message,

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
+from drivers.errors import CodecError
 from drivers.messages import StreamInfo
-from drivers.sensor_board.codec import CodecError, Samples, Times
+from drivers.sensor_board.codec import Samples, Times
 from drivers.sensor_board.streams import Arrival, BoardStreams
 
 FORCE, ACCELERATION, PERIOD = 0, 1, 2

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.errors import CodecError
 from drivers.zaber_stage import codec
 
 GOLDEN = tomllib.loads((Path(__file__).parents[3] / "data" / "zaber_golden.toml").read_text())
@@ -56,7 +57,7 @@ def test_a_line_without_a_checksum_is_refused_where_one_is_due() -> None:
     "line", [b"", b"hello", b"@", b"@01 1", b"@01 1 04 YES IDLE -- 0", b"@a b c d", b"@\xff"]
 )
 def test_what_is_no_zaber_message_is_refused(line: bytes) -> None:
-    with pytest.raises(codec.CodecError):
+    with pytest.raises(CodecError):
         codec.decode_message(line, checksum=False)
 
 
@@ -71,7 +72,7 @@ def test_no_flipped_bit_of_a_checked_reply_goes_unseen(case: dict[str, Any], pla
     line[place] ^= 1 << bit
     if place >= len(line) - 2 and bit == 5:
         return  # 0xAB and 0xab are the same checksum
-    with pytest.raises(codec.CodecError):
+    with pytest.raises(CodecError):
         codec.decode_message(bytes(line))
 
 
