@@ -7,7 +7,7 @@ import os
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,7 @@ from config.verbs import (
     set_option,
     shard,
     span,
+    watch_option,
 )
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from controller.console import Operator
     from controller.recording.resuming import Resumed
     from controller.recording.run_folder import RunFolder
+    from controller.watching.page import PageProcess
 
 
 def _say_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
@@ -205,6 +207,7 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
 @endpoints_option
 @realtime_option
 @jobs_options
+@watch_option
 @click.option(
     "--shard",
     callback=shard,
@@ -223,6 +226,7 @@ def run(
     realtime: bool,
     jobs: int | None,
     scheduler: str | None,
+    watched: bool,
     shard: tuple[int, int] | None,
 ) -> int:
     """Run the experiment of a PROFILE and write a run folder with its report.
@@ -245,7 +249,7 @@ def run(
     from config.trials import chosen
 
     if parts := parts_of(profile):
-        if csv or numbers or endpoints or realtime or shard:
+        if csv or numbers or endpoints or realtime or shard or watched:
             raise click.UsageError(f"{profile} has parts; run one of them with this option: see run.py list")
         folder = begin(profile, parts, ["--seed", str(seed), *_sets(overrides)], out)
         return _in_turn(folder, jobs, scheduler, reported)
@@ -265,7 +269,7 @@ def run(
     others = {trial.id for trial in picked} - {trial.id for trial in chosen(picked, (), shard)}
     plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
     with _crew(loaded, plan, jobs, scheduler) as crew:
-        return _carried_out(loaded, plan, out, endpoints, reported, crew, realtime=realtime)
+        return _carried_out(loaded, plan, out, endpoints, reported, crew, realtime=realtime, watched=watched)
 
 
 @cli.command(cls=Verb, short_help="Go on with a run that broke off.")
@@ -274,8 +278,15 @@ def run(
 @report_option
 @endpoints_option
 @jobs_options
+@watch_option
 def resume(
-    run: str, out: Path, reported: bool, endpoints: Path | None, jobs: int | None, scheduler: str | None
+    run: str,
+    out: Path,
+    reported: bool,
+    endpoints: Path | None,
+    jobs: int | None,
+    scheduler: str | None,
+    watched: bool,
 ) -> int:
     """Go on with a RUN where it stopped, in its own folder.
 
@@ -296,6 +307,8 @@ def resume(
 
     found = RunFolder.find(run, out)
     if "parts" in found.read_manifest():
+        if watched:
+            raise click.UsageError(f"{run} has parts: watch each with run.py watch")
         return _in_turn(found, jobs, scheduler, reported)
     resumed = broken_off(found)
     loaded, trials = profile_of(resumed.manifest, resumed.folder.path.name)
@@ -307,7 +320,7 @@ def resume(
         )
         return DONE
     with _crew(loaded, plan, jobs, scheduler) as crew:
-        return _carried_out(loaded, plan, out, endpoints, reported, crew, resumed)
+        return _carried_out(loaded, plan, out, endpoints, reported, crew, resumed, watched=watched)
 
 
 @cli.command(cls=Verb, short_help="Join the shards of a run.")
@@ -336,23 +349,26 @@ def _carried_out(
     crew: Crew | None,
     resumed: Resumed | None = None,
     realtime: bool = False,
+    watched: bool = False,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
     from controller.console import Operator
     from controller.recording.run_folder import RunFolder
 
-    if crew is not None:
-        from config.jobs import in_parts
+    with ExitStack() as stack:
+        page = stack.enter_context(closing(_page())) if watched else None
+        if crew is not None:
+            from config.jobs import in_parts
 
-        with Operator() as operator:
-            outcome = in_parts(crew, loaded, plan, _console(operator), out, resumed).run()
-    else:
-        from config.assemble import build_rig
-        from controller.campaign import Campaign
+            operator = stack.enter_context(Operator())
+            outcome = in_parts(crew, loaded, plan, _console(operator, page), out, resumed).run()
+        else:
+            from config.assemble import build_rig
+            from controller.campaign import Campaign
 
-        rig = build_rig(loaded, _endpoints(endpoints), realtime)
-        with closing(rig), Operator(asking=rig.asking) as operator:
-            outcome = Campaign(plan, rig, _console(operator), out, resumed).run()
+            rig = stack.enter_context(closing(build_rig(loaded, _endpoints(endpoints), realtime)))
+            operator = stack.enter_context(Operator(asking=rig.asking))
+            outcome = Campaign(plan, rig, _console(operator, page), out, resumed).run()
     if outcome.error is None:
         (complain if outcome.exit_code else say)(outcome.line)
     try:
@@ -543,6 +559,31 @@ def report(runs: Sequence[str], out: Path) -> None:
     _report(folders)
 
 
+@cli.command(cls=Verb, short_help="Watch a run that goes on, in the browser.")
+@click.argument("name", metavar="RUN")
+@out_option
+def watch(name: str, out: Path) -> None:
+    """Serve the live page of a RUN that goes on, and print its link; it ends with the run, or by Ctrl+C.
+
+    The page is on this machine alone, and whoever has the link can pause and stop the run. Stop is not a safety
+    function: use the robot's emergency stop.
+
+    \b
+    Example:
+      run.py watch latest
+    """
+    from controller.recording.run_folder import RunFolder, RunFolderError
+    from controller.watching.page import Door, alive, serve
+
+    folder = RunFolder.find(name, out).path
+    if not alive(folder):
+        raise RunFolderError(f"{folder}: this run does not go on; `run.py open {name}` shows its report")
+    door = Door.open()
+    click.echo(door.link)
+    sys.stdout.flush()
+    serve(folder, door, lambda: _browse(door.link))
+
+
 @cli.command("open", cls=Verb, short_help="Open the report of a run in the browser.")
 @click.argument("name", metavar="RUN")
 @out_option
@@ -555,8 +596,6 @@ def open_(name: str, out: Path) -> None:
     Example:
       run.py open latest
     """
-    import webbrowser
-
     from controller.recording.run_folder import RunFolder
 
     folder = RunFolder.find(name, out)
@@ -564,8 +603,7 @@ def open_(name: str, out: Path) -> None:
     if not page.is_file():
         _report([folder])
     click.echo(page)
-    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        webbrowser.open(page.resolve().as_uri())
+    _browse(page.resolve().as_uri())
 
 
 @cli.command(cls=Verb, short_help="Write a run in the formats of other programs.")
@@ -665,16 +703,39 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
     return dict(endpoints)
 
 
-def _console(operator: Operator) -> Console:
+def _console(operator: Operator, page: PageProcess | None) -> Console:
+    """The person's side: the terminal, and whoever watches."""
     from controller.console import PlainConsole
+    from controller.watching.feed import Watched
 
+    began = None if page is None else page.began
     if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return PlainConsole(operator, say_at_once)
+        return Watched(PlainConsole(operator, say_at_once), operator, began)
     from rich.console import Console as Terminal
 
     from controller.live import LiveConsole
 
-    return LiveConsole(operator, Terminal())
+    return Watched(LiveConsole(operator, Terminal()), operator, began)
+
+
+def _page() -> PageProcess:
+    """Begin to serve the live page; it is there once the run is."""
+    from controller.watching.page import Door, PageProcess
+
+    door = Door.open()
+    link = door.link
+    say(f"watch it: {link}")
+    page = PageProcess(door)
+    _browse(link)
+    return page
+
+
+def _browse(address: str) -> None:
+    """Open an address where there is a screen."""
+    import webbrowser
+
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)
 
 
 def _sets(overrides: Mapping[str, str]) -> list[str]:

@@ -6,6 +6,7 @@ from importlib import import_module
 BENCHMARKS = {
     "loop": "benchmarks.loop",
     "stop": "benchmarks.stop_latency",
+    "page": "benchmarks.live_page",
     "left_alone": "benchmarks.left_alone",
     "physics": "benchmarks.physics.run",
     "chain": "benchmarks.chain",

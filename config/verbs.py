@@ -203,6 +203,11 @@ realtime_option = click.option(
 )
 
 
+watch_option = click.option(
+    "--watch", "watched", is_flag=True, help="Serve a live page as well: signals, trials, pause and stop."
+)
+
+
 def shard(ctx: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
     """Which shard of how many, out of `3/7`."""
     if value is None:

@@ -67,6 +67,7 @@ class Operator:
         self._paused = False
         self._go_on = False
         self._abort = False
+        self._reply: tuple[int, bool] | None = None
 
     def __enter__(self) -> Operator:
         handlers: dict[signal.Signals, Any] = {
@@ -117,6 +118,24 @@ class Operator:
         self._silence_keys()
         self._forget_keys()
         self._go_on = not self._interactive
+
+    def press(self, word: str) -> None:
+        """What somebody wants who is not at this keyboard, told by any thread: "pause", "resume" or "stop".
+
+        A stop is latched: the run ends by it, and another act begins the next.
+        """
+        self._abort |= word == "stop"
+        self._pause |= word == "pause" and not self._paused
+        self._go_on |= word == "resume" and self._paused
+
+    def reply(self, number: int, done: bool) -> None:
+        """Somebody's answer to the question of that number, told by any thread."""
+        self._reply = number, done
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the run ends by somebody's word."""
+        return self._abort
 
     @property
     def question(self) -> Question | None:
@@ -211,6 +230,10 @@ class Operator:
         """Enter answers a question that has been put; any other word than no is a slip of the finger."""
         asked = self._open_question()
         new, self._put = asked != self._put, asked
+        reply, self._reply = self._reply, None
+        if asked is not None and reply is not None and reply[0] == asked[1].number:
+            asked[0].answer(*reply)
+            return
         if asked is None or not self._interactive:
             return
         if new:

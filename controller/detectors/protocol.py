@@ -49,20 +49,13 @@ class Reading(NamedTuple):
 
 
 def reading_of(detector: object) -> Reading | None:
-    """What a detector shows; one of the user's own need not, and what it shows wrongly counts for nothing."""
+    """What a detector shows of its last `push`, as its attribute `reading`: None where nothing was held against the
+    threshold. One of the user's own need not, and what it shows wrongly counts for nothing."""
     try:
         reading = getattr(detector, "reading", None)
     except Exception:
         return None
     return reading if isinstance(reading, Reading) else None
-
-
-@runtime_checkable
-class Telling(Protocol):
-    """A detector that shows its number and threshold: to who watches, and to the recording."""
-
-    reading: Reading | None
-    """Of the last `push`; None where nothing was held against the threshold in it."""
 
 
 def largest(times_s: NDArray[np.float64], statistic: NDArray[np.float64], threshold: float) -> Reading | None:

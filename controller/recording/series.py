@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,3 +134,18 @@ def _gaps(
         if missing > 0 and not any(span.t0_s < t1_s and span.t1_s > t0_s for span in skipped):
             gaps.append(Gap(t0_s, t1_s, missing))
     return gaps
+
+
+def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
+    """Places of the least and the largest of each of `points` / 2 stretches, in order; all where they fit."""
+    if len(values) <= points:
+        return np.arange(len(values))
+    edges = np.linspace(0, len(values), points // 2 + 1).astype(int)
+    found: set[int] = {0, len(values) - 1}
+    for start, end in pairwise(edges):
+        part = values[start:end]
+        if np.isfinite(part).any():
+            found |= {start + int(np.nanargmin(part)), start + int(np.nanargmax(part))}
+        else:
+            found.add(int(start))
+    return np.array(sorted(found))

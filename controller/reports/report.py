@@ -7,7 +7,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
 from controller.experiments import experiment_of
@@ -18,6 +17,7 @@ from controller.reports import generic
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
 from controller.reports.in_lines import Part, guard_lines, in_lines
+from controller.reports.pages import environment, library
 from controller.reports.run_account import account_of, early_end, setting_of
 from controller.reports.section import Column, Result, Section, Table
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
@@ -113,15 +113,8 @@ def _page(
             told = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
             columns = [Column(name, name) for name in ("setting", *names)]
             apart.append(Table(columns, [["runs", *told], *differences(groups)], left=len(columns)))
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=select_autoescape(default=True, default_for_string=True),
-        undefined=StrictUndefined,
-        finalize=_typographic,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals["kind_of"] = lambda block: type(block).__name__
+    templates = environment()
+    templates.globals["kind_of"] = lambda block: type(block).__name__
     sections = [part.section for part in parts]
     drivers = [
         str(table.get("driver")) for run in runs for table in (setting_of(run, "devices") or {}).values()
@@ -129,7 +122,7 @@ def _page(
     ours = [_OURS[driver] for driver in dict.fromkeys(drivers) if driver in _OURS]
     ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_otherwise(part))]
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
-    page = environment.get_template("report.html.j2")
+    page = templates.get_template("report.html.j2")
     facts: dict[str, Any] = {
         "heading": title or heading or " and ".join(dict.fromkeys(section.title for section in sections)),
         "contents": _contents(paper, parts),
@@ -144,7 +137,7 @@ def _page(
         "accounts": [account_of(run) for run in runs],
         "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
         "trials": trial_table(runs),
-        "library": _library(),
+        "library": library(),
     }
     rest = len(page.render(**facts, signals="").encode())
     return page.render(**facts, signals=Markup(payload(runs, max(LEAST_ROOM, PAGE - rest)))), parts
@@ -181,14 +174,6 @@ def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[Part]) -> Tabl
     return Table(columns, rows) if rows else None
 
 
-def _library() -> list[Markup]:
-    """The scripts that draw, as their wheel ships them; "</script" would end the element that they stand in."""
-    from bokeh.resources import Resources
-
-    texts = Resources(mode="inline", components=["bokeh", "bokeh-api"]).js_raw
-    return [Markup(text.replace("</script", "<\\/script")) for text in texts]
-
-
 def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: Figures) -> Part:
     section = _section(experiment, runs, figures)
     results = [Result(None, lost)] if lost else []
@@ -204,10 +189,6 @@ def _set_otherwise(part: Part) -> list[str]:
         for path, paper in part.section.printed.items()
         if path in ours and isinstance(paper.value, int | float) and ours[path] != paper.value
     ]
-
-
-def _typographic(value: object) -> object:
-    return value.replace("'", "\u2019") if type(value) is str else value  # Markup is left alone
 
 
 def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:

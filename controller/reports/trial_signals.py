@@ -5,14 +5,13 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.recording.reader import Run
-from controller.recording.series import DETECTOR, Series, TrialRecording
+from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.run_account import setting_of
 from controller.reports.text import title
 
@@ -175,18 +174,3 @@ def _packed(times_s: Floats, values: Floats, points: int) -> dict[str, Any]:
 
     t, y = packed(times_s[keep], *ends), packed(values[keep], low, high)
     return {"span": [*ends, low, high], "t": t, "y": y}
-
-
-def extremes(values: Floats, points: int) -> NDArray[np.intp]:
-    """Places of the least and the largest of each of `points` / 2 stretches, in order; all where they fit."""
-    if len(values) <= points:
-        return np.arange(len(values))
-    edges = np.linspace(0, len(values), points // 2 + 1).astype(int)
-    found: set[int] = {0, len(values) - 1}
-    for start, end in pairwise(edges):
-        part = values[start:end]
-        if np.isfinite(part).any():
-            found |= {start + int(np.nanargmin(part)), start + int(np.nanargmax(part))}
-        else:
-            found.add(int(start))
-    return np.array(sorted(found))

@@ -1,19 +1,14 @@
 """The report in a real browser: Chromium without a window, which finds no network."""
 
-import shutil
-
 import pytest
-from playwright.sync_api import sync_playwright
 
 from controller.reports.report import PAGE, build_report
+from tests.browser.conftest import SOON_MS
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 LIMIT_BYTES = 3_000_000
 
 DELAYS_S = (0.20, 0.40, 0.36, 0.30)
-
-SOON_MS = 60_000
-"""How long a condition is waited for: a browser that starts beside other work takes seconds."""
 
 
 @pytest.fixture(scope="module")
@@ -25,16 +20,6 @@ def report(tmp_path_factory):
         write_transient(root, given[:2]),
     ]
     return build_report(runs, root)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    assert path, "no Chromium: apt-get install chromium"
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

@@ -1,20 +1,6 @@
-"use strict";
 (() => {
-  const root = document.documentElement;
   const told = JSON.parse(document.getElementById("signals").textContent);
-  const color = (name) => getComputedStyle(root).getPropertyValue("--" + name).trim();
-
-  // --- light and dark: as the system has it, until the switch says otherwise
-  const dark = () => root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  const button = document.getElementById("theme");
-  const name_theme = () => { button.textContent = dark() ? "Light" : "Dark"; };
-  button.addEventListener("click", () => {
-    root.dataset.theme = dark() ? "light" : "dark";
-    name_theme();
-    draw();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { name_theme(); draw(); });
-  name_theme();
+  theme(() => draw());
 
   // --- tables: sort by a head, filter by words and by comparisons such as delay_s>0.2
   const value_of = (row, place) => row.cells[place].dataset.v ?? row.cells[place].textContent.trim();
@@ -88,17 +74,11 @@
   };
   const figure_of = (trial, number, x_range, ink) => {
     const {label, curves} = trial.panels[number];
-    const plot = Bokeh.Plotting.figure({
-      height: 170, sizing_mode: "stretch_width", x_range, y_axis_label: label, tools: "box_zoom,xpan,xwheel_zoom,reset,save",
-      toolbar_location: number ? null : "above",
-      background_fill_color: ink.paper, border_fill_color: ink.paper, outline_line_color: ink.rule, output_backend: "canvas",
+    const plot = chart(ink, {
+      height: 170, x_range, y_axis_label: label, tools: "box_zoom,xpan,xwheel_zoom,reset,save", toolbar_location: number ? null : "above",
     });
-    plot.toolbar.logo = null;
     for (const axis of plot.xaxes) Object.assign(axis, {visible: number === trial.panels.length - 1, axis_label: "time since the trial began (s)"});
-    for (const axis of [...plot.xaxes, ...plot.yaxes])
-      Object.assign(axis, {axis_label_text_color: ink.ink, major_label_text_color: ink.ink, axis_line_color: ink.soft, major_tick_line_color: ink.soft, minor_tick_line_color: null});
-    for (const grid of [...plot.xgrids, ...plot.ygrids]) grid.grid_line_color = ink.rule;
-    const lines = [ink.ours, ink.rival, ink.paper_s];
+    const lines = [ink.ours, ink.rival, ink["paper-s"]];
     const seen = curves.map((curve, place) => {
       const data = unpacked(curve);
       const source = new Bokeh.ColumnDataSource({data});
@@ -109,7 +89,7 @@
     for (const [place, , threshold] of trial.thresholds)
       if (place === number) across("width", threshold, {line_color: ink.truth, line_dash: [6, 4]});
     for (const [t] of trial.states) across("height", t, {line_color: ink.rule, line_width: 1});
-    for (const [t, , whose] of trial.marks) across("height", t, {line_color: whose === "paper" ? ink.paper_s : ink.ours, line_width: 1.5});
+    for (const [t, , whose] of trial.marks) across("height", t, {line_color: whose === "paper" ? ink["paper-s"] : ink.ours, line_width: 1.5});
     for (const [, t] of trial.truths) across("height", t, {line_color: ink.truth, line_dash: [2, 3], line_width: 1.5});
     return plot;
   };
@@ -121,7 +101,7 @@
     place.replaceChildren();
     place.dataset.ready = "";
     for (const row of document.querySelectorAll("tr[data-trial]")) row.classList.toggle("open", keys.includes(row.dataset.trial));
-    const ink = {ink: color("ink"), soft: color("soft"), rule: color("rule"), paper: color("paper"), ours: color("ours"), rival: color("rival"), paper_s: color("paper-s"), truth: color("truth")};
+    const ink = inks();
     for (const key of keys) {
       const trial = told[key];
       const box = document.createElement("div");

@@ -3,7 +3,8 @@ import json
 
 import numpy as np
 
-from controller.reports.trial_signals import _measured, _packed, extremes, payload
+from controller.recording.series import extremes
+from controller.reports.trial_signals import _measured, _packed, payload
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 

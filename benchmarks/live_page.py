@@ -1,0 +1,161 @@
+"""From a click on the live page to the loop, and what the page costs the loop, whatever becomes of the page."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+import tempfile
+from pathlib import Path
+from queue import Queue
+from threading import Thread
+from typing import Any
+
+import numpy as np
+from tornado.httpclient import HTTPRequest
+from tornado.websocket import websocket_connect
+
+from benchmarks.results import save, table
+from config.jobs import Silent
+from controller.console import Operator
+from controller.glimpse import Glimpse
+from controller.limits import GuardSettings
+from controller.recording.series import TrialRecording
+from controller.watching.feed import Watched
+from controller.watching.page import Door, PageProcess
+from drivers.clock import monotonic_s, rest
+from drivers.messages import SampleBlock
+
+RATE_HZ = 200.0
+"""The loop's, while something moves."""
+
+CLICKS, QUICK_CLICKS = 1000, 50
+SECONDS, QUICK_SECONDS = 60.0, 3.0
+
+
+class Turning(Silent):
+    """A loop that turns, records two streams of 1 kHz and asks its operator."""
+
+    def __init__(self, folder: Path, page: PageProcess) -> None:
+        self.operator = Operator(Path(os.devnull).open())  # noqa: SIM115 - as long as the benchmark
+        self._watched = Watched(self, self.operator, page.began)
+        self._recording = TrialRecording(1)
+        self._limits = GuardSettings(force_n=2.0, travel_m=0.012)
+        self._watched.campaign_started("benchmark", 1, folder)
+        self._watched.watch(Glimpse(self._recording, {}, self._limits, now=lambda: self._t_s))
+        self._t_s = 0.0
+        self.late_s: list[float] = []
+        self.words: Queue[float] = Queue()
+        self.ended = False
+        self.thread = Thread(target=self._run)
+        self.thread.start()
+
+    def poll(self) -> str | None:  # type: ignore[override]
+        """What the clicks want."""
+        return self.operator.poll()
+
+    def _run(self) -> None:
+        begun_s, turn = monotonic_s(), 0
+        while not self.ended:
+            turn += 1
+            rest(max(0.0, begun_s + turn / RATE_HZ - monotonic_s()))
+            self._t_s = monotonic_s() - begun_s
+            self.late_s.append(self._t_s - turn / RATE_HZ)
+            if self._watched.poll() is not None:
+                self.words.put(monotonic_s())
+            for stream, unit in (("board.load_cell", "N"), ("stage.position", "m")):
+                values = np.full((5, 1), 0.001)
+                self._recording.add(SampleBlock(stream, 5 * turn, self._t_s, values, 1000.0, unit=unit))
+            turn = max(turn, int(self._t_s * RATE_HZ))
+        self._watched.campaign_ended("")
+
+
+async def clicks(door: Door, loop: Turning, count: int) -> list[float]:
+    """Seconds from what the browser sends to the turn of the loop that hears it."""
+    request = HTTPRequest(
+        f"ws://{door.host}/wire?token={door.token}", headers={"Origin": f"http://{door.host}"}
+    )
+    wire = await websocket_connect(request)
+    random, found = np.random.default_rng(1), []
+    for click in range(count):
+        await asyncio.sleep(float(random.uniform(0.01, 0.03)))
+        sent_s = monotonic_s()
+        await wire.write_message(json.dumps({"do": ("pause", "resume")[click % 2]}))
+        found.append(await asyncio.to_thread(loop.words.get, timeout=10.0) - sent_s)
+    wire.close()
+    return found
+
+
+async def deaf(door: Door, seconds: float) -> None:
+    """One who opens the page's wire and does not read."""
+    request = HTTPRequest(
+        f"ws://{door.host}/wire?token={door.token}", headers={"Origin": f"http://{door.host}"}
+    )
+    wire = await websocket_connect(request)
+    wire.stream.socket.setsockopt  # noqa: B018 - kept open, never read
+    await asyncio.sleep(seconds)
+
+
+def main(quick: bool = False) -> None:
+    """Measure, print, save."""
+    count, seconds = (QUICK_CLICKS, QUICK_SECONDS) if quick else (CLICKS, SECONDS)
+    result: dict[str, Any] = {"loop_hz": RATE_HZ, "seconds": seconds}
+    with tempfile.TemporaryDirectory() as folder:
+        door = Door.open()
+        known = Door(door.socket.dup(), door.token)
+        page = PageProcess(door)
+        loop = Turning(Path(folder), page)
+
+        def lateness(name: str) -> None:
+            loop.late_s.clear()
+            rest(seconds)
+            late_ms = 1e3 * np.array(loop.late_s)
+            result[name] = {
+                "p99_ms": float(np.percentile(late_ms, 99)),
+                "max_ms": float(late_ms.max()),
+                "overruns": int((late_ms > 1e3 / RATE_HZ).sum()),
+                "turns": len(late_ms),
+            }
+
+        try:
+            lateness("nobody watches")
+            ms = 1e3 * np.array(asyncio.run(clicks(known, loop, count)))
+            p50, p99 = np.percentile(ms, [50, 99])
+            result["click to loop"] = {
+                "p50_ms": p50,
+                "p99_ms": p99,
+                "max_ms": float(ms.max()),
+                "n": len(ms),
+            }
+            watching = Thread(target=lambda: asyncio.run(deaf(known, seconds + 1.0)))
+            watching.start()
+            lateness("one who does not read")
+            os.kill(page.pid, signal.SIGSTOP)
+            lateness("page process stopped")
+            os.kill(page.pid, signal.SIGKILL)
+            lateness("page process killed")
+            watching.join()
+        finally:
+            loop.ended = True
+            loop.thread.join()
+            page.close()
+    said = result["click to loop"]
+    print(
+        table(
+            ["click to loop", "p50 ms", "p99 ms", "max ms", "n"], [["", *(f"{v:.2f}" for v in said.values())]]
+        )
+    )
+    rows = [
+        [name, f"{told['p99_ms']:.2f}", f"{told['max_ms']:.2f}", told["overruns"], told["turns"]]
+        for name, told in result.items()
+        if isinstance(told, dict) and "overruns" in told
+    ]
+    print(table(["loop late while", "p99 ms", "max ms", "overruns", "turns"], rows))
+    if not quick:
+        save("live_page", result)
+
+
+if __name__ == "__main__":
+    main("--quick" in sys.argv)

@@ -1,0 +1,32 @@
+"""What every page is made with: the templates, and the script that draws."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
+
+
+def environment() -> Environment:
+    """The templates; what is put into them is text, and bears a typesetter's apostrophes."""
+    return Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=select_autoescape(default=True, default_for_string=True),
+        undefined=StrictUndefined,
+        finalize=_typographic,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def library() -> list[Markup]:
+    """The scripts that draw, as their wheel ships them; "</script" would end the element that they stand in."""
+    from bokeh.resources import Resources
+
+    texts = Resources(mode="inline", components=["bokeh", "bokeh-api"]).js_raw
+    return [Markup(text.replace("</script", "<\\/script")) for text in texts]
+
+
+def _typographic(value: object) -> object:
+    return value.replace("'", "\u2019") if type(value) is str else value  # Markup is left alone

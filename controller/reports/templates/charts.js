@@ -1,0 +1,27 @@
+"use strict";
+// What the report and the live page share: light and dark, and an empty chart in the page's own colours.
+const root = document.documentElement;
+
+const theme = (changed) => {  // as the system has it, until the switch says otherwise
+  const dark = () => root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  const button = document.getElementById("theme");
+  const show = () => { button.textContent = dark() ? "Light" : "Dark"; };
+  const change = () => { show(); changed(); };
+  button.addEventListener("click", () => { root.dataset.theme = dark() ? "light" : "dark"; change(); });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", change);
+  show();
+};
+
+const inks = () => Object.fromEntries(["ink", "soft", "rule", "paper", "ours", "rival", "paper-s", "truth"]
+  .map((name) => [name, getComputedStyle(root).getPropertyValue("--" + name).trim()]));
+
+const chart = (ink, options) => {
+  const plot = Bokeh.Plotting.figure({
+    sizing_mode: "stretch_width", background_fill_color: ink.paper, border_fill_color: ink.paper, outline_line_color: ink.rule, output_backend: "canvas", ...options,
+  });
+  plot.toolbar.logo = null;
+  for (const axis of [...plot.xaxes, ...plot.yaxes])
+    Object.assign(axis, {axis_label_text_color: ink.ink, major_label_text_color: ink.ink, axis_line_color: ink.soft, major_tick_line_color: ink.soft, minor_tick_line_color: null});
+  for (const grid of [...plot.xgrids, ...plot.ygrids]) grid.grid_line_color = ink.rule;
+  return plot;
+};

@@ -1,0 +1,319 @@
+"""A run that others may watch: it tells them how it stands, and hears what they want, on a thread of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import socket
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+
+from controller.campaign import Console, Watching
+from controller.console import PAUSED, Operator
+from controller.glimpse import Glimpse, heard
+from controller.recording.series import DETECTOR, extremes
+from drivers.clock import monotonic_s
+
+SOCKET = "watch.sock"
+"""In the run folder, as long as the run goes on: who may write there may watch."""
+
+TELL_S = 0.2
+"""How often it tells, s: it takes a core about 1 ms each time, for every one who watches."""
+
+CLIENTS = 4
+"""How many may watch at once (assumption: a bench and a desk, twice)."""
+
+LATE_S = 60.0
+"""What one who comes late is told of the trial, s of bench time."""
+
+POINTS_HZ = 25.0
+"""Points of one signal that are told, a second of bench time: as many as a screen shows of a minute."""
+
+ROWS = 200
+"""Trials and events that one who comes late is told of."""
+
+COMMAND_BYTES = 4096
+"""Longest line that is heard (assumption: ten times any there is)."""
+
+
+@dataclass
+class _Client:
+    """One who watches: what was told so far, and what still has to go out."""
+
+    socket: socket.socket
+    out: bytes = b""
+    heard: bytes = b""
+    trial: Glimpse | None = None
+    greeted: bool = False
+    rows: int = 0
+    events: int = 0
+    blocks: dict[str, int] = field(default_factory=dict)
+
+
+class Watched:
+    """A console beside which others watch; implements `controller.campaign.Console`.
+
+    Nothing here waits. The loop's thread notes what is new; the thread that tells makes messages of it and of what was
+    recorded. One who does not read is told nothing more until they do: no message is made before the last one is out.
+
+    Args:
+        console: The person's own.
+        operator: Who hears what is wanted elsewhere.
+        began: Called with the run's folder once it can be watched.
+    """
+
+    def __init__(self, console: Console, operator: Operator, began: Any = None) -> None:
+        self._console = console
+        self._operator = operator
+        self._began = began
+        self._glimpse: Glimpse | None = None
+        self._run: dict[str, Any] = {}
+        self._present: dict[str, Any] = {"trial": None, "state": "", "since_s": 0.0, "ended": None}
+        self._factors: dict[str, Any] = {}
+        self._rows: list[list[Any]] = []
+        self._feed: _Feed | None = None
+
+    # what the loop's thread says
+
+    def watch(self, glimpse: Glimpse) -> None:
+        """Tells of this trial from now on."""
+        self._glimpse = glimpse
+        if isinstance(self._console, Watching):
+            self._console.watch(glimpse)
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
+        """From now on the run can be watched."""
+        self._run = {"title": title, "trials": trials, "folder": folder.name}
+        with suppress(OSError):  # a file system without sockets; the run is none the worse for it
+            self._feed = _Feed(folder / SOCKET, self)
+        if self._began is not None:
+            self._began(folder)
+        self._console.campaign_started(title, trials, folder)
+
+    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
+        """Notes the trial."""
+        self._factors = dict(factors)
+        self._present = self._present | {"trial": trial, "factors": self._factors, "state": ""}
+        self._console.trial_started(trial, factors)
+
+    def state(self, name: str, t_s: float) -> None:
+        """Notes the state."""
+        self._present = self._present | {"state": name, "since_s": t_s}
+        self._console.state(name, t_s)
+
+    def poll(self) -> str | None:
+        """What the operator wants, wherever they are."""
+        return self._console.poll()
+
+    def suspend(self) -> None:
+        """Suspends the program, and with it what tells."""
+        self._console.suspend()
+
+    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
+        """Notes what came out."""
+        self._rows.append([trial, outcome, self._factors | dict(row)])
+        self._console.trial_ended(trial, outcome, row)
+
+    def campaign_ended(self, line: str) -> None:
+        """Says so to all who watch, and tells nothing more."""
+        self._present = self._present | {"trial": None, "ended": line or "done"}
+        feed, self._feed = self._feed, None
+        if feed is not None:
+            feed.end()
+        self._console.campaign_ended(line)
+
+    # what the thread that tells asks
+
+    def hear(self, line: bytes) -> None:
+        """What somebody wants: `{"do": "stop"}`, `pause`, `resume`, or `answer` with `number` and `done`."""
+        with suppress(ValueError, KeyError, TypeError):
+            told = json.loads(line)
+            if told["do"] == "answer":
+                self._operator.reply(int(told["number"]), bool(told["done"]))
+            else:
+                self._operator.press(str(told["do"]))
+
+    def news(self, client: _Client) -> bytes:
+        """What is new since a client was told last, as a line."""
+        question = self._operator.question
+        told: dict[str, Any] = dict(self._present)
+        told["stopped"] = self._operator.stopped
+        told["paused"] = told["state"] == PAUSED
+        told["question"] = question and {"number": question.number, "text": question.text}
+        if not client.greeted:
+            told["run"], client.greeted = self._run, True
+            client.rows = max(0, len(self._rows) - ROWS)
+        rows = self._rows[client.rows :]
+        client.rows += len(rows)
+        told["rows"] = rows
+        glimpse = self._glimpse
+        if glimpse is not None:
+            if client.trial is not glimpse:
+                client.trial, client.events, client.blocks = glimpse, 0, {}
+                told["diagram"] = glimpse.diagram()
+            told["t_s"] = glimpse.now()
+            told["margins"] = list(glimpse.margins())
+            told["streams"] = glimpse.ages()
+            events = glimpse.events(client.events)
+            client.events += len(events)
+            told["events"] = events[-ROWS:]
+            told["signals"] = {stream: self._signal(glimpse, stream, client) for stream in glimpse.panels()}
+        return json.dumps(told, default=str, separators=(",", ":")).encode() + b"\n"
+
+    @staticmethod
+    def _signal(glimpse: Glimpse, stream: str, client: _Client) -> dict[str, Any]:
+        """What came of a stream: of each stretch its least and largest value, and the last threshold."""
+        blocks = glimpse.recording.blocks(stream, client.blocks.get(stream, 0))
+        if stream not in client.blocks:
+            late_s = glimpse.now() - LATE_S
+            client.blocks[stream] = 0
+            fresh = [block for block in blocks if len(block) and block.last_s >= late_s]
+        else:
+            fresh = [block for block in blocks if len(block)]
+        client.blocks[stream] += len(blocks)
+        if not fresh:
+            return {"t": [], "y": []}
+        times_s = np.concatenate([block.times for block in fresh])
+        values = np.concatenate([block.physical for block in fresh])
+        shown, unit = heard(stream, values[:, 0], fresh[0].unit)
+        span_s = min(LATE_S, float(times_s[-1] - times_s[0]))
+        keep = extremes(shown, max(4, round(POINTS_HZ * span_s)))
+        keep = keep[np.isfinite(shown[keep])]
+        told = {"t": times_s[keep].round(4).tolist(), "y": shown[keep].tolist(), "unit": unit}
+        if values.shape[1] == 2 and stream.startswith(DETECTOR) and np.isfinite(values[-1, 1]):
+            told["threshold"] = float(values[-1, 1])
+        return told
+
+
+class _Feed:
+    """The socket of a run, and the thread that serves it.
+
+    Args:
+        path: Of the socket.
+        watched: What is told of.
+
+    Raises:
+        OSError: there can be no socket.
+    """
+
+    def __init__(self, path: Path, watched: Watched) -> None:
+        self._path = path
+        self._watched = watched
+        self._selector = selectors.DefaultSelector()
+        self._clients: list[_Client] = []
+        self._ending = False
+        self._wake, waker = socket.socketpair()
+        self._waker = waker
+        self._door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        path.unlink(missing_ok=True)  # of a run that was killed; this one holds the folder
+        os.fchmod(self._door.fileno(), 0o600)  # before there is a name: nobody else ever gets in
+        with at(path) as name:
+            self._door.bind(name)
+        self._door.listen(CLIENTS)
+        self._door.setblocking(False)
+        for each in (self._door, self._wake):
+            self._selector.register(each, selectors.EVENT_READ)
+        self._thread = Thread(target=self._serve, name="feed", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Tell for the last time; who takes nothing is not waited for."""
+        self._ending = True
+        self._waker.send(b".")
+        self._thread.join(2 * TELL_S)
+
+    def _serve(self) -> None:
+        told_s = 0.0
+        while not self._ending:
+            ready = self._selector.select(TELL_S if self._clients else None)
+            for key, mask in ready:
+                self._attend(key, mask)
+            if monotonic_s() - told_s >= TELL_S:
+                told_s = monotonic_s()
+                self._tell()
+        self._tell()
+        self._path.unlink(missing_ok=True)
+        for each in (*(client.socket for client in self._clients), self._door, self._wake, self._waker):
+            each.close()
+        self._selector.close()
+
+    def _attend(self, key: selectors.SelectorKey, mask: int) -> None:
+        if key.fileobj is self._door:
+            with suppress(OSError):
+                self._welcome(self._door.accept()[0])
+        elif key.fileobj is not self._wake:
+            client: _Client = key.data
+            if mask & selectors.EVENT_READ:
+                self._listen(client)
+            if mask & selectors.EVENT_WRITE:
+                self._send(client)
+
+    def _welcome(self, peer: socket.socket) -> None:
+        if len(self._clients) >= CLIENTS:
+            peer.close()
+            return
+        peer.setblocking(False)
+        client = _Client(peer)
+        self._clients.append(client)
+        self._selector.register(peer, selectors.EVENT_READ, client)
+        self._tell_one(client)
+
+    def _listen(self, client: _Client) -> None:
+        try:
+            data = client.socket.recv(COMMAND_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        *lines, client.heard = (client.heard + data).split(b"\n")
+        for line in lines:
+            self._watched.hear(line)
+        if not data or len(client.heard) > COMMAND_BYTES:
+            self._drop(client)
+
+    def _tell(self) -> None:
+        for client in list(self._clients):
+            if not client.out:
+                self._tell_one(client)
+
+    def _tell_one(self, client: _Client) -> None:
+        client.out = self._watched.news(client)
+        self._send(client)
+
+    def _send(self, client: _Client) -> None:
+        try:
+            client.out = client.out[client.socket.send(client.out) :]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._drop(client)
+            return
+        more = selectors.EVENT_WRITE if client.out else 0
+        self._selector.modify(client.socket, selectors.EVENT_READ | more, client)
+
+    def _drop(self, client: _Client) -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+            self._selector.unregister(client.socket)
+            client.socket.close()
+
+
+class at:  # noqa: N801 - reads as a word
+    """A socket's name, however long its folder's: sockets know 107 characters (unix(7))."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> str:
+        self._folder = os.open(self._path.parent, os.O_PATH | os.O_DIRECTORY)
+        return f"/proc/self/fd/{self._folder}/{self._path.name}"
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._folder)

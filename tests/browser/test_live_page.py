@@ -1,0 +1,142 @@
+"""The live page in a real browser: Chromium without a window, which finds no network."""
+
+import os
+import signal
+
+import pytest
+
+from controller.watching.page import Door, PageProcess
+from tests.browser.conftest import SOON_MS
+from tests.stub_run import StubRun
+
+
+class Watching:
+    """A run, the process that serves its page, and browsers that look at it."""
+
+    def __init__(self, browser, root):
+        self._browser = browser
+        self._pages = []
+        self.errors, self.asked = [], []
+        door = Door.open()
+        self.link = door.link
+        self.process = PageProcess(door)
+        self.run = StubRun(root / "run", self.process.began)
+
+    def look(self, link=None):
+        page = self._browser.new_page()
+        self._pages.append(page)
+        page.set_default_timeout(SOON_MS)
+        page.on("request", lambda request: self.asked.append(request.url))
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.goto(link or self.link)
+        page.wait_for_selector("body[data-state]")
+        return page
+
+    def look_away(self):
+        while self._pages:
+            self._pages.pop().close()
+
+    def end(self):
+        self.look_away()
+        self.run.end()
+        self.process.close()
+
+
+def watched(browser, root):
+    watching = Watching(browser, root)
+    yield watching
+    watching.end()
+    hosts = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
+    assert [url for url in watching.asked if not url.startswith(hosts)] == [], "it asks nobody else"
+    assert watching.errors == []
+
+
+@pytest.fixture(scope="module")
+def endless(browser, tmp_path_factory):
+    yield from watched(browser, tmp_path_factory.mktemp("watched"))
+
+
+@pytest.fixture
+def watching(endless):
+    """Of a run that nobody ends."""
+    yield endless
+    endless.look_away()
+
+
+@pytest.fixture
+def ending(browser, tmp_path):
+    """Of a run that the test ends, or whose page it does."""
+    yield from watched(browser, tmp_path)
+
+
+def test_it_tells_the_state_the_signals_the_margins_the_trials_and_the_events(watching):
+    page = watching.look()
+    assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed_m_s 0.003785: APPROACH")
+    assert page.locator("#diagram .here").text_content() == "APPROACH"
+    for stream in ("detector.contact", "board.period", "board.load_cell", "stage.position"):
+        page.wait_for_selector(f'[data-stream="{stream}"] .bk-Figure')
+    assert "force 0.0" in page.locator("#margins").inner_text()
+    assert "board.load_cell" in page.locator("#streams").inner_text()
+    assert page.locator("#rows tr").inner_text().split() == ["2", "contact", "f", "0.003785", "0.212", "0.04"]
+    assert "Contact detector contact" in page.locator("#events").inner_text()
+
+
+def test_two_who_watch_see_the_same_and_each_can_pause_and_go_on(watching):
+    one, other = watching.look(), watching.look()
+    one.get_by_role("button", name="Pause").click()
+    other.wait_for_selector('body[data-state="PAUSED"]')
+    other.get_by_role("button", name="Resume").click()
+    one.wait_for_selector('body[data-state="APPROACH"]')
+    assert watching.run.heard() == ["pause", "resume"]
+
+
+def test_one_click_stops_and_the_stop_is_latched_whoever_reloads(ending):
+    page = ending.look()
+    page.get_by_role("button", name="Stop").click()
+    page.wait_for_selector('#stop[aria-pressed="true"]')
+    assert ending.run.heard() == ["abort"]
+    page.reload()
+    page.wait_for_selector('#stop[aria-pressed="true"]')
+    assert page.get_by_role("button", name="Stopped").is_visible()
+    assert "not a safety function" in page.locator("#stopping").inner_text()
+
+
+def test_a_question_of_the_bench_is_answered(watching):
+    page = watching.look()
+    watching.run.ask("hang 0.50 N on bridge Fx")
+    page.get_by_text("hang 0.50 N on bridge Fx").wait_for()
+    page.get_by_role("button", name="Done", exact=True).click()
+    page.wait_for_selector("#question", state="hidden")
+    assert watching.run.asker.answers == [(7, True)]
+
+
+def test_a_dead_page_says_that_it_stops_nothing_and_the_run_goes_on(ending):
+    page = ending.look()
+    os.kill(ending.process.pid, signal.SIGKILL)
+    page.get_by_text("this page can stop nothing now").wait_for()
+    assert page.get_by_role("button", name="Stop").is_disabled()
+    before = ending.run.turns
+    page.wait_for_timeout(100)
+    assert ending.run.turns > before
+
+
+@pytest.mark.parametrize("width", [420, 1280])
+def test_it_is_light_and_dark_and_fits_a_small_screen(watching, width):
+    page = watching.look()
+    page.set_viewport_size({"width": width, "height": 800})
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_selector('[data-stream="board.load_cell"] .bk-Figure')
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 28)"
+    page.get_by_role("button", name="Light", exact=True).click()
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.mouse.wheel(0, 3000)
+    box = page.locator("#stop").bounding_box()
+    assert 0 <= box["x"] <= width - box["width"] and 0 <= box["y"] <= 800 - box["height"], "in its place"
+    if os.environ.get("PICTURES"):
+        page.mouse.wheel(0, -3000)
+        page.wait_for_timeout(500)
+        page.screenshot(path=f"{os.environ['PICTURES']}/light{width}.png", full_page=True)
+        page.get_by_role("button", name="Dark", exact=True).click()
+        page.wait_for_timeout(1000)
+        page.screenshot(path=f"{os.environ['PICTURES']}/dark{width}.png", full_page=True)

@@ -1,0 +1,129 @@
+"""Who may watch, and that the run never waits for them."""
+
+import asyncio
+import json
+import socket
+from contextlib import closing
+from http.client import HTTPConnection
+from threading import Thread
+from time import sleep
+
+import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+from controller.watching.feed import CLIENTS, SOCKET, at
+from controller.watching.page import Door, alive, serve
+from tests.stub_run import StubRun
+
+
+@pytest.fixture
+def run(tmp_path):
+    run = StubRun(tmp_path / ("long" * 40))
+    yield run
+    run.end()
+
+
+@pytest.fixture
+def door(run):
+    door = Door.open()
+    thread = Thread(target=serve, args=(run.folder, door), daemon=True)
+    thread.start()
+    yield door
+    run.end()
+    thread.join(20.0)
+    assert not thread.is_alive(), "the page ends with its run"
+
+
+def asked(door, path, **headers):
+    host, port = door.host.split(":")
+    with closing(HTTPConnection(host, int(port), timeout=20.0)) as connection:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+
+
+def test_the_page_is_given_to_those_who_have_the_link(door):
+    path = f"/?token={door.token}"
+    assert asked(door, path) == 200
+    assert asked(door, "/") == 403
+    assert asked(door, "/?token=guess") == 403
+    assert asked(door, path, Host="evil.example") == 403, "another name for this machine"
+    assert asked(door, path, Origin="http://evil.example") == 403
+
+
+def test_commands_are_taken_from_the_page_alone(run, door):
+    address = f"ws://{door.host}/wire?token="
+    own = f"http://{door.host}"
+
+    async def tried(token, origin):
+        headers = {} if origin is None else {"Origin": origin}
+        try:
+            wire = await websocket_connect(HTTPRequest(address + token, headers=headers))
+        except HTTPClientError as error:
+            return error.code
+        told = json.loads(await wire.read_message())
+        await wire.write_message('{"do": "pause"}')
+        while not json.loads(await wire.read_message())["paused"]:
+            pass
+        wire.close()
+        while await wire.read_message() is not None:
+            pass
+        return told["trial"]
+
+    for token, origin in (("", own), (door.token, None), (door.token, "http://evil.example")):
+        assert asyncio.run(tried(token, origin)) == 403
+    assert run.heard() == []
+    assert asyncio.run(tried(door.token, own)) == 3
+    assert run.heard() == ["pause"]
+
+
+def watcher(run):
+    peer = socket.socket(socket.AF_UNIX)
+    peer.settimeout(20.0)
+    with at(run.folder / SOCKET) as name:
+        peer.connect(name)
+    return peer
+
+
+def test_who_comes_late_is_told_of_the_last_minute(run):
+    while run.t_s < 2.0:
+        sleep(0.01)
+    with watcher(run) as peer, peer.makefile() as lines:
+        first = json.loads(lines.readline())
+    assert first["rows"] == [
+        [2, "contact", {"location": "f", "speed_m_s": 0.003785, "delay_s": 0.212, "force_n": 0.04}]
+    ]
+    signal = first["signals"]["board.load_cell"]
+    assert signal["t"][0] <= 1.02
+    assert signal["t"][-1] >= 1.9
+    assert first["signals"]["detector.contact"]["threshold"] == 28.2
+    assert first["diagram"]["states"][0] == "HOMING"
+
+
+def test_one_who_does_not_read_is_told_nothing_more_and_holds_nobody_up(run):
+    with watcher(run) as deaf, watcher(run) as peer, peer.makefile() as lines:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        for _ in range(5):
+            assert json.loads(lines.readline())["trial"] == 3
+        peer.sendall(b'no json\n{"do": "answer"}\n{"do": 3}\n{"do": "pause"}\n')
+        while not json.loads(lines.readline())["paused"]:
+            pass
+    assert run.heard() == ["pause"]
+
+
+def test_no_more_watch_than_there_is_room_for(run):
+    inside = [watcher(run) for _ in range(CLIENTS)]
+    assert all(peer.recv(1) for peer in inside)
+    with watcher(run) as outside:
+        assert outside.recv(1) == b""
+    for peer in inside:
+        peer.close()
+
+
+def test_a_run_that_has_ended_is_not_alive(run):
+    assert alive(run.folder)
+    run.end()
+    assert not alive(run.folder)
+    assert not (run.folder / SOCKET).exists()
