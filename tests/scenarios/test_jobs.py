@@ -186,7 +186,7 @@ def threads():
 
 
 def in_two(tmp_path, console, crew=threads, **sets):
-    """A short campaign by two workers, threads where a test does not ask for processes."""
+    """A short campaign by two workers, threads where a test does not ask for others."""
     profile = load_profile("mock/transient", {**SETS, **sets}, table=Table())
     plan = plan_campaign(profile, profile.trials(0), 0)
     with closing(crew()) as workers:
@@ -195,7 +195,7 @@ def in_two(tmp_path, console, crew=threads, **sets):
 
 def test_a_killed_worker_costs_no_trial_and_doubles_none(one, tmp_path):
     console = Killer()
-    outcome = in_two(tmp_path, console, lambda: cores(2))
+    outcome = in_two(tmp_path, console, lambda: cores(1))
     assert outcome.exit_code == 0, outcome.line
     assert (outcome.folder / "trials.csv").read_bytes() == (one / "trials.csv").read_bytes()
     assert (outcome.folder / "events.jsonl").read_bytes() == (one / "events.jsonl").read_bytes()

@@ -42,7 +42,12 @@ def run_weights(tmp_path, **overrides):
     from config.script import run_trials
 
     faults = overrides.pop("faults", None)
-    settings = {"behavior.cycles": "1", "behavior.preloads": "0", **overrides}
+    settings = {
+        "behavior.cycles": "1",
+        "behavior.preloads": "0",
+        "behavior.weights_t_n": "[0.5, 1.0]",
+        **overrides,
+    }
     if faults:
         settings["faults"] = faults
     return run_trials(

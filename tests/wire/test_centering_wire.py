@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 from config.assemble import Table, build_rig, plan_campaign, start_emulator
 from config.profile import load_profile
-from controller.campaign import EXIT_DEVICE, EXIT_DONE, Campaign
+from controller.campaign import EXIT_DONE, Campaign
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
@@ -22,7 +20,7 @@ SHORT = {
     "behavior.open_speed_m_s": "0.05",
     "trials.list": "[{ object_x_m = 0.001 }]",
     "trials.grid.method": '["ours"]',
-    "trials.grid.speed_m_s": "[0.01]",
+    "trials.grid.speed_m_s": "[0.02]",
 }
 
 
@@ -75,23 +73,6 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_let_go(centering):
     link = manifest["devices"]["audio"]["link"]
     assert link["frames"] > 96_000
     assert manifest["loss"].get("audio.fingers", 0) == link["frames_lost"]
-
-
-def test_sound_that_is_unplugged_in_the_search_stops_the_arm_in_one_line(centering):
-    # under way: the state is told before its command is given
-    outcome, done, _, emulator = centering(
-        {"SEEKING_FORWARD": lambda emulator: emulator.inject("audio", "unplug", after_s=0.3)}
-    )
-    assert outcome.exit_code == EXIT_DEVICE
-    assert "the recorder has hung up" in outcome.line
-    assert "\n" not in outcome.line
-    assert "NOT seen standing still" not in outcome.line
-    assert [event["device"] for event in told(done, "Failed", "Stalled")] == ["audio"]
-    assert done.trials[0]["outcome"] == "fault"
-    at_m = emulator.scene()["tool_x_m"]
-    assert 0.0 < at_m < 0.013, "it was on its way, and the left finger sees the pipe from there on"
-    time.sleep(0.3)
-    assert emulator.scene()["tool_x_m"] == pytest.approx(at_m, abs=1e-6)
 
 
 def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing():
