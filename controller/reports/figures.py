@@ -21,9 +21,6 @@ Ito), by lightness and by marker as well."""
 
 TRUTH = FALSE
 
-MARKERS = {OURS: "o", PAPER: "s", TRUTH: "x", GOOD: "^", RIVAL: "D"}
-"""Colour → marker, wherever points are drawn."""
-
 INK, FAINT = "#1a1a1a", "#b9bcc2"
 
 _THEMED = {

@@ -26,9 +26,6 @@ starts."""
 CYCLES = 0.3
 """Memory of an octave's energy, in half periods of its lower edge. Half or twice as much changes little."""
 
-NEIGHBOURS = 3
-"""So many octaves count together."""
-
 DEAD_NATS = 1.4
 """The log energy of an octave counts from here on: twice the amplitude of quiet is nothing yet."""
 

@@ -15,8 +15,7 @@ Pair = Annotated[tuple[float, float], Strict(False)]
 
 PAD_WIDTH_M = 0.027
 PAD_LENGTH_M = 0.055
-FINGER_M = 0.004
-"""A finger: 55 mm long, 27 mm wide, 4 mm thick (Rupavatharam et al., III.A)."""
+"""A finger's pad: 55 mm long, 27 mm wide (Rupavatharam et al., III.A)."""
 
 
 class SideSettings(Settings):

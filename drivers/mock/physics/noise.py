@@ -91,8 +91,3 @@ def gaussian_at(key: tuple[int, int], stream: int, indices: NDArray[np.int64]) -
     out = np.empty(indices.size)
     _fill(key[0], key[1], stream, indices, out)
     return out
-
-
-def gaussian(key: tuple[int, int], stream: int, first: int, n: int) -> NDArray[np.float64]:
-    """Standard normal deviates `first` to `first + n - 1` of a stream, shape (n,)."""
-    return gaussian_at(key, stream, np.arange(first, first + n, dtype=np.int64))

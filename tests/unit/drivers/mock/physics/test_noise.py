@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from drivers.mock.physics.noise import gaussian, gaussian_at, normal, philox
+from drivers.mock.physics.noise import gaussian_at, normal, philox
 
 WORDS = [
     # known answers for philox4x32-10, from Random123's kat_vectors
@@ -16,6 +16,10 @@ WORDS = [
         (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
     ),
 ]
+
+
+def gaussian(key, stream, first, n):
+    return gaussian_at(key, stream, np.arange(first, first + n, dtype=np.int64))
 
 
 @pytest.mark.parametrize(("counter", "key", "expected"), WORDS)
