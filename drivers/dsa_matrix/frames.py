@@ -17,7 +17,7 @@ class MatrixFrames:
     """From the controller's frames to sample blocks, on its own clock. Pure: it asks no clock.
 
     Frame k is where the controller's clock says; a step of more than one and a half periods is loss
-    (`numbering.Track`).
+    (`numbering.StreamTrack`).
 
     Args:
         device: Name in the profile.

@@ -43,8 +43,8 @@ class Arrival(NamedTuple):
 class BoardStreams:
     """All streams of a board on its one clock. Pure: it asks no clock.
 
-    The u16 counter and the u32 time are extended (`numbering.Track`). The numbers of a stream's first segment are the
-    board's.
+    The u16 counter and the u32 time are extended (`numbering.StreamTrack`). The numbers of a stream's first segment are
+    the board's.
 
     Args:
         infos: The board's streams by their id.

@@ -74,7 +74,7 @@ ASLEEP, GOING, OPENING, CLOSING = range(4)
 """Modes; the last two are the calibration."""
 
 MOVING, OBJECT_CLOSING, OBJECT_OPENING, AT_POSITION = range(4)
-"""Findings (`drivers.can_gripper.words.Finding`)."""
+"""Findings (`drivers.can_gripper.words.GripFinding`)."""
 
 
 @compiled()
