@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import Enum, auto
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from behaviors.approach import Approach, Approaching, approaching
 from behaviors.events import Detected
-from behaviors.machine import StatePlan, on, with_failures
+from behaviors.machine import Row, StatePlan, on, with_failures
 from drivers.messages import Excite, Home, MoveTo, Stop
 from drivers.settings import DetectorName, DeviceName, Settings, StreamName
 
@@ -35,6 +36,9 @@ class TransientSettings(Settings):
 
     position_stream: StreamName = "stage.position"
     """Where the mover is (m)."""
+
+    waveform_streams: tuple[StreamName, ...] = ()
+    """The finger's accelerometers (m/s2), where a measure needs them whoever listens: proximal link, then distal."""
 
     settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
     """Wait after power-on (III.B: 90 s)."""
@@ -67,8 +71,36 @@ class TransientFactors(Settings):
     speed_m_s: float = Field(gt=0.0, le=1.0)
     """Speed of the approach."""
 
-    location: Literal["a", "b", "c", "d", "e", "f", "g", "h"] = "f"
-    """Where the probe touches (Fig. 6); set by hand on a real bench."""
+    location: Literal["a", "b", "c", "d", "e", "f", "g", "h", "p"] = "f"
+    """Where the probe touches (Fig. 6; p: the middle of the proximal link); set by hand on a real bench."""
+
+
+def approaches(ready: str) -> Sequence[Row]:
+    """Rows of an approach with its settling, its baseline, after which it is `ready`, and its way back."""
+    return (
+        on("reached", "HOMING", "STARTING", "from_mover"),
+        on("reached", "STARTING", "SETTLING", ["from_mover", "unsettled"], label="first time"),
+        on("reached", "STARTING", "BASELINE", "from_mover", label="after a pause"),
+        on("deadline", "SETTLING", "BASELINE"),
+        on("baseline_ready", "BASELINE", ready, "all_ready", label="all detectors"),
+        on("baseline_refused", "BASELINE", ready, ["listens", "all_ready"], label="the last one"),
+        on(
+            "contact",
+            "BASELINE",
+            "RETRACTING",
+            "touched",
+            do="conclude_contact",
+            label="while another detector still learns",
+        ),
+        *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
+        on("deadline", "APPROACH", "STOPPING", do="conclude_no_contact"),
+        on("deadline", "HOLDING", "RETRACTING"),
+        on("reached", "RETRACTING", "DONE", "from_mover"),
+        on("resumed", ["STARTING", "BASELINE", "APPROACH"], "STARTING"),
+        on("resumed", "HOMING", "HOMING"),
+        on("resumed", ["STOPPING", "HOLDING", "RETRACTING"], "RETRACTING"),
+        on("deadline", "BASELINE", "FAILED", do="conclude_late"),
+    )
 
 
 class Transient(Approaching):
@@ -94,46 +126,13 @@ class Transient(Approaching):
         DONE = auto()
         FAILED = auto()
 
-    initial = States.HOMING
-    final = frozenset({States.DONE, States.FAILED})
-    table = with_failures(
-        States,
-        on("reached", States.HOMING, States.STARTING, "from_mover"),
-        on("reached", States.STARTING, States.SETTLING, ["from_mover", "unsettled"], label="first time"),
-        on("reached", States.STARTING, States.BASELINE, "from_mover", label="after a pause"),
-        on("deadline", States.SETTLING, States.BASELINE),
-        on("baseline_ready", States.BASELINE, States.APPROACH, "all_ready", label="all detectors"),
-        on(
-            "baseline_refused",
-            States.BASELINE,
-            States.APPROACH,
-            ["listens", "all_ready"],
-            label="the last one",
-        ),
-        on(
-            "contact",
-            States.BASELINE,
-            States.RETRACTING,
-            "touched",
-            do="conclude_contact",
-            label="while another detector still learns",
-        ),
-        *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
-        on("deadline", States.APPROACH, States.STOPPING, do="conclude_no_contact"),
-        on("deadline", States.HOLDING, States.RETRACTING),
-        on("reached", States.RETRACTING, States.DONE, "from_mover"),
-        on("resumed", [States.STARTING, States.BASELINE, States.APPROACH], States.STARTING),
-        on("resumed", States.HOMING, States.HOMING),
-        on("resumed", [States.STOPPING, States.HOLDING, States.RETRACTING], States.RETRACTING),
-        on("deadline", States.BASELINE, States.FAILED, do="conclude_late"),
-    )
+    initial: ClassVar[Enum] = States.HOMING
+    final: ClassVar[frozenset[Enum]] = frozenset({States.DONE, States.FAILED})
+    table = with_failures(States, *approaches("APPROACH"))
 
     def __init__(
         self, settings: TransientSettings, factors: TransientFactors, detectors: frozenset[str]
     ) -> None:
-        states = self.States
-        measured = frozenset((settings.load_cell_stream, settings.period_stream, settings.position_stream))
-        motion = settings.motion_timeout_s
         self.settings = settings
         self.factors = factors
         self._detectors = detectors
@@ -142,19 +141,30 @@ class Transient(Approaching):
         way_m = settings.approach_limit_m - settings.start_m
         velocity_m_s = math.copysign(factors.speed_m_s, way_m)
         self._approach = Approach(settings.detector, velocity_m_s, settings.approach_limit_m, abs(way_m))
-        super().__init__(
-            {
-                states.HOMING: StatePlan(settings.home_timeout_s),
-                states.STARTING: StatePlan(motion),
-                states.SETTLING: StatePlan(settings.settle_s),
-                states.BASELINE: StatePlan(settings.baseline_timeout_s, detectors, measured, prompt=False),
-                states.APPROACH: self._approach.plan(motion, detectors, measured),
-                states.STOPPING: StatePlan(motion, frozenset(), measured),
-                states.HOLDING: StatePlan(settings.hold_s, frozenset(), measured, prompt=False),
-                states.RETRACTING: StatePlan(motion),
-            },
-            mover=settings.mover,
+        self._measured = frozenset(
+            (
+                settings.load_cell_stream,
+                settings.period_stream,
+                settings.position_stream,
+                *settings.waveform_streams,
+            )
         )
+        super().__init__({self.States[name]: plan for name, plan in self._plan().items()}, settings.mover)
+
+    def _plan(self) -> dict[str, StatePlan]:
+        """What each state needs."""
+        settings, detectors, measured = self.settings, self._detectors, self._measured
+        motion = settings.motion_timeout_s
+        return {
+            "HOMING": StatePlan(settings.home_timeout_s),
+            "STARTING": StatePlan(motion),
+            "SETTLING": StatePlan(settings.settle_s),
+            "BASELINE": StatePlan(settings.baseline_timeout_s, detectors, measured, prompt=False),
+            "APPROACH": self._approach.plan(motion, detectors, measured),
+            "STOPPING": StatePlan(motion, frozenset(), measured),
+            "HOLDING": StatePlan(settings.hold_s, frozenset(), measured, prompt=False),
+            "RETRACTING": StatePlan(motion),
+        }
 
     # conditions
 

@@ -47,6 +47,12 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         "controller.measures.chirp",
         "controller.reports.chirp",
     ),
+    "flexion": Experiment(
+        "approach while the tendon moves: a fixed threshold and one that follows the tendon (A3)",
+        "behaviors.flexion:Flexion",
+        "controller.measures.flexion",
+        "controller.reports.flexion",
+    ),
     "grasp": Experiment(
         "find an object by its aura, centre on it, close until it is felt, lift it, hold it against slip",
         "behaviors.grasp:Grasp",
@@ -58,6 +64,12 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         "controller.measures.pointer",
         "controller.reports.pointer",
         pooled=True,
+    ),
+    "proximal": Experiment(
+        "approach to either link, and tell by an accelerometer on each which was touched (A4)",
+        "behaviors.transient:Transient",
+        "controller.measures.proximal",
+        "controller.reports.proximal",
     ),
     "slip": Experiment(
         "touch, roll, slip, stop with one of five force sensors, and what slip detectors make of it (B1 to B5, B8)",
@@ -71,6 +83,12 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         "behaviors.static:Static",
         "controller.measures.static",
         "controller.reports.static",
+    ),
+    "tradeoff": Experiment(
+        "approach to a depth: what every threshold on frequency, amplitude and phase would have told (A5)",
+        "behaviors.transient:Transient",
+        "controller.measures.tradeoff",
+        "controller.reports.tradeoff",
     ),
     "transient": Experiment(
         "approach until contact, stop, retract: delay, extent and force (A2, Table I)",

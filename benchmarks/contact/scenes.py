@@ -48,10 +48,7 @@ def level(name: str) -> FingerSettings:
     return FingerSettings(**plant)
 
 
-LEVELS = ("kind", "printed", "hard")
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Approach:
     """What the board heard of one approach, from the baseline's start on, and the truth.
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.contact.bound import STEPS, UNKNOWN, bound
 from benchmarks.contact.study import Told, judged, threshold
 
 
@@ -24,3 +25,10 @@ def test_a_contact_is_in_time_within_two_periods_and_missed_where_nothing_rises(
     assert found["in_time"] == pytest.approx(1 / 3)
     assert found["median_s"] == 0.2
     assert found["force_max_n"] == 0.1
+
+
+def test_an_observer_whose_hypotheses_lie_at_the_threshold_tells_half_of_the_contacts():
+    told = bound(np.full((4, STEPS), UNKNOWN))
+    assert told["unknown"]["within_70_ms"] == pytest.approx(0.5)
+    assert told["known"]["within_70_ms"] > 0.8
+    assert told["unknown"]["p95_s"] == np.inf

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
@@ -13,6 +15,8 @@ from controller.detectors.protocol import Reading
 from controller.signals.cycles import CycleCounter
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
+
+Floats = NDArray[np.float64]
 
 
 class ResonancePaperSettings(Settings):
@@ -37,6 +41,10 @@ class ResonancePaperSettings(Settings):
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """A silence of the input longer than this empties the moving average. Assumption: 14 periods of 28 Hz."""
 
+    tendon: StreamName | None = None
+    """Stream of the tendon's position (m). With it the threshold follows the tendon (V.C): the baseline, in which the
+    tendon is to be moved over its range, teaches the frequency for each position."""
+
     hysteresis: float = Field(default=0.0, ge=0.0)
     """Of the software comparator, in the waveform's unit; unused where the input is periods or frequencies."""
 
@@ -48,6 +56,9 @@ class ResonancePaperDetector:
     (`BaselineReady`), then every sample is held against the threshold: `Contact` when it rises above,
     `ContactLost` when it falls back. A period that is not finite or not positive is passed over; a baseline
     without two values or without variance is refused, once, and the detector stays silent.
+
+    With a tendon the mean is a curve: the averaged frequency as a parabola of the tendon's averaged position, and in
+    proportion to its speed, for the loop lags behind. `BaselineReady` tells it where the tendon is then.
 
     Reference: S. B. Backus, A. M. Dollar, "Robust, Inexpensive Resonant Frequency Based Contact Detection for
     Robotic Manipulators", section III.B.
@@ -61,33 +72,61 @@ class ResonancePaperDetector:
     def __init__(self, name: str, settings: ResonancePaperSettings) -> None:
         self.name = name
         self.settings = settings
-        self.inputs = (settings.input,)
+        self.inputs = (settings.input, *([settings.tendon] if settings.tendon else []))
         self.reset()
 
     def reset(self) -> None:
         """Forget baseline, average and contact."""
         self.reading: Reading | None = None
         self._cycles = CycleCounter(self.settings.hysteresis)
-        self._window: deque[float] = deque(maxlen=self.settings.average_samples)
+        self._window: deque[tuple[float, float, float]] = deque(maxlen=self.settings.average_samples)
+        self._waiting: deque[tuple[float, float]] = deque()
+        self._tendon_s = np.empty(0)
+        self._tendon_m = np.empty(0)
         self._last_s = math.nan
         self._cell: int | None = None
-        self._baseline: list[float] = []
+        self._baseline: list[tuple[float, Floats]] = []
         self._baseline_start_s = math.nan
-        self._mean_hz = math.nan
-        self._threshold_hz = math.nan
+        self._curve: Floats | None = None
+        self._sigma_hz = self._threshold_hz = self._heard_sigma = math.nan
         self._refused = False
         self._contact = False
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Hear the next periods, frequencies or waveform samples."""
-        events: list[Detected] = []
         self.reading = None
-        for t_s, frequency_hz in self._frequencies(block):
-            if self._due(t_s, frequency_hz):
-                event = self._averaged(t_s, frequency_hz)
-                if event is not None:
-                    events.append(event)
-        return events
+        if block.stream == self.settings.tendon:
+            self._tendon_s = np.concatenate([self._tendon_s, block.times])
+            self._tendon_m = np.concatenate([self._tendon_m, block.physical[:, 0]])
+        else:
+            self._waiting.extend(self._frequencies(block))
+        return [event for t_s, frequency_hz in self._ready() if (event := self._said(t_s, frequency_hz))]
+
+    def deviations(self, times_s: Floats, values: Floats) -> tuple[Floats, Mapping[str, Floats]]:
+        """Times of the averages after the baseline of a recording, and how many of its sigmas each lies above its mean.
+
+        Args:
+            times_s: When each period ended, shape (n,).
+            values: The periods in s, shape (n,).
+        """
+        twin = ResonancePaperDetector(self.name, self.settings)
+        found = []
+        for t_s, period_s in zip(times_s.tolist(), values.tolist(), strict=True):
+            twin._said(t_s, 1.0 / period_s)
+            found.append((t_s, twin._heard_sigma))
+        told = np.array([each for each in found if math.isfinite(each[1])]).reshape(-1, 2)
+        return told[:, 0], {"average": told[:, 1]}
+
+    def _ready(self) -> Iterator[tuple[float, float]]:
+        """What has come and can be judged: where there is a tendon, as far as its position is known."""
+        known_s = math.inf
+        if self.settings.tendon:
+            known_s = float(self._tendon_s[-1]) if len(self._tendon_s) else -math.inf
+        while self._waiting and self._waiting[0][0] <= known_s:
+            yield self._waiting.popleft()
+
+    def _said(self, t_s: float, frequency_hz: float) -> Detected | None:
+        return self._averaged(t_s, frequency_hz) if self._due(t_s, frequency_hz) else None
 
     def _frequencies(self, block: SampleBlock) -> Iterator[tuple[float, float]]:
         times_s, x = block.times, block.physical[:, 0]
@@ -121,37 +160,59 @@ class ResonancePaperDetector:
 
     def _averaged(self, t_s: float, frequency_hz: float) -> Detected | None:
         settings = self.settings
-        self._window.append(frequency_hz)
+        self._window.append((frequency_hz, t_s, self._position(t_s)))
         if len(self._window) < settings.average_samples or self._refused:
             return None
-        average_hz = math.fsum(self._window) / settings.average_samples
+        average_hz = math.fsum(each[0] for each in self._window) / settings.average_samples
+        terms = self._terms()
+        if self._curve is not None:
+            mean_hz = float(terms @ self._curve)
+            self._threshold_hz = mean_hz + settings.threshold_sigma * self._sigma_hz
+            self._heard_sigma = (average_hz - mean_hz) / self._sigma_hz
         if self.reading is None or average_hz >= self.reading.statistic:
             self.reading = Reading(t_s, average_hz, self._threshold_hz)
-        if not math.isfinite(self._threshold_hz):
-            return self._learn(t_s, average_hz)
+        if self._curve is None:
+            return self._learn(t_s, average_hz, terms)
         if (average_hz > self._threshold_hz) == self._contact:
             return None
         self._contact = not self._contact
         kind = Contact if self._contact else ContactLost
         return kind(t_s, self.name, average_hz, self._threshold_hz)
 
-    def _learn(self, t_s: float, average_hz: float) -> Detected | None:
+    def _position(self, t_s: float) -> float:
+        return float(np.interp(t_s, self._tendon_s, self._tendon_m)) if self.settings.tendon else 0.0
+
+    def _terms(self) -> Floats:
+        """What the mean depends on: nothing, or the tendon's position over the window, its square and its speed."""
+        if not self.settings.tendon:
+            return np.ones(1)
+        (_, first_s, first_m), (_, last_s, last_m) = self._window[0], self._window[-1]
+        at_m = math.fsum(each[2] for each in self._window) / len(self._window)
+        speed_m_s = (last_m - first_m) / (last_s - first_s) if last_s > first_s else 0.0
+        return np.array([1.0, at_m, at_m**2, speed_m_s])
+
+    def _learn(self, t_s: float, average_hz: float, terms: Floats) -> Detected | None:
         if not self._baseline:
             self._baseline_start_s = t_s
-        self._baseline.append(average_hz)
+        self._baseline.append((average_hz, terms))
         # Half a nanosecond: the grid's times carry rounding, and the last sample belongs to the baseline.
         if t_s - self._baseline_start_s < self.settings.baseline_s - 5e-10:
             return None
         n = len(self._baseline)
-        mean_hz = math.fsum(self._baseline) / n
-        variance = math.fsum((x - mean_hz) ** 2 for x in self._baseline) / (n - 1) if n > 1 else 0.0
+        heard_hz = np.array([each[0] for each in self._baseline])
+        given = np.array([each[1] for each in self._baseline])
+        plain_hz = np.array([math.fsum(heard_hz) / n])
+        curve = np.linalg.lstsq(given, heard_hz, rcond=None)[0] if self.settings.tendon else plain_hz
+        free = n - given.shape[1]
+        variance = math.fsum((heard_hz - given @ curve) ** 2) / free if free > 0 else 0.0
+        mean_hz = float(terms @ curve)
         if variance <= 0.0:
             self._refused = True
             reason = (
                 f"{n} samples" if n < 2 else "no variance: is the oscillation locked, is the counter alive?"
             )
             return BaselineRefused(t_s, self.name, mean_hz, math.nan, reason)
-        self._mean_hz = mean_hz
-        self._threshold_hz = mean_hz + self.settings.threshold_sigma * math.sqrt(variance)
+        self._curve, self._sigma_hz = curve, math.sqrt(variance)
+        self._threshold_hz = mean_hz + self.settings.threshold_sigma * self._sigma_hz
         self._baseline.clear()
         return BaselineReady(t_s, self.name, mean_hz, self._threshold_hz)

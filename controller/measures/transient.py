@@ -74,7 +74,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         return outcome, row
     detect_s = contact.t_s
     row.update(detect_s=detect_s, **_certificate(evidence, settings, position, detect_s))
-    reference_s = touched_s if evidence.truth is not None else onset_s
+    reference_s = touch_of(row, evidence)
     if reference_s is None or detect_s < reference_s:
         row["false_contacts"] = 1
         return ("false_contact" if outcome == "contact" else outcome), row
@@ -84,6 +84,12 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         at = _positions(evidence, position, (onset_s, detect_s))
         row["extent_m"] = at[1] - at[0] if at is not None else None
     return outcome, row
+
+
+def touch_of(row: Mapping[str, Any], evidence: TrialEvidence) -> float | None:
+    """When the probe touched: in truth where the bench is simulated here, else the load cell's onset; None if not."""
+    found: float | None = row["truth_contact_s" if evidence.truth is not None else "onset_s"]
+    return found
 
 
 def _tared(

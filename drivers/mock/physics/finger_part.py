@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.mock.physics.bench import Bench, Floats, Part, StreamSpec
-from drivers.mock.physics.finger import FingerPlant, FingerSettings
+from drivers.mock.physics.finger import CHANNELS, FingerPlant, FingerSettings
 from drivers.mock.physics.stage_axis import AxisMotion, Piece
 
 STREAMS = (
@@ -19,7 +19,12 @@ STREAMS = (
     StreamSpec("load_cell", ("force",), "N", 1e-5, 1000.0),
     # The loop's period, counted at 10 MHz. Assumption: the paper does not say how frequency was read.
     StreamSpec("period", ("period",), "s", 1e-7, None),
+    # Where the board holds the tendon, as its motor's encoder tells it. Assumption: micrometres, 100 times a second.
+    StreamSpec("tendon", ("position",), "m", 1e-6, 100.0),
 )
+DISTAL = StreamSpec("distal", ("z",), "m/s2", 1e-3, 1000.0)
+"""The second accelerometer, where there is one."""
+
 FELT = frozenset({"load_cell"})
 """What is computed for a mover whose own sensor feels the contact."""
 
@@ -76,6 +81,7 @@ class Finger(Part):
     def _begin(self, location: str) -> None:
         self._plant.begin(key=self.bench.key, location=location, gap_m=self._settings.surface_m)
         self._period_times_s = self._periods_s = np.empty(0)
+        self._tendon_s, self._tendon_m = [self.bench.origin_s], [0.0]
         self.contacts: list[tuple[float, bool]] = []
 
     # what the mover tells and feels
@@ -105,7 +111,7 @@ class Finger(Part):
 
     def streams(self) -> Sequence[StreamSpec]:
         """What the board has, in the order of its stream ids."""
-        return STREAMS
+        return (*STREAMS, DISTAL) if self._settings.distal_accelerometer_arm_m else STREAMS
 
     def excite(self, on: bool) -> None:
         """Switch the excitation, from the plant's present time on."""
@@ -114,10 +120,12 @@ class Finger(Part):
     def set_tendon(self, position_m: float) -> None:
         """Set the tendon, from the plant's present time on."""
         self._plant.set_tendon(position_m)
+        self._tendon_s.append(self.bench.origin_s + self._plant.t_s)
+        self._tendon_m.append(position_m)
 
     def advance(self, t_s: float) -> None:
         """See `Part`; what nobody observes is not computed."""
-        origin_s, observed = self.bench.origin_s, self.bench.observed
+        origin_s, observed = self.bench.origin_s, self.bench.observed & CHANNELS
         until_s = t_s - origin_s
         if until_s <= self._plant.t_s:
             return
@@ -130,6 +138,9 @@ class Finger(Part):
 
     def sample(self, stream: str, times_s: Floats) -> Floats:
         """A waveform at some instants of the last advance, in its SI unit."""
+        if stream == "tendon":
+            held = np.searchsorted(self._tendon_s, times_s, side="right") - 1
+            return np.asarray(self._tendon_m)[np.maximum(held, 0)]
         return self._plant.sample(stream, times_s - self.bench.origin_s)
 
     def events(self, stream: str) -> tuple[Floats, Floats]:

@@ -11,7 +11,7 @@ EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not n
 
 STREAMS = (
     *("position", "pose", "force", "width", "fingers", "taxels", "load", "strain_11"),
-    *("accelerometer", "load_cell", "period", "fingertip", "flexible"),
+    *("accelerometer", "distal", "tendon", "load_cell", "period", "fingertip", "flexible"),
 )
 """What the devices send, on any bench."""
 

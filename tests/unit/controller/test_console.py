@@ -22,6 +22,7 @@ from controller import console as console_module
 from controller import live
 from controller.campaign import foremost
 from controller.console import DIGITS, RESULTS, Operator, PlainConsole, figure, telling
+from controller.experiments import EXPERIMENTS
 from controller.live import LiveConsole
 from drivers.protocols import Question
 
@@ -349,7 +350,7 @@ def test_the_results_that_say_most_come_first():
 
 
 def test_every_measure_names_columns_of_its_own():
-    for name in ("aura", "centering", "chirp", "pointer", "slip", "static", "transient", "weights"):
+    for name in EXPERIMENTS.keys() - {"grasp"}:
         measures = import_module(f"controller.measures.{name}")
         assert len(measures.TELLING) == RESULTS
         assert set(measures.TELLING) <= set(measures.COLUMNS), name

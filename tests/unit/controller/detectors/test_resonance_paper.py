@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -120,3 +121,47 @@ def test_reset_forgets_everything():
     detector.reset()
     assert detector.reading is None
     assert detector.push(block) == first
+
+
+def flexed(touched_from=10_000):
+    """Periods of a finger whose frequency follows the tendon: swept once, then to and fro three times as fast."""
+    frequencies, tendon_m, t_s = [], [], 0.0
+    for i, wander in enumerate(wandering(1400, mean_hz=0.0)):
+        way_mm = max(0.0, t_s - 2.0) if t_s < 22.0 else 20.0 + 3.0 * (t_s - 22.0)
+        at_mm = 10.0 - abs(way_mm % 20.0 - 10.0)
+        tendon_m.append(1e-3 * at_mm)
+        frequencies.append(28.0 + 0.3 * at_mm - 0.004 * at_mm**2 + wander + 3.0 * (i >= touched_from))
+        t_s += 1.0 / frequencies[-1]
+    block = periods(frequencies)
+    grid_s = np.arange(0.0, float(block.times[-1]) + 0.05, 0.01)
+    position = np.interp(grid_s, block.times, tendon_m)[:, None]
+    return block, SampleBlock("board.tendon", 0, 0.0, position, rate_hz=100.0, unit="m")
+
+
+def following(block, tendon, size=10_000, **settings):
+    named = {"tendon": "board.tendon", "baseline_s": 21.0, "threshold_sigma": 6.0, **settings}
+    detector = ResonancePaperDetector("following", ResonancePaperSettings(**named))
+    return [
+        event
+        for part in (*cut(tendon, 100 * size), *cut(block, size))
+        for event in detector.push(dataclasses.replace(part, rate_hz=100.0) if part.unit == "m" else part)
+    ]
+
+
+def test_flexing_is_a_contact_to_a_fixed_threshold_and_none_to_one_that_follows_the_tendon():
+    block, tendon = flexed()
+    assert Contact in {type(event) for event in heard(block)}
+    assert [type(event) for event in following(block, tendon)] == [BaselineReady]
+
+
+def test_a_contact_is_told_while_the_tendon_moves():
+    block, tendon = flexed(touched_from=1000)
+    ready, contact, *_ = following(block, tendon)
+    assert isinstance(ready, BaselineReady)
+    assert isinstance(contact, Contact)
+    assert block.times[999] < contact.t_s < block.times[999] + 0.5
+
+
+def test_with_a_tendon_pieces_do_not_matter():
+    block, tendon = flexed(touched_from=1000)
+    assert following(block, tendon, size=7) == following(block, tendon)

@@ -1,0 +1,100 @@
+"""A3: false contacts while the finger is flexed, with a fixed threshold and with one that follows the tendon."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from behaviors.events import Contact, ContactLost
+from behaviors.flexion import FlexionSettings
+from controller.measures import transient
+from controller.measures.trial import TrialEvidence
+
+TELLING = ("contact_false", "following_false", "free_rise_hz")
+"""Results that say most, for who watches a run."""
+
+LISTENERS = ("contact", "following", "ours")
+"""Names that the profile gives: the paper's fixed threshold, the one that follows, the waveform's detector."""
+
+COLUMNS = (
+    *transient.COLUMNS,
+    "flexed_s",
+    "free_rise_hz",
+    *(f"{name}_{what}" for name in LISTENERS for what in ("false", "share", "blind", "told_s")),
+)
+
+
+def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure one approach to a finger that is being flexed.
+
+    Returns:
+        As `measures.transient`, and: `flexed_s`, how long the tendon moved with nothing touched after the baseline;
+        `free_rise_hz`, how much higher the free finger oscillates fully flexed than extended. For each detector:
+        `…_false`, contacts that it told in that time; `…_share` of it in which it said contact; `…_blind`, 1 where it
+        said so when the probe touched, so that it could tell nothing; `…_told_s`, from the touch to its word.
+    """
+    outcome, row = transient.measure(evidence, settings, outcome)
+    row |= dict.fromkeys(COLUMNS[len(transient.COLUMNS) :])
+    begun_s, touch_s = evidence.entered_s.get("FLEXING"), transient.touch_of(row, evidence)
+    if begun_s is None:
+        return outcome, row
+    until_s = touch_s or evidence.entered_s.get("RETRACTING", evidence.ended_s)
+    row |= {"flexed_s": until_s - begun_s, "free_rise_hz": _rise_hz(evidence, settings, begun_s)}
+    for name in LISTENERS:
+        if name in evidence.detectors:
+            row |= {
+                f"{name}_{what}": value for what, value in _said(evidence, name, begun_s, until_s, touch_s)
+            }
+    if evidence.truth is None or outcome not in ("contact", "false_contact"):
+        return outcome, row
+    row["false_contacts"] = row[f"{settings.detector}_false"]
+    return outcome, row
+
+
+def _said(
+    evidence: TrialEvidence, name: str, begun_s: float, until_s: float, touch_s: float | None
+) -> list[tuple[str, float | None]]:
+    evidence.heard(name, begun_s, until_s)
+    told = [
+        (event.t_s, isinstance(event, Contact))
+        for event in evidence.events
+        if isinstance(event, Contact | ContactLost) and event.detector == name
+    ]
+    before = [made for t_s, made in told if t_s < begun_s]
+    inside = [(t_s, made) for t_s, made in told if begun_s <= t_s < until_s]
+    edges = [(begun_s, bool(before and before[-1])), *inside, (until_s, False)]
+    said_s = sum(b[0] - a[0] for a, b in pairwise(edges) if a[1])
+    after = [t_s for t_s, made in told if made and touch_s is not None and t_s >= touch_s]
+    return [
+        ("false", float(sum(made for _, made in inside))),
+        ("share", said_s / (until_s - begun_s)),
+        ("blind", float(edges[-2][1]) if touch_s is not None else None),
+        ("told_s", after[0] - touch_s if after and touch_s is not None else None),
+    ]
+
+
+def curve(
+    periods: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]],
+    tendon: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]],
+) -> Mapping[str, Any]:
+    """Frequency of each period against where the tendon was, and the parabola through it."""
+    at_m = np.interp(periods[0], *tendon)
+    hz = 1.0 / periods[1]
+    return {"at_m": at_m, "hz": hz, "terms": np.polynomial.polynomial.polyfit(at_m, hz, 2)}
+
+
+def _rise_hz(evidence: TrialEvidence, settings: FlexionSettings, until_s: float) -> float | None:
+    since_s = evidence.entered_s.get("BASELINE", -math.inf)
+    periods, tendon = (
+        evidence.series(stream, since_s, until_s)
+        for stream in (settings.period_stream, settings.tendon_stream)
+    )
+    if len(periods[0]) < 10 or not len(tendon[0]):
+        return None
+    terms = curve(periods, tendon)["terms"]
+    flexed = np.polynomial.polynomial.polyval([0.0, settings.flexed_m], terms)
+    return float(flexed[1] - flexed[0])

@@ -1,0 +1,58 @@
+"""A5: what each threshold would have told, on approaches that no detector stopped (Backus and Dollar, III.B, V.C)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from behaviors.transient import TransientSettings
+from controller.detectors.resonance import LOOK, ResonanceDetector
+from controller.detectors.resonance_paper import ResonancePaperDetector
+from controller.measures import transient
+from controller.measures.trial import TrialEvidence
+
+METHODS = ("average", *LOOK)
+"""The paper's averaged frequency, and what the waveform's detector can be set to hear."""
+
+WHEN = ("before", "soon", "later")
+SOON_S, LATER_S = 0.07, 0.3
+"""Spans after the touch: two periods, and the paper's own mean delay (V.B)."""
+
+TELLING = ("average_before", "average_later", "all_soon")
+"""Results that say most, for who watches a run."""
+
+COLUMNS = (
+    *transient.COLUMNS,
+    *(f"{method}_{when}" for method in METHODS for when in WHEN),
+)
+
+
+def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+    """Measure one approach that goes to its depth whatever anybody hears.
+
+    Returns:
+        The outcome, `contact` where the probe touched; and beside the columns of `measures.transient` for each method
+        the largest statistic, in deviations of the free finger: `…_before` the touch, from the approach's start on, and
+        within 0.07 s (`…_soon`) and 0.3 s (`…_later`) after it. A threshold below the first is a false contact, one
+        below the others tells the contact in time.
+    """
+    outcome, row = transient.measure(evidence, settings, outcome)
+    row |= dict.fromkeys(COLUMNS[len(transient.COLUMNS) :])
+    begun_s, touch_s = evidence.entered_s.get("APPROACH"), transient.touch_of(row, evidence)
+    if begun_s is None or touch_s is None:
+        return outcome, row
+    for detector in evidence.detectors.values():
+        if not isinstance(detector, ResonanceDetector | ResonancePaperDetector):
+            continue
+        until_s = evidence.entered_s.get("RETRACTING", math.inf)
+        heard = evidence.series(detector.settings.input, evidence.entered_s["BASELINE"], until_s)
+        times_s, told = detector.deviations(*heard)
+        spans = (
+            (times_s >= begun_s) & (times_s < touch_s),
+            (times_s >= touch_s) & (times_s <= touch_s + SOON_S),
+            (times_s >= touch_s) & (times_s <= touch_s + LATER_S),
+        )
+        for method, values in told.items():
+            for when, span in zip(WHEN, spans, strict=True):
+                row[f"{method}_{when}"] = float(values[span].max()) if span.any() else None
+    return "contact" if outcome == "no_contact" else outcome, row
