@@ -16,6 +16,7 @@ BENCHMARKS = {
     "pretouch_rooms": "benchmarks.pretouch.rooms_study",
     "centering": "benchmarks.centering.run",
     "contact": "benchmarks.contact.run",
+    "campaigns": "benchmarks.campaigns",
 }
 
 

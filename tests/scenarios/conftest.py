@@ -109,3 +109,12 @@ def verb(capsys):
         return ended.value.code, said.out, said.err
 
     return call
+
+
+@pytest.fixture(scope="module")
+def local_cluster():
+    """A Dask cluster of one worker in this process."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as started:
+        yield started

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from distributed import KilledWorker, LocalCluster
+from distributed import KilledWorker
 from mcap.reader import make_reader
 
 from config import jobs
@@ -252,12 +252,6 @@ def test_an_operator_ends_a_campaign_in_parts(one, tmp_path):
     rows = (outcome.folder / "trials.csv").read_text()
     assert (one / "trials.csv").read_text().startswith(rows)
     assert open_run(outcome.folder).manifest["exit"]["status"] == "aborted"
-
-
-@pytest.fixture(scope="module")
-def local_cluster():
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as started:
-        yield started
 
 
 def test_a_cluster_writes_the_folder_that_one_core_writes(verb, one, tmp_path, local_cluster):
