@@ -62,10 +62,11 @@ def joined(tmp_path, carried_out):
 
 def test_the_array_of_slurm_comes_to_the_rows_of_one_run(carried_out, tmp_path):
     script = block("bash")
-    first, last = map(int, re.search(r"--array=(\d+)-(\d+)", script).groups())
-    for number in range(first, last + 1):
+    ((first, last),) = re.findall(r"--array=(\d+)-(\d+)", script)
+    for number in range(int(first), int(last) + 1):
         carried_out(script, SLURM_ARRAY_TASK_ID=str(number))
-    carried_out(re.search(r"^    (touchbench merge .*)$", PAGE, re.MULTILINE)[1])
+    (merge,) = re.findall(r"^    (touchbench merge .*)$", PAGE, re.MULTILINE)
+    carried_out(merge)
     found, whole = joined(tmp_path, carried_out)
     assert found == whole
     assert list((tmp_path / "runs").glob("*/report.html"))
@@ -73,7 +74,7 @@ def test_the_array_of_slurm_comes_to_the_rows_of_one_run(carried_out, tmp_path):
 
 def test_the_rules_of_snakemake_come_to_the_rows_of_one_run(carried_out, tmp_path):
     text = block("python")
-    count = int(re.match(r"N = (\d+)", text)[1])
+    (count,) = map(int, re.findall(r"^N = (\d+)", text))
     whole, shard = (ast.literal_eval(line) for line in re.findall(r'shell: (".*")', text))
     for number in range(1, count + 1):
         carried_out(shard.format(wildcards=SimpleNamespace(i=number), N=count))
