@@ -211,6 +211,8 @@ to {SETTLE_S:g} s after one, at this threshold, the detector being begun anew ev
 recordings; as often as later would be {settled:.2f}. The last column keeps one in {interval_h:g} h in these seconds.
 
 {table(head, rows)}
+
+{study.get("note", "")}
 """
 
 
