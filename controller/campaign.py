@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 import platform
 import subprocess
@@ -234,6 +235,10 @@ class Campaign:
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
         if counted:
             line = f"{line} ({counted})" if line else counted
+        with suppress(Exception):  # whoever wants them has the recording
+            from controller.recording.layouts import write_layouts
+
+            write_layouts(folder.recordings[-1])
         try:
             folder.end(self._manifest)
         except RecordingError as error:
@@ -273,7 +278,12 @@ class Campaign:
                 self._close()
             finally:  # last: a device may have to be let go of in time, a disk may take long
                 if recorder is not None:
+                    recorder.attach(*self._attached())
                     recorder.close()
+
+    def _attached(self) -> tuple[str, bytes]:
+        """The manifest with the whole profile, as it is before the run's end is known, for the recording."""
+        return "manifest.json", json.dumps(self._manifest, indent=2, default=str).encode()
 
     def _close(self) -> None:
         """Let go of every device, then of the bench; each whatever became of the others."""
@@ -323,7 +333,7 @@ class Campaign:
         self._warm_up(trial)
         self._settle_memory()
         self._rig.clock.restart()
-        recording = recorder.begin_trial(trial.trial, trial.factors, offset_s)
+        recording = recorder.begin_trial(trial.trial, trial.factors, offset_s, trial.guard.settings)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
         if isinstance(self._console, Watching):
             limits, lost = trial.guard.settings, loop.account.lost

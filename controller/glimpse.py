@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from behaviors.events import Event
 from behaviors.machine import Behavior, sources
 from controller.detectors.protocol import Detector, Reading
-from controller.limits import GuardSettings
+from controller.limits import GuardSettings, watched
 from controller.recording.event_log import describe_event
 from controller.recording.series import DETECTOR, TrialRecording
 
@@ -96,17 +96,12 @@ class Glimpse:
 
     def margins(self) -> Iterator[tuple[str, float, float, str]]:
         """Name, value, limit and unit of what the guard watches: `force 0.04 of 2.0 N`."""
-        limits = self._limits
-        for name, stream, limit, scale, unit in (
-            ("force", limits.force_stream, limits.force_n, 1.0, "N"),
-            ("travel", limits.position_stream, limits.travel_m, 1e3, "mm"),
-        ):
-            if stream is None or limit is None:
-                continue
+        for name, stream, channels, limit, unit in watched(self._limits):
             values, _ = self.recording.latest(stream, 1)
             if len(values):
-                columns = limits.force_channels if name == "force" else (0,)
-                yield name, float(np.linalg.norm(values[-1, list(columns)])) * scale, limit * scale, unit
+                scale, shown = (1e3, "mm") if unit == "m" else (1.0, unit)
+                size = float(np.linalg.norm(values[-1, list(channels)]))
+                yield name, size * scale, limit * scale, shown
 
     # on the page
 

@@ -122,6 +122,14 @@ class GuardSettings(MoverLimits):
     """A turn of the loop later than this, while something moves, stops it."""
 
 
+def watched(limits: GuardSettings) -> Iterable[tuple[str, str, Sequence[int], float, str]]:
+    """What the guard holds against a limit: name, stream, channels whose size counts, limit, unit."""
+    if limits.force_stream is not None and limits.force_n is not None:
+        yield "force", limits.force_stream, limits.force_channels, limits.force_n, "N"
+    if limits.position_stream is not None:
+        yield "travel", limits.position_stream, (0,), limits.travel_m, "m"
+
+
 class Bounds:
     """Holds one mover's commands and places against its limits.
 

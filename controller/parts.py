@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -79,6 +80,8 @@ class CampaignInParts(Campaign):
                     if found[1] != "failed" or not whole:  # nothing more is run after an error
                         break
         finally:
+            with suppress(OSError):  # a full disk is told by what closes it
+                joiner.attach(*self._attached())
             joiner.close()
         return ended
 

@@ -188,7 +188,7 @@ class Joiner:
             for plain, index in parts.chunks(recorded):
                 topics = {channel: parts.topic(recorded.path, channel) for channel in index}
                 self._streams.take_over(plain, index, topics, recorded.base_ns)
-            self._streams.end_trial(recorded.length_s)
+            self._streams.end_trial(recorded.length_s, self._ledger.cells(parts.row(trial)))
         except OSError as error:
             raise RecordingError(self._path, "writing", error) from error
         self._offset_s += recorded.length_s
@@ -196,6 +196,10 @@ class Joiner:
             self._events.add_line(line)
         self._ledger.add(parts.row(trial))
         return recorded.length_s
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Put a JSON file into the recording."""
+        self._streams.attach(name, data)
 
     def commit(self) -> None:
         """See all that was taken over on the disk, each row after its samples and events.

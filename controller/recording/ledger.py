@@ -70,6 +70,10 @@ class Ledger:
             raise ValueError(f"{self.path}: no column {', '.join(unknown)}")
         return _line([format_cell(row.get(column)) for column in self.columns])
 
+    def cells(self, line: str) -> dict[str, str]:
+        """A whole line's cells, by column."""
+        return dict(zip(self.columns, next(csv.reader([line])), strict=True))
+
     def append_line(self, line: str) -> None:
         """Write a whole line and see it on the disk.
 

@@ -22,6 +22,8 @@ import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -85,8 +87,8 @@ class McapWriter:
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         # As they are written at the end: a campaign has 100,000 trials, and as objects they would take 1 kB each.
-        self._chunks, self._metadata = bytearray(), bytearray()
-        self._chunk_count = self._metadata_count = 0
+        self._chunks, self._metadata, self._attachments = bytearray(), bytearray(), bytearray()
+        self._chunk_count = self._metadata_count = self._attachment_count = 0
         self._span_ns: tuple[int, int] | None = None
         self._counts: dict[int, int] = {}
         self._compressor = zstandard.ZstdCompressor(level=1)
@@ -118,6 +120,11 @@ class McapWriter:
         """Write a metadata record between two chunks, ending the present one."""
         self.end_chunk()
         self._write_metadata(_encoded(Metadata(name, dict(metadata))), name)
+
+    def add_attachment(self, name: str, media_type: str, data: bytes, log_time_ns: int) -> None:
+        """Write a file between two chunks, ending the present one."""
+        self.end_chunk()
+        self._write_attachment(_encoded(Attachment(log_time_ns, log_time_ns, name, media_type, data)))
 
     def add_message(self, channel: int, log_time_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one message to the present chunk."""
@@ -198,12 +205,15 @@ class McapWriter:
             self._counts[channel] = self._counts.get(channel, 0) + len(index) // _ENTRY.size
 
     def adopt(self, opcode: int, record: bytes) -> None:
-        """Take a schema, a channel or a metadata record of another file as it stands there."""
+        """Take a schema, a channel, an attachment or a metadata record of another file as it stands there."""
         stream = ReadDataStream(BytesIO(record[RECORD.size :]))
         if opcode == Opcode.SCHEMA:
             self._schemas.append(Schema.read(stream))
         elif opcode == Opcode.CHANNEL:
             self._channels.append(Channel.read(stream))
+        elif opcode == Opcode.ATTACHMENT:
+            self._write_attachment(record)
+            return
         else:
             self._write_metadata(record, Metadata.read(stream).name)
             return
@@ -252,7 +262,7 @@ class McapWriter:
 
     def _write_summary(self) -> None:
         statistics = Statistics(
-            attachment_count=0,
+            attachment_count=self._attachment_count,
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
             chunk_count=self._chunk_count,
@@ -268,6 +278,7 @@ class McapWriter:
             (Opcode.STATISTICS, _encoded(statistics)),
             (Opcode.CHUNK_INDEX, bytes(self._chunks)),
             (Opcode.METADATA_INDEX, bytes(self._metadata)),
+            (Opcode.ATTACHMENT_INDEX, bytes(self._attachments)),
         ]
         start, summary, offsets = self._offset, b"", b""
         for opcode, data in groups:
@@ -282,6 +293,14 @@ class McapWriter:
     def _write_metadata(self, record: bytes, name: str) -> None:
         self._metadata += _encoded(MetadataIndex(self._offset, len(record), name))
         self._metadata_count += 1
+        self._write(record)
+
+    def _write_attachment(self, record: bytes) -> None:
+        told = Attachment.read(ReadDataStream(BytesIO(record[RECORD.size :])))
+        size, times = len(told.data), (told.log_time, told.create_time)
+        index = AttachmentIndex(self._offset, len(record), *times, size, told.name, told.media_type)
+        self._attachments += _encoded(index)
+        self._attachment_count += 1
         self._write(record)
 
     def _note_chunk(self, chunk: ChunkIndex) -> None:

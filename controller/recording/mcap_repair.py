@@ -62,7 +62,7 @@ def _copy(path: Path, writer: McapWriter) -> None:
                 chunk = None
             if opcode == Opcode.CHUNK:
                 chunk = record, []
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT):
                 writer.adopt(opcode, record)
     if chunk is None:
         return

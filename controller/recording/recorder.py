@@ -9,6 +9,7 @@ import numpy as np
 
 from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
 from controller.detectors.protocol import Reading
+from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
 from controller.recording.event_log import EventLog, describe_command, describe_event
 from controller.recording.ledger import Ledger
@@ -71,12 +72,14 @@ class Recorder:
         """Why nothing more can be written, or None."""
         return self._disk.failure
 
-    def begin_trial(self, trial: int, factors: Mapping[str, object], offset_s: float) -> TrialRecording:
+    def begin_trial(
+        self, trial: int, factors: Mapping[str, object], offset_s: float, limits: GuardSettings | None = None
+    ) -> TrialRecording:
         """Begin a trial whose bench time zero is `offset_s` in campaign time; returns what is kept of it."""
         self.trial = TrialRecording(trial, factors)
         self._now_s = 0.0
         self._readings.clear()
-        self._disk.post(self._streams, self._streams.begin_trial, trial, dict(factors), offset_s)
+        self._disk.post(self._streams, self._streams.begin_trial, trial, dict(factors), offset_s, limits)
         text = ", ".join(f"{name} {value}" for name, value in factors.items())
         self._log(0.0, "trial", f"trial {trial} begins: {text}", "INFO")
         return self.trial
@@ -131,11 +134,16 @@ class Recorder:
         for detector in list(self._readings):
             self._keep_readings(detector)
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
-        self._disk.post(self._ledger, self._ledger.add, self._ledger.line(row))
+        line = self._ledger.line(row)
+        self._disk.post(self._ledger, self._ledger.add, line)
         self._log(self._now_s, "trial", f"trial {self.trial.trial} ends: {outcome}", "INFO")
-        self._disk.post(self._streams, self._streams.end_trial, length_s)
+        self._disk.post(self._streams, self._streams.end_trial, length_s, self._ledger.cells(line))
         self._disk.flush(sync=False)
         self._raise_failure()
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Put a JSON file into the recording."""
+        self._disk.post(self._streams, self._streams.attach, name, data)
 
     def flush(self) -> None:
         """Wait until everything is on the disk.
@@ -174,3 +182,4 @@ class Recorder:
         change = f" → {next_state}" if next_state != state else ""
         text = f"{name}{change} {said} {'; '.join(map(describe_command, commands))}".strip()
         self._streams.log(event.t_s, state, text, level)
+        self._streams.state(event.t_s, state, next_state)

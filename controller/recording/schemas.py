@@ -41,6 +41,7 @@ BLOCK_FIELDS = {
     "device_t0_s": "optional double",
     "arrival_s": "optional double",
 }
+STATE_FIELDS = {"t_s": "double", "state": "string"}
 SKIPPED_FIELDS = {"stream": "string", "t0_s": "double", "t1_s": "double"}
 LOG_LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
 """`foxglove.LogLevel`, in the order of its numbers."""
@@ -82,6 +83,11 @@ def _file(package: str, message: str, fields: Mapping[str, str]) -> descriptor_p
 def block_schema() -> Schema:
     """`touchbench.Block`."""
     return Schema([_file("touchbench", "Block", BLOCK_FIELDS)], "touchbench.Block")
+
+
+def state_schema() -> Schema:
+    """`touchbench.State`."""
+    return Schema([_file("touchbench", "State", STATE_FIELDS)], "touchbench.State")
 
 
 def skipped_schema() -> Schema:

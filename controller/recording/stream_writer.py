@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
+from controller.limits import GuardSettings, watched
 from controller.recording.mcap_file import CHANNEL_AT, MESSAGE, RECORD, TIMES_AT, McapWriter, message_heads
 from controller.recording.run_folder import RecordingError
 from controller.recording.schemas import (
@@ -21,6 +22,7 @@ from controller.recording.schemas import (
     encode_block,
     log_schema,
     skipped_schema,
+    state_schema,
 )
 from controller.recording.series import DETECTOR
 from drivers.messages import SampleBlock, StreamInfo
@@ -31,6 +33,7 @@ TRIAL, TRIAL_END = "trial", "trial_end"
 _EVENTS = "/events"
 
 Topic = tuple[Channel, Schema]
+Floats = NDArray[np.float64]
 
 
 class StreamWriter:
@@ -53,18 +56,25 @@ class StreamWriter:
         self._streams = dict(streams)
         self._topics: dict[str, tuple[SampleSchema, int, int]] = {}
         self._channels: dict[str, int] = {}
+        self._plotted: dict[str, tuple[SampleSchema, int]] = {}
         self._samples: dict[str, list[SampleBlock]] = {}
         self._lines: list[tuple[int, bytes]] = []
         self._trial = -1
+        self._limits: GuardSettings | None = None
+        self._state = ""
         self._block, self._skipped, self._log = block_schema(), skipped_schema(), log_schema()
+        self._states = state_schema()
         try:
             self._file = McapWriter(path, library="touchbench")
             self._write_schemas()
         except OSError as error:
             raise RecordingError(path, "making", error) from error
 
-    def begin_trial(self, trial: int, factors: Mapping[str, object], offset_s: float) -> None:
-        """From now on bench time counts from `offset_s` of campaign time."""
+    def begin_trial(
+        self, trial: int, factors: Mapping[str, object], offset_s: float, limits: GuardSettings | None = None
+    ) -> None:
+        """From now on bench time counts from `offset_s` of campaign time; the guard has these limits."""
+        self._limits, self._state = limits, ""
         self._base_ns = self._start_ns + round(offset_s * 1e9)
         self._trial = trial
         text = json.dumps(factors, default=str)
@@ -77,10 +87,22 @@ class StreamWriter:
         self.commit(sync=False)
         self._file.add_metadata(TRIAL, told)
 
-    def end_trial(self, length_s: float) -> None:
-        """The trial took so long; the next one begins behind it."""
+    def end_trial(self, length_s: float, row: Mapping[str, str]) -> None:
+        """The trial took so long and came to this row of trials.csv; the next one begins behind it."""
         self.commit(sync=False)
-        self._file.add_metadata(TRIAL_END, {"trial": str(self._trial), "length_s": repr(length_s)})
+        self._file.add_metadata(TRIAL_END, {**row, "trial": str(self._trial), "length_s": repr(length_s)})
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Put a JSON file into the recording."""
+        self._file.add_attachment(name, "application/json", data, self._base_ns)
+
+    def state(self, t_s: float, before: str, after: str) -> None:
+        """Write the state that follows, of the first event of a trial the one before as well."""
+        for at_s, state in ((0.0, before), (t_s, after)) if not self._state else ((t_s, after),):
+            if state != self._state:
+                self._state = state
+                message = self._states.message(t_s=at_s, state=state)
+                self._file.add_message(self._state_channel, self._ns(at_s), message.SerializeToString())
 
     def block(self, block: SampleBlock) -> None:
         """Write a sample block."""
@@ -177,20 +199,54 @@ class StreamWriter:
 
     def _write_schemas(self) -> None:
         self._block_schema = self._file.add_schema(self._block.name, self._block.descriptors)
-        schemas = [self._file.add_schema(each.name, each.descriptors) for each in (self._skipped, self._log)]
+        ours = (self._skipped, self._log, self._states)
+        schemas = [self._file.add_schema(each.name, each.descriptors) for each in ours]
         self._skipped_channel = self._channel("/skipped", schemas[0], {})
         self._log_channel = self._channel(_EVENTS, schemas[1], {})
+        self._state_channel = self._channel("/state", schemas[2], {})
 
     def _write_samples(self) -> None:
         """The plotted messages of all blocks since the last call: many at once cost as little as one."""
         for stream, blocks in self._samples.items():
             schema, samples, _ = self._topics[stream]
             times_s = np.concatenate([block.times for block in blocks])
-            rows = schema.encode(times_s, np.concatenate([block.physical for block in blocks]))
+            values = np.concatenate([block.physical for block in blocks])
+            rows = schema.encode(times_s, values)
             sequence = np.concatenate([block.seq + np.arange(len(block)) for block in blocks])
             log_times = self._base_ns + np.rint(times_s * 1e9).astype(np.int64)
             self._file.add_messages(samples, log_times, rows, sequence)
+            self._write_derived(stream, blocks, times_s, values)
         self._samples.clear()
+
+    def _write_derived(
+        self, stream: str, blocks: Sequence[SampleBlock], times_s: Floats, values: Floats
+    ) -> None:
+        """What people plot of a stream: a period's frequency, and once a block the margin of what the guard watches."""
+        if stream.endswith(".period"):
+            name = f"{stream.removesuffix('period')}frequency"
+            with np.errstate(divide="ignore"):
+                frequency_hz = 1.0 / values[:, :1]
+            self._write_plotted(StreamInfo(name, ("frequency",), "Hz"), times_s, frequency_hz)
+        for what, watching, channels, limit, unit in watched(self._limits) if self._limits else ():
+            if watching == stream:
+                firsts = np.cumsum([0, *map(len, blocks[:-1])])
+                sizes = np.maximum.reduceat(np.linalg.norm(values[:, list(channels)], axis=1), firsts)
+                told = np.column_stack([sizes, np.full(len(sizes), limit), limit - sizes])
+                info = StreamInfo(f"guard.{what}", ("largest", "limit", "margin"), unit)
+                self._write_plotted(info, times_s[firsts], told)
+
+    def _write_plotted(self, info: StreamInfo, times_s: Floats, values: Floats) -> None:
+        if info.name in self._streams:  # the bench has one of its own
+            return
+        if info.name not in self._plotted:
+            schema = SampleSchema(info)
+            number = self._file.add_schema(schema.name, schema.descriptors)
+            self._plotted[info.name] = schema, self._channel(f"/{info.name.replace('.', '/')}", number, {})
+        schema, channel = self._plotted[info.name]
+        log_times = self._base_ns + np.rint(times_s * 1e9).astype(np.int64)
+        self._file.add_messages(
+            channel, log_times, schema.encode(times_s, values), np.zeros(len(times_s), np.int64)
+        )
 
     def _new_topic(self, block: SampleBlock) -> tuple[SampleSchema, int, int]:
         width = block.values.shape[1]

@@ -1,6 +1,7 @@
 import json
 import threading
 from datetime import UTC, datetime
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from behaviors.events import Contact, GuardStopped
 from controller.detectors.protocol import Reading
+from controller.limits import GuardSettings
+from controller.recording.layouts import FOXGLOVE, PLOTJUGGLER, write_layouts
 from controller.recording.ledger import read_ledger
 from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
@@ -342,3 +345,41 @@ def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(fol
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         plotted = [d for _, _, _, d in reader.iter_decoded_messages(topics="/detector/near")]
     assert [(d.t_s, d.statistic, d.threshold) for d in plotted] == told
+
+
+def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
+    recorder = recorder_in(folder)
+    limits = GuardSettings(force_stream="board.load_cell", force_n=2.0, position_stream=None, travel_m=0.01)
+    recorder.begin_trial(4, {"location": "f"}, 0.0, limits)
+    recorder.record([load_cell(1000), load_cell(1010), periods(3, [1.01, 1.046])])
+    recorder.reading("contact", Reading(1.0, 28.0, 28.2))
+    contact = Contact(1.03, "contact", 30.0, 29.0)
+    recorder.event(contact, state="APPROACH", next_state="STOPPING", commands=[Stop("stage")])
+    recorder.end_trial("contact", {"delay_s": 0.2})
+    recorder.attach("manifest.json", b'{"profile": "mock/transient"}')
+    recorder.close()
+    with folder.recordings[0].open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        told = {}
+        for _, channel, _, message in reader.iter_decoded_messages():
+            told.setdefault(channel.topic, []).append(message)
+        trials = [record.metadata for record in reader.iter_metadata()]
+        (attached,) = reader.iter_attachments()
+        assert reader.get_summary().statistics.attachment_count == 1
+    assert [(m.t_s, m.state) for m in told["/state"]] == [(0.0, "APPROACH"), (1.03, "STOPPING")]
+    assert [m.frequency_hz for m in told["/board/frequency"]] == [pytest.approx(28.0, abs=0.001)] * 2
+    largest_n = [(seq**2 - 17) * 1e-5 for seq in (1009, 1019)]
+    assert [m.largest_n for m in told["/guard/force"]] == pytest.approx(largest_n), "once a block"
+    assert [m.margin_n for m in told["/guard/force"]] == pytest.approx([2.0 - n for n in largest_n])
+    assert [m.t_s for m in told["/guard/force"]] == [1.0, 1.01]
+    assert (trials[1]["trial"], trials[1]["outcome"], trials[1]["delay_s"]) == ("4", "contact", "0.2")
+    assert (attached.name, json.loads(attached.data)) == ("manifest.json", {"profile": "mock/transient"})
+    write_layouts(folder.recordings[0])
+    layout = json.loads((folder.path / FOXGLOVE).read_text())
+    paths = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
+    assert paths[:2] == ["/detector/contact.statistic", "/detector/contact.threshold"]
+    assert {"/guard/force.margin_n", "/board/frequency.frequency_hz", "/state.state"} <= set(paths)
+    curves = ElementTree.parse(folder.path / PLOTJUGGLER).iter("curve")
+    assert {curve.get("name").replace("/", ".") for curve in curves} == {
+        path.replace("/", ".") for path in paths if path != "/state.state"
+    }
