@@ -116,23 +116,24 @@ class Bound(NamedTuple):
 
 def tasks(quick: bool) -> Iterator[Task | Holds | Bound]:
     """Everything that is computed."""
+    some = 7 if quick else SOME
     for name in LEVELS:
         finger = level(name).model_dump()
         for seed, many in ((SEED_SET, 500), (SEED_JUDGED, 1000)):
-            for first in range(0, 100 if quick else many, CHUNK):
+            for first in range(0, CHUNK if quick else many, CHUNK):
                 yield Task(name, seed, first, CHUNK, finger)
-        yield Holds(name, 14 if quick else 98)
-        yield Bound(name, 0, 14 if quick else 56)
+        yield Holds(name, 7 if quick else 98)
+        yield Bound(name, 0, 7 if quick else 56)
     printed = level("printed").model_dump()
-    yield Task("none", SEED_JUDGED, 0, SOME, printed)
+    yield Task("none", SEED_JUDGED, 0, some, printed)
     for share in BROKEN:
-        yield Task(f"noise {share:.0%} larger after the baseline", SEED_JUDGED, 0, SOME, printed, 1.0 + share)
+        yield Task(f"noise {share:.0%} larger after the baseline", SEED_JUDGED, 0, some, printed, 1.0 + share)
     for name, (settings, power) in TAKEN.items():
         for share in BROKEN:
             changed = {each: printed[each] * (1.0 + share) ** power for each in settings}
-            yield Task(f"{name} by {share:.0%}", SEED_JUDGED, 0, SOME, {**printed, **changed})
+            yield Task(f"{name} by {share:.0%}", SEED_JUDGED, 0, some, {**printed, **changed})
     for name, other in CHANGES.items():
-        yield Task(name, SEED_JUDGED, 0, SOME, {**printed, **other})
+        yield Task(name, SEED_JUDGED, 0, some, {**printed, **other})
 
 
 def main(quick: bool = False) -> None:

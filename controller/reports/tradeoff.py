@@ -43,7 +43,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     if "average" in told:
         low, high = ((told["average"]["before"] > sigma).mean() for sigma in (2.0, 3.0))
         said = WORDS.said("tradeoff", low=percent(low), high=percent(high))
-        summary.append(Result(kind, said, bool(low >= high)))
+        summary.append(Result(kind, said, bool(low > high) if low else None))
     if told:
         best = ", ".join(
             f"{names[name]} {percent((each['soon'] > each['before'].max()).mean())}"
