@@ -152,7 +152,7 @@ class RunFolder:
         )
         runs = sorted([*whole, *parts], key=lambda run: run.name)
         word, _, profile = str(text).partition(":")
-        if text == "latest":
+        if str(text) == "latest":
             matches = sorted(whole)[-1:]
         elif word == "latest":
             matches = [run for run in runs if _profile_of(run.name) == _folder_part(profile)][-1:]

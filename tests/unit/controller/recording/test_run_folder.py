@@ -107,8 +107,9 @@ def test_a_profile_with_a_long_path_has_a_folder_and_is_found_by_it(tmp_path, pr
 @pytest.mark.parametrize("text", ["{name}", "{path}", "{path}/manifest.json", "latest", "transient"])
 def test_a_run_is_found_by_path_name_part_or_as_the_latest(tmp_path, text):
     folder = made(tmp_path)
-    found = RunFolder.find(text.format(name=folder.path.name, path=folder.path), root=tmp_path)
-    assert found.path == folder.path
+    said = text.format(name=folder.path.name, path=folder.path)
+    assert RunFolder.find(said, root=tmp_path).path == folder.path
+    assert RunFolder.find(Path(said), root=tmp_path).path == folder.path
 
 
 def test_a_part_that_fits_several_runs_is_refused_with_their_names(tmp_path):
