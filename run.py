@@ -43,8 +43,10 @@ if TYPE_CHECKING:
     from config.profile import Profile
     from controller.campaign import CampaignPlan, Console
     from controller.console import Operator
+    from controller.recording.mcap_file import Mirror
     from controller.recording.resuming import Resumed
     from controller.recording.run_folder import RunFolder
+    from controller.watching.foxglove import FoxgloveStream
     from controller.watching.page import PageProcess
 
 
@@ -208,6 +210,7 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
 @realtime_option
 @jobs_options
 @watch_option
+@click.option("--foxglove", is_flag=True, help="Stream what is recorded to Foxglove as well, read-only.")
 @click.option(
     "--shard",
     callback=shard,
@@ -227,6 +230,7 @@ def run(
     jobs: int | None,
     scheduler: str | None,
     watched: bool,
+    foxglove: bool,
     shard: tuple[int, int] | None,
 ) -> int:
     """Run the experiment of a PROFILE and write a run folder with its report.
@@ -249,7 +253,7 @@ def run(
     from config.trials import chosen
 
     if parts := parts_of(profile):
-        if csv or numbers or endpoints or realtime or shard or watched:
+        if csv or numbers or endpoints or realtime or shard or watched or foxglove:
             raise click.UsageError(f"{profile} has parts; run one of them with this option: see run.py list")
         folder = begin(profile, parts, ["--seed", str(seed), *_sets(overrides)], out)
         return _in_turn(folder, jobs, scheduler, reported)
@@ -268,8 +272,12 @@ def run(
     picked = chosen(trials, numbers, None)
     others = {trial.id for trial in picked} - {trial.id for trial in chosen(picked, (), shard)}
     plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
-    with _crew(loaded, plan, jobs, scheduler) as crew:
-        return _carried_out(loaded, plan, out, endpoints, reported, crew, realtime=realtime, watched=watched)
+    with ExitStack() as stack:
+        stream = stack.enter_context(closing(_foxglove())) if foxglove else None
+        crew = stack.enter_context(_crew(loaded, plan, 1 if foxglove else jobs, scheduler))
+        return _carried_out(
+            loaded, plan, out, endpoints, reported, crew, realtime=realtime, watched=watched, mirror=stream
+        )
 
 
 @cli.command(cls=Verb, short_help="Go on with a run that broke off.")
@@ -350,6 +358,7 @@ def _carried_out(
     resumed: Resumed | None = None,
     realtime: bool = False,
     watched: bool = False,
+    mirror: Mirror | None = None,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
     from controller.console import Operator
@@ -368,7 +377,7 @@ def _carried_out(
 
             rig = stack.enter_context(closing(build_rig(loaded, _endpoints(endpoints), realtime)))
             operator = stack.enter_context(Operator(asking=rig.asking))
-            outcome = Campaign(plan, rig, _console(operator, page), out, resumed).run()
+            outcome = Campaign(plan, rig, _console(operator, page), out, resumed, mirror).run()
     if outcome.error is None:
         (complain if outcome.exit_code else say)(outcome.line)
     try:
@@ -728,6 +737,20 @@ def _page() -> PageProcess:
     page = PageProcess(door)
     _browse(link)
     return page
+
+
+def _foxglove() -> FoxgloveStream:
+    """Begin to stream to Foxglove."""
+    try:
+        from controller.watching.foxglove import FoxgloveStream
+
+        stream = FoxgloveStream()
+    except ImportError:
+        raise click.UsageError("--foxglove needs its SDK: pip install foxglove-sdk") from None
+    except RuntimeError as error:
+        raise click.UsageError(f"--foxglove: {error}") from None
+    say(f"Foxglove: {stream.address}")
+    return stream
 
 
 def _browse(address: str) -> None:

@@ -34,6 +34,7 @@ from drivers.errors import DeviceError, RefusedError
 from drivers.messages import DeviceInfo, StreamInfo
 
 if TYPE_CHECKING:
+    from controller.recording.mcap_file import Mirror
     from controller.recording.recorder import Recorder
 
 EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_DEVICE, EXIT_GUARD, EXIT_INTERRUPTED = 0, 1, 2, 3, 4, 130
@@ -168,11 +169,19 @@ class Campaign:
         console: The person's side.
         runs: Folder under which the run's own folder is made.
         resumed: A run that goes on; None begins one.
+        mirror: Gets what is recorded as well.
     """
 
     def __init__(
-        self, plan: CampaignPlan, rig: Rig, console: Console, runs: Path, resumed: Resumed | None = None
+        self,
+        plan: CampaignPlan,
+        rig: Rig,
+        console: Console,
+        runs: Path,
+        resumed: Resumed | None = None,
+        mirror: Mirror | None = None,
     ) -> None:
+        self._mirror = mirror
         self._plan = plan
         self._resumed = resumed
         self._rig = rig
@@ -270,6 +279,7 @@ class Campaign:
                 factors=self._plan.factors,
                 measures=self._plan.columns,
                 patient=self._rig.clock.virtual,
+                mirror=self._mirror,
             )
             return self._trials(folder, recorder, infos, trials)
         finally:

@@ -15,7 +15,7 @@ from contextlib import suppress
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import zstandard
@@ -69,15 +69,29 @@ CHANNEL_AT, TIMES_AT = 9, (15, 23)
 """Where in a message's record its channel and its two times stand: behind opcode (1), length (8), sequence (4)."""
 
 
+class Mirror(Protocol):
+    """Gets what is written as well; it never raises and never waits."""
+
+    def channel(
+        self, number: int, topic: str, schema: tuple[str, bytes], metadata: Mapping[str, str]
+    ) -> None:
+        """A topic, with its schema's name and descriptors."""
+
+    def message(self, number: int, log_time_ns: int, data: bytes) -> None:
+        """A message of one of the topics."""
+
+
 class McapWriter:
     """Appends chunks to a new file; every method that writes may raise `OSError`.
 
     Args:
         path: File to create.
         library: What wrote it, for the header.
+        mirror: Gets topics and messages as well.
     """
 
-    def __init__(self, path: Path, library: str) -> None:
+    def __init__(self, path: Path, library: str, mirror: Mirror | None = None) -> None:
+        self._mirror = mirror
         self._file = path.open("wb", buffering=0)
         with suppress(OSError):  # not every file system knows locks
             fcntl.flock(
@@ -114,6 +128,9 @@ class McapWriter:
         channel = Channel(len(self._channels) + 1, topic, "protobuf", dict(metadata), schema_id)
         self._channels.append(channel)
         self._write(_encoded(channel))
+        if self._mirror is not None:
+            schema = self._schemas[schema_id - 1]
+            self._mirror.channel(channel.id, topic, (schema.name, schema.data), metadata)
         return channel.id
 
     def add_metadata(self, name: str, metadata: Mapping[str, str]) -> None:
@@ -132,6 +149,8 @@ class McapWriter:
             Opcode.MESSAGE, len(data) + 22, channel, sequence & 0xFFFFFFFF, log_time_ns, log_time_ns
         )
         self._add(channel, head + data, _ENTRY.pack(log_time_ns, self._size), log_time_ns, log_time_ns)
+        if self._mirror is not None:
+            self._mirror.message(channel, log_time_ns, data)
 
     def add_messages(
         self,
@@ -154,6 +173,9 @@ class McapWriter:
         entries["offset"] = self._size + np.arange(count) * records.itemsize
         times = int(log_times_ns.min()), int(log_times_ns.max())
         self._add(channel, records.tobytes(), entries.tobytes(), *times)
+        if self._mirror is not None:
+            for time_ns, row in zip(log_times_ns.tolist(), data, strict=True):
+                self._mirror.message(channel, time_ns, row.tobytes())
 
     def _add(self, channel: int, records: bytes, entries: bytes, start_ns: int, end_ns: int) -> None:
         self._start_ns = min(self._start_ns, start_ns) if self._pieces else start_ns

@@ -13,6 +13,7 @@ from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
 from controller.recording.event_log import EventLog, describe_command, describe_event
 from controller.recording.ledger import Ledger
+from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.recording.stream_writer import StreamWriter
@@ -39,6 +40,7 @@ class Recorder:
         factors: Names of what the trials vary, in the order of the columns.
         measures: Names of what is measured of a trial, in the order of the columns.
         patient: Whether `record` may wait for a disk that cannot keep up: in virtual time, which waits too.
+        mirror: Gets what is recorded as well.
 
     Raises:
         RecordingError: the folder cannot be written.
@@ -53,13 +55,14 @@ class Recorder:
         factors: Sequence[str],
         measures: Sequence[str],
         patient: bool = False,
+        mirror: Mirror | None = None,
     ) -> None:
         self.folder = folder
         self.trial = TrialRecording(-1)
         self._now_s = 0.0
         self._readings: dict[str, list[Reading]] = {}
         self._ledger = Ledger(folder.trials_path, factors, measures)
-        self._streams = StreamWriter(folder.new_recording(), wall_start, streams)
+        self._streams = StreamWriter(folder.new_recording(), wall_start, streams, mirror)
         try:
             self._events = EventLog(folder.events_path)
         except RecordingError:

@@ -13,7 +13,15 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from controller.limits import GuardSettings, watched
-from controller.recording.mcap_file import CHANNEL_AT, MESSAGE, RECORD, TIMES_AT, McapWriter, message_heads
+from controller.recording.mcap_file import (
+    CHANNEL_AT,
+    MESSAGE,
+    RECORD,
+    TIMES_AT,
+    McapWriter,
+    Mirror,
+    message_heads,
+)
 from controller.recording.run_folder import RecordingError
 from controller.recording.schemas import (
     LOG_LEVELS,
@@ -45,12 +53,19 @@ class StreamWriter:
         path: The recording to make.
         wall_start: Calendar time at which the campaign's time is zero.
         streams: What is known of each stream; one that is not listed is named after its blocks.
+        mirror: Gets what is written as well.
 
     Raises:
         RecordingError: the file cannot be made.
     """
 
-    def __init__(self, path: Path, wall_start: datetime, streams: Mapping[str, StreamInfo]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        wall_start: datetime,
+        streams: Mapping[str, StreamInfo],
+        mirror: Mirror | None = None,
+    ) -> None:
         self.path = path
         self._start_ns = self._base_ns = round(wall_start.timestamp() * 1e6) * 1000  # exact to datetime's us
         self._streams = dict(streams)
@@ -65,7 +80,7 @@ class StreamWriter:
         self._block, self._skipped, self._log = block_schema(), skipped_schema(), log_schema()
         self._states = state_schema()
         try:
-            self._file = McapWriter(path, library="touchbench")
+            self._file = McapWriter(path, "touchbench", mirror)
             self._write_schemas()
         except OSError as error:
             raise RecordingError(path, "making", error) from error

@@ -1,0 +1,71 @@
+"""What a viewer of Foxglove hears: the recording's own bytes, and nothing that it could call."""
+
+import asyncio
+import json
+import struct
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from tornado.httpclient import HTTPRequest
+from tornado.websocket import websocket_connect
+
+from controller.recording.stream_writer import StreamWriter
+from controller.watching.foxglove import FoxgloveStream
+from drivers.messages import SampleBlock, StreamInfo
+
+INFO = StreamInfo("board.load_cell", ("force",), "N")
+
+
+@pytest.fixture
+def stream():
+    stream = FoxgloveStream(port=0)
+    yield stream
+    stream.close()
+
+
+def test_a_viewer_hears_what_is_recorded_and_can_call_nothing(stream, tmp_path):
+    writer = StreamWriter(
+        tmp_path / "recording.mcap", datetime(2026, 1, 1, tzinfo=UTC), {INFO.name: INFO}, stream
+    )
+    writer.begin_trial(1, {}, 0.0)
+
+    def record(seq):
+        values = np.array([[0.25], [0.5]])
+        writer.block(SampleBlock(INFO.name, seq, seq / 1000.0, values, rate_hz=1000.0, unit="N"))
+        writer.state(seq / 1000.0, "HOMING", "APPROACH")
+        writer.commit(sync=False)
+
+    record(0)
+
+    async def heard():
+        request = HTTPRequest(stream.address)
+        viewer = await websocket_connect(request, subprotocols=["foxglove.sdk.v1"])
+        told, channels = {}, {}
+        while "/board/load_cell" not in channels:
+            message = json.loads(await viewer.read_message())
+            told[message["op"]] = message
+            channels |= {each["topic"]: each["id"] for each in message.get("channels", ())}
+        subscription = {"id": 7, "channelId": channels["/board/load_cell"]}
+        await viewer.write_message(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+        frame: str | bytes | None = ""
+        seq = 0
+        while isinstance(frame, str):
+            reading = asyncio.ensure_future(viewer.read_message())
+            while not reading.done():  # what is recorded before the subscription has arrived is not heard
+                record(seq := seq + 2)
+                await asyncio.wait([reading], timeout=0.05)
+            frame = reading.result()
+        viewer.close()
+        while await viewer.read_message() is not None:
+            pass
+        return told, channels, frame
+
+    told, channels, frame = asyncio.run(heard())
+    writer.finish()
+    assert told["serverInfo"]["capabilities"] == []
+    assert set(channels) == {"/board/load_cell", "/events", "/state"}
+    code, subscription, _ = struct.unpack_from("<BIQ", frame)
+    assert (code, subscription) == (1, 7)
+    message = writer._topics[INFO.name][0].message.FromString(frame[13:])
+    assert message.force_n in (0.25, 0.5)
