@@ -22,7 +22,10 @@ def listed_profiles() -> list[str]:
             lines += [name, f"    broken: {error.problems[0]}"]
             continue
         if "parts" in data:
-            lines += [f"{name:<28}{data.get('title', '')}", f"    one report of {', '.join(data['parts'])}"]
+            lines += [
+                f"{name:<28}{data.get('title', '')}",
+                f"    one report of {', '.join(part.split()[0] for part in data['parts'])}",
+            ]
             continue
         if "experiment" not in data:
             benches.append(name)
