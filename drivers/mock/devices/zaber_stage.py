@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import deque
 from collections.abc import Callable
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 from pydantic import Field
 
 from drivers.errors import CodecError
-from drivers.mock.devices.zaber_settings import CONSTANTS
 from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, StageAxis
 from drivers.settings import Settings
 from drivers.zaber_stage import codec
 
 Fault = Literal["lose", "bad_lrc", "corrupt", "late", "silent", "refuse", "stall", "interrupt", "disable"]
+
+CONSTANTS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("zaber_constants.toml").read_text("utf-8"))
+"""Settings that can be read and never change."""
 
 REPLY_FAULTS = ("lose", "bad_lrc", "corrupt", "late")
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.mock.devices.zaber_settings import CONSTANTS
-from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
+from drivers.mock.devices.zaber_stage import CONSTANTS, EmulatedZaberStage, EmulatedZaberStageSettings, Fault
 from drivers.mock.physics.stage_axis import StageAxis
 from drivers.zaber_stage.codec import MICROSTEP_M, lrc
 
