@@ -1,7 +1,8 @@
-"""The one table from names to classes; imports only what a profile uses."""
+"""From the one table of names and classes (`kinds.toml`) to a bench; imports only what a profile uses."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -42,121 +43,12 @@ class KindEntry(NamedTuple):
     settings: str = ""
 
 
-DRIVERS: Mapping[str, DriverEntry] = {
-    "zaber_stage": DriverEntry(
-        "linear stage, Zaber ASCII over serial",
-        "drivers.zaber_stage.driver:ZaberStage",
-        "drivers.mock.drivers.zaber_stage:MockZaberStage",
-    ),
-    "sensor_board": DriverEntry(
-        "accelerometer, load cell, period counter, excitation, tendon: COBS over serial",
-        "drivers.sensor_board.driver:SensorBoard",
-        "drivers.mock.drivers.sensor_board:MockSensorBoard",
-    ),
-    "ur_arm": DriverEntry(
-        "Universal Robots arm on an approach axis: ur_rtde over the network",
-        "drivers.ur_arm.driver:UrArm",
-        "drivers.mock.drivers.ur_arm:MockUrArm",
-    ),
-    "audio": DriverEntry(
-        "two fingers' sound at 96 kHz and their drive: sound card, WAV/FLAC file or a recorder over TCP",
-        "drivers.audio.driver:Audio",
-        "drivers.mock.drivers.audio:MockAudio",
-    ),
-    "can_gripper": DriverEntry(
-        "SSG-48 gripper on a CAN bus: position, speed and force of its jaws",
-        "drivers.can_gripper.driver:CanGripper",
-        "drivers.mock.drivers.can_gripper:MockCanGripper",
-    ),
-    "barrett_hand": DriverEntry(
-        "finger torques of a BarrettHand on a CAN bus",
-        "drivers.barrett_hand.driver:BarrettHand",
-        "drivers.mock.drivers.barrett_hand:MockBarrettHand",
-    ),
-    "dsa_matrix": DriverEntry(
-        "tactile matrices DSA 9210 on a DSACON32-M, over serial",
-        "drivers.dsa_matrix.driver:DsaMatrix",
-        "drivers.mock.drivers.dsa_matrix:MockDsaMatrix",
-    ),
-    "operator": DriverEntry(
-        "the person at the bench, asked on the console, or a JSON line at a time over a port",
-        "drivers.operator.driver:Person",
-        "drivers.mock.drivers.operator:MockPerson",
-    ),
-}
+_KINDS = tomllib.loads(Path(__file__).with_name("kinds.toml").read_text("utf-8"))
 
-DETECTORS: Mapping[str, KindEntry] = {
-    "force.threshold": KindEntry(
-        "contact while a force is farther from its level at rest than a threshold",
-        "controller.detectors.threshold:ForceThresholdDetector",
-    ),
-    "level": KindEntry(
-        "contact by a jump of I and Q off an undulation's circle, after which the level stays; start, hold and end",
-        "controller.detectors.level:LevelDetector",
-    ),
-    "level.paper": KindEntry(
-        "contact by a sample's z-score in its own window (Rupavatharam et al.)",
-        "controller.detectors.level:LevelPaperDetector",
-    ),
-    "pretouch": KindEntry(
-        "pre-touch by a matched filter along the way: I and Q beside the mover's encoder, any speed",
-        "controller.detectors.pretouch:PreTouchDetector",
-    ),
-    "pretouch.paper": KindEntry(
-        "pre-touch by spectral power between 0 and 100 Hz, window by window (Rupavatharam et al.)",
-        "controller.detectors.pretouch_paper:PreTouchPaperDetector",
-    ),
-    "resonance.paper": KindEntry(
-        "contact from the resonant frequency: 10-sample average, 1 s baseline, 3 sigma (Backus and Dollar)",
-        "controller.detectors.resonance_paper:ResonancePaperDetector",
-    ),
-    "resonance": KindEntry(
-        "contact from the finger's waveform: phase and amplitude against what the last six periods foretell",
-        "controller.detectors.resonance:ResonanceDetector",
-    ),
-    "slip.paper": KindEntry(
-        "slip from vibration: spectral peak x its frequency, every 64 ms (Fernandez et al.)",
-        "controller.detectors.slip:SlipPaperDetector",
-    ),
-    "slip": KindEntry(
-        "slip from knocks that no past foretells, summed, or from vibration in several octaves at once",
-        "controller.detectors.slip:SlipDetector",
-    ),
-}
-
-SIGNALS: Mapping[str, KindEntry] = {
-    "strain": KindEntry(
-        "a strain-gauge fingertip's three bridges as forces: Fx, Fy, Ft, Fn and the contact's angle",
-        "controller.signals.strain:Strain",
-    ),
-    "iq": KindEntry(
-        "one finger's sound as I and Q against the drive, at 1 kHz (Rupavatharam et al., III.B, with Q)",
-        "controller.signals.iq:Iq",
-    ),
-}
-
-PLANTS: Mapping[str, KindEntry] = {
-    "finger": KindEntry(
-        "the resonant finger and the probe that meets it",
-        "drivers.mock.wiring.benches:finger",
-        "drivers.mock.physics.finger_part:FingerBenchSettings",
-    ),
-    "slip": KindEntry(
-        "a tip on a table, touching, rolling and slipping, with one of five force sensors",
-        "drivers.mock.wiring.benches:slip",
-        "drivers.mock.physics.fingertip_settings:SlipBenchSettings",
-    ),
-    "aura": KindEntry(
-        "two sonic fingers on a gripper, an object between them or before one of them",
-        "drivers.mock.wiring.benches:aura",
-        "drivers.mock.physics.gripper_part:AuraBenchSettings",
-    ),
-    "grasp": KindEntry(
-        "as aura, with a force sensor in the right finger's pad and an object that has a weight, on a table",
-        "drivers.mock.wiring.benches:grasp",
-        "drivers.mock.physics.pad_part:GraspBenchSettings",
-    ),
-}
+DRIVERS = {name: DriverEntry(**row) for name, row in _KINDS["driver"].items()}
+DETECTORS, SIGNALS, PLANTS = (
+    {name: KindEntry(**row) for name, row in _KINDS[kind].items()} for kind in ("detector", "signal", "plant")
+)
 
 
 @dataclass(frozen=True)
