@@ -56,11 +56,8 @@ TAIL_SHARE = 0.02
 """Logarithms of the median and of the 98 % quantile of a chi-square variable, 1 degree of freedom: ln 0.4549, ln 5.412;
 and the share beyond. Quiet of real sensors has heavy tails: servos, converters."""
 
-MOST_MEDIAN_NAT = math.log(9.0)
 MOST_TAIL_NAT = math.log(2.25)
-"""So far they are followed: three times the amplitude for the median, which slip hardly moves while its knocks are
-fewer than half of the samples; half as much again for the tail, for beyond that a weak slip among load steps is
-swallowed."""
+"""So far the tail is followed, 1.5 times the amplitude: beyond that a weak slip among load steps is swallowed."""
 
 FLOOR = 1e-3
 """Share of the noise's variance that is added to an octave's energy: of a converter that stands still there is none."""
@@ -77,6 +74,7 @@ class Odds(NamedTuple):
         refill: What may be added per sample in the long run: a knock counts once, however many samples it lasts.
         patience: Missing samples after which the sum begins anew.
         follow: How far the logarithm of the running median moves in a sample; that of the tail, at most.
+        most_followed: Largest value of that of the median.
     """
 
     knock: float
@@ -86,6 +84,7 @@ class Odds(NamedTuple):
     refill: float
     patience: int
     follow: float
+    most_followed: float
 
 
 @compiled()
@@ -115,11 +114,11 @@ def louder(totals: Floats, count: int) -> float:
 
 
 @compiled()
-def _follow(evidence: Floats, squared: float, pace: float) -> None:
+def _follow(o: Odds, evidence: Floats, squared: float, pace: float) -> None:
     """Moves the running median and tail of the innovations."""
     found = math.log(squared + 1e-12)
     step = pace if found - MEDIAN_NORMAL > evidence[MEDIAN] else -pace
-    evidence[MEDIAN] = min(max(evidence[MEDIAN] + step, 0.0), MOST_MEDIAN_NAT)
+    evidence[MEDIAN] = min(max(evidence[MEDIAN] + step, 0.0), o.most_followed)
     beyond = 1.0 if found - TAIL_NORMAL > evidence[TAIL] else 0.0
     evidence[TAIL] = min(max(evidence[TAIL] + pace * (beyond - TAIL_SHARE), 0.0), MOST_TAIL_NAT)
 
@@ -127,7 +126,7 @@ def _follow(evidence: Floats, squared: float, pace: float) -> None:
 @compiled()
 def _knocks(o: Odds, evidence: Floats, squared: float, ceiling: float) -> None:
     """Takes one innovation into Page's sum."""
-    _follow(evidence, squared, o.follow)
+    _follow(o, evidence, squared, o.follow)
     gain = log_odds(o, squared * math.exp(-max(evidence[MEDIAN], evidence[TAIL])))
     if gain > 0.0:
         gain = min(gain, evidence[CREDIT])
@@ -188,7 +187,7 @@ def accumulate(
                 learn_octaves(bands, FLOOR * noise[NOISE], (count - s.learn - 1) // bands.stride + 1)
             if 2 * count > 3 * s.learn:
                 # there are weights by now; what is left of the time is short
-                _follow(evidence, noise[BARE], 4.0 * o.follow)
+                _follow(o, evidence, noise[BARE], 4.0 * o.follow)
         if math.isfinite(squared):
             _knocks(o, evidence, squared, ceiling)
             evidence[MISSING] = 0.0

@@ -24,6 +24,7 @@ ODDS = Odds(
     refill=0.6,
     patience=100,
     follow=0.02,
+    most_followed=math.log(2.25),
 )
 SETTLING = Settling(
     learn=100,
