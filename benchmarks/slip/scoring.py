@@ -122,13 +122,6 @@ class Score:
     moved_before: NDArray[np.bool_]
     early: int
 
-    def quantile_s(self, share: float) -> float:
-        """A quantile of the delay; infinite where so many are missed."""
-        if not self.delays_s.size:
-            return math.nan
-        rank = math.ceil(share * self.delays_s.size)
-        return float(np.sort(self.delays_s)[max(1, rank) - 1])
-
     @property
     def missed(self) -> float:
         """Share of slips missed."""
