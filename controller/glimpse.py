@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from behaviors.events import Event
 from behaviors.machine import Behavior, sources
-from controller.detectors.protocol import Detector, Reading
+from controller.detectors.protocol import Detector
 from controller.limits import GuardSettings, watched
 from controller.recording.event_log import describe_event
 from controller.recording.series import DETECTOR, TrialRecording
@@ -69,13 +69,13 @@ class Glimpse:
         return [line for line in (self._signal_or_why_not(), "  ".join(margins)) if line]
 
     def _signal_or_why_not(self) -> str:
-        detector = next(iter(self._detectors.values()), None)
+        name, detector = next(iter(self._detectors.items()), ("", None))
         try:
-            return self._signal(detector)
+            return self._signal(name, detector)
         except Exception as error:
             return f"{type(detector).__name__} cannot be shown: {type(error).__name__}: {error}"
 
-    def _signal(self, detector: Detector | None) -> str:
+    def _signal(self, name: str, detector: Detector | None) -> str:
         if detector is None or not detector.inputs:
             return ""
         stream = detector.inputs[0]
@@ -83,13 +83,9 @@ class Glimpse:
         if not len(values):
             return ""
         shown, unit = heard(stream, values[:, 0], unit)
-        reading: Reading | None = getattr(detector, "reading", None)
-        told = reading is not None and math.isfinite(reading.threshold)
-        beside = (
-            f"  {detector.name} {reading.statistic:.4g} of {reading.threshold:.4g}"
-            if told and reading
-            else ""
-        )
+        told, _ = self.recording.latest(f"{DETECTOR}{name}", 1)
+        known = len(told) and math.isfinite(told[-1, 1])
+        beside = f"  {name} {told[-1, 0]:.4g} of {told[-1, 1]:.4g}" if known else ""
         return f"{stream}  {sparkline(shown)}  {shown[-1]:.4g} {unit}".rstrip() + beside
 
     # on both

@@ -284,7 +284,11 @@ class _Feed:
                 self._tell_one(client)
 
     def _tell_one(self, client: _Client) -> None:
-        client.out = self._watched.news(client)
+        try:
+            client.out = self._watched.news(client)
+        except Exception:  # of a detector of the user's own: it ends neither the run nor this thread
+            self._drop(client)
+            return
         self._send(client)
 
     def _send(self, client: _Client) -> None:

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from controller.detectors.protocol import Reading
 from controller.glimpse import BARS, SPARKS, Glimpse, sparkline
 from controller.guard import GuardSettings
 from controller.recording.series import TrialRecording
@@ -24,13 +23,15 @@ def test_a_sparkline_runs_from_the_least_to_the_largest():
 
 def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margins():
     recording = TrialRecording(1)
-    detector = SimpleNamespace(name="contact", inputs=("board.period",), reading=Reading(1.0, 28.02, 28.13))
+    detector = SimpleNamespace(inputs=("board.period",))
     limits = GuardSettings(
         force_stream="board.load_cell", force_n=2.0, position_stream="stage.position", travel_m=0.012
     )
     glimpse = Glimpse(recording, {"contact": detector}, limits)
     assert glimpse.lines() == [], "nothing has been heard"
     recording.add(block("board.period", 1.0 / np.linspace(27.0, 28.0, 60), "s"))
+    told = np.array([[28.02, 28.13]])
+    recording.add(SampleBlock("detector.contact", 0, 1.0, told, times_s=np.array([1.0])))
     recording.add(block("board.load_cell", [0.1, -0.04], "N"))
     recording.add(block("stage.position", [0.0031], "m"))
     signal, margins = glimpse.lines()
@@ -50,21 +51,18 @@ def test_the_latest_samples_come_from_the_last_blocks():
 
 
 class Raising:
-    """A detector of a user's own, without inputs or with a reading that cannot be read."""
-
-    def __init__(self, inputs):
-        self.inputs = inputs
+    """A detector of a user's own whose inputs cannot be read."""
 
     @property
-    def reading(self):
+    def inputs(self):
         raise ZeroDivisionError("nothing heard")
 
 
 @pytest.mark.parametrize(
     ("detector", "lines"),
     [
-        (Raising(()), []),
-        (Raising(("board.period",)), ["Raising cannot be shown: ZeroDivisionError: nothing heard"]),
+        (SimpleNamespace(inputs=()), []),
+        (Raising(), ["Raising cannot be shown: ZeroDivisionError: nothing heard"]),
     ],
 )
 def test_a_detector_that_cannot_be_shown_ends_no_trial(detector, lines):

@@ -12,6 +12,7 @@ import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from controller.glimpse import Glimpse
 from controller.watching.feed import CLIENTS, SOCKET, at
 from controller.watching.page import Door, alive, serve
 from tests.stub_run import StubRun
@@ -111,6 +112,16 @@ def test_one_who_does_not_read_is_told_nothing_more_and_holds_nobody_up(run):
         while not json.loads(lines.readline())["paused"]:
             pass
     assert run.heard() == ["pause"]
+
+
+def test_a_detector_that_cannot_be_shown_ends_neither_the_run_nor_the_watching(run, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(Glimpse, "panels", lambda self: 1 / 0)
+        with watcher(run) as peer:
+            assert peer.recv(1) == b""
+    with watcher(run) as peer:
+        assert peer.recv(1) == b"{"
+    assert run.heard() == []
 
 
 def test_no_more_watch_than_there_is_room_for(run):

@@ -1,0 +1,39 @@
+"""A run that is watched is the run that it would have been."""
+
+import os
+import socket
+from contextlib import closing
+from pathlib import Path
+
+from config.assemble import Table, build_rig, plan_campaign
+from config.jobs import Silent
+from config.profile import load_profile
+from controller.campaign import Campaign
+from controller.console import Operator
+from controller.watching.feed import SOCKET, Watched, at
+from tests.scenarios.conftest import QUICK
+
+
+def rows(out, watchers):
+    """What a run of two trials measures while so many watch who never read."""
+    profile = load_profile("mock/transient", QUICK, table=Table())
+    plan = plan_campaign(profile, profile.trials(0)[:2], 0)
+    deaf = [socket.socket(socket.AF_UNIX) for _ in range(watchers)]
+
+    def began(folder):
+        for each in deaf:
+            with at(folder / SOCKET) as name:
+                each.connect(name)
+
+    with Path(os.devnull).open() as keyboard, closing(build_rig(profile)) as rig:
+        console = Watched(Silent(), Operator(keyboard), began)
+        outcome = Campaign(plan, rig, console, out).run()
+    for each in deaf:
+        each.close()
+    assert (outcome.exit_code, outcome.error) == (0, None)
+    assert not (outcome.folder / SOCKET).exists()
+    return (outcome.folder / "trials.csv").read_bytes()
+
+
+def test_rows_are_the_same_whoever_watches_and_does_not_read(tmp_path):
+    assert rows(tmp_path / "alone", 0) == rows(tmp_path / "watched", 3)
