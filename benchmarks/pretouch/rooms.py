@@ -87,8 +87,8 @@ def shaken(rng: Rng, speed_m_s: float, ripple_fs: float, vibration_fs: float) ->
 
 
 def _training(rng: Rng, speed_m_s: float) -> Room:
-    """What thresholds are set on: everything by chance, sizes from nothing to the largest that is judged."""
-    sizes_fs = 10.0 ** rng.uniform(-6.0, -4.0, 4)
+    """What thresholds are set on: everything by chance, sizes from nothing to twice the largest that is judged."""
+    sizes_fs = 10.0 ** rng.uniform(-6.0, math.log10(2e-4), 4)
     echoes = (walls, facing)[int(rng.integers(2))](rng, sizes_fs[0]) + mover(rng, sizes_fs[3])
     moved = shaken(rng, speed_m_s, sizes_fs[1], sizes_fs[2])
     kept = rng.random(4) < 0.5

@@ -39,6 +39,11 @@ rate (results/pretouch.md)."""
 WINDOWS_S = (0.06, 0.125, 0.25, 0.5, 1.0)
 TURNS = (1, 2, 3)
 OURS = "pretouch"
+OWN = {
+    OURS: PreTouchSettings(),
+    "pretouch, told that the room is empty": PreTouchSettings(background_fs=0.0, obliquity=(1.0,)),
+}
+AS_IT_IS = "pretouch, own threshold"
 EVERY = 10
 """Samples from one answer of the rival with the commanded speed to the next."""
 
@@ -64,7 +69,8 @@ def statistics(heard: Heard) -> dict[str, Floats]:
         found[f"paper, {window_s:g} s"] = paper.statistic(values[:, :1], RATE_HZ)
     for turns in TURNS:
         found[f"I and Q at the commanded speed, {turns}"] = commanded(heard, turns)
-    found[OURS] = PreTouchDetector(OURS, PreTouchSettings()).statistic(values, RATE_HZ)
+    for name, settings in OWN.items():
+        found[name] = PreTouchDetector(name, settings).statistic(values, RATE_HZ)
     return found
 
 
@@ -104,6 +110,7 @@ def judged(passing: Passing) -> Outcome:
         largest = np.maximum.accumulate(known)
         new = np.flatnonzero(np.diff(largest, prepend=-np.inf) > 0.0)
         rising[name] = np.vstack((largest[new], heard.gap_m[new]))
+    rising[AS_IT_IS] = rising[OURS]
     return Outcome(passing, rising)
 
 
@@ -158,10 +165,12 @@ def work_of(size: Size) -> list[Passing]:
 def thresholds_of(outcomes: Sequence[Outcome]) -> dict[str, float]:
     """By detector, exceeded in 1 % of the passages that set them."""
     training = [one for one in outcomes if one.passing.room == TRAINING]
-    return {
+    found = {
         name: float(np.quantile([largest(one, name) for one in training], TNR, method="higher"))
         for name in training[0].rising
+        if name != AS_IT_IS
     }
+    return found | {AS_IT_IS: PreTouchSettings().threshold}
 
 
 def rows_of(outcomes: Sequence[Outcome], thresholds: Mapping[str, float]) -> dict[str, dict[str, Row]]:

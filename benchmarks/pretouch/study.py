@@ -55,6 +55,9 @@ SET_OUT_S = 0.3
 """The paper's z-score once more, of the approach alone, begun only so long after the arm has set out: in a window that
 begins at rest the noise of setting out is the largest z there is. The paper does not say how it went about that."""
 
+EMPTY = PreTouchSettings(background_fs=0.0, obliquity=(1.0,))
+"""Ours, as a user sets it who knows that the room sends nothing back and that the way goes straight to the object."""
+
 ONE_IN = 4
 """So many passages of which one is shown to the clairvoyant, which costs as much as the rest."""
 
@@ -79,8 +82,8 @@ def pretouch_judges(thresholds: Mapping[str, float]) -> dict[str, Judge]:
         )
     name = "pretouch.paper, 0.5 s, DC kept"
     made[name] = PreTouchPaperDetector(name, PreTouchPaperSettings(remove_dc=False, **_at(thresholds, name)))
-    made["pretouch"] = PreTouchDetector("pretouch", PreTouchSettings(**_at(thresholds, "pretouch")))
-    made[f"pretouch{AS_IT_IS}"] = PreTouchDetector("pretouch", PreTouchSettings())
+    made["pretouch"] = PreTouchDetector("pretouch", EMPTY.model_copy(update=_at(thresholds, "pretouch")))
+    made[f"pretouch{AS_IT_IS}"] = PreTouchDetector("pretouch", EMPTY)
     return made
 
 

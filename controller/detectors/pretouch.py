@@ -44,9 +44,9 @@ class PreTouchSettings(Settings):
     sound_m_s: float = Field(default=343.2, gt=100.0, le=1000.0)
     """Speed of sound: air at 20 degrees. A few per cent make no difference."""
 
-    obliquity: Annotated[tuple[float, ...], Strict(False)] = (1.0,)
+    obliquity: Annotated[tuple[float, ...], Strict(False)] = (1.0, 0.8)
     """Cosines of the angles between the way and the line to the object that are looked for, toward it and away from
-    it. 1 alone finds what is straight ahead or behind."""
+    it. 1 alone finds what is straight ahead or behind; with 0.8 an object's face may slant by 40 degrees."""
 
     memory_m: float = Field(default=0.008, gt=0.0, le=1.0)
     """Distance after which a sample counts for 1/e. Assumption: two undulations at 40 kHz; an echo that grows by two
@@ -56,8 +56,16 @@ class PreTouchSettings(Settings):
     """Way to go before anything is said. Assumption: a little more than one undulation at 40 kHz."""
 
     threshold: float = Field(default=18.0, gt=0.0, le=1e12)
-    """F ratio that means pre-touch: what the wave explains over what it leaves, each for one degree of freedom.
-    Calibrate it on motion before nothing."""
+    """F ratio that means pre-touch: what the wave explains over what it leaves and a still background may make, each
+    for one degree of freedom. Calibrate it on motion before nothing."""
+
+    background_fs: float = Field(default=1.5e-4, ge=0.0, le=1.0)
+    """Amplitude that walls, a table or gears may have in the envelope. A wave that was there `learn_m` ago counts as
+    background up to this; before, all of it is granted. 0 for a room that sends nothing back: then it sees farthest."""
+
+    learn_m: float = Field(default=0.015, gt=0.0, le=1.0)
+    """Way after which what was heard counts as background. An echo that doubles in it, as an object's within some 4 cm
+    does, stands out. Chosen on simulated rooms."""
 
     release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
     """Share of the threshold below which the object is lost."""
@@ -100,8 +108,9 @@ class PreTouchDetector:
     """Pre-touch while a wave of the reflected sound's wavelength is in the envelope along the way.
 
     Amplitude, phase, decay, offset and slow drift are unknown to it and fitted; of what the fit leaves, it learns the
-    noise. It says `PreTouch` at the sample that completes the first cell (a sixteenth of an undulation) whose F ratio
-    is above the threshold, and `PreTouchLost` at the first one below `release_ratio` of it; `value` is the ratio.
+    noise, and of the way so far what stands still in the room: that hardly grows, an object's echo does. It says
+    `PreTouch` at the sample that completes the first cell (a sixteenth of an undulation) whose F ratio is above the
+    threshold, and `PreTouchLost` at the first one below `release_ratio` of it; `value` is the ratio.
     Standing still tells nothing, so nothing is said. One bad sample, or a gap, costs a cell; a jump of the level, as at
     contact, begins the fit anew and leaves the last word standing until the way is long enough again.
 
@@ -233,6 +242,8 @@ class PreTouchDetector:
             memory_m=settings.memory_m,
             least_m=settings.least_m,
             longest=max(1, round(LONGEST_CELL_S * rate_hz)),
+            background_fs=settings.background_fs,
+            lag=max(1, round(settings.learn_m * CELLS_PER_TURN / settings.undulation_m)),
             pause=max(1, round(settings.pause_s * rate_hz)),
             patience=max(1, round(settings.max_gap_s * rate_hz)),
         )

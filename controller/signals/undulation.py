@@ -5,8 +5,10 @@ envelope is gathered in cells of distance, and to the last cells is fitted
 
     z(x) = offset + slope s + a exp(± j kappa x),   weights exp(-(s_now - s) / memory),
 
-x the mover's position, s the way it has gone. The sums behind the fit are carried along from cell to cell, so a sample
-costs the same after a minute as after a day. docs/explanation/pretouch.md derives it.
+x the mover's position, s the way it has gone. What stands still in the room sends a wave of that length as well, but
+one that hardly grows: its size is learned along the way, and the object's wave must exceed it. The sums behind the fit
+are carried along from cell to cell, so a sample costs the same after a minute as after a day.
+docs/explanation/pretouch.md derives it.
 """
 
 from __future__ import annotations
@@ -39,6 +41,11 @@ FLOOR_FS = 1e-7
 """Standard deviation that a cell is always granted: the step of a 24-bit converter, 2^-23."""
 
 
+STILL = 0.125
+"""Share of a still background's power that counts as its spread. With a threshold of some ten an object's wave must
+be a little larger than the background's. Chosen on simulated rooms (benchmarks/pretouch/rooms.py)."""
+
+
 class Way(NamedTuple):
     """Constants of the fit.
 
@@ -48,6 +55,8 @@ class Way(NamedTuple):
         memory_m: Distance at which a cell's weight has fallen to 1/e.
         least_m: Way to go before the fit is believed.
         longest: Samples that a cell averages at most: the last ones, when the mover creeps.
+        background_fs: Largest amplitude that a still background may have.
+        lag: Cells after which a wave's size counts as background.
         pause: Samples after which a cell begun is forgotten and the fit begins anew: the offset has drifted.
         patience: Lost or bad samples in a row after which the fit begins anew.
     """
@@ -57,6 +66,8 @@ class Way(NamedTuple):
     memory_m: float
     least_m: float
     longest: int
+    background_fs: float
+    lag: int
     pause: int
     patience: int
 
@@ -65,9 +76,10 @@ WEIGHT, SLOPE, SQUARE, ENERGY, WEIGHT_2, LAST_M, GONE_M, CELL_FROM_M, CELL_X_M, 
 """Places among the scalars: sums of w, w s, w s^2, w |z|^2 and w^2; place of the last cell and way gone since the fit
 began; where the present cell began, mean position in it; zero of the wave's phase."""
 
-CELLS, INSIDE, DWELL, BAD, STRANGE, CANDIDATE, FRESH = range(7)
+CELLS, INSIDE, DWELL, BAD, STRANGE, CANDIDATE, FRESH, SIZED = range(8)
 """Places among the counts: cells in the fit; samples in the present cell, averaged and since it began; bad samples in a
-row; outliers in a row; which spatial frequency was the best; samples in the median filter."""
+row; outliers in a row; which spatial frequency was the best; samples in the median filter; amplitudes since the fit
+began."""
 
 REFERENCE, CELL, LEVEL, RAMP, BEFORE, MIDDLE = range(6)
 """Places among the complex scalars: level that the sums are relative to; mean of the present cell; sums of w z and
@@ -79,10 +91,11 @@ class Fit(NamedTuple):
 
     Attributes:
         scalars: Shape (10,).
-        counts: Shape (7,).
+        counts: Shape (8,).
         levels: Complex scalars, shape (6,).
         waves: For each spatial frequency the sums of w e, w s e and w conj(e) z, shape (k, 3).
         middle_m: Position of the sample in the middle of the median filter, shape (1,).
+        largest_fs: Largest amplitude up to each of the last cells, in turn, shape (lag,).
     """
 
     scalars: Floats
@@ -90,6 +103,7 @@ class Fit(NamedTuple):
     levels: Complexes
     waves: Complexes
     middle_m: Floats
+    largest_fs: Floats
 
 
 def fit(way: Way) -> Fit:
@@ -98,10 +112,11 @@ def fit(way: Way) -> Fit:
     scalars[CELL_FROM_M] = np.nan
     return Fit(
         scalars,
-        np.zeros(7, np.int64),
+        np.zeros(8, np.int64),
         np.zeros(6, np.complex128),
         np.zeros((len(way.kappa_rad_m), 3), np.complex128),
         np.full(1, np.nan),
+        np.zeros(way.lag),
     )
 
 
@@ -115,7 +130,7 @@ def _forget(f: Fit) -> None:
     """The fit begins anew; the sample that comes next is the first of a cell."""
     f.scalars[:] = 0.0
     f.scalars[CELL_FROM_M] = np.nan
-    f.counts[CELLS] = f.counts[INSIDE] = f.counts[DWELL] = f.counts[STRANGE] = 0
+    f.counts[CELLS] = f.counts[INSIDE] = f.counts[DWELL] = f.counts[STRANGE] = f.counts[SIZED] = 0
     f.waves[:] = 0.0
     f.levels[:BEFORE] = 0.0  # the filter keeps what it has
 
@@ -176,6 +191,19 @@ def _judge(f: Fit) -> tuple[float, complex, complex, complex, float]:
 
 
 @compiled()
+def _background(w: Way, f: Fit, size_fs: float) -> float:
+    """Amplitude that is granted to a still background: the largest that was there a lag ago, or the largest that one
+    may have while the way is short. Takes note of the present one."""
+    at = f.counts[SIZED]
+    place = at % w.lag
+    still_fs = min(f.largest_fs[place], w.background_fs) if at >= w.lag else w.background_fs
+    before_fs = f.largest_fs[(at - 1) % w.lag] if at > 0 else 0.0
+    f.largest_fs[place] = max(before_fs, size_fs)
+    f.counts[SIZED] += 1
+    return still_fs
+
+
+@compiled()
 def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
     """Take a cell into the fit; returns F and the amplitude in full scales, NaN while it is not believed."""
     v, counts, levels, waves = f.scalars, f.counts, f.levels, f.waves
@@ -211,7 +239,11 @@ def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
     if v[GONE_M] < w.least_m:
         return math.nan, math.nan
     ratio, amplitude, _, _, _ = _judge(f)
-    return ratio, abs(amplitude)
+    size_fs = abs(amplitude)
+    if not math.isfinite(ratio) or size_fs == 0.0:
+        return ratio, size_fs
+    still_fs = _background(w, f, size_fs)
+    return ratio / (1.0 + STILL * ratio * (still_fs / size_fs) ** 2), size_fs
 
 
 @compiled()
@@ -227,7 +259,8 @@ def undulate(
         x_m: Position of the mover, shape (n,); NaN where unknown.
         missing: Samples lost just before each, negative where unknown, shape (n,).
         ratios: Written: at the sample that completes a cell, what the wave explains over what is left, both for one
-            cell and degree of freedom (an F ratio); NaN elsewhere, and while the fit is not believed. Shape (n,).
+            cell and degree of freedom (an F ratio), a still background's share added to what is left; NaN elsewhere,
+            and while the fit is not believed. Shape (n,).
         amplitudes_fs: Written: the wave's amplitude there, shape (n,).
     """
     v, counts, levels = f.scalars, f.counts, f.levels

@@ -37,7 +37,10 @@ def heard(way_m, size=0.001, seed=1, sigma=5e-5, undulation_m=UNDULATION_M, sign
 
 
 def ours(**settings):
-    return PreTouchDetector("near", PreTouchSettings(**settings))
+    """In a room that sends nothing back, before an object straight ahead, unless it is told otherwise."""
+    return PreTouchDetector(
+        "near", PreTouchSettings(**{"background_fs": 0.0, "obliquity": (1.0,)} | settings)
+    )
 
 
 def said(detector, *blocks):
@@ -94,6 +97,21 @@ def test_motion_before_nothing_is_quiet_for_a_hundred_passages():
     way_m = trip((0.0, 0.5), (0.01, 4.0), (0.0, 0.3), (-0.03, 4.0 / 3.0))
     quiet = [not said(ours(), *heard(way_m, size=0.0, seed=seed)) for seed in range(100)]
     assert sum(quiet) >= 99  # at its own threshold of 18
+
+
+@pytest.mark.parametrize("cosine", [1.0, 0.9, -1.0])
+def test_a_wall_that_stands_still_is_no_object_at_its_own_settings_and_an_object_before_it_is(cosine):
+    way_m = trip((0.01, 5.0))
+    wall = 1e-4 * np.exp(2j * np.pi * cosine * way_m / UNDULATION_M)
+    found = []
+    for size in (0.0, 0.02):
+        signal, encoder = heard(way_m, size=size)
+        values = signal.values + np.column_stack([wall.real, wall.imag])
+        block = SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ)
+        found.append(said(PreTouchDetector("near", PreTouchSettings()), block, encoder))
+    assert found[0] == []
+    assert isinstance(found[1][0], PreTouch)
+    assert SURFACE_M - found[1][0].position_m > 0.025
 
 
 def test_a_drifting_level_is_no_object():

@@ -16,6 +16,8 @@ def way(**changes):
         "memory_m": 0.008,
         "least_m": 0.005,
         "longest": 200,
+        "background_fs": 0.0,
+        "lag": 56,
         "pause": 5000,
         "patience": 500,
     }
@@ -132,3 +134,34 @@ def test_there_is_no_drift_over_a_hundred_metres():
     _, amplitudes = heard(z, x_m)
     known = amplitudes[np.isfinite(amplitudes)]
     assert known[-1000:] == pytest.approx(0.001, rel=0.02)
+
+
+def still(x_m, size):
+    return size * np.exp(1j * KAPPA_RAD_M * x_m)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_wave_that_does_not_grow_is_background_and_one_that_grows_upon_it_is_not(sense):
+    x_m = np.arange(170) * 0.0003
+    z = 0.1 + noise(170) + still(sense * x_m, 1e-4)
+    kind, deaf = way(background_fs=1.5e-4), way()
+    assert np.nanmax(heard(z, x_m, deaf)[0]) > 18.0
+    assert np.nanmax(heard(z, x_m, kind)[0]) < 18.0
+    ratios, _ = heard(z + echo(x_m, size=0.02), x_m, kind)
+    assert 0.055 - x_m[np.flatnonzero(ratios > 18.0)[0]] > 0.03
+
+
+def test_once_the_room_has_proved_quiet_a_wave_below_the_largest_background_is_heard():
+    x_m = np.arange(170) * 0.0003
+    z = 0.1 + 0.1 * noise(170) + echo(x_m, size=0.0015)
+    gap_m = {}
+    for lag in (56, 10_000):  # the second never learns
+        ratios, _ = heard(z, x_m, way(background_fs=1.5e-4, lag=lag))
+        gap_m[lag] = 0.055 - x_m[np.flatnonzero(ratios > 18.0)[0]]
+    assert gap_m[56] > gap_m[10_000] + 0.003
+
+
+def test_what_was_learned_of_a_room_is_forgotten_with_the_fit():
+    x_m = np.arange(340) * 0.0003
+    z = 0.1 + noise(340) + np.where(np.arange(340) < 170, 0.0, still(x_m, 9e-5) + 0.3)
+    assert np.nanmax(heard(z, x_m, way(background_fs=1.5e-4))[0][170:]) < 18.0
