@@ -36,8 +36,8 @@ STRENGTHS_DB = (0.0, 17.0)
 """By how much less is reflected than the plant believes: not at all, and so that the paper's detector has the paper's
 rate (results/pretouch.md)."""
 
-WINDOWS_S = (0.06, 0.125, 0.25, 0.5, 1.0)
-TURNS = (1, 2, 3)
+WINDOWS_S = (0.125, 0.25, 0.5)
+TURNS = (2, 3)
 OURS = "pretouch"
 OWN = {
     OURS: PreTouchSettings(),
@@ -148,7 +148,7 @@ class Size(NamedTuple):
     objects: int
 
 
-FULL, QUICK = Size(1000, 200, 120), Size(60, 10, 10)
+FULL, QUICK = Size(400, 50, 50), Size(60, 10, 10)
 
 
 def work_of(size: Size) -> list[Passing]:
