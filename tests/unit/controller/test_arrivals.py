@@ -15,9 +15,9 @@ TIP = StreamInfo("signals.tip", ("Fx",), "N")
 INFOS = {info.name: info for info in (LOAD, PERIOD, WORD, SLOW, PLACE, TIP)}
 
 
-def watching(*streams, urgent=(), stuck_s=0.2):
+def watching(*streams, urgent=(), stuck_s=0.2, made_of=("board.load",)):
     arrivals = Arrivals(0.1, stuck_s)
-    arrivals.fit(INFOS, {"signals.tip": ("board.load",)})
+    arrivals.fit(INFOS, {"signals.tip": made_of})
     arrivals.depend(frozenset(urgent))
     arrivals.expect(frozenset(streams), 0.0)
     return arrivals
@@ -32,10 +32,11 @@ def block(stream, t_s, values=(0,), rate_hz=1000.0):
 def test_at_rest_a_stream_may_be_silent_four_times_as_long_as_a_motion_would_bear():
     arrivals = watching("board.load")
     assert arrivals.watch(0.4, [], moving=False) is None
-    said = arrivals.watch(0.42, [], moving=False)
+    arrivals.watch(0.41, [block("board.load", 0.3)], moving=False)
+    said = arrivals.watch(0.72, [], moving=False)
     assert said is not None
-    assert said.device == "board"
-    assert said.reason.startswith("board.load is silent for 0.420 s, since 0.000 s (limits.stale_s = 0.1)")
+    assert (said.t_s, said.device) == (0.72, "board")
+    assert said.reason.startswith("board.load is silent for 0.420 s, since 0.300 s (limits.stale_s = 0.1)")
     assert "check PROFILE --connect" in said.reason
 
 
@@ -78,10 +79,11 @@ def test_what_comes_only_when_something_changes_is_never_silent():
 
 
 def test_the_silence_of_a_signal_names_what_it_is_made_of_and_the_device():
-    arrivals = watching("signals.tip", urgent=["signals.tip"])
+    arrivals = watching("signals.tip", urgent=["signals.tip"], made_of=("board.load", "stage.position"))
     arrivals.watch(0.0, [], moving=True)
     said = arrivals.watch(0.2, [], moving=True)
-    assert (said.device, said.reason.partition(" is")[0]) == ("board", "signals.tip (of board.load)")
+    named = "signals.tip (of board.load, stage.position)"
+    assert (said.device, said.reason.partition(" is")[0]) == ("board", named)
 
 
 def test_a_loop_that_was_away_has_asked_nobody():
@@ -142,3 +144,23 @@ def test_what_stood_before_it_was_unsubscribed_is_not_stuck_when_it_begins_anew(
     arrivals.expect(frozenset(), 0.2)
     arrivals.expect(frozenset({"board.load"}), 5.0)
     assert arrivals.watch(5.1, [block("board.load", 5.1, [7] * 10)], moving=False) is None
+
+
+def test_one_that_stays_subscribed_stays_stuck_and_three_channels_of_it_are_shown():
+    arrivals = watching("board.load")
+    raw = np.array([[7, 8, 9, 10]])
+    said = []
+    for t_s in (0.1, 0.35):
+        one = SampleBlock("board.load", 0, t_s, raw, rate_hz=1000.0, unit="N", scale=1e-3)
+        said.append(arrivals.watch(t_s, [one], moving=False))
+        arrivals.expect(frozenset({"board.load", "person.load"}), t_s)
+    assert said[0] is None
+    assert said[1].t_s == pytest.approx(0.35)
+    assert said[1].reason.startswith("board.load sticks at 0.007, 0.008, 0.009 N for 0.250 s")
+
+
+def test_an_empty_block_and_one_that_nobody_subscribed_to_are_passed_over():
+    arrivals = watching("board.load")
+    empty = SampleBlock("board.load", 0, 0.1, np.empty((0, 1)), rate_hz=1000.0, unit="N")
+    assert arrivals.watch(0.1, [empty, block("stage.position", 0.1)], moving=False) is None
+    assert arrivals.watch(0.41, [], moving=False) is not None
