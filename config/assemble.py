@@ -256,6 +256,8 @@ def _mock_rig(profile: Profile) -> Rig:
         truth=lambda: bench.contacts,
         slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
         account=bench.account,
+        # a fault acts on whole turns
+        plants=lambda: None if any(schedule.any for schedule in schedules) else (bench, *schedules),
     )
 
 

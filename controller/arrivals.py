@@ -79,14 +79,21 @@ class Arrivals:
                 stuck = self._sticks(block, last_s) or stuck
         return self._silent(t_s, late_s) or stuck
 
+    def certain_until_s(self) -> float:
+        """Until when nothing is silent for too long, whatever arrives: as long as all goes on as in the last turn."""
+        return min((sum(self._limit_s(*seen)[:2]) for seen in self._seen_s.items()), default=math.inf)
+
+    def _limit_s(self, stream: str, seen_s: float) -> tuple[float, float, bool]:
+        """Since when a stream is silent, how long it may be, and whether a late loop counts."""
+        if self._moves_since_s is not None and stream in self._urgent:
+            # One that nobody needed before the motion is not stale, it is about to start.
+            return max(seen_s, self._moves_since_s), self._stale_s, True
+        return seen_s, self._patience_s(stream), False
+
     def _silent(self, t_s: float, late_s: float) -> Failed | None:
         for stream, seen_s in self._seen_s.items():
-            if self._moves_since_s is not None and stream in self._urgent:
-                # One that nobody needed before the motion is not stale, it is about to start.
-                limit_s, silence_s = self._stale_s, t_s - max(seen_s, self._moves_since_s)
-            else:
-                limit_s, silence_s = self._patience_s(stream), t_s - seen_s - late_s
-            if silence_s > limit_s:
+            since_s, limit_s, urgent = self._limit_s(stream, seen_s)
+            if t_s - since_s - (0.0 if urgent else late_s) > limit_s:
                 said = (
                     f"{self._named(stream)} is silent for {t_s - seen_s:.3f} s, since {seen_s:.3f} s"
                     f" (limits.stale_s = {self._stale_s:g}); {REMEDY}"

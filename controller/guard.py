@@ -210,6 +210,10 @@ class Guard:
             reasons.append(f"the loop is {late_s:.3f} s late (limits.late_s = {settings.late_s:g})")
         return reasons[0] if reasons else None
 
+    def certain_until_s(self) -> float:
+        """Until when several turns may be seen as one: nothing can be missing before, and nothing is borne."""
+        return -math.inf if 0.0 < self._borne_n < math.inf else self._arrivals.certain_until_s()
+
     def missing(
         self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
     ) -> Failed | None:

@@ -16,6 +16,7 @@ from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector, Reading, reading_of
 from controller.fit import misfits
 from controller.guard import Guard
+from controller.look_ahead import Leashed, Reach, Snapshot, UnkeptError, turns_before
 from controller.rig import Rig
 from controller.signals.protocol import Signal, Signals
 from drivers.clock import rest
@@ -144,6 +145,7 @@ class Loop:
         self._clock = rig.clock
         self._movers = [name for name, info in infos.items() if info.mover]
         self._streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
+        self._leashed = [device for device in rig.devices.values() if isinstance(device, Leashed)]
         self._guard = guard
         self._witness = witness
         self._operator = operator
@@ -184,6 +186,7 @@ class Loop:
         self._paused_s: float | None = None
         self._resuming = self._suspending = False
         self._turns = 0
+        self._reach = Reach()
         self._guard.reset(behavior.range_streams)
         try:
             self._guard.fit(
@@ -195,8 +198,9 @@ class Loop:
             self._hear_operator_first()
             self._begin()
             while not behavior.done:
-                self._turns, late_s = self._wait(self._next(self._turns))
-                self._turn(self._clock.now(), late_s)
+                if not self._pass_quietly():
+                    self._turns, late_s = self._wait(self._next(self._turns))
+                    self._turn(self._clock.now(), late_s)
         finally:
             self.halt()
             self._clock.leave()
@@ -235,16 +239,20 @@ class Loop:
 
     def _next(self, turn: int) -> int:
         """Number of the next turn; turn k is due at k / rate."""
-        rate_hz = self._settings.rate_hz
-        if self._moving or (self._heard and self._behavior.plan.prompt):
-            following = turn + 1
-        elif self._heard or not self._clock.virtual or self._paused_s is not None:
-            stride = max(1, round(rate_hz / self._settings.idle_rate_hz))
-            following = (turn // stride + 1) * stride
-        else:
-            wake_s = self._behavior.wake_s
-            following = math.ceil(wake_s * rate_hz - 1e-9) if math.isfinite(wake_s) else 0
+        stride = self._stride()
+        if stride:
+            return (turn // stride + 1) * stride
+        wake_s = self._behavior.wake_s
+        following = math.ceil(wake_s * self._settings.rate_hz - 1e-9) if math.isfinite(wake_s) else 0
         return max(following, turn + 1)
+
+    def _stride(self) -> int:
+        """How many periods a turn takes; 0 where nothing happens before the deadline."""
+        if self._moving or (self._heard and self._behavior.plan.prompt):
+            return 1
+        if self._heard or not self._clock.virtual or self._paused_s is not None:
+            return max(1, round(self._settings.rate_hz / self._settings.idle_rate_hz))
+        return 0
 
     def _wait(self, planned: int) -> tuple[int, float]:
         """Wait for a turn; returns the number of the one that it has become, and how late it is."""
@@ -258,6 +266,64 @@ class Loop:
             self.account.worst_late_s = max(self.account.worst_late_s, late_s)
         # What was missed meanwhile is not made up for by a burst of turns.
         return max(planned, math.floor(now_s * rate_hz)), late_s
+
+    # many turns at once
+
+    def _pass_quietly(self) -> bool:
+        """Take the next turns at once where nothing happens in them: what would be seen, heard and recorded in them is
+        the same, however it is cut. Where something does, time is taken back, and False says that turns are due."""
+        stride, reach, rate_hz = self._stride(), self._reach, self._settings.rate_hz
+        plants = self._rig.plants()
+        if plants is None or not stride or self._paused_s is not None or reach.turns < 2:
+            return False
+        first = self._next(self._turns)
+        alone_s = min((each.alone_s for each in self._leashed), default=math.inf)
+        until_s = min(self._behavior.wake_s, self._guard.certain_until_s(), self._clock.now() + alone_s)
+        turns = min(reach.turns, turns_before(until_s, first, stride, rate_hz))
+        if turns < 2:
+            return False
+        devices = self._rig.devices.values()
+        hearing = [self._detectors[name] for name in self._armed]
+        try:
+            before = Snapshot([self._clock, *plants, *devices, self._guard, *self._signals.awake, *hearing])
+        except UnkeptError:
+            return False
+        last = first + (turns - 1) * stride
+        happened_s = self._try_until(last / rate_hz)
+        if happened_s is not None:
+            before.restore()
+            reach.happened(turns, turns_before(happened_s, first, stride, rate_hz))
+            return self._pass_quietly()
+        self._turns = last
+        self.account.turns += turns
+        reach.quiet()
+        self._attend(self._clock.now())
+        return True
+
+    def _try_until(self, t_s: float) -> float | None:
+        """Let time pass; when the first thing happened, or None where nothing did and all is recorded."""
+        self._clock.wait_until(t_s)
+        gathered: list[SampleBlock] = []
+        statuses: list[Status] = []
+        try:
+            for device in self._rig.devices.values():
+                gathered += device.read()
+                statuses += device.poll()
+            made, saturated = self._signals.push(gathered)
+            blocks = [*gathered, *made]
+            found, readings = self._detect(blocks)
+            events: list[Event] = [*statuses, *saturated, *found]
+        except Exception:  # what it is, and when, the turn that meets it says
+            return t_s
+        if events:
+            return min(event.t_s for event in events)
+        moving = bool(self._moving)
+        if self._guard.watch(t_s, blocks, moving) or self._guard.missing(t_s, blocks, moving):
+            return t_s
+        self._keep_blocks(gathered)
+        self._keep_blocks(made)
+        self._keep_readings(readings)
+        return None
 
     # one turn
 
@@ -299,18 +365,25 @@ class Loop:
         missing = self._guard.missing(t_s, blocks, bool(self._moving), late_s)
         if reason is not None or missing is not None:
             self._stop_all()
-        events: list[Event] = [*statuses, *self._detect(blocks)]
+        found, readings = self._detect(blocks)
+        self._keep_readings(readings)
+        events: list[Event] = [*statuses, *found]
         events.sort(key=lambda event: event.t_s)
         if missing is not None:
             self.account.missing = missing.reason
             events.insert(0, missing)
         if reason is not None:
             events.insert(0, GuardStopped(t_s, reason))
+        before = len(self.events)
         for event in [*events, Tick(t_s)]:
             if self._heeds(event):
                 self._handle(event)
             elif not isinstance(event, Tick):
                 self._keep(event, self._behavior.state.name, self._behavior.state.name, ())
+        if len(self.events) > before:
+            self._reach.begin()
+        else:
+            self._reach.quiet()
         while self._waits_for_a_word():
             # Virtual time stands still while a person thinks; the processor may as well rest.
             rest(KEY_INTERVAL_S)
@@ -329,13 +402,16 @@ class Loop:
 
         What was heard for a signal's sake alone is not: the signal is kept in its place.
         """
-        self._witness.record([block for block in gathered if block.stream not in self._behind])
+        self._keep_blocks(gathered)
         try:
             made, saturated = self._signals.push(gathered)
         except ValueError as error:
             raise UnfitStreamError(str(error)) from error
-        self._witness.record([block for block in made if block.stream not in self._behind])
+        self._keep_blocks(made)
         return [*gathered, *made], saturated
+
+    def _keep_blocks(self, blocks: Sequence[SampleBlock]) -> None:
+        self._witness.record([block for block in blocks if block.stream not in self._behind])
 
     def _note(self, status: Status) -> None:
         if isinstance(status, (*ANSWERS, Stalled, Failed)) and not self._outdated(status):
@@ -349,8 +425,10 @@ class Loop:
             return False
         return status.command_id != self._newest.get(status.device, 0)
 
-    def _detect(self, blocks: Iterable[SampleBlock]) -> list[Detected]:
+    def _detect(self, blocks: Iterable[SampleBlock]) -> tuple[list[Detected], list[tuple[str, Reading]]]:
+        """What the armed detectors say of new blocks, and what they held against their thresholds."""
         found: list[Detected] = []
+        readings: list[tuple[str, Reading]] = []
         armed = [self._detectors[name] for name in sorted(self._armed)]
         for block in blocks:
             for detector in armed:
@@ -361,8 +439,12 @@ class Loop:
                         raise UnfitStreamError(f"{detector.name}: {error}") from error
                     reading = reading_of(detector)
                     if reading is not None:
-                        self._witness.reading(detector.name, reading)
-        return found
+                        readings.append((detector.name, reading))
+        return found, readings
+
+    def _keep_readings(self, readings: Iterable[tuple[str, Reading]]) -> None:
+        for name, reading in readings:
+            self._witness.reading(name, reading)
 
     def _handle(self, event: Event) -> None:
         before = self._behavior.state

@@ -43,6 +43,8 @@ class Rig:
         slips: Likewise: instants at which a contact really began and ceased to slip, where the bench knows slip.
         account: What the plant did: tiers, what was skipped; for the manifest.
         close: Lets go of what is not a device (an emulator's process).
+        plants: What the devices are on, where time may be tried and taken back: with devices and clock it is all that
+            a turn changes on the bench. None where it may not.
     """
 
     kind: BenchKind
@@ -53,6 +55,7 @@ class Rig:
     slips: Callable[[], Sequence[tuple[float, bool]]] | None = None
     account: Callable[[], Mapping[str, Any]] = dict
     close: Callable[[], None] = lambda: None
+    plants: Callable[[], Sequence[object] | None] = lambda: None
 
     @property
     def asking(self) -> Sequence[Asking]:

@@ -95,15 +95,18 @@ class SampleBlock:
         if self.times_s is not None:
             return self.times_s
         assert self.rate_hz is not None, f"{self.stream}: neither times nor a rate"
+        tick = np.rint(self.t0_s * self.rate_hz)
+        if tick / self.rate_hz == self.t0_s and abs(tick) < 2**52:
+            times_s: NDArray[np.float64] = tick + np.arange(
+                len(self.values)
+            )  # the same to the bit, however it is cut
+            return times_s / self.rate_hz
         return self.t0_s + np.arange(len(self.values)) / self.rate_hz
 
     @property
     def last_s(self) -> float:
         """Bench time of the last sample; the block must hold one."""
-        if self.times_s is not None:
-            return float(self.times_s[-1])
-        assert self.rate_hz is not None, f"{self.stream}: neither times nor a rate"
-        return self.t0_s + (len(self.values) - 1) / self.rate_hz
+        return float(self.times[-1])
 
     @property
     def physical(self) -> NDArray[np.float64]:

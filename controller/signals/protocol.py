@@ -55,6 +55,11 @@ class Signals:
         """What can be heard."""
         return frozenset(self._made)
 
+    @property
+    def awake(self) -> Sequence[Signal]:
+        """Those that somebody hears."""
+        return self._awake
+
     def hear(self, streams: frozenset[str]) -> frozenset[str]:
         """Wake the signals among `streams` and those behind them, put the others to sleep.
 

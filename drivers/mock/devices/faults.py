@@ -76,6 +76,11 @@ class FaultSchedule:
         """One more, in this trial alone."""
         self._faults.append(fault)
 
+    @property
+    def any(self) -> bool:
+        """Whether there is one in this trial."""
+        return bool(self._faults)
+
     def active(self, t_s: float, kind: Kind) -> bool:
         """Whether a fault of this kind is on at `t_s`."""
         return bool(self._faults) and any(

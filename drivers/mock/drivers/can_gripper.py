@@ -86,6 +86,7 @@ class MockCanGripper(MockDriver):
         super().__init__(name, clock, faults)
         self._settings = settings
         self._bench = bench
+        bench.jaws.ask = self._ask
         self._brackets = Brackets(bench.jaws.jaws.settings.closed_width_m)
         self._infos = {
             f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
@@ -224,9 +225,13 @@ class MockCanGripper(MockDriver):
         self._bench.jaws.go(order.position / POSITION_COUNTS, speed_ticks_s(order.speed), order.current_ma)
 
     def _run(self, now_s: float) -> None:
-        """Ask for the states that are due by now."""
-        silent = self._gone(now_s)
-        last = last_tick(now_s, self._settings.poll_hz)
+        self._ask(now_s)
+        self._bench.jaws.advance(now_s)
+
+    def _ask(self, until_s: float) -> None:
+        """Ask for the states that are due by then, each when it is due."""
+        silent = self._gone(self._clock.now())
+        last = last_tick(until_s, self._settings.poll_hz)
         while self._asked < last:
             self._asked += 1
             t_s = self._asked / self._settings.poll_hz
@@ -237,7 +242,6 @@ class MockCanGripper(MockDriver):
             self._statuses += self._watch.push(t_s, state, fault=False)
             if self._heard:
                 self._samples.append((self._asked, state))
-        self._bench.jaws.advance(now_s)
 
     def _state(self) -> GripperState:
         jaws = self._bench.jaws

@@ -181,6 +181,16 @@ class MockZaberStage(MockDriver):
             if not gone:
                 self._go(command, now_s, target_m)
 
+    @property
+    def alone_s(self) -> float:
+        """For how long nobody need look at it: then it halts on its way."""
+        command = self._command
+        if not isinstance(command, MoveAt | MoveTo):
+            return math.inf
+        speed_m_s = abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
+        braking_m = speed_m_s**2 / (2.0 * self.axis.acceleration_m_s2)
+        return (command.blind_travel_m - braking_m) / speed_m_s
+
     def _leave_alone(self, now_s: float) -> None:
         """What was under way is looked at no more: it ends where the device was sent, and nothing is told of it."""
         if isinstance(self._command, MoveAt | MoveTo) and self.axis.moving(now_s):

@@ -140,6 +140,7 @@ class Gripper(Part):
 
     def advance(self, t_s: float) -> None:
         """See `Part`."""
+        self.jaws.ask(t_s)
         ticks = np.arange(self.track.tick + 1, last_tick(t_s, ENVELOPE_HZ) + 1)
         if len(ticks):
             self.track.follow(self.bench.places(ticks / ENVELOPE_HZ)[:, :3], self.jaws.jaws)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from drivers.can_gripper.units import MOST_MA, TICKS_PER_M
 from drivers.can_gripper.words import GripFinding
 from drivers.clock import last_tick
@@ -19,10 +21,12 @@ class JawsDrive:
 
     Attributes:
         jaws: What it moves.
+        ask: Called with a time before the bench passes it: who asks for the jaws' state sees it when it asks.
     """
 
     def __init__(self, settings: JawsSettings) -> None:
         self.jaws = Jaws(settings)
+        self.ask: Callable[[float], None] = _nobody
         self._x, self._flags = self.jaws.x, self.jaws.flags
         self._tick: int | None = None
         self.power_up()
@@ -110,3 +114,7 @@ class JawsDrive:
         if self._tick is not None and self._tick < last:
             kernel.advance(self._x, self._flags, self._tick, last)
         self._tick = last if self._tick is None else max(self._tick, last)
+
+
+def _nobody(t_s: float) -> None:
+    """Nobody asks."""

@@ -1,0 +1,192 @@
+"""Many turns at once where nothing can be commanded meanwhile: what is kept to go back, and how far to look."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable
+from dataclasses import is_dataclass
+from enum import Enum
+from types import BuiltinFunctionType, FunctionType, MappingProxyType, MethodType, ModuleType
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from drivers.settings import Settings
+
+MOST_TURNS = 64
+"""Turns at once at the most. Assumption: the overhead of a span is spent by then, and little is lost in going back."""
+
+GROWTH = 4
+"""How many times longer the next look is when nothing happened. Assumption: a look in vain costs about a turn."""
+
+Copier = Callable[[Any, dict[int, Any]], Any]
+
+
+@runtime_checkable
+class Leashed(Protocol):
+    """A simulated mover that halts on its way where nobody looks at it."""
+
+    @property
+    def alone_s(self) -> float:
+        """For how long nobody need look."""
+
+
+class UnkeptError(Exception):
+    """Something of the bench cannot be copied: the loop goes turn by turn."""
+
+
+class Snapshot:
+    """What some objects are now, down to the last array; they are put back in place.
+
+    Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which nobody changes.
+
+    Args:
+        roots: The objects. What they share is copied once.
+
+    Raises:
+        UnkeptError: one of them holds something that cannot be copied (a generator, a closure, a file).
+    """
+
+    def __init__(self, roots: Iterable[object]) -> None:
+        kept = list(roots)
+        memo: dict[int, Any] = {id(root): root for root in kept}
+        self._kept = [(root, _copy(root.__dict__, memo)) for root in kept]
+
+    def restore(self) -> None:
+        """Put everything back; once."""
+        for root, state in self._kept:
+            root.__dict__.clear()
+            root.__dict__.update(state)
+
+
+class Reach:
+    """How many turns are looked ahead: more while nothing happens, up to what happened where something did."""
+
+    def __init__(self) -> None:
+        self.turns = 1
+        self._known = False
+
+    def quiet(self) -> None:
+        """Nothing happened in as many turns."""
+        self.turns = 1 if self._known else min(GROWTH * self.turns, MOST_TURNS)
+        self._known = False
+
+    def happened(self, turns: int, before: int) -> None:
+        """Something happened in so many turns, and nothing in those `before` it; all but one where that is unknown."""
+        self._known = before < turns - 1
+        self.turns = max(1, before if self._known else turns // 2)
+
+    def begin(self) -> None:
+        """Something was handled: what follows from it comes in the next turn."""
+        self.turns, self._known = 1, False
+
+
+def turns_before(t_s: float, first: int, stride: int, rate_hz: float) -> int:
+    """How many turns from `first` on, one each `stride` periods, are before a time."""
+    if not math.isfinite(t_s):
+        return MOST_TURNS if t_s > 0.0 else 0
+    return max(0, (math.ceil(t_s * rate_hz - 1e-6) - 1 - first) // stride + 1)
+
+
+def _copy(thing: Any, memo: dict[int, Any]) -> Any:
+    kind = type(thing)
+    copier = _COPIERS.get(kind)
+    if copier is None:
+        copier = _COPIERS[kind] = _copier(kind)
+    if copier is _same:
+        return thing
+    known = memo.get(id(thing))
+    return copier(thing, memo) if known is None else known
+
+
+def _copier(kind: type) -> Copier:
+    """How things of this type are copied."""
+    if issubclass(kind, (*_VALUES, Settings)) or kind.__module__.startswith("numba."):
+        return _same
+    if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+        return _same
+    if issubclass(kind, tuple) and hasattr(kind, "_make"):
+        return lambda thing, memo: kind._make(_copy(each, memo) for each in thing)
+    if all(base is object or base.__flags__ & _OF_PYTHON for base in kind.__mro__):
+        return _object
+    raise UnkeptError(f"{kind.__module__}.{kind.__qualname__}")
+
+
+def _same(thing: Any, _: dict[int, Any]) -> Any:
+    return thing
+
+
+def _object(thing: Any, memo: dict[int, Any]) -> Any:
+    kind = type(thing)
+    made = memo[id(thing)] = object.__new__(kind)
+    if hasattr(thing, "__dict__"):
+        made.__dict__.update(_copy(thing.__dict__, memo))
+    for base in kind.__mro__:
+        for name in base.__dict__.get("__slots__", ()):
+            if hasattr(thing, name):
+                object.__setattr__(made, name, _copy(getattr(thing, name), memo))
+    return made
+
+
+def _function(thing: Any, _: dict[int, Any]) -> Any:
+    kept = getattr(thing, "__closure__", None) or getattr(thing, "__self__", None)
+    if kept is not None and not isinstance(kept, ModuleType):
+        raise UnkeptError(f"{thing.__qualname__}, which may keep something")
+    return thing
+
+
+def _array(thing: Any, memo: dict[int, Any]) -> Any:
+    if thing.dtype.hasobject:
+        raise UnkeptError("an array of objects")
+    made = memo[id(thing)] = thing.copy("K") if thing.flags.writeable else thing
+    return made
+
+
+def _dict(thing: Any, memo: dict[int, Any]) -> Any:
+    made = memo[id(thing)] = {}
+    for key, value in thing.items():
+        made[_copy(key, memo)] = _copy(value, memo)
+    return made
+
+
+def _defaultdict(thing: Any, memo: dict[int, Any]) -> Any:
+    made = memo[id(thing)] = defaultdict(thing.default_factory, _dict(thing, memo))
+    return made
+
+
+def _list(thing: Any, memo: dict[int, Any]) -> Any:
+    made: list[Any] = []
+    memo[id(thing)] = made
+    made += [_copy(each, memo) for each in thing]
+    return made
+
+
+def _deque(thing: Any, memo: dict[int, Any]) -> Any:
+    made: deque[Any] = deque(maxlen=thing.maxlen)
+    memo[id(thing)] = made
+    made += [_copy(each, memo) for each in thing]
+    return made
+
+
+_VALUES: tuple[type, ...] = (
+    *(type(None), bool, int, float, complex, str, bytes, range, slice, frozenset, Enum, type),
+    *(np.generic, np.dtype, np.ufunc, ModuleType, MappingProxyType),
+)
+
+_OF_PYTHON = 1 << 9
+"""Flag of a class that is made by a class statement (CPython: Py_TPFLAGS_HEAPTYPE)."""
+
+_COPIERS: dict[type, Copier] = {
+    tuple: lambda thing, memo: tuple([_copy(each, memo) for each in thing]),
+    set: lambda thing, memo: {_copy(each, memo) for each in thing},
+    FunctionType: _function,
+    BuiltinFunctionType: _function,
+    MethodType: lambda thing, memo: MethodType(thing.__func__, _copy(thing.__self__, memo)),
+    np.ndarray: _array,
+    dict: _dict,
+    defaultdict: _defaultdict,
+    list: _list,
+    deque: _deque,
+}
+"""By type; those that are met are added."""

@@ -1,0 +1,31 @@
+"""Turns that are taken together see what they would have seen one by one."""
+
+from dataclasses import replace
+
+import pytest
+
+from config import assemble
+from config.jobs import Silent
+from config.profile import load_profile
+from controller.campaign import Campaign
+from controller.loop import Loop
+
+
+def ran(name, folder, *, together):
+    profile = load_profile(name, {}, table=assemble.Table())
+    rig = assemble.build_rig(profile)
+    if not together:
+        rig = replace(rig, plants=lambda: None)
+    plan = assemble.plan_campaign(profile, profile.trials(1)[:1], 1)
+    found = Campaign(plan, rig, Silent(), folder).run().folder
+    return [(found / file).read_bytes() for file in ("trials.csv", "events.jsonl")]
+
+
+@pytest.mark.parametrize("name", ["mock/transient", "mock/pretouch", "mock/centering"])
+def test_rows_and_events_are_the_same_to_the_byte(name, tmp_path, monkeypatch):
+    turn, turned = Loop._turn, []
+    monkeypatch.setattr(Loop, "_turn", lambda loop, *now: turned.append(1) or turn(loop, *now))
+    together = ran(name, tmp_path / "together", together=True)
+    few = len(turned)
+    assert ran(name, tmp_path / "apart", together=False) == together
+    assert few < (len(turned) - few) / 3, "most turns were taken together"
