@@ -125,8 +125,10 @@ def _exit(holders: Mapping[int, Parts], order: Sequence[int]) -> Mapping[str, An
     for trial, shard in holders.items():
         ended, outcome = shard.manifest["exit"], shard.outcome(trial)
         if outcome in AGAIN and (outcome != "aborted" or ended["status"] != "failed"):
-            name = shard.folder.path.name
-            raise RunFolderError(f"{name}: ended at trial {trial} ({ended['reason']}); resume {name} first")
+            name, again, advice = shard.folder.path.name, "", "resume it first"
+            if shard.manifest.get("resumed_utc"):
+                again, advice = " again", "one run would end there, too: change that trial, and run all anew"
+            raise RunFolderError(f"{name}: ended at trial {trial}{again} ({ended['reason']}); {advice}")
     worst = holders[max(reversed(order), key=weight)].manifest["exit"]
     return worst if worst["code"] else {"status": "done", "code": 0, "reason": ""}
 
