@@ -70,7 +70,8 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     if evidence.truth is not None:
         touched_s = next((t_s for t_s, made in evidence.truth if made and t_s >= begun_s), None)
     row.update(onset_s=onset_s, truth_contact_s=touched_s, force_peak_n=_largest(force_n), false_contacts=0)
-    if contact is None or contact.t_s < begun_s:
+    # the word that stopped the approach may be of samples from just before it
+    if contact is None or (contact.t_s < begun_s and outcome != "contact"):
         return outcome, row
     detect_s = contact.t_s
     row.update(detect_s=detect_s, **_certificate(evidence, settings, position, detect_s))
