@@ -15,6 +15,7 @@ BENCHMARKS = {
     "pretouch": "benchmarks.pretouch.run",
     "pretouch_rooms": "benchmarks.pretouch.rooms_study",
     "centering": "benchmarks.centering.run",
+    "centering_rooms": "benchmarks.centering.rooms",
     "contact": "benchmarks.contact.run",
     "campaigns": "benchmarks.campaigns",
 }
