@@ -330,7 +330,7 @@ def test_a_run_that_ended_early_is_told_at_the_top(tmp_path, undrawn, status, sa
 def test_a_new_experiment_has_its_columns_means_spreads_and_a_plot_without_any_code(tmp_path):
     given_ = [Given("a", 0.003785, 0.30), Given("a", 0.003785, 0.40), Given("f", 0.00254, 0.20)]
     run = write_transient(tmp_path, given_)
-    run.folder.write_manifest({**run.manifest, "experiment": "flexion"})
+    run.folder.write_manifest({**run.manifest, "experiment": "twisting"})
     path = build_report([open_run(run.folder.path)])
     text = text_of(path)
     assert "location speed, mm/s" in text
