@@ -67,9 +67,17 @@ PLANT: Mapping[str, tuple[float | str, str]] = {
     "mode_scale": (1.0, "frequency × {:g}"),
     "damping_scale": (1.0, "damping × {:g}"),
     "friction": ("none", "friction {:g}"),
+    "nuisances.noise_factor": (1.0, "noise that changes by {:g}"),
+    "nuisances.hum": (0.0, "hum of {:g} noise"),
+    "nuisances.converter": (0.0, "converter steps of {:g} noise"),
+    "nuisances.tails": (1.0, "tails {:g}"),
+    "nuisances.tremor_n": (0.0, "tremor of {:g} N"),
+    "nuisances.smoothness": (1.0, "friction smoother by {:g}"),
+    "nuisances.bounces": (0, "{:g} bounces"),
+    "nuisances.table_m_s": (0.0, "a table at {:g} m/s"),
 }
 """Settings of the slip bench that change what a sensor feels, each with the value of Table 1 and the words for another.
-Where the table lies (`surface_m`) changes when, not what."""
+Where the table lies (`surface_m`) changes when, not what; the shape of a nuisance nothing without its strength."""
 
 PLAIN = "none"
 """Nothing shakes the tip beside slip and rolling."""
@@ -96,7 +104,7 @@ def condition_of(run: Run, row: Mapping[str, Any]) -> Condition:
 
     def setting(section: str, key: str) -> Any:
         own = row.get(f"{section}.{key}")
-        return setting_of(run, section, key) if own is None else own
+        return setting_of(run, section, *key.split(".")) if own is None else own
 
     said = []
     for key, (usual, words) in PLANT.items():

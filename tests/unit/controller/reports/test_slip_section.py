@@ -48,8 +48,10 @@ def of(who, **what):
 
 
 def write(root, trials, *, factors=("sensor",), planned=None, bench="mock", **resolved):
+    plant = {key: usual for key, (usual, _) in PLANT.items()} | resolved.pop("plant", {})
+    nuisances = {key.removeprefix("nuisances."): plant.pop(key) for key in list(plant) if "." in key}
     settings = {
-        "plant": {key: usual for key, (usual, _) in PLANT.items()} | resolved.pop("plant", {}),
+        "plant": {**plant, "nuisances": nuisances},
         "behavior": {"stop_on_slip": False, "reflex": "ours", **resolved.pop("behavior", {})},
         **resolved,
     }
@@ -136,6 +138,7 @@ def test_trials_that_did_not_run_to_their_end_are_left_out(tmp_path, outcome):
         ("friction", 0.4, "friction 0.4"),
         ("bumps_hz", 1.0, "bumps, 1 a second"),
         ("loads_hz", 0.5, "load steps, 0.5 a second"),
+        ("nuisances.hum", 3.0, "hum of 3 noise"),
     ],
 )
 def test_another_bench_is_not_table_1_be_it_the_profiles_or_the_trials(tmp_path, key, value, said):
@@ -160,6 +163,10 @@ def test_a_trial_with_another_threshold_is_not_table_1(tmp_path):
 def test_every_setting_of_the_bench_is_compared_with_its_default():
     fields = {name: field.default for name, field in SlipBenchSettings.model_fields.items()}
     assert fields.pop("surface_m") == 0.003, "where the table lies: when, not what"
+    nuisances = fields.pop("nuisances").model_dump()
+    for shape in ("change_s", "hum_hz", "tremor_hz", "bounce_s", "bounce_ratio"):
+        assert nuisances.pop(shape), "how a nuisance comes, not how strong it is"
+    fields |= {f"nuisances.{name}": value for name, value in nuisances.items()}
     assert {key: "none" if value is None else value for key, value in fields.items()} == {
         key: usual for key, (usual, _) in PLANT.items()
     }
