@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum, auto
@@ -92,19 +93,23 @@ class Flexion(Transient):
         flexing = StatePlan(self.settings.flexing_s, self._detectors, self._measured, prompt=False)
         return plans | {"FLEXING": flexing}
 
+    @property
+    def due_s(self) -> float:
+        """When the tendon moves on."""
+        moves = (self.States.BASELINE, self.States.FLEXING, self.States.APPROACH)
+        return self._step_due_s if self.state in moves else math.inf
+
     def handle(self, event: Event) -> Sequence[Command]:
         """Handle one event, and move the tendon on where it is time."""
         commands = super().handle(event)
-        if not isinstance(event, Tick) or event.t_s < self._step_due_s - 1e-9:
+        if not isinstance(event, Tick) or event.t_s < self.due_s - 1e-9:
             return commands
         since_s = event.t_s - self._sweeps_s
         if self.state is self.States.BASELINE:
             way_m = max(0.0, since_s - self.settings.rest_s) * self.settings.sweep_m_s
             way_m = min(way_m, 2.0 * self.settings.flexed_m)
-        elif self.state in (self.States.FLEXING, self.States.APPROACH):
-            way_m = since_s * self.factors.tendon_m_s
         else:
-            return commands
+            way_m = since_s * self.factors.tendon_m_s
         self._step_due_s = event.t_s + self.settings.step_s
         turned_m = way_m % (2.0 * self.settings.flexed_m)
         return [*commands, self._tendon(min(turned_m, 2.0 * self.settings.flexed_m - turned_m))]

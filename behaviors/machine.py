@@ -131,7 +131,16 @@ class Behavior:
 
     @property
     def wake_s(self) -> float:
-        """Bench time of the present state's deadline: nothing happens by itself before."""
+        """Bench time of the next tick: before it nothing happens by itself."""
+        return min(self._deadline_s, self.due_s)
+
+    @property
+    def due_s(self) -> float:
+        """Bench time at which the present state does something by itself before its deadline: for kinds that do."""
+        return math.inf
+
+    @property
+    def _deadline_s(self) -> float:
         return self._entered_s + self.plan.deadline_s
 
     def begin(self, t_s: float) -> Sequence[Command]:
@@ -141,11 +150,11 @@ class Behavior:
         return self._taken()
 
     def handle(self, event: Event) -> Sequence[Command]:
-        """Handle one event; returns the commands that follow from it, in order."""
+        """Handle one event; returns the commands that follow from it, in order. Ticks come from `wake_s` on."""
         self._event = event
         if isinstance(event, Tick):
             # The turn at the deadline is the first one not before it, whatever the last bit of the sum.
-            if event.t_s >= self.wake_s - 1e-9:
+            if event.t_s >= self._deadline_s - 1e-9:
                 self._fire("deadline")
         else:
             self._came[_described(event)] = None

@@ -391,9 +391,11 @@ class Loop:
         self._go_on(t_s)
 
     def _heeds(self, event: Event) -> bool:
-        """Whether the behavior is told: never after its end, never of the answer to an older command, and while paused
-        only of what ends the trial."""
+        """Whether the behavior is told: never after its end, never of the answer to an older command, of the time only
+        from when it wakes on (turns before may be taken together), and while paused only of what ends the trial."""
         if self._behavior.done or (isinstance(event, ANSWERS) and self._outdated(event)):
+            return False
+        if isinstance(event, Tick) and event.t_s < self._behavior.wake_s - 1e-9:
             return False
         return self._paused_s is None or isinstance(event, GuardStopped | Failed | Stalled)
 

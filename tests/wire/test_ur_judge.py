@@ -38,6 +38,11 @@ def height():
 def pace():
     return max(map(abs, receive.getActualQd()))
 
+def arrived():
+    "Where it stands: the client's last state may be older than the end of the move."
+    assert seen(lambda: pace() == 0.0)
+    return height()
+
 def seen(what, limit_s=20.0):
     end = time.monotonic() + limit_s
     while time.monotonic() < end:
@@ -96,9 +101,9 @@ def moves(emulated: EmulatedUr) -> dict[str, Any]:
     return judged(
         emulated,
         """
-said["line"] = control.moveL(down(0.01), 0.2, 1.0), height()
-said["joints"] = control.moveJ(control.getInverseKinematics(down(0.0)), 1.0, 2.0), height()
-said["by_pose"] = control.moveJ_IK(down(0.005), 1.0, 2.0), height()
+said["line"] = control.moveL(down(0.01), 0.2, 1.0), arrived()
+said["joints"] = control.moveJ(control.getInverseKinematics(down(0.0)), 1.0, 2.0), arrived()
+said["by_pose"] = control.moveJ_IK(down(0.005), 1.0, 2.0), arrived()
 said["there"] = max(abs(a - b) for a, b in zip(control.getForwardKinematics(), receive.getActualTCPPose()))
 reachable = control.getInverseKinematicsHasSolution
 said["has"] = reachable([5, 0, 0, 0, 0, 0]), reachable(start)
@@ -249,7 +254,7 @@ for name, call in {MOTIONS!r}.items():
     where = receive.getActualQ()
     refused = control.moveL(start, 0.05, 0.5)
     said[name] = moves, stopped, receive.getActualQ() == where, refused, again()
-said["comes back"] = control.moveJ(home, 1.0, 2.0), height()
+said["comes back"] = control.moveJ(home, 1.0, 2.0), arrived()
 """,
     )
 
