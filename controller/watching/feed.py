@@ -30,6 +30,9 @@ TELL_S = 0.2
 GIVE_WAY_S = 5e-4
 """How long it leaves Python's lock to the loop before each signal, s: only a sleep does; else the loop waits 5 ms."""
 
+BLOCKS = 100
+"""After so many blocks it gives way as well: a minute of a board for one who comes late has 6,000; 100 take 1 ms."""
+
 CLIENTS = 4
 """How many may watch at once (assumption: a bench and a desk, twice)."""
 
@@ -184,8 +187,13 @@ class Watched:
         client.blocks[stream] += len(blocks)
         if not fresh:
             return {"t": [], "y": []}
-        times_s = np.concatenate([block.times for block in fresh])
-        values = np.concatenate([block.physical for block in fresh])
+        times, parts = [], []
+        for number, block in enumerate(fresh):
+            if number % BLOCKS == BLOCKS - 1:
+                rest(GIVE_WAY_S)
+            times.append(block.times)
+            parts.append(block.physical)
+        times_s, values = np.concatenate(times), np.concatenate(parts)
         shown, unit = heard(stream, values[:, 0], fresh[0].unit)
         span_s = min(LATE_S, float(times_s[-1] - times_s[0]))
         keep = extremes(shown, max(4, round(POINTS_HZ * span_s)))
@@ -239,7 +247,9 @@ class _Feed:
             ready = self._selector.select(TELL_S if self._clients else None)
             for key, mask in ready:
                 self._attend(key, mask)
-            if monotonic_s() - told_s >= TELL_S:
+            # Who has just come may only have looked whether anybody is there, and is gone by the next round.
+            came = any(key.fileobj is self._door for key, _ in ready)
+            if not came and monotonic_s() - told_s >= TELL_S:
                 told_s = monotonic_s()
                 self._tell()
         self._tell()
@@ -267,7 +277,6 @@ class _Feed:
         client = _Client(peer)
         self._clients.append(client)
         self._selector.register(peer, selectors.EVENT_READ, client)
-        self._tell_one(client)
 
     def _listen(self, client: _Client) -> None:
         try:

@@ -13,7 +13,8 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from controller.glimpse import Glimpse
-from controller.watching.feed import CLIENTS, SOCKET, at
+from controller.watching import feed
+from controller.watching.feed import CLIENTS, SOCKET, Watched, at
 from controller.watching.page import Door, alive, serve
 from tests.stub_run import StubRun
 
@@ -131,6 +132,18 @@ def test_no_more_watch_than_there_is_room_for(run):
         assert outside.recv(1) == b""
     for peer in inside:
         peer.close()
+
+
+def test_one_who_only_looks_whether_a_run_is_there_is_told_nothing(run, monkeypatch):
+    told = []
+    monkeypatch.setattr(Watched, "news", lambda self, client: told.append(client) or b"{}\n")
+    monkeypatch.setattr(feed, "monotonic_s", lambda: 0.0)  # it is never time to tell
+    assert all(alive(run.folder) for _ in range(3))
+    with watcher(run) as peer:
+        peer.sendall(b'{"do": "pause"}\n')
+        while not run.heard():
+            sleep(0.01)
+    assert told == []
 
 
 def test_a_run_that_has_ended_is_not_alive(run):
