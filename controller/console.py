@@ -307,7 +307,7 @@ class PlainConsole:
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Says what is run, and where it goes."""
         self._trials = trials
-        self._say(f"{title}: {trials} trials into {folder}")
+        self._say(f"{title}: {trials} trial{'s' * (trials != 1)} into {folder}")
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
         """Nothing is said before there is a result."""
