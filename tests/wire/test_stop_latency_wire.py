@@ -3,6 +3,7 @@
 import pytest
 
 from benchmarks.stop_latency import measure
+from drivers.bench_clock import SLACK_S
 
 STOPS = 4
 
@@ -14,7 +15,12 @@ def test_each_stop_is_timed_from_its_sample_to_standstill(mover):
         ("sample to host", "host to wire", "sample to wire", "wire to standstill", "sample to standstill"),
         STOPS,
     )
-    assert all(seconds > 0.0 for of_way in latencies.values() for seconds in of_way)
+    # The model of the board's clock dates samples late by their least delay so far, which on a bench's clock is the
+    # slack of one thread at most; all else is timed by one clock, which may stand still between decision and stop.
+    assert min(latencies["sample to host"]) >= -SLACK_S
+    assert min(latencies["host to wire"]) >= 0.0
+    assert min(latencies["wire to standstill"]) > 0.0
+    assert min(latencies["sample to standstill"]) > 0.0
     for way, parts in {
         "sample to wire": ("sample to host", "host to wire"),
         "sample to standstill": ("sample to wire", "wire to standstill"),
