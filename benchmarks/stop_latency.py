@@ -112,7 +112,9 @@ class BackAndForth(Behavior):
         """Towards the middle and beyond; a stop where it stands already would tell nothing."""
         assert isinstance(self.event, Reached | Standstill)
         forward = self.event.position_m < MIDDLE_M
-        self.command(MoveAt(self._mover, SPEED_M_S if forward else -SPEED_M_S, 2.0 * MIDDLE_M if forward else 0.0))
+        self.command(
+            MoveAt(self._mover, SPEED_M_S if forward else -SPEED_M_S, 2.0 * MIDDLE_M if forward else 0.0)
+        )
 
     def enter_STOPPING(self) -> None:
         """Stop at once."""
