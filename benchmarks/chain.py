@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from benchmarks.results import save, table
+from benchmarks.results import save
 from controller.signals.demodulation import Cic, Fused
 from controller.signals.lowpass import cic_taps, cosine_taps
 from controller.signals.oscillator import Oscillator
@@ -156,7 +156,7 @@ def best_s(chains: list[Chain], packed: NDArray[np.uint8], rounds: int) -> list[
 
 
 def main(quick: bool = False) -> None:
-    """Measure, print, save (unless quick)."""
+    """Measure, print, save."""
     seconds, rounds = (4.0, 3) if quick else (10.0, 9)
     packed = sound(seconds)
     chains = [
@@ -173,9 +173,5 @@ def main(quick: bool = False) -> None:
         }
         for chain, taken_s in zip(chains, best_s(chains, packed, rounds), strict=True)
     ]
-    cells = [
-        [f"{value:,.4g}" if isinstance(value, float) else value for value in row.values()] for row in rows
-    ]
-    print(table(list(rows[0]), cells))
-    if not quick:
-        save("chain", {"simulated": True, "sound_s": seconds, "load": os.getloadavg()[0], "chains": rows})
+    found = {"simulated": True, "sound_s": seconds, "load": os.getloadavg()[0], "chains": rows}
+    save("chain", found, quick=quick)

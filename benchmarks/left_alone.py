@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.results import FOLDER, save, table
+from benchmarks.results import save
 from config import assemble
 from config.profile import Profile, load_profile
 from drivers.messages import Command, Home, MoveAt, Reached, Release
@@ -142,42 +142,26 @@ def gone_on(emulator: EmulatorProcess, motion: Motion) -> tuple[float, float]:
 
 
 def main(quick: bool = False) -> None:
-    """Measure all, print the table, write it to results/."""
+    """Measure, print, save."""
     repeats = QUICK_REPEATS if quick else REPEATS
-    cases, rows = [], []
+    cases = []
     for mover, victim, ending in ENDS:
         found = np.array([measured(mover, victim, ending) for _ in range(repeats)])
-        way_mm, time_s = 1e3 * found[:, 0], found[:, 1]
-        speed_mm_s = 1e3 * MOTIONS[mover].speed_m_s
+        way_mm = 1e3 * found[:, 0]
         cases.append(
             {
                 "mover": mover,
                 "victim": victim,
                 "signal": ending.name,
-                "speed_mm_s": speed_mm_s,
+                "speed_mm_s": 1e3 * MOTIONS[mover].speed_m_s,
+                "median_mm": float(np.median(way_mm)),
+                "longest_mm": float(way_mm.max()),
                 "way_mm": way_mm.tolist(),
-                "wall_s": time_s.tolist(),
+                "wall_s": found[:, 1].tolist(),
             }
         )
-        rows.append(
-            [
-                f"{mover}, {speed_mm_s:g} mm/s",
-                f"{ending.name} of the {victim}",
-                f"{np.median(way_mm):.2f}",
-                f"{way_mm.max():.2f}",
-            ]
-        )
-        print(" | ".join(rows[-1]), flush=True)
-    head = ["mover, at", "what ends", "goes on, median, mm", "longest, mm"]
-    text = table(head, rows)
-    print(text)
-    if not quick:
-        save("left_alone", {"repeats": repeats, "cases": cases})
-        (FOLDER / "left_alone.md").write_text(
-            "# How far a mover goes on when its program is killed or stopped\n\n"
-            f"{repeats} times each, on emulated devices: `python -m benchmarks left_alone`.\n\n{text}\n",
-            encoding="utf-8",
-        )
+        print(cases[-1], flush=True)
+    save("left_alone", {"repeats": repeats, "cases": cases}, quick=quick)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.results import save, table
+from benchmarks.results import save
 from config.jobs import Silent
 from controller.console import Operator
 from controller.glimpse import Glimpse
@@ -148,20 +148,7 @@ def main(quick: bool = False) -> None:
             loop.ended = True
             loop.thread.join()
             page.close()
-    said = result["click to loop"]
-    print(
-        table(
-            ["click to loop", "p50 ms", "p99 ms", "max ms", "n"], [["", *(f"{v:.2f}" for v in said.values())]]
-        )
-    )
-    rows = [
-        [name, f"{told['p99_ms']:.2f}", f"{told['max_ms']:.2f}", told["overruns"], told["turns"]]
-        for name, told in result.items()
-        if isinstance(told, dict) and "overruns" in told
-    ]
-    print(table(["loop late while", "p99 ms", "max ms", "overruns", "turns"], rows))
-    if not quick:
-        save("live_page", result)
+    save("live_page", result, quick=quick)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results import save, table
+from benchmarks.results import save
 from config import assemble
 from config.jobs import Silent
 from config.profile import load_profile
@@ -110,17 +110,6 @@ def main(quick: bool = False) -> None:
     watched_s, parts, manifest = campaign(watch=True)
     loop = manifest["loop"]
     turns = loop["turns"]
-    rows = [
-        [part, f"{spent_s:.2f}", f"{spent_s / turns * 1e6:.1f}", f"{spent_s / watched_s:.0%}"]
-        for part, spent_s in sorted(parts.items(), key=lambda item: -item[1])
-    ]
-    print(table(["part", "s", "us a turn", "share"], rows))
-    list_s = start_up()
-    print(
-        f"42 trials, {loop['bench_s']:.0f} virtual seconds, {turns} turns: {plain_s:.2f} s without the stopwatch"
-        f" ({loop['bench_s'] / plain_s:.0f} virtual seconds a second, {plain_s / turns * 1e6:.0f} us a turn);"
-        f" {watched_s:.2f} s with it\nrun.py list: {list_s:.3f} s (median of {STARTS})"
-    )
     save(
         "loop",
         {
@@ -131,8 +120,10 @@ def main(quick: bool = False) -> None:
             "virtual_s_per_s": loop["bench_s"] / plain_s,
             "wall_watched_s": watched_s,
             "parts_s": parts,
-            "run_py_list_s": list_s,
+            "parts_us_a_turn": {part: spent_s / turns * 1e6 for part, spent_s in parts.items()},
+            "run_py_list_s": start_up(),
         },
+        quick=quick,
     )
 
 

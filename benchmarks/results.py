@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 FOLDER = Path(__file__).resolve().parent / "results"
 
@@ -28,15 +30,33 @@ def machine() -> dict[str, Any]:
     }
 
 
-def save(name: str, result: Mapping[str, Any]) -> Path:
-    """Write one benchmark's figures as JSON."""
-    FOLDER.mkdir(exist_ok=True)
-    path = FOLDER / f"{name}.json"
+def save(name: str, result: Mapping[str, Any], *, quick: bool = False) -> None:
+    """Write one benchmark's figures as JSON, and print them; those of a quick run to build/quick. The page beside them
+    is written by hand."""
+    folder = Path("build/quick") if quick else FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.json"
     path.write_text(json.dumps({"machine": machine(), **result}, indent=2) + "\n", encoding="utf-8")
-    return path
+    print("\n".join(shown(result)))
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+def shown(value: Any, title: str = "") -> Iterator[str]:
+    """Rows as a table each, numbers as lines; what was measured one by one (lists of numbers) stays in the file."""
+    if isinstance(value, Mapping):
+        rows = list(value.values())
+        if not rows or not all(isinstance(row, Mapping) for row in rows) or any(map(_deep, rows)):
+            for key, part in value.items():
+                yield from shown(part, f"{title}: {key}" if title else str(key))
+            return
+        value = [{"": key, **row} for key, row in value.items()]
+    if not isinstance(value, (list, tuple)):
+        yield f"{title}: {value:.4g}" if isinstance(value, float) else f"{title}: {value}"
+    elif value and all(isinstance(row, Mapping) for row in value):
+        flat = pd.json_normalize(list(value))
+        columns = [name for name in flat if not any(isinstance(cell, (list, tuple)) for cell in flat[name])]
+        yield f"\n{title}\n{flat[columns].to_string(index=False, float_format='{:.4g}'.format)}\n"
+
+
+def _deep(row: Mapping[str, Any]) -> bool:
+    """Whether it is rows again."""
+    return all(isinstance(cell, Mapping) for cell in row.values())

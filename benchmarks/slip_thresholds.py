@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.results import FOLDER, save, table
-from benchmarks.slip.scenes import ARMED_S, SETTLE_S
+from benchmarks.results import save
+from benchmarks.slip.scenes import SETTLE_S
 from benchmarks.slip.scoring import first_maxima, fresh, per_reset
 from controller.detectors.calibration import Statistic, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
@@ -161,6 +161,7 @@ def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Any]]
         )
         found = threshold_for(settled, VERDICTS["false_alarm_interval_s"])
         begun = fresh(first, found.threshold, VERDICTS["false_alarm_interval_s"])
+        mean, low, high = per_reset(begun)
         rows.append(
             {
                 "sensor": sensor,
@@ -174,50 +175,17 @@ def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Any]]
                 "recording_s": found.recording_s,
                 "resets": begun.resets,
                 "alarms": list(begun.alarms),
+                "per_reset": mean,
+                "per_reset_low": low,
+                "per_reset_high": high,
                 "fresh_threshold": begun.calibration.threshold,
             }
         )
     return rows
 
 
-def document(study: Mapping[str, Any]) -> str:
-    """The page, from what is in the JSON file."""
-    head = ["sensor", "bumps a second", "detector", "threshold (95 %)", "in mock/slip as"]
-    head += ["alarms in 100 resets (95 %)", "threshold for these seconds"]
-    rows = []
-    for r in study["thresholds"]:
-        high = "∞" if r["threshold_high"] is None else f"{r['threshold_high']:.3g}"
-        label = ", extrapolated" if r["extrapolated"] else ""
-        mean, low, most = (100.0 * value for value in per_reset(r))
-        rows.append(
-            [
-                r["sensor"],
-                f"{r['bumps_hz']:g}",
-                r["detector"],
-                f"{r['threshold']:.3g} ({r['threshold_low']:.3g} to {high}{label})",
-                ", ".join(r["carried_by"]) or "–",
-                f"{mean:.2f} ({low:.2f} to {most:.2f})",
-                f"{r['fresh_threshold']:.3g}",
-            ]
-        )
-    interval_h = study["false_alarm_interval_s"] / 3600.0
-    settled = 100.0 * (SETTLE_S - ARMED_S) / study["false_alarm_interval_s"]
-    return f"""# Slip: thresholds on the slip bench
-
-Simulated: what the devices of `mock/bench_slip` send while the arm rolls the tip to and fro without slip. Thresholds
-for one false alarm in {interval_h:g} h, from {study["hours"]:.3g} h for each row (seed
-{study["seed"]}); the first {SETTLE_S:g} s after a reset are left out. "Alarms in 100 resets" are those from {ARMED_S:g}
-to {SETTLE_S:g} s after one, at this threshold, the detector being begun anew every {SETTLE_S:g} s of the same
-recordings; as often as later would be {settled:.2f}. The last column keeps one in {interval_h:g} h in these seconds.
-
-{table(head, rows)}
-
-{study.get("note", "")}
-"""
-
-
 def main(quick: bool = False) -> None:
-    """Find all thresholds; writes results/slip_thresholds.json and .md. What detectors made of the recordings is kept
+    """Find all thresholds; writes results/slip_thresholds.json. What detectors made of the recordings is kept
     in build/slip_thresholds: take that away after a change of a detector."""
     hours = QUICK_HOURS if quick else HOURS
     numbers = range(round(hours * 3600.0 / PIECE_S))
@@ -238,11 +206,7 @@ def main(quick: bool = False) -> None:
             )
         ],
     }
-    name = "slip_thresholds_quick" if quick else "slip_thresholds"
-    save(name, study)
-    page = document(study)
-    (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
-    print(page)
+    save("slip_thresholds", study, quick=quick)
 
 
 if __name__ == "__main__":

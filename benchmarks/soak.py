@@ -19,7 +19,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.results import save, table
+from benchmarks.results import save
 
 PROFILES = ("emulated/slip", "emulated/transient_arm", "emulated/centering", "emulated/transient")
 BESIDE = {"idle": 0, "busy": 1}
@@ -119,23 +119,25 @@ def suite() -> Ended:
     return Ended(done.returncode, last, time.monotonic() - began_s, 0.0, 0.0, {})
 
 
-def row(name: str, beside: str, ended: Sequence[Ended]) -> list[str]:
-    """A line of the table."""
+def row(name: str, beside: str, ended: Sequence[Ended]) -> dict[str, object]:
+    """A line of the table; shares are of one core."""
 
-    def share(part: str) -> str:
+    def share(part: str) -> float | None:
         used = [one.cpu_s[part] / one.wall_s for one in ended if part in one.cpu_s]
-        return f"{100.0 * sum(used) / len(used):.0f} %" if used else ""
+        return sum(used) / len(used) if used else None
 
     wall_s = sorted(one.wall_s for one in ended)
-    return [
-        name,
-        beside,
-        f"{sum(one.code == 0 for one in ended)} of {len(ended)}",
-        f"{1e3 * max(one.late_s for one in ended):.1f}",
-        f"{wall_s[len(wall_s) // 2]:.0f}",
-        f"{sum(one.bench_s for one in ended) / sum(wall_s):.2f}",
-        *(share(part) for part in PARTS),
-    ]
+    return {
+        "what": name,
+        "beside": beside,
+        "ended_well": sum(one.code == 0 for one in ended),
+        "of": len(ended),
+        "worst_late_s": max(one.late_s for one in ended),
+        "median_wall_s": wall_s[len(wall_s) // 2],
+        "bench_s_a_wall_s": sum(one.bench_s for one in ended) / sum(wall_s),
+        **{f"{part}_share": share(part) for part in PARTS},
+        "runs": [asdict(one) for one in ended],
+    }
 
 
 @click.command()
@@ -147,8 +149,8 @@ def row(name: str, beside: str, ended: Sequence[Ended]) -> list[str]:
 @click.option("--beside", type=click.Choice(tuple(BESIDE)), multiple=True, help="Idle or busy alone.")
 def main(profiles: Sequence[str], runs: int, tests: int, beside: Sequence[str]) -> None:
     """Run, count, print, save."""
-    rows: list[list[str]] = []
-    results: dict[str, list[dict[str, object]]] = {}
+    rows: list[dict[str, object]] = []
+    failed = False
     kinds = [
         (profile, kind, runs, lambda profile=profile: run(profile))
         for profile in profiles or PROFILES
@@ -162,18 +164,9 @@ def main(profiles: Sequence[str], runs: int, tests: int, beside: Sequence[str]) 
                 print(f"{name}, {kind}, {number + 1} of {count}: {ended[-1]}", flush=True)
         if ended:
             rows.append(row(name, kind, ended))
-            results[f"{name}, {kind}"] = [asdict(each) for each in ended]
-    heads = [
-        "what",
-        "beside",
-        "ended as it should",
-        "worst lateness, ms",
-        "median wall time, s",
-        "bench s a wall s",
-    ]
-    print(table([*heads, *(f"{part}'s share of a core" for part in PARTS)], rows))
-    save("soak", {"load": os.getloadavg(), "runs": results})
-    sys.exit(any(each["code"] for of_kind in results.values() for each in of_kind))
+            failed |= any(one.code for one in ended)
+    save("soak", {"load": os.getloadavg(), "runs": rows})
+    sys.exit(failed)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ import numpy as np
 
 from behaviors.events import Contact, Detected, Event
 from behaviors.machine import Behavior, StatePlan, on, with_failures
-from benchmarks.results import save, table
+from benchmarks.results import save
 from config import assemble
 from config.jobs import Silent
 from config.profile import load_profile
@@ -205,17 +205,12 @@ def main(quick: bool = False, movers: Sequence[str] = tuple(PROFILES)) -> None:
     for mover in movers:
         stops = QUICK_STOPS if quick else STOPS[mover]
         latencies, how = measure(mover, stops)
-        rows = []
         result: dict[str, Any] = {"stops": stops, **how, "block_samples": 10, "loop_hz": 200}
         for way, seconds in latencies.items():
             ms = np.array(seconds) * 1e3
             p50, p99 = np.percentile(ms, [50, 99])
-            rows.append([way, f"{p50:.2f}", f"{p99:.2f}", f"{ms.max():.2f}", len(ms)])
             result[way] = {"p50_ms": p50, "p99_ms": p99, "max_ms": float(ms.max()), "n": len(ms)}
-        print(table([f"{mover}: way", "p50 ms", "p99 ms", "max ms", "n"], rows))
-        print(f"late turns {how['overruns']}, lost {how['lost'] or 'nothing'}, link {how['link']}\n")
-        if not quick:
-            save("stop_latency" if mover == "stage" else f"stop_latency_{mover}", result)
+        save("stop_latency" if mover == "stage" else f"stop_latency_{mover}", result, quick=quick)
 
 
 if __name__ == "__main__":

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
@@ -14,8 +13,7 @@ from benchmarks.centering.scenes import LEVEL, Place
 from benchmarks.centering.scoring import Score, score
 from benchmarks.centering.search import Found
 from benchmarks.centering.study import SEED_TUNE, SPEEDS_M_S, Method, eighty_five, gamma, made, methods
-from benchmarks.pretouch.scoring import Rate
-from benchmarks.results import FOLDER, save, table
+from benchmarks.results import save
 from config.assemble import Table
 from config.profile import load_profile
 from drivers.mock.physics.aura_settings import EchoSettings, RoomSettings
@@ -27,8 +25,6 @@ DISTANCES_M = (0.008, 0.0125)
 
 WALL_FS = 1e-4
 """As a finger hears it."""
-
-NEEDED_M = 1e-3
 
 
 def _wall(number: int) -> tuple[EchoSettings, ...]:
@@ -62,7 +58,7 @@ ROOMS = (
 
 
 def main(quick: bool = False) -> None:
-    """Run the study; writes results/centering_rooms.json and results/centering_rooms.md."""
+    """Run the study; writes results/centering_rooms.json."""
     started_s, every = time.perf_counter(), 17 if quick else 1
     profile = methods(load_profile("mock/centering", {}, table=Table()))
     context = multiprocessing.get_context("spawn")
@@ -83,15 +79,15 @@ def main(quick: bool = False) -> None:
         for key, outcome in zip(keys, made(work, pool), strict=True):
             found.setdefault(key, []).append(outcome)
     scores = {key: score([outcomes]) for key, outcomes in found.items()}
+    tried = [
+        {"speed_m_s": speed_m_s, "window_s": choice[0], "distance_m": choice[1], **one._asdict()}
+        | {"chosen": best[speed_m_s] == choice}
+        for speed_m_s, by_choice in choices.items()
+        for choice, one in by_choice.items()
+    ]
+    rows = {" | ".join(map(str, key)): one._asdict() for key, one in scores.items()}
     took_s = time.perf_counter() - started_s
-    name = "centering_rooms_quick" if quick else "centering_rooms"
-    save(
-        name,
-        {"rows": {" | ".join(map(str, key)): one._asdict() for key, one in scores.items()}, "wall_s": took_s},
-    )
-    page = document(scores, choices, best, took_s)
-    (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
-    print(page)
+    save("centering_rooms", {"rows": rows, "papers_choices": tried, "wall_s": took_s}, quick=quick)
 
 
 Choice = tuple[float, float]
@@ -126,87 +122,6 @@ def _best(choices: Mapping[Choice, Score]) -> Choice:
     fewest = min(one.searches - one.centred for one in choices.values())
     kept = {choice: one for choice, one in choices.items() if one.searches - one.centred <= fewest + 1}
     return min(kept, key=lambda choice: kept[choice].largest_m)
-
-
-def document(
-    scores: Mapping[tuple[str, str, float], Score],
-    choices: Mapping[float, Mapping[Choice, Score]],
-    best: Mapping[float, Choice],
-    took_s: float,
-) -> str:
-    """The page."""
-    rows = [
-        [
-            *(room, name, speed_m_s, f"{1e3 * one.largest_m:.2f}", f"{1e3 * one.sd_m:.2f}"),
-            *(Rate(one.stopped, one.searches), one.touched, one.unseen, f"{one.search_s:.1f}"),
-        ]
-        for (room, name, speed_m_s), one in scores.items()
-    ]
-    tried = [
-        [
-            *(speed_m_s, window_s, f"{1e3 * distance_m:g}", _mm(one.largest_m)),
-            one.searches - one.centred,
-            "chosen" if best[speed_m_s] == (window_s, distance_m) else "",
-        ]
-        for speed_m_s, by_choice in choices.items()
-        for (window_s, distance_m), one in by_choice.items()
-    ]
-    return "\n".join(
-        [
-            "# Centering in rooms that are less kind\n",
-            "Simulated (docs/explanation/centering.md): one set of 85 searches for the pipe a row, by `python -m"
-            " benchmarks centering_rooms`. The paper's way has the best of its windows and thresholds for each speed,"
-            " chosen on other searches (second table). Sizes are full scales as a finger hears them. Asked of ours in"
-            " `all three`: worst of 85 at most 1 mm, at most 1 search in 200 ended by a false contact.\n",
-            table(["asked", "ours"], _asked(scores)),
-            "\n",
-            table(
-                [
-                    "room",
-                    "way",
-                    "m/s",
-                    "worst of 85, mm",
-                    "sd, mm",
-                    "false contact, % (95 %)",
-                    "touched",
-                    "not seen",
-                    "s",
-                ],
-                rows,
-            ),
-            "\n" + WHY,
-            "\n## The paper's windows\n",
-            table(["m/s", "alpha, s", "gamma's distance, mm", "worst, mm", "lost", ""], tried),
-            f"\nThe study took {took_s:.0f} s on a machine that others were using too.\n",
-        ]
-    )
-
-
-def _mm(length_m: float) -> str:
-    return f"{1e3 * length_m:.2f}" if math.isfinite(length_m) else "–"
-
-
-def _asked(scores: Mapping[tuple[str, str, float], Score]) -> Sequence[Sequence[object]]:
-    ours = {key: one for key, one in scores.items() if key[1] == "ours"}
-    three = [one for (room, _, _), one in ours.items() if room == "all three"]
-    worst_m = max(one.largest_m for one in three)
-    ended = Rate(sum(one.stopped for one in ours.values()), sum(one.searches for one in ours.values()))
-    return [
-        ["worst of 85 in `all three`, at most 1 mm", f"{_mm(worst_m)} mm: {_met(worst_m <= NEEDED_M)}"],
-        ["false contacts, all rooms, at most 0.5 %", f"{ended} %: {_met(ended.share <= 0.005)}"],
-    ]
-
-
-def _met(so: bool) -> str:
-    return "met" if so else "**missed**"
-
-
-WHY = """Both ways put the middle where both fingers hear the same amplitude. A finger that is 1 dB more sensitive hears
-it from farther away, and no second pass from the other side tells the two apart: each pass has the same two fingers.
-What could is the echo's phase, which does not know a finger's gain but repeats every 2.1 mm of the gripper's way, or
-two drive tones, which would say which of the repeats it is; neither is built. The plant's fingers share the echo's
-phase, which real ones do not.
-"""
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from benchmarks.centering.study import (
     papers_choices,
     with_object,
 )
-from benchmarks.results import save, table
+from benchmarks.results import save
 from config.assemble import Table
 from config.profile import load_profile
 from drivers.mock.physics.aura_objects import SIX
@@ -46,10 +46,7 @@ def main(quick: bool = False) -> None:
     with ProcessPoolExecutor(os.cpu_count(), context) as pool:
         study = _study(size, pool)
     study = replace(study, wall_s=time.perf_counter() - started_s)
-    found = numbers(study)
-    save("centering_quick" if quick else "centering", found)
-    head = ("method", "mismatch_db", "speed_m_s", "worst_m", "mean_m", "touched", "stopped", "unseen")
-    print(table(head, [[row[key] for key in head] for row in found["eighty_five"]]))
+    save("centering", numbers(study), quick=quick)
 
 
 def _study(size: Size, pool: ProcessPoolExecutor) -> Study:

@@ -1,4 +1,4 @@
-"""The contact study: `python -m benchmarks contact [--quick]`; writes results/contact.json and results/contact.md.
+"""The contact study: `python -m benchmarks contact [--quick]`; writes results/contact.json.
 
 What was computed is kept under runs/benchmarks, by what it was computed with: a study that broke off goes on.
 """
@@ -18,10 +18,9 @@ import numpy as np
 
 from benchmarks.contact.bound import bound, separations
 from benchmarks.contact.holding import held
-from benchmarks.contact.rivals import AR, KALMAN, OURS, PAPER, VARIANTS
+from benchmarks.contact.rivals import OURS
 from benchmarks.contact.scenes import level
 from benchmarks.contact.study import (
-    RATES,
     SEED_JUDGED,
     SEED_SET,
     Key,
@@ -31,7 +30,7 @@ from benchmarks.contact.study import (
     joined,
     swept,
 )
-from benchmarks.results import FOLDER, save, table
+from benchmarks.results import save
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -146,9 +145,7 @@ def main(quick: bool = False) -> None:
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
         done = list(pool.map(_kept, wanted, [folder] * len(wanted)))
     found = figures(dict(zip(wanted_names(wanted), done, strict=True)))
-    name = "contact_quick" if quick else "contact"
-    save(name, found)
-    (FOLDER / f"{name}.md").write_text(page(found), encoding="utf-8")
+    save("contact", found, quick=quick)
 
 
 def _kept(task: Task | Holds | Bound, folder: Path) -> Any:
@@ -189,119 +186,3 @@ def figures(done: Mapping[tuple[Any, ...], Any]) -> dict[str, Any]:
             for name in LEVELS
         },
     }
-
-
-def page(found: Mapping[str, Any]) -> str:
-    """The study in Markdown: page.md with its tables put in."""
-    shown = [name for name in VARIANTS if "mixed" not in name]
-    tables = {"setting": str(found["approaches"][0]), "n": str(found["approaches"][1]), "some": str(SOME)}
-    for name in LEVELS:
-        tables[name] = table(
-            (
-                "detector",
-                "best variant",
-                "false",
-                "within 70 ms",
-                "median, ms",
-                "95 %, ms",
-                "missed",
-                "force, N",
-            ),
-            [(each, *_row(found["levels"][name][each])) for each in shown],
-        )
-        curves = [
-            (
-                each,
-                *(f"{_share(row['in_time'])}; {_ms(row['median_s'])}" for row in found["curves"][name][each]),
-            )
-            for each in shown
-        ]
-        tables[f"{name}_curve"] = table(("detector", *(f"1 in {1 / rate:,.0f}" for rate in RATES)), curves)
-    strict = {name: found["curves"][name][OURS][-1] for name in LEVELS}
-    tables["goals"] = table(
-        ("finger", "false contacts", "within 70 ms", "largest force", "held"),
-        [
-            (
-                name,
-                f"{row['false']:.0f} in {found['approaches'][1]}",
-                _share(row["in_time"]),
-                f"{row['force_max_n']:.3f} N",
-                f"{_share(found['held'][name]['held'])} of {found['held'][name]['approaches']}",
-            )
-            for name, row in strict.items()
-        ],
-    )
-    tables["bound"] = table(
-        ("finger", "observer", "within 32 ms", "within 64 ms", "half told after, ms", "95 % told after, ms"),
-        [
-            (
-                name,
-                f"knows the contact, {'and when' if who == 'known' else 'not when'}",
-                *(_share(row[f"within_{ms}_ms"]) for ms in (36, 70)),
-                _ms(row["half_s"]),
-                _ms(row["p95_s"]),
-            )
-            for name, each in found["bound"].items()
-            for who, row in each.items()
-        ],
-    )
-    tables["hold"] = table(
-        (
-            "finger",
-            "approaches",
-            "false",
-            "within 70 ms",
-            "held",
-            "longest gap, s",
-            "end told within 1 s",
-            "median, s",
-        ),
-        [
-            (
-                name,
-                row["approaches"],
-                row["false"],
-                _share(row["in_time"]),
-                _share(row["held"]),
-                f"{row['longest_gap_s']:.2f}",
-                _share(row["end_told"]),
-                f"{row['end_median_s']:.2f}",
-            )
-            for name, row in found["held"].items()
-        ],
-    )
-    rivals = (OURS, AR, KALMAN, PAPER)
-    tables["broken"] = table(
-        ("what differs", *rivals),
-        [(scene, *(_brief(row[name]) for name in rivals)) for scene, row in found["broken"].items()],
-    )
-    mixed = {name: found["levels"][name]["ours, mixed 30 % off"] for name in LEVELS}
-    tables["mixed"] = ", ".join(
-        f"{row['false']:.0f} false and {_share(row['in_time'])} in time on {name}"
-        for name, row in mixed.items()
-    )
-    return (HERE / "page.md").read_text(encoding="utf-8").format(**tables)
-
-
-def _brief(row: Mapping[str, Any]) -> str:
-    return f"{row['false']:.0f}; {100 * row['in_time']:.0f} %"
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.1f} %"
-
-
-def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
-    return (
-        row["variant"],
-        f"{row['false']:.0f}",
-        _share(row["in_time"]),
-        _ms(row["median_s"]),
-        _ms(row["p95_s"]),
-        f"{row['missed']:.0f}",
-        f"{row['force_max_n']:.3f}",
-    )
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.0f}" if seconds < 10.0 else "never"

@@ -10,7 +10,7 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from benchmarks.physics.model import (
     scenes,
 )
 from benchmarks.physics.timing import Work, side_by_side_s
-from benchmarks.results import save, table
+from benchmarks.results import save
 from drivers.mock.physics.finger import FingerPlant
 from tests.stability.finger_oracles import modal
 
@@ -176,22 +176,22 @@ def cost_at(points: Sequence[Point], error: float) -> float:
     return near.us_per_s * math.pow(best.us_per_s / near.us_per_s, share)
 
 
-def ratios(points: Sequence[Point]) -> list[list[str]]:
+def ratios(points: Sequence[Point]) -> list[dict[str, Any]]:
     """How many times longer than the exact pieces the rivals take at equal error, a row a scene."""
     rows = []
     for scene, closed in dict.fromkeys((p.scene, p.closed) for p in points):
         here = [p for p in points if (p.scene, p.closed) == (scene, closed)]
         (ours,) = [p for p in here if p.solver == EXACT]
-        row = [f"{scene}, {'closed' if closed else 'open'}", f"{ours.us_per_s:.0f}", f"{ours.error:.0e}"]
+        row = {"scene": scene, "closed": closed, "exact_us_per_s": ours.us_per_s, "error": ours.error}
         for solver, error in ((RK4, 1e-9), (RK4, 1e-12), (ORDER_8, 1e-12), (SCIPY, 1e-9)):
             cost = cost_at([p for p in here if p.solver == solver], error)
-            row.append(f"{cost / ours.us_per_s:.2g}")
+            row[f"{solver} at {error:g}"] = cost / ours.us_per_s
         rows.append(row)
     return rows
 
 
 def main(quick: bool = False) -> None:
-    """Measure, print, save (unless quick, which is too coarse to be kept)."""
+    """Measure, print, save."""
     points = []
     for p in compare(quick=quick):
         points.append(p)
@@ -200,14 +200,8 @@ def main(quick: bool = False) -> None:
             f"{p.scene:13} {p.solver:24} {p.setting:>10} {p.us_per_s:12,.0f} us/s  {p.error:.0e} {lost}",
             flush=True,
         )
-    head = ["scene, loop", "exact, us/s", "its error", "RK4 1e-9", "RK4 1e-12", "order 8 1e-12", "scipy 1e-9"]
-    print(table(head, ratios(points)))
-    if not quick:
-        rows = [{**p._asdict(), "off": p.off._asdict()} for p in points]
-        save(
-            "physics",
-            {"ratios": [dict(zip(head, row, strict=True)) for row in ratios(points)], "points": rows},
-        )
+    rows = [{**p._asdict(), "off": p.off._asdict()} for p in points]
+    save("physics", {"ratios": ratios(points), "points": rows}, quick=quick)
 
 
 if __name__ == "__main__":

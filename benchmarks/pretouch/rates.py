@@ -97,67 +97,8 @@ def by_object(names: Sequence[str]) -> dict[str, Chosen]:
     return {name: of(name) for name in names}
 
 
-def targets(study: Study) -> list[list[str]]:
-    """Asked, found, met."""
-    papers, ours = (pretouch_rates(study.matched, name) for name in SHORT)
-    missed = [found[0].of - found[0].count for found in (papers, ours)]
-    medians = [found[2]["median"] or math.nan for found in (papers, ours)]
-    shared = [v for v in study.matched if CLAIRVOYANT in v.seen_m]
-    bound, ours_there = pretouch_rates(shared, CLAIRVOYANT), pretouch_rates(shared, OURS)
-    reach = (ours_there[2]["median"] or math.nan) / (bound[2]["median"] or math.nan)
-    paper = best_paper_contact(study.matched)
-    felt = [contact_rates(study.matched, name)[0] for name in (paper, OURS_CONTACT)]
-    felt_but_top = [contact_rates(study.matched, name, _not_the_top)[0] for name in (paper, OURS_CONTACT)]
-    disagree = disagreements(study)
-    return [
-        [
-            "more than 8,000 events",
-            f"{len(study.matched):,} passages at the matched echo",
-            _met(len(study.matched) > 8000),
-        ],
-        [
-            "pre-touch: ours misses at most a tenth of what the paper's misses",
-            f"{missed[1]} against {missed[0]} of {ours[0].of}",
-            _met(missed[1] <= 0.1 * missed[0]),
-        ],
-        [
-            "pre-touch: ours sees from at least twice as far (median)",
-            f"{100 * medians[1]:.1f} cm against {100 * medians[0]:.1f} cm",
-            _met(medians[1] >= 2.0 * medians[0]),
-        ],
-        ["contact: the same tenth", *_tenth(*felt)],
-        ["contact, all sides but the top: the same tenth", *_tenth(*felt_but_top)],
-        [
-            "fraction of the clairvoyant bound",
-            f"TPR {100 * ours_there[0].share / bound[0].share:.1f} % of it, median distance {100 * reach:.0f} %"
-            f" of it",
-            "stated",
-        ],
-        [
-            "1 % at carrier level through the real chain",
-            f"{len(study.by_carrier)} passages; disagreements: "
-            + ", ".join(f"{k} {v}" for k, v in disagree.items()),
-            "counted",
-        ],
-        [
-            "one command in at most 10 minutes on 2 cores",
-            f"{study.wall_s / 60:.1f} minutes; {study.cpu_s / 60:.1f} of processor time on all cores together",
-            _met(study.wall_s <= 600),
-        ],
-    ]
-
-
 def _not_the_top(verdict: Verdict) -> bool:
     return verdict.event.side != "top"
-
-
-def _tenth(paper: Rate, ours: Rate) -> tuple[str, str]:
-    missed, missed_by_us = paper.of - paper.count, ours.of - ours.count
-    return f"{missed_by_us} against {missed} of {ours.of}", _met(missed_by_us <= 0.1 * missed)
-
-
-def _met(is_so: bool) -> str:
-    return "met" if is_so else "**missed**"
 
 
 def disagreements(study: Study) -> dict[str, int]:
@@ -186,8 +127,11 @@ def numbers(study: Study) -> dict[str, Any]:
         "weaker_db": study.weaker_db,
         "found_db": {str(db): share for db, share in study.found_db.items()},
         "passages": len(study.matched),
-        "targets": targets(study),
         "matched": _all_rates(study.matched, study.thresholds),
+        "matched_but_top": _contact_numbers(study.matched, _not_the_top),
+        "beside_the_bound": _pretouch_numbers(
+            [v for v in study.matched if CLAIRVOYANT in v.seen_m], (CLAIRVOYANT, OURS)
+        ),
         "plain": _all_rates(study.plain, study.plain_thresholds),
         "soft": {
             str(db): _all_rates(verdicts, study.thresholds if db else study.plain_thresholds, SOFT)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.pretouch.rooms import ROOMS, TRAINING, UNDULATION_M, Heard, Passing, hear, passings
 from benchmarks.pretouch.scenes import RATE_HZ
 from benchmarks.pretouch.scoring import Rate, rate
-from benchmarks.results import FOLDER, save, table
+from benchmarks.results import save
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 
@@ -197,19 +197,14 @@ def rows_of(outcomes: Sequence[Outcome], thresholds: Mapping[str, float]) -> dic
 
 
 def main(quick: bool = False) -> None:
-    """Run the study; writes results/pretouch_rooms.json and results/pretouch_rooms.md."""
+    """Run the study; writes results/pretouch_rooms.json."""
     started_s, size = time.perf_counter(), QUICK if quick else FULL
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), context) as pool:
         outcomes = list(pool.map(judged, work_of(size), chunksize=50))
     thresholds = thresholds_of(outcomes)
     rows = rows_of(outcomes, thresholds)
-    name = "pretouch_rooms_quick" if quick else "pretouch_rooms"
-    took_s = time.perf_counter() - started_s
-    save(name, numbers(thresholds, rows, took_s))
-    page = document(size, thresholds, rows, took_s)
-    (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
-    print(page)
+    save("pretouch_rooms", numbers(thresholds, rows, time.perf_counter() - started_s), quick=quick)
 
 
 def numbers(
@@ -222,7 +217,9 @@ def numbers(
             room: {
                 name: {
                     "tnr": row.quiet.share,
+                    "tnr_95": row.quiet.interval,
                     "seen": {f"{db:g} dB": row.seen[db].share for db in STRENGTHS_DB},
+                    "seen_95": {f"{db:g} dB": row.seen[db].interval for db in STRENGTHS_DB},
                     "reach_m": {f"{db:g} dB": row.reach_m[db] for db in STRENGTHS_DB},
                 }
                 for name, row in by_name.items()
@@ -231,85 +228,6 @@ def numbers(
         },
         "wall_s": took_s,
     }
-
-
-def best(rows: Mapping[str, Mapping[str, Row]], beginning: str) -> str:
-    """Of a detector's variants, the one that sees most from far enough, over all rooms and both strengths."""
-    names = [name for name in next(iter(rows.values())) if name.startswith(beginning)]
-    return max(
-        names, key=lambda name: sum(row[name].seen[db].count for row in rows.values() for db in STRENGTHS_DB)
-    )
-
-
-def document(
-    size: Size, thresholds: Mapping[str, float], rows: Mapping[str, Mapping[str, Row]], took_s: float
-) -> str:
-    """The page."""
-    shown = [
-        best(rows, "paper"),
-        best(rows, "I and Q"),
-        *(name for name in thresholds if name.startswith(OURS)),
-    ]
-    paper = shown[0]
-    worse = [
-        f"{room} ({db:g} dB)"
-        for room, row in rows.items()
-        for db in STRENGTHS_DB
-        if row[OURS].seen[db].interval[1] < row[paper].seen[db].share
-    ]
-    echoed = [room for room in rows if room.startswith(("walls", "a wall", "ripple", "vibration"))]
-    missed = [room for room in echoed if rows[room][OURS].quiet.share < 0.98]
-    blind = {
-        db: [room for room, row in rows.items() if row[OURS].seen[db].share < 0.95] for db in STRENGTHS_DB
-    }
-    asked = [
-        ["TNR at least 98 % with still echoes to 1e-4, ripple, vibration", _but(missed)],
-        ["seen from 2.5 cm in 95 %, echo as the plant believes", _but(blind[0.0])],
-        ["the same, echo 17 dB weaker", _but(blind[17.0])],
-        ["not worse than the paper's best variant (upper end of 95 %)", _but(worse)],
-    ]
-    quiet = [[room, *(row[name].quiet for name in shown)] for room, row in rows.items()]
-    parts = [
-        "# Pre-touch in rooms that are less kind\n",
-        "Simulated, all of it (docs/explanation/aura.md; the rooms are data in `benchmarks/pretouch/rooms.py`), by"
-        f" `python -m benchmarks pretouch_rooms`. Thresholds are set so that {100 * TNR:.0f} % of {size.training}"
-        " whole passages before nothing stay quiet, forth and back, in rooms drawn by chance, up to twice as"
-        " loud as those judged; the rates are of other rooms and other noise:"
-        f" {size.quiet} passages before nothing and {size.objects} approaches of six objects at each strength, five"
-        " sides, 0.01 and 0.03 m/s, from 5.5 cm. Sizes are full scales as a finger hears them. Of the paper's and"
-        " of the rival's variants the one is shown that sees most in all rooms together; all are in the JSON.\n",
-        table(["asked", "ours"], asked),
-        "\n## Before nothing: true negatives, % (95 %)\n",
-        table(["room", *shown], quiet),
-    ]
-    for db in STRENGTHS_DB:
-        head = "as the plant believes" if db == 0.0 else f"{db:g} dB weaker"
-        cells = [
-            [room, *(f"{row[name].seen[db]}; {100 * row[name].reach_m[db]:.1f} cm" for name in shown)]
-            for room, row in rows.items()
-        ]
-        parts += [
-            f"\n## Echo {head}: seen from 2.5 cm or farther, % (95 %); 95 % are seen from\n",
-            table(["room", *shown], cells),
-        ]
-    limits = [[name, f"{threshold:.3g}"] for name, threshold in thresholds.items()]
-    parts += ["\n## Thresholds\n", table(["detector", "threshold"], limits)]
-    parts.append(ASSUMPTIONS)
-    parts.append(f"\nThe study took {took_s:.0f} s on a machine that others were using too.\n")
-    return "\n".join(parts)
-
-
-def _but(rooms: Sequence[str]) -> str:
-    return "met" if not rooms else "**missed** in: " + ", ".join(rooms)
-
-
-ASSUMPTIONS = """
-## What ours shares with the plant
-
-That an echo turns once around for each half wavelength of way, and that the object's grows as it comes nearer. Rows
-break each by shares: the wave's length by 5, 8, 10 and 30 % (sound), by 6 and 23 % (20 and 40 degrees), by 30 % (an
-object that moves), the growth by a second path of 10 and 30 %; a wall that faces keeps the first, not the second.
-"""
 
 
 if __name__ == "__main__":

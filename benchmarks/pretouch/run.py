@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.pretouch.rates import Study, numbers, targets
+from benchmarks.pretouch.rates import Study, numbers
 from benchmarks.pretouch.scenes import (
     DRIVE_HZ,
     LEVEL,
@@ -38,7 +38,7 @@ from benchmarks.pretouch.study import (
     matched_db,
     pretouch_judges,
 )
-from benchmarks.results import save, table
+from benchmarks.results import save
 from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
 
 SWEEP_DB = (0, 5, 10, 15, 20, 25, 30, 35, 40)
@@ -55,8 +55,7 @@ def main(quick: bool = False) -> None:
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = time.process_time() + children.ru_utime + children.ru_stime
     study = replace(study, cost_ns=costs(), wall_s=time.perf_counter() - started_s, cpu_s=cpu_s)
-    save("pretouch_quick" if quick else "pretouch", numbers(study))
-    print(table(["asked", "found", ""], targets(study)))
+    save("pretouch", numbers(study), quick=quick)
 
 
 def _study(size: Size, pool: ProcessPoolExecutor) -> Study:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from behaviors.events import BaselineRefused, SlipEnded, SlipStarted
 from benchmarks.recordings import BIOTAC_HZ, MARGIN_S, TRIBOMETER_HZ, Drag, drags, load
-from benchmarks.results import FOLDER, save, table
+from benchmarks.results import save
 from benchmarks.slip import scenes
 from benchmarks.slip.rivals import LEARN_S, RIVALS, Rival
 from controller.detectors.calibration import (
@@ -201,7 +201,9 @@ def on_quiet(interval_s: float) -> dict[str, Any]:
                     )
                     alarms += int(np.sum(maxima > threshold))
                     heard_s += float(len(maxima))
-        found[name] = {"alarms": alarms, "expected": heard_s / interval_s}
+        expected = heard_s / interval_s
+        low, high = (end / expected for end in poisson_interval(alarms))
+        found[name] = {"alarms": alarms, "expected": expected, "ratio_low": low, "ratio_high": high}
     return found
 
 
@@ -342,129 +344,31 @@ def simulated(sensor: str, nuisance: str, hours: float, count: int) -> list[dict
     return rows
 
 
-# --- the page ------------------------------------------------------------------------------------
-
-
-def _ms(delay_s: float) -> str:
-    return f"{1000.0 * delay_s:.0f}" if math.isfinite(delay_s) else "missed"
-
-
-def _cells(row: Mapping[str, Any], ours: Sequence[float]) -> list[str]:
-    """Median, p90, missed, and the ratio of its median to that of ours."""
-    delays = np.array(row["delays_s"], dtype=float)
-    low, high = ratio_interval(delays, np.array(ours, dtype=float))
-    ratio = "1" if row["detector"] == OURS else f"{low:.1f} to {high:.1f}"
-    missed = float(np.mean(np.isinf(delays)))
-    return [_ms(quantile(delays, 0.5)), _ms(quantile(delays, 0.9)), f"{100.0 * missed:.1f} %", ratio]
-
-
-def _alarms(counted: Mapping[str, Any]) -> str:
-    """Found, expected, and the interval of their ratio."""
-    expected = counted["expected"]
-    low, high = (end / expected for end in poisson_interval(counted["alarms"]))
-    ratio = f"{counted['alarms'] / expected:.2f}, {low:.2f} to {high:.2f}"
-    return f"{counted['alarms']} of {expected:.1f} ({ratio})"
-
-
-def page(study: Mapping[str, Any]) -> str:
-    """All tables; what they mean stands in docs/explanation/slip.md."""
-    parts = [
-        "# Slip: at equal false alarms\n\n[What was measured, how, and what follows](../../docs/explanation/slip.md).\n"
-    ]
-    tail = ["median, ms", "p90, ms", "missed", "median over that of `slip` (95 %)"]
-    drags_found = study["drags"]
-    if drags_found:
-        ours = drags_found[0]["delays_s"]
-        rows = [
-            [
-                r["detector"],
-                f"{r['threshold']:.4g}",
-                f"{r['alarms_per_min']:.1f}",
-                *_cells(r, ours),
-                f"{100.0 * r['early_reversed']:.0f} %",
-            ]
-            for r in drags_found
-        ]
-        head = ["detector", "threshold", "false alarms a minute", *tail, "early, reversed"]
-        parts.append(f"## Recorded: BioTac, {len(ours)} drags of the judging half\n\n{table(head, rows)}\n")
-        said = [
-            [r["channel"], f"{r['threshold']:g}", ", ".join(r["said"]) or "nothing"]
-            for r in study["tribometer"]
-        ]
-        parts.append(
-            f"## Recorded: a finger on a tribometer\n\n{table(['channel', 'threshold', 'said, s'], said)}\n"
+def _beside_ours(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows with median, p90, share missed, and the ratio of the median to that of ours on the same slips."""
+    ours = {(r.get("sensor"), r.get("nuisance")): r["delays_s"] for r in rows if r["detector"] == OURS}
+    found = []
+    for row in rows:
+        delays = np.array(row["delays_s"])
+        low, high = ratio_interval(delays, np.array(ours[row.get("sensor"), row.get("nuisance")]))
+        found.append(
+            row
+            | {"median_s": quantile(delays, 0.5), "p90_s": quantile(delays, 0.9)}
+            | {"missed": float(np.mean(np.isinf(delays))), "ratio_low": low, "ratio_high": high}
         )
-        r = study["at_reset"]
-        parts.append(
-            f"## Recorded: slip that runs at reset\n\nOf {r['drags']} drags {r['refused']} are refused by name, with "
-            f"the quiet level stored; {r['something_said'] - r['refused']} are taken for quiet, and said to be.\n"
-        )
-        rows = [[f"{r['interval_s']:g}", _alarms(r["half"]), _alarms(r["material"])] for r in study["quiet"]]
-        head = [
-            "asked for one in, s",
-            "on the other half: found of expected (95 %)",
-            "on a material left out",
-        ]
-        parts.append(
-            f"## Recorded: thresholds of `calibrate` on quiet it did not hear\n\n{table(head, rows)}\n"
-        )
-    else:
-        parts.append("The rows on recordings are missing: `make recordings` fetches them.\n")
-    rows = [
-        [r["sensor"], str(r["slips"]), str(r["refused"]), str(r["something_said"])]
-        for r in study["at_simulated_reset"]
-    ]
-    head = ["sensor", "slips", "refused by name", "something said"]
-    parts.append(f"## Simulated: a table that moves under the tip at reset\n\n{table(head, rows)}\n")
-    rows = [
-        [r["sensor"], r["nuisance"], f"{r['threshold']:g}", f"{100.0 * r['share']:.1f} %"]
-        for r in study["contact"]
-    ]
-    head = ["sensor", "contact", "threshold", "time called slip"]
-    parts.append(f"## Simulated: contact without slip\n\n{table(head, rows)}\n")
-    head = ["noise", "rate, Hz", "threshold", *(f"x{factor:g}" for factor in STEPS)]
-    lines: dict[tuple[Any, ...], list[str]] = {}
-    for r in study["steps"]:
-        key = (r["kind"], f"{r['rate_hz']:g}", f"{r['threshold']:g}")
-        lines.setdefault(key, []).append(
-            f"{100.0 * r['alarmed'] / STEPS_EACH:.0f} %"
-            + (f", {r['longest_s']:.1f} s" if r["alarmed"] else "")
-        )
-    body = [[*key, *cells] for key, cells in lines.items()]
-    parts.append(
-        f"## Simulated: noise that steps; share called slip, and until when\n\n{table(head, body)}\n"
-    )
-    rows = []
-    for r in study["simulated"]:
-        ours = next(
-            o["delays_s"]
-            for o in study["simulated"]
-            if (o["sensor"], o["nuisance"], o["detector"]) == (r["sensor"], r["nuisance"], OURS)
-        )
-        rows.append(
-            [
-                r["sensor"],
-                r["nuisance"],
-                r["detector"],
-                f"{r['threshold']:.3g}",
-                *_cells(r, ours),
-                str(r["early"]),
-            ]
-        )
-    head = ["sensor", "nuisance", "detector", "threshold", *tail, "early"]
-    if rows:
-        parts.append(f"## Simulated: one false alarm an hour\n\n{table(head, rows)}\n")
-    return "\n".join(parts)
+    return found
 
 
 def main(quick: bool = False) -> None:
-    """Run all of it; writes results/slip.json and slip.md. Each simulated part is kept in build/slip_study: a run that
+    """Run all of it; writes results/slip.json. Each simulated part is kept in build/slip_study: a run that
     broke off goes on; take that away after a change of a detector."""
-    name, count, known = "slip_quick" if quick else "slip", 8 if quick else TRIALS, bool(drags("judging"))
+    count, known = 8 if quick else TRIALS, bool(drags("judging"))
     parts = [(sensor, nuisance) for nuisance in NUISANCES for sensor in SENSORS]
     parts += [(SENSORS[0], nuisance) for nuisance in MORE]
     study: dict[str, Any] = {
-        "drags": [{"detector": each, **on_drags(judge)} for each, judge in judges().items()] if known else [],
+        "drags": _beside_ours([{"detector": each, **on_drags(judge)} for each, judge in judges().items()])
+        if known
+        else [],
         "tribometer": [row for threshold in THRESHOLDS for row in on_tribometer(threshold)],
         "at_reset": at_reset() if known else None,
         "quiet": [on_quiet(interval_s) for interval_s in INTERVALS_S] if known else [],
@@ -478,11 +382,9 @@ def main(quick: bool = False) -> None:
         ],
         "contact": [row for nuisance in CONTACTS for row in in_contact(nuisance)],
         "hours": HOURS,
-        "simulated": [row for part in parts for row in _kept(*part, count)],
+        "simulated": _beside_ours([row for part in parts for row in _kept(*part, count)]),
     }
-    save(name, study)
-    (FOLDER / f"{name}.md").write_text(page(study), encoding="utf-8")
-    print(page(study))
+    save("slip", study, quick=quick)
 
 
 def _kept(sensor: str, nuisance: str, count: int) -> list[dict[str, Any]]:

@@ -1,0 +1,22 @@
+"""What a benchmark prints of what it saves."""
+
+from benchmarks import results
+
+
+def test_rows_are_printed_as_tables_and_numbers_as_lines_whatever_holds_them():
+    found = {
+        "wall_s": 1.23456,
+        "rows": [{"detector": "ours", "missed": 0, "delays_s": [0.1, 0.2]}],
+        "rooms": {"empty": {"ours": {"seen": {"share": 0.98765}}}},
+    }
+    said = "\n".join(results.shown(found))
+    assert "wall_s: 1.235" in said
+    assert "ours" in said and "missed" in said and "delays_s" not in said
+    assert "rooms: empty" in said and "0.9877" in said
+
+
+def test_a_quick_run_leaves_the_kept_results_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    results.save("chain", {"n": 1}, quick=True)
+    assert (tmp_path / "build" / "quick" / "chain.json").is_file()
+    assert "n: 1" in capsys.readouterr().out
