@@ -23,7 +23,7 @@ from drivers.bench_clock import LOOK_S as BENCH_LOOK_S
 from drivers.bench_clock import BenchClock, ClockPage
 from drivers.clock import Clock, WallClock, rest
 from drivers.messages import Command, Home, Status, Stop
-from drivers.ur_arm.client import CONTROL_GONE, RtdeClient
+from drivers.ur_arm.client import CALLS_S, CONTROL_GONE, RtdeClient
 from drivers.ur_arm.controller import PLAYING, Seen, still, trouble
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.guidance import CYCLE_S
@@ -53,10 +53,6 @@ PAUSE_S = 0.0014
 NEXT_ROW_S = 0.00225
 """How far an emulated bench's time may go after a row, before the next one was seen: a cycle, and an eighth of one. So
 none is lost, for the client keeps the latest alone."""
-
-CALLS_S = 0.04
-"""How far it may go after a cycle of commands was due: more than the client's calls need of the controller's cycles
-(`zeroFtSensor` 20 ms, measured), less than half of the watchdog's usual 0.1 s."""
 
 STUCK_S = 1.0
 """How long one command may take before the client counts as blocked: a hundred times the longest (measured)."""

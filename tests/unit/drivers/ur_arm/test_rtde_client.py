@@ -1,0 +1,52 @@
+"""What the arm's process does around the calls of ur_rtde, which stands in here as a list of what was called."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.ur_arm.client import RtdeClient
+from drivers.ur_arm.controller import PLAYING
+from drivers.ur_arm.pipe import ArmRow
+from drivers.ur_arm.settings import UrArmSettings
+
+SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
+
+
+class Heard(VirtualClock):
+    """Bench time that notes who lets it wait, and who lets it go."""
+
+    def __init__(self, done: list[str]) -> None:
+        super().__init__()
+        self._done = done
+
+    def hold(self, t_s: float, patience_s: float = 1.0) -> None:
+        self._done.append("hold")
+
+    def leave(self) -> None:
+        self._done.append("leave")
+
+
+def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine that holds the process up before its first cycle would have the watchdog end the program."""
+    done: list[str] = []
+
+    def called(name: str) -> object:
+        return lambda *_: (done.append(name), True)[1]
+
+    names = ("setWatchdog", "isConnected", "kickWatchdog", "reuploadScript")
+    control = SimpleNamespace(**{name: called(name) for name in names})
+    module = SimpleNamespace(RTDEControlInterface=lambda host: control)
+    monkeypatch.setitem(sys.modules, "rtde_control", module)
+    dashboard = SimpleNamespace(ask=lambda question: "true")
+    row = ArmRow(0.0, 0.0, SETTINGS.start_pose, (0.0,) * 6, (0.0,) * 6, 1, PLAYING)
+
+    client = RtdeClient(SETTINGS, dashboard, Heard(done), lambda: row)
+    assert done == ["hold", "setWatchdog"]
+    done.clear()
+    assert client.recover() == ""
+    assert done[-2:] == ["hold", "setWatchdog"]
+    assert "leave" in done
