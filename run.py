@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from config.jobs import Crew
     from config.profile import Profile
     from controller.campaign import CampaignPlan, Console
-    from controller.console import Operator
+    from controller.console import ConsoleOperator
     from controller.recording.mcap_file import Mirror
-    from controller.recording.resuming import Resumed
+    from controller.recording.resuming import ResumedRun
     from controller.recording.run_folder import RunFolder
     from controller.watching.foxglove import FoxgloveStream
     from controller.watching.page import PageProcess
@@ -355,13 +355,13 @@ def _carried_out(
     endpoints: Path | None,
     reported: bool,
     crew: Crew | None,
-    resumed: Resumed | None = None,
+    resumed: ResumedRun | None = None,
     realtime: bool = False,
     watched: bool = False,
     mirror: Mirror | None = None,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
-    from controller.console import Operator
+    from controller.console import ConsoleOperator
     from controller.recording.run_folder import RunFolder
 
     with ExitStack() as stack:
@@ -369,14 +369,14 @@ def _carried_out(
         if crew is not None:
             from config.jobs import in_parts
 
-            operator = stack.enter_context(Operator())
+            operator = stack.enter_context(ConsoleOperator())
             outcome = in_parts(crew, loaded, plan, _console(operator, page), out, resumed).run()
         else:
             from config.assemble import build_rig
             from controller.campaign import Campaign
 
             rig = stack.enter_context(closing(build_rig(loaded, _endpoints(endpoints), realtime)))
-            operator = stack.enter_context(Operator(asking=rig.asking))
+            operator = stack.enter_context(ConsoleOperator(asking=rig.asking))
             outcome = Campaign(plan, rig, _console(operator, page), out, resumed, mirror).run()
     if outcome.error is None:
         (complain if outcome.exit_code else say)(outcome.line)
@@ -712,7 +712,7 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
     return dict(endpoints)
 
 
-def _console(operator: Operator, page: PageProcess | None) -> Console:
+def _console(operator: ConsoleOperator, page: PageProcess | None) -> Console:
     """The person's side: the terminal, and whoever watches."""
     from controller.console import PlainConsole
     from controller.watching.feed import Watched

@@ -34,7 +34,7 @@ GIVE_UP_S = 20.0
 """Longest wait for the motion to end."""
 
 
-class Motion(NamedTuple):
+class MoverMotion(NamedTuple):
     """What a mover is doing when its program ends.
 
     Attributes:
@@ -53,9 +53,9 @@ class Motion(NamedTuple):
 
 
 MOTIONS = {
-    "stage": Motion("emulated/transient", "probe_m", MoveAt("stage", 0.0127, 0.025), 0.0127, 0.004),
-    "arm": Motion("emulated/transient_arm", "probe_m", MoveAt("arm", 0.0127, 0.012), 0.0127, 0.001),
-    "gripper": Motion("emulated/centering", "width_m", Release("gripper", 0.02), 0.02, 0.005),
+    "stage": MoverMotion("emulated/transient", "probe_m", MoveAt("stage", 0.0127, 0.025), 0.0127, 0.004),
+    "arm": MoverMotion("emulated/transient_arm", "probe_m", MoveAt("arm", 0.0127, 0.012), 0.0127, 0.001),
+    "gripper": MoverMotion("emulated/centering", "width_m", Release("gripper", 0.02), 0.02, 0.005),
 }
 
 ENDS = (
@@ -129,7 +129,7 @@ def measured(mover: str, victim: str, ending: signal.Signals) -> tuple[float, fl
         emulator.close()
 
 
-def gone_on(emulator: EmulatorProcess, motion: Motion) -> tuple[float, float]:
+def gone_on(emulator: EmulatorProcess, motion: MoverMotion) -> tuple[float, float]:
     """Watch until nothing moves."""
     began_s = still_s = time.monotonic()
     from_m = last_m = emulator.scene()[motion.shown]

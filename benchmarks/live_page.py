@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.results import save
 from config.jobs import Silent
-from controller.console import Operator
+from controller.console import ConsoleOperator
 from controller.glimpse import Glimpse
 from controller.limits import GuardSettings
 from controller.recording.series import TrialRecording
@@ -40,7 +40,7 @@ class Turning(Silent):
     """A loop that turns, records two streams of 1 kHz and asks its operator."""
 
     def __init__(self, folder: Path, page: PageProcess) -> None:
-        self.operator = Operator(Path(os.devnull).open())  # noqa: SIM115 - as long as the benchmark
+        self.operator = ConsoleOperator(Path(os.devnull).open())  # noqa: SIM115 - as long as the benchmark
         self._watched = Watched(self, self.operator, page.began)
         self._recording = TrialRecording(1)
         self._limits = GuardSettings(force_n=2.0, travel_m=0.012)

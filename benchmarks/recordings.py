@@ -31,7 +31,7 @@ BIOTAC_HZ = 2200.0
 TRIBOMETER_HZ = 10_000.0
 
 
-class Source(NamedTuple):
+class RecordingSource(NamedTuple):
     """Where recordings are from.
 
     Attributes:
@@ -71,8 +71,8 @@ def tribometer(show: Callable[[str], bytes]) -> dict[str, Floats]:
 
 
 SOURCES = {
-    "biotac": Source("dexrob/BioTac_slide_20_50", "c19638b", biotac),
-    "tribometer": Source(
+    "biotac": RecordingSource("dexrob/BioTac_slide_20_50", "c19638b", biotac),
+    "tribometer": RecordingSource(
         "romangrigorii/data-driven-playback-of-natural-tactile-texture",
         "58cd7fcdec94f82f504bb17b2e547ee64c70bde9",
         tribometer,

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from config.profile import Profile
     from config.trials import Trial
     from controller.campaign import Campaign, CampaignPlan, Console
-    from controller.parts import Part
-    from controller.recording.resuming import Resumed
+    from controller.parts import RunPart
+    from controller.recording.resuming import ResumedRun
 
 PART_S = 1.0
 """What a part is to take, s of wall time: beginning one costs 0.02 s, and at the end no worker waits long."""
@@ -114,7 +114,7 @@ class Silent:
         """Nothing."""
 
 
-def run_part(order: Order, trials: Sequence[Trial]) -> Part:
+def run_part(order: Order, trials: Sequence[Trial]) -> RunPart:
     """Run some trials of a campaign here; the same rows, events and samples wherever that is.
 
     Raises:
@@ -122,7 +122,7 @@ def run_part(order: Order, trials: Sequence[Trial]) -> Part:
     """
     from config.assemble import build_rig, plan_campaign
     from controller.campaign import Campaign
-    from controller.parts import Part
+    from controller.parts import RunPart
     from drivers.clock import monotonic_s
 
     begun_s = monotonic_s()
@@ -130,7 +130,7 @@ def run_part(order: Order, trials: Sequence[Trial]) -> Part:
     plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
     with tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder, closing(build_rig(profile)) as rig:
         outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
-        return Part.of(outcome.folder, outcome.error, monotonic_s() - begun_s)
+        return RunPart.of(outcome.folder, outcome.error, monotonic_s() - begun_s)
 
 
 @lru_cache(maxsize=1)
@@ -177,7 +177,7 @@ class Crew:
         self._end = end
         self._executor: Executor | None = None
 
-    def submit(self, order: Order, trials: Sequence[Trial]) -> Future[Part]:
+    def submit(self, order: Order, trials: Sequence[Trial]) -> Future[RunPart]:
         """Have some trials run; where a worker has died, the part is lost as if it had been with that one."""
         if self._executor is None:
             self._executor = self._begin()
@@ -186,7 +186,7 @@ class Crew:
         try:
             return self._executor.submit(run_part, order, trials)
         except BrokenExecutor as error:
-            lost: Future[Part] = Future()
+            lost: Future[RunPart] = Future()
             lost.set_exception(error)
             return lost
         finally:
@@ -261,7 +261,9 @@ def cluster(address: str) -> Crew:
 # --- the parts -----------------------------------------------------------------------------------
 
 
-def parts(crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[], None]) -> Iterator[Part]:
+def parts(
+    crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[], None]
+) -> Iterator[RunPart]:
     """Have trials run, and give their parts in the order of the trials; every trial once, whoever dies.
 
     Args:
@@ -274,7 +276,7 @@ def parts(crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[
         JobsError: workers die of it, or nobody hands out work any more.
     """
     left = deque(trials)
-    given: deque[tuple[Future[Part], list[Trial]]] = deque()
+    given: deque[tuple[Future[RunPart], list[Trial]]] = deque()
     size, deaths = 1, 0
     with ExitStack() as stack:
         stack.callback(crew.close)
@@ -311,7 +313,7 @@ def parts(crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[
             yield part
 
 
-def _again(crew: Crew, order: Order, future: Future[Part], trials: list[Trial]) -> Future[Part]:
+def _again(crew: Crew, order: Order, future: Future[RunPart], trials: list[Trial]) -> Future[RunPart]:
     """A part that was lost with its worker is run again, one that is done stays."""
     if future.done() and not future.cancelled() and future.exception() is None:
         return future
@@ -324,7 +326,7 @@ def in_parts(
     plan: CampaignPlan,
     console: Console,
     out: Path,
-    resumed: Resumed | None = None,
+    resumed: ResumedRun | None = None,
 ) -> Campaign:
     """A campaign that a crew runs.
 

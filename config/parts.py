@@ -32,7 +32,7 @@ class Shown(Settings):
     """Why ours comes out otherwise, or is not there."""
 
 
-class Parts(Settings):
+class ProfileParts(Settings):
     """What a profile of parts says."""
 
     title: str
@@ -50,7 +50,7 @@ class Parts(Settings):
         return [shlex.split(part) for part in self.parts]
 
 
-def parts_of(name_or_path: str) -> Parts | None:
+def parts_of(name_or_path: str) -> ProfileParts | None:
     """What a profile of parts says; None for a profile of trials.
 
     Raises:
@@ -64,7 +64,7 @@ def parts_of(name_or_path: str) -> Parts | None:
     def where(_: KeyPath, location: KeyPath) -> str:
         return f"{source.origin(location)}: {'.'.join(location)}"
 
-    parts = validated(Parts, source.data, (), where, problems)
+    parts = validated(ProfileParts, source.data, (), where, problems)
     named = [arguments[0] for arguments in parts.runs if arguments] if parts else []
     problems += [
         f"{source.files[-1]}: paper {shown.item}: part = {shown.part!r} is none of the parts"
@@ -76,7 +76,7 @@ def parts_of(name_or_path: str) -> Parts | None:
     return parts
 
 
-def begin(name: str, parts: Parts, common: Sequence[str], out: Path) -> RunFolder:
+def begin(name: str, parts: ProfileParts, common: Sequence[str], out: Path) -> RunFolder:
     """Make the folder of a campaign of parts; its manifest says what is to be run.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Any
 from config.assemble import Table, build_rig, plan_campaign
 from config.profile import load_profile
 from controller.campaign import Campaign, Outcome
-from controller.console import Operator, PlainConsole
+from controller.console import ConsoleOperator, PlainConsole
 from controller.recording.reader import Run, open_run
 
 
@@ -44,6 +44,6 @@ def run_trials(
     labels = [f"run_trials: trial {number}" for number in range(1, len(rows) + 1)]
     loaded = load_profile(profile, once, table=Table(), rows=rows, labels=labels)
     plan = plan_campaign(loaded, loaded.trials(seed), seed)
-    with closing(build_rig(loaded)) as rig, Operator(asking=rig.asking) as operator:
+    with closing(build_rig(loaded)) as rig, ConsoleOperator(asking=rig.asking) as operator:
         outcome = Campaign(plan, rig, PlainConsole(operator, say), out).run()
     return outcome, open_run(outcome.folder)

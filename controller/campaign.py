@@ -24,7 +24,7 @@ from controller.guard import Guard, GuardRefusal
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.loop import Operator as LoopOperator
 from controller.measures.trial import MissingDataError, TrialEvidence
-from controller.recording.resuming import Resumed, clear, hold
+from controller.recording.resuming import ResumedRun, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene
@@ -178,7 +178,7 @@ class Campaign:
         rig: Rig,
         console: Console,
         runs: Path,
-        resumed: Resumed | None = None,
+        resumed: ResumedRun | None = None,
         mirror: Mirror | None = None,
     ) -> None:
         self._mirror = mirror
@@ -482,7 +482,7 @@ class Campaign:
         }
 
 
-def _going_on(resumed: Resumed, started: datetime) -> dict[str, Any]:
+def _going_on(resumed: ResumedRun, started: datetime) -> dict[str, Any]:
     """The manifest of a run that goes on: of what was done its outcomes, and when it was resumed."""
     before = resumed.manifest
     since = [*before.get("resumed_utc", ()), started.isoformat()]

@@ -35,7 +35,7 @@ _EXPONENT = re.compile(r"e(?:\+|(-))0*")
 """What an exponent has of signs and zeros that say nothing: `6.323e-05` is `6.323e-5`."""
 
 
-class Operator:
+class ConsoleOperator:
     r"""Ctrl+C, `kill` and the Enter key, as the loop asks for them at every turn.
 
     On a terminal the first Ctrl+C pauses and the second aborts, while Enter goes on with what is paused.
@@ -69,7 +69,7 @@ class Operator:
         self._abort = False
         self._reply: tuple[int, bool] | None = None
 
-    def __enter__(self) -> Operator:
+    def __enter__(self) -> ConsoleOperator:
         handlers: dict[signal.Signals, Any] = {
             signal.SIGINT: self._interrupted,
             **dict.fromkeys((signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT), self._ended),
@@ -282,7 +282,7 @@ class PlainConsole:
         say: Takes each line, on a thread of its own.
     """
 
-    def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
+    def __init__(self, operator: ConsoleOperator, say: Callable[[str], None]) -> None:
         self._operator = operator
         self._question: Question | None = None
         self._printer = _Printer(say)

@@ -15,7 +15,7 @@ from rich.console import Console as Terminal
 from rich.live import Live
 from rich.text import Text
 
-from controller.console import LAST_S, PAUSED, Operator, figure, telling
+from controller.console import LAST_S, PAUSED, ConsoleOperator, figure, telling
 from controller.glimpse import Glimpse
 from drivers.clock import monotonic_s
 
@@ -83,7 +83,7 @@ class LiveConsole:
         terminal: Where to draw.
     """
 
-    def __init__(self, operator: Operator, terminal: Terminal) -> None:
+    def __init__(self, operator: ConsoleOperator, terminal: Terminal) -> None:
         self._operator = operator
         self._terminal = terminal
         self._title = ""

@@ -27,7 +27,7 @@ class PartError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Part:
+class RunPart:
     """Some trials that were run one after the other.
 
     Attributes:
@@ -41,7 +41,7 @@ class Part:
     took_s: float
 
     @classmethod
-    def of(cls, folder: Path, error: Exception | None, took_s: float) -> Part:
+    def of(cls, folder: Path, error: Exception | None, took_s: float) -> RunPart:
         """What stands in a run's folder."""
         said = "" if error is None else f"{type(error).__name__}: {error}"
         return cls(
@@ -57,7 +57,7 @@ class CampaignInParts(Campaign):
         parts: Gives the trials' parts in order; calls what it is given while it waits.
     """
 
-    def __init__(self, *campaign: Any, parts: Callable[[Callable[[], None]], Iterator[Part]]) -> None:
+    def __init__(self, *campaign: Any, parts: Callable[[Callable[[], None]], Iterator[RunPart]]) -> None:
         super().__init__(*campaign)
         self._parts = parts
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from controller.detectors.calibration import Course, Statistic, courses_of
+from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
 from controller.detectors.protocol import Detector
 from controller.replay import ReplayError
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
@@ -43,7 +43,7 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
         ReplayError: no such kind of picture, or it cannot be written.
     """
     named = {stream: [b for b in blocks if b.stream == stream] for stream in detector.inputs}
-    courses: Sequence[Course] = ()
+    courses: Sequence[StatisticCourse] = ()
     if isinstance(detector, Statistic) and named[detector.inputs[0]][0].rate_hz is not None:
         courses = courses_of(detector, blocks)
     panels = len(named) + bool(courses)

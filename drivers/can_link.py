@@ -60,7 +60,7 @@ def _bus(port: CanPort) -> can.BusABC:
 
 
 @dataclass(frozen=True, slots=True)
-class Beat:
+class PeriodicQuestion:
     """A question that is asked again and again.
 
     Beat k is due at `period_s` times k after the first. It is asked when the answers to the one before are in,
@@ -156,9 +156,9 @@ class CanLink:
         self._bus = bus
         self._clock = clock
         self._sending = threading.Lock()
-        self._arrived: deque[tuple[Beat | None, HeardFrame]] = deque()
-        self._beat: Beat | None = None
-        self._asked: Beat | None = None
+        self._arrived: deque[tuple[PeriodicQuestion | None, HeardFrame]] = deque()
+        self._beat: PeriodicQuestion | None = None
+        self._asked: PeriodicQuestion | None = None
         """The thread's own: it still asks this while the loop has ordered another already."""
         self._closing = False
         self._thread = threading.Thread(target=self._run, name=f"{device}-can", daemon=True)
@@ -196,7 +196,7 @@ class CanLink:
                 taken.append(heard)
         return taken
 
-    def ask(self, beat: Beat | None) -> None:
+    def ask(self, beat: PeriodicQuestion | None) -> None:
         """Ask a question at its beat from now on, or no more; beats count from 0 each time."""
         self._beat = beat
 
@@ -220,7 +220,7 @@ class CanLink:
             else:
                 self._keep(beat)
 
-    def _keep(self, beat: Beat) -> None:
+    def _keep(self, beat: PeriodicQuestion) -> None:
         """Ask until the loop wants something else."""
         self._asked = beat
         origin_s = self._clock.monotonic_s()

@@ -10,7 +10,7 @@ import numpy as np
 from behaviors.events import Contact
 from behaviors.transient import Transient
 from config.jobs import Silent
-from controller.console import Operator
+from controller.console import ConsoleOperator
 from controller.detectors.protocol import Reading
 from controller.glimpse import Glimpse
 from controller.limits import GuardSettings
@@ -53,7 +53,7 @@ class StubRun:
         self.folder, self.words, self.turns = folder, [], 0
         self.asker = Asker()
         self.keyboard = Path(os.devnull).open()  # noqa: SIM115 - until the run ends
-        self.operator = Operator(self.keyboard, asking=[self.asker])
+        self.operator = ConsoleOperator(self.keyboard, asking=[self.asker])
         self.watched = Watched(Nobody(self.operator), self.operator, began)
         self.events, self.lost = [Contact(0.5, "contact", 28.31, 28.2)], {"board.load_cell": 3}
         self.recording = TrialRecording(3)

@@ -7,18 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from benchmarks.centering.scoring import Score, score
+from benchmarks.centering.scoring import CenteringScore, score
 from benchmarks.centering.search import Found, Tuning
-from benchmarks.centering.study import MISMATCH_DB, Size, gamma
+from benchmarks.centering.study import MISMATCH_DB, CenteringSize, gamma
 
 Repeats = Sequence[Sequence[Found]]
 
 
 @dataclass(frozen=True)
-class Study:
+class CenteringStudy:
     """All that was found; searches of the 85 repeat by repeat."""
 
-    size: Size
+    size: CenteringSize
     tunings: Mapping[str, Tuning]
     object_tunings: Mapping[str, Tuning]
     gains: tuple[float, float]
@@ -32,10 +32,10 @@ class Study:
     wall_s: float = math.nan
 
 
-def numbers(study: Study) -> dict[str, Any]:
+def numbers(study: CenteringStudy) -> dict[str, Any]:
     """For results/centering.json; the page beside it is written by hand."""
 
-    def told(found: Score) -> dict[str, Any]:
+    def told(found: CenteringScore) -> dict[str, Any]:
         return {
             key: None if isinstance(value, float) and math.isnan(value) else value
             for key, value in found._asdict().items()

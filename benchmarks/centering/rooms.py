@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 from benchmarks.centering.scenes import LEVEL, Place
-from benchmarks.centering.scoring import Score, score
+from benchmarks.centering.scoring import CenteringScore, score
 from benchmarks.centering.search import Found
 from benchmarks.centering.study import SEED_TUNE, SPEEDS_M_S, Method, eighty_five, gamma, made, methods
 from benchmarks.results import save
@@ -99,7 +99,7 @@ def at(paper: Method, window_s: float, distance_m: float) -> Method:
     return paper._replace(tuning=replace(paper.tuning, finder=told))
 
 
-def papers_choices(paper: Method, pool: ProcessPoolExecutor) -> dict[float, dict[Choice, Score]]:
+def papers_choices(paper: Method, pool: ProcessPoolExecutor) -> dict[float, dict[Choice, CenteringScore]]:
     """Its settings by speed, on some searches of their own."""
     keys, work = [], []
     for speed_m_s in SPEEDS_M_S:
@@ -117,7 +117,7 @@ def papers_choices(paper: Method, pool: ProcessPoolExecutor) -> dict[float, dict
     }
 
 
-def _best(choices: Mapping[Choice, Score]) -> Choice:
+def _best(choices: Mapping[Choice, CenteringScore]) -> Choice:
     """Least worst error among those that lost fewest."""
     fewest = min(one.searches - one.centred for one in choices.values())
     kept = {choice: one for choice, one in choices.items() if one.searches - one.centred <= fewest + 1}

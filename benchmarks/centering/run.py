@@ -8,7 +8,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
-from benchmarks.centering.numbers import Study, numbers
+from benchmarks.centering.numbers import CenteringStudy, numbers
 from benchmarks.centering.search import Found
 from benchmarks.centering.study import (
     FULL,
@@ -18,8 +18,8 @@ from benchmarks.centering.study import (
     SEED_SCATTER,
     SEED_TEST,
     SPEEDS_M_S,
+    CenteringSize,
     Method,
-    Size,
     eighty_five,
     gains_of,
     gamma,
@@ -49,7 +49,7 @@ def main(quick: bool = False) -> None:
     save("centering", numbers(study), quick=quick)
 
 
-def _study(size: Size, pool: ProcessPoolExecutor) -> Study:
+def _study(size: CenteringSize, pool: ProcessPoolExecutor) -> CenteringStudy:
     pipe = methods(load_profile("mock/centering", {}, table=Table()))
     objects = methods(load_profile("mock/centering_objects", {}, table=Table()))
     gains = gains_of(MISMATCH_DB, pipe["ours"])
@@ -71,7 +71,7 @@ def _study(size: Size, pool: ProcessPoolExecutor) -> Study:
         for speed_m_s in SPEEDS_M_S
     }
     _tell("the six objects")
-    return Study(
+    return CenteringStudy(
         size=size,
         tunings={name: method.tuning for name, method in pipe.items()},
         object_tunings={name: method.tuning for name, method in objects.items()},
@@ -87,7 +87,7 @@ def _study(size: Size, pool: ProcessPoolExecutor) -> Study:
 
 
 def _main(
-    pipe: dict[str, Method], gains: tuple[float, float], size: Size, pool: ProcessPoolExecutor
+    pipe: dict[str, Method], gains: tuple[float, float], size: CenteringSize, pool: ProcessPoolExecutor
 ) -> dict[tuple[str, float, float], list[list[Found]]]:
     """By the way to search, mismatch and speed: repeat by repeat."""
     ours = pipe["ours"]
@@ -108,7 +108,7 @@ def _main(
 
 
 def _aside(
-    pipe: dict[str, Method], size: Size, pool: ProcessPoolExecutor
+    pipe: dict[str, Method], size: CenteringSize, pool: ProcessPoolExecutor
 ) -> dict[tuple[str, float], list[list[Found]]]:
     """Other ways, fingers alike."""
     paper, ours = pipe["paper"], pipe["ours"]

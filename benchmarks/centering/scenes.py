@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.can_gripper.units import STROKE_M
 from drivers.messages import SampleBlock
-from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraMotion, AuraPlant
 from drivers.mock.physics.aura_jaws import jaws_settings
 from drivers.mock.physics.aura_objects import OBJECTS
 from drivers.mock.physics.aura_settings import RoomSettings
@@ -62,7 +62,7 @@ class Place(NamedTuple):
     room: RoomSettings = RoomSettings()
 
 
-class Bench:
+class CenteringScene:
     """What the fingers send while the arm goes to and fro; the object slides where a finger pushes it.
 
     Args:
@@ -128,7 +128,7 @@ class Bench:
         self.object_x_m, self.touches, self._touching = kept
         return z, encoder, clear
 
-    def _pushed(self, ticks: Ints) -> Motion:
+    def _pushed(self, ticks: Ints) -> AuraMotion:
         times_s = ticks / ENVELOPE_HZ
         before_s = float(times_s[0]) - 1.0 / ENVELOPE_HZ
         tools_m = self.arm.coordinates(np.concatenate(([before_s], times_s)))[:, 0]
@@ -145,7 +145,7 @@ class Bench:
         self._touching = touching[-1]
         self.object_x_m = float(object_m[-1])
         n = len(ticks)
-        return Motion(
+        return AuraMotion(
             gap_m,
             np.zeros(n),
             np.zeros(n),

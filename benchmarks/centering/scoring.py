@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.centering.search import Found
 
 
-class Score(NamedTuple):
+class CenteringScore(NamedTuple):
     """Of one or more repeats of the 85.
 
     Attributes:
@@ -54,7 +54,7 @@ def clean(found: Sequence[Found]) -> list[Found]:
     return [one for one in found if one.outcome == "found" and not one.touches]
 
 
-def score(repeats: Sequence[Sequence[Found]]) -> Score:
+def score(repeats: Sequence[Sequence[Found]]) -> CenteringScore:
     """Score repeats of the same set."""
     every = [one for repeat in repeats for one in repeat]
     good = clean(every)
@@ -63,7 +63,7 @@ def score(repeats: Sequence[Sequence[Found]]) -> Score:
     mean, lo, hi = interval(worst)
     nan = math.nan
     spread = float(errors_m.std()) if len(good) else nan
-    return Score(
+    return CenteringScore(
         worst_m=mean,
         worst_lo_m=lo,
         worst_hi_m=hi,

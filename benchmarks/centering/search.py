@@ -13,7 +13,7 @@ from behaviors.events import Contact, PreTouch
 from benchmarks.centering.scenes import (
     STILL_S,
     STOP_M_S2,
-    Bench,
+    CenteringScene,
     Place,
     after,
     turn_at,
@@ -52,7 +52,7 @@ class Tuning:
 
 
 @dataclass(frozen=True)
-class Course:
+class SearchCourse:
     """How the search is gone about: see `behaviors.search.SearchSettings`."""
 
     sweep_m: float = 0.033
@@ -105,7 +105,7 @@ def block_of(which: int, first: int, z: NDArray[np.complex128]) -> SampleBlock:
     )
 
 
-class Search:
+class SimulatedSearch:
     """A search under way.
 
     Args:
@@ -114,9 +114,9 @@ class Search:
         course: How it is gone about.
     """
 
-    def __init__(self, place: Place, tuning: Tuning, course: Course) -> None:
+    def __init__(self, place: Place, tuning: Tuning, course: SearchCourse) -> None:
         self.place, self.tuning, self.course = place, tuning, course
-        self.bench = Bench(place)
+        self.bench = CenteringScene(place)
         self.now_s = place.begin_s
         self._next = after(place.begin_s)
         self._contacts = []
@@ -247,6 +247,6 @@ def _tell(detector: Finder, first: int, z: NDArray[np.complex128], encoder: Samp
     return [event for block in heard for event in detector.push(block)]
 
 
-def search(place: Place, tuning: Tuning, course: Course) -> Found:
+def search(place: Place, tuning: Tuning, course: SearchCourse) -> Found:
     """Make one search."""
-    return Search(place, tuning, course).run()
+    return SimulatedSearch(place, tuning, course).run()

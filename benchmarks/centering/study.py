@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.centering.scenes import DRIVE_HZ, LEVEL, Bench, Place, after
-from benchmarks.centering.search import Course, Found, Tuning, block_of, finder, search
+from benchmarks.centering.scenes import DRIVE_HZ, LEVEL, CenteringScene, Place, after
+from benchmarks.centering.search import Found, SearchCourse, Tuning, block_of, finder, search
 from controller.signals.along import as_complex
-from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraMotion, AuraPlant
 from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, SIX
 from drivers.mock.physics.gripper_part import AuraBenchSettings
 
@@ -45,7 +45,7 @@ SCATTERS_DB = (0.5, 1.0, 2.0)
 
 
 @dataclass(frozen=True)
-class Size:
+class CenteringSize:
     """How much of it.
 
     Attributes:
@@ -61,7 +61,7 @@ class Size:
     tune: int
 
 
-FULL, QUICK = Size(20, 3, 85, 42), Size(2, 1, 17, 17)
+FULL, QUICK = CenteringSize(20, 3, 85, 42), CenteringSize(2, 1, 17, 17)
 
 
 class Method(NamedTuple):
@@ -73,13 +73,13 @@ class Method(NamedTuple):
     """
 
     tuning: Tuning
-    course: Course
+    course: SearchCourse
 
 
 def methods(profile: Any) -> dict[str, Method]:
     """The paper's and ours, as the profile has them."""
     behavior = profile.behavior
-    course = Course(
+    course = SearchCourse(
         behavior.sweep_m, behavior.baseline_s, behavior.run_up, behavior.blind_s, profile.loop.rate_hz
     )
     given = {name: _given(entry.settings) for name, entry in profile.detectors.items()}
@@ -120,7 +120,7 @@ def with_object(name: str, n: int, speed_m_s: float) -> list[Place]:
 
 def object_reach_m(name: str) -> float:
     """How far from the middle an object starts at the most."""
-    room_m = Bench(Place(0, 0, name, 0.0, 0.01)).gap_m(LEFT, 0.0)
+    room_m = CenteringScene(Place(0, 0, name, 0.0, 0.01)).gap_m(LEFT, 0.0)
     return min(STARTS_M[0][1], room_m - LEAST_GAP_M)
 
 
@@ -145,7 +145,7 @@ def wave_fs(distance_m: float, name: str = "pipe") -> float:
         plant = AuraPlant(settings)
         plant.begin((0, 0), thing, settings.object_top_m, "normal")
         gap_m = np.array([[distance_m, 1.0]])
-        motion = Motion(
+        motion = AuraMotion(
             gap_m, np.zeros(1), np.zeros(1), np.full(1, 0.063), np.zeros((1, 2)), np.zeros(1), np.zeros(1)
         )
         fields.append(
@@ -160,7 +160,7 @@ def gamma(distance_m: float) -> float:
 
 
 def papers_choices(
-    method: Method, size: Size, pool: ProcessPoolExecutor
+    method: Method, size: CenteringSize, pool: ProcessPoolExecutor
 ) -> dict[tuple[float, float], dict[float, list[Found]]]:
     """Searches by alpha (s) and the distance (m) of gamma, both speeds."""
     keys = [(window_s, distance_m) for window_s in WINDOWS_S for distance_m in DISTANCES_M]
@@ -180,7 +180,7 @@ def papers_choices(
 
 
 def our_choices(
-    method: Method, size: Size, pool: ProcessPoolExecutor
+    method: Method, size: CenteringSize, pool: ProcessPoolExecutor
 ) -> dict[tuple[float, bool], dict[float, list[Found]]]:
     """Searches by amplitude (full scales), with and without the run-up, both speeds."""
     found: dict[tuple[float, bool], dict[float, list[Found]]] = {}
@@ -196,7 +196,9 @@ def our_choices(
     return found
 
 
-def _choices(method: Method, tunings: Mapping[Any, Tuning], size: Size, pool: ProcessPoolExecutor) -> Any:
+def _choices(
+    method: Method, tunings: Mapping[Any, Tuning], size: CenteringSize, pool: ProcessPoolExecutor
+) -> Any:
     keys, work = [], []
     for key, tuning in tunings.items():
         for speed_m_s in SPEEDS_M_S:
@@ -226,7 +228,7 @@ def gains_of(mismatch_db: float, method: Method) -> tuple[float, float]:
 
 def _amplitude_fs(place: Place, which: int, method: Method) -> float:
     """What the detector fits as the finger passes the distance of calibration."""
-    bench = Bench(place)
+    bench = CenteringScene(place)
     forward = 1.0 if which == LEFT else -1.0
     bench.arm.move_at(place.begin_s, forward * place.speed_m_s, forward * 0.018)
     first, end = after(place.begin_s), after(bench.arm.arrival_s)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from behaviors.events import BaselineRefused, Contact, ContactLost, Detected
-from benchmarks.contact.scenes import RATE_HZ, Approach, approach, level, rows
+from benchmarks.contact.scenes import RATE_HZ, ApproachScene, approach, level, rows
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
 from drivers.messages import SampleBlock
 
@@ -20,7 +20,7 @@ MEAN_SAMPLES = 10
 """Of the load cell, 10 ms: a single sample of the hard finger's, with 1.6 mN of noise, exceeds that force by itself."""
 
 
-def events_of(heard: Approach, settings: ResonanceSettings) -> Sequence[Detected]:
+def events_of(heard: ApproachScene, settings: ResonanceSettings) -> Sequence[Detected]:
     """What the detector says of the accelerometer from the baseline's start on."""
     block = SampleBlock(
         "board.accelerometer",

@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.contact.scenes import BASELINE_S, SETTLE_S, Approach
+from benchmarks.contact.scenes import BASELINE_S, SETTLE_S, ApproachScene
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 Told = tuple[Floats, Floats]
 
 
-def average(heard: Approach, samples: int, sample_hz: float | None) -> Told:
+def average(heard: ApproachScene, samples: int, sample_hz: float | None) -> Told:
     """The paper's: a moving average of the frequency, in standard deviations of the baseline's averages."""
     settings = ResonancePaperSettings(
         average_samples=samples, sample_hz=sample_hz, baseline_s=BASELINE_S - 1.0
@@ -29,13 +29,13 @@ def average(heard: Approach, samples: int, sample_hz: float | None) -> Told:
     return times_s, told["average"]
 
 
-def period_innovations(heard: Approach, order: int) -> Told:
+def period_innovations(heard: ApproachScene, order: int) -> Told:
     """What an autoregressive model of the periods' frequencies does not foretell."""
     frequency = 1.0 / heard.periods_s
     return _scored(heard.ends_s, _innovations(frequency, heard.ends_s < heard.starts_s, order), heard)
 
 
-def phase_kalman(heard: Approach, drift: float) -> Told:
+def phase_kalman(heard: ApproachScene, drift: float) -> Told:
     """Normalised innovations of the oscillator's edges: phase measured, frequency a random walk.
 
     Args:
@@ -56,14 +56,14 @@ def phase_kalman(heard: Approach, drift: float) -> Told:
     return _scored(heard.ends_s, off, heard)
 
 
-def ours(heard: Approach, senses: str = "all", free_hz: float = 1.0) -> Told:
+def ours(heard: ApproachScene, senses: str = "all", free_hz: float = 1.0) -> Told:
     """The detector of the program, its deviations; `free_hz`: it mixes with so many times the right frequency."""
     times_s, told = _deviations(heard, free_hz)
     return times_s, told[senses]
 
 
 @lru_cache(maxsize=1)
-def _deviations(heard: Approach, free_hz: float) -> tuple[Floats, Mapping[str, Floats]]:
+def _deviations(heard: ApproachScene, free_hz: float) -> tuple[Floats, Mapping[str, Floats]]:
     detector = ResonanceDetector("contact", ResonanceSettings(baseline_s=BASELINE_S))
     return detector.deviations(heard.times_s, heard.accelerometer, free_hz)
 
@@ -79,7 +79,7 @@ def _innovations(x: Floats, base: NDArray[np.bool_], order: int) -> Floats:
     return off
 
 
-def _scored(times_s: Floats, x: Floats, heard: Approach) -> Told:
+def _scored(times_s: Floats, x: Floats, heard: ApproachScene) -> Told:
     """Standard deviations above the mean of the baseline, whose first second is left out."""
     base = x[(times_s >= SETTLE_S + 1.0) & (times_s < heard.starts_s)]
     return times_s, (x - base.mean()) / base.std(ddof=1)
@@ -87,7 +87,7 @@ def _scored(times_s: Floats, x: Floats, heard: Approach) -> Told:
 
 PAPER, AR, KALMAN, OURS = "paper's criterion at its best", "AR innovations", "Kalman on phase", "ours"
 
-VARIANTS: Mapping[str, Mapping[str, Callable[[Approach], Told]]] = {
+VARIANTS: Mapping[str, Mapping[str, Callable[[ApproachScene], Told]]] = {
     PAPER: {
         f"{samples} {'period' if rate is None else 'sample'}{'s' * (samples > 1)}"
         f"{'' if rate is None else f' at {rate:g} Hz'}": partial(average, samples=samples, sample_hz=rate)

@@ -49,7 +49,7 @@ def level(name: str) -> FingerSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Approach:
+class ApproachScene:
     """What the board heard of one approach, from the baseline's start on, and the truth.
 
     Attributes:
@@ -88,7 +88,7 @@ def approach(
     hold_s: float = HOLD_S,
     noise: float = 1.0,
     touching: bool = True,
-) -> Approach:
+) -> ApproachScene:
     """One approach: settle, baseline, approach until `STOPS_S` after the touch, hold, retract.
 
     Args:
@@ -156,7 +156,7 @@ def approach(
         until(round(leaves_s + away_s + AFTER_S, 3))
     times_s = np.arange(round(SETTLE_S * RATE_HZ) + 1, now + 1) / RATE_HZ
     waves = {name: np.concatenate(parts) if parts else np.empty(0) for name, parts in pieces.items()}
-    return Approach(
+    return ApproachScene(
         np.concatenate(ends),
         np.concatenate(periods),
         times_s,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.contact.rivals import VARIANTS
-from benchmarks.contact.scenes import Approach, approach, rows
+from benchmarks.contact.scenes import ApproachScene, approach, rows
 from drivers.mock.physics.finger import FingerSettings
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Told:
     mean_n: list[Floats] = field(default_factory=list)
 
 
-def hear(told: dict[Key, Told], heard: Approach) -> None:
+def hear(told: dict[Key, Told], heard: ApproachScene) -> None:
     """Let every variant hear an approach."""
     for name, variants in VARIANTS.items():
         for variant, detector in variants.items():
@@ -56,7 +56,7 @@ def hear(told: dict[Key, Told], heard: Approach) -> None:
             mine.mean_n.append(_mean_force(heard, times_s[late][new]))
 
 
-def _mean_force(heard: Approach, at_s: Floats) -> Floats:
+def _mean_force(heard: ApproachScene, at_s: Floats) -> Floats:
     """Force over the oscillation that ends at some times, as Table I's measure has it, N."""
     sums = np.concatenate([[0.0], np.cumsum(heard.force_n)])
     period = round(1000.0 * float(np.median(heard.periods_s)))

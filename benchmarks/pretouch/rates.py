@@ -14,7 +14,7 @@ from benchmarks.pretouch.study import (
     CLAIRVOYANT,
     MATCHED,
     STATISTICS,
-    Size,
+    PretouchSize,
     Verdict,
     contact_judges,
     pretouch_judges,
@@ -30,10 +30,10 @@ SHORT = (MATCHED, OURS)
 
 
 @dataclass(frozen=True)
-class Study:
+class RatesStudy:
     """All that was found."""
 
-    size: Size
+    size: PretouchSize
     weaker_db: int
     found_db: Mapping[int, float]
     thresholds: Mapping[str, float]
@@ -101,7 +101,7 @@ def _not_the_top(verdict: Verdict) -> bool:
     return verdict.event.side != "top"
 
 
-def disagreements(study: Study) -> dict[str, int]:
+def disagreements(study: RatesStudy) -> dict[str, int]:
     """Passages in which a detector says something else at carrier than at envelope level, by detector."""
     found = {}
     paper = best_paper_contact(study.matched)
@@ -120,7 +120,7 @@ def _word(verdict: Verdict, name: str) -> bool:
     return verdict.near[name] if name in verdict.near else verdict.touched[name]
 
 
-def numbers(study: Study) -> dict[str, Any]:
+def numbers(study: RatesStudy) -> dict[str, Any]:
     """The JSON file."""
     return {
         "simulated": True,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.pretouch.scenes import DRIVE_HZ, END_M, LEVEL, RATE_HZ, START_M, ramp
-from drivers.mock.physics.aura import RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura import RIGHT, AuraMotion, AuraPlant
 from drivers.mock.physics.aura_objects import OBJECTS, SIDES, SIX, Side
 from drivers.mock.physics.aura_settings import EchoSettings, RoomSettings
 from drivers.mock.physics.gripper_part import AuraBenchSettings
@@ -174,7 +174,7 @@ class Passing:
         return SIDES[self.number // 2 % len(SIDES)]
 
 
-class Heard(NamedTuple):
+class HeardFinger(NamedTuple):
     """What a finger heard.
 
     Attributes:
@@ -190,7 +190,7 @@ class Heard(NamedTuple):
     speed_m_s: float
 
 
-def hear(passing: Passing) -> Heard:
+def hear(passing: Passing) -> HeardFinger:
     """Simulate a passage at envelope level: rest, way to the object, and before nothing the way back."""
     rng = np.random.default_rng((passing.seed, passing.number))
     room = ROOMS[passing.room](rng, passing.speed_m_s)
@@ -213,7 +213,7 @@ def hear(passing: Passing) -> Heard:
         gap_m[:, RIGHT] = START_M - approach * way_m
         beside_m = (length_m - way_m) * math.sin(slant_rad)
     speed_m_s = np.abs(np.gradient(way_m, times_s))
-    motion = Motion(
+    motion = AuraMotion(
         gap_m,
         beside_m,
         np.zeros(n),
@@ -227,7 +227,7 @@ def hear(passing: Passing) -> Heard:
     z = plant.envelope(motion, numbers, times_s, *drive, (RIGHT,))[:, RIGHT]
     noise_m = 1e-5 * rng.standard_normal(n // 2 + 1)  # the encoder at 500 Hz
     position_m = way_m + np.interp(numbers, np.arange(n // 2 + 1) * 2, noise_m)
-    return Heard(z, position_m, gap_m[:, RIGHT], passing.speed_m_s)
+    return HeardFinger(z, position_m, gap_m[:, RIGHT], passing.speed_m_s)
 
 
 def plant_of(passing: Passing, room: Room) -> AuraPlant:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.pretouch.rooms import ROOMS, TRAINING, UNDULATION_M, Heard, Passing, hear, passings
+from benchmarks.pretouch.rooms import ROOMS, TRAINING, UNDULATION_M, HeardFinger, Passing, hear, passings
 from benchmarks.pretouch.scenes import RATE_HZ
 from benchmarks.pretouch.scoring import Rate, rate
 from benchmarks.results import save
@@ -48,7 +48,7 @@ EVERY = 10
 """Samples from one answer of the rival with the commanded speed to the next."""
 
 
-class Outcome(NamedTuple):
+class RoomOutcome(NamedTuple):
     """What detectors made of a passage.
 
     Attributes:
@@ -60,7 +60,7 @@ class Outcome(NamedTuple):
     rising: dict[str, Floats]
 
 
-def statistics(heard: Heard) -> dict[str, Floats]:
+def statistics(heard: HeardFinger) -> dict[str, Floats]:
     """The number that each detector holds against its threshold, sample by sample; NaN where it has none."""
     values = np.column_stack((heard.z.real, heard.z.imag, heard.position_m))
     found = {}
@@ -74,7 +74,7 @@ def statistics(heard: Heard) -> dict[str, Floats]:
     return found
 
 
-def commanded(heard: Heard, turns: int) -> Floats:
+def commanded(heard: HeardFinger, turns: int) -> Floats:
     """Power of the wave that an object ahead or behind makes at the commanded speed, over so many undulations.
 
     A rival: it hears I and Q, knows the speed that was asked for and needs no encoder. The window's level drops out,
@@ -101,7 +101,7 @@ def commanded(heard: Heard, turns: int) -> Floats:
     return found
 
 
-def judged(passing: Passing) -> Outcome:
+def judged(passing: Passing) -> RoomOutcome:
     """Let every detector hear a passage."""
     heard = hear(passing)
     rising = {}
@@ -111,22 +111,22 @@ def judged(passing: Passing) -> Outcome:
         new = np.flatnonzero(largest > np.concatenate(([-np.inf], largest[:-1])))
         rising[name] = np.vstack((largest[new], heard.gap_m[new]))
     rising[AS_IT_IS] = rising[OURS]
-    return Outcome(passing, rising)
+    return RoomOutcome(passing, rising)
 
 
-def largest(outcome: Outcome, name: str) -> float:
+def largest(outcome: RoomOutcome, name: str) -> float:
     """Of a passage's statistics."""
     return float(outcome.rising[name][0, -1]) if outcome.rising[name].size else -math.inf
 
 
-def seen_m(outcome: Outcome, name: str, threshold: float) -> float:
+def seen_m(outcome: RoomOutcome, name: str, threshold: float) -> float:
     """Distance at which the object was first seen, 0 where it was not."""
     values, gaps_m = outcome.rising[name]
     first = int(np.searchsorted(values, threshold, side="right"))
     return float(gaps_m[first]) if first < len(values) else 0.0
 
 
-class Row(NamedTuple):
+class RoomRow(NamedTuple):
     """A detector in a room.
 
     Attributes:
@@ -140,7 +140,7 @@ class Row(NamedTuple):
     reach_m: dict[float, float]
 
 
-class Size(NamedTuple):
+class RoomsSize(NamedTuple):
     """Passages: those that set thresholds, and for each room those before nothing and to objects at each strength."""
 
     training: int
@@ -148,10 +148,10 @@ class Size(NamedTuple):
     objects: int
 
 
-FULL, QUICK = Size(400, 50, 50), Size(60, 10, 10)
+FULL, QUICK = RoomsSize(400, 50, 50), RoomsSize(60, 10, 10)
 
 
-def work_of(size: Size) -> list[Passing]:
+def work_of(size: RoomsSize) -> list[Passing]:
     """All passages."""
     work = passings(SEED_TRAINING, TRAINING, size.training, 0)
     for room in ROOMS:
@@ -162,7 +162,7 @@ def work_of(size: Size) -> list[Passing]:
     return work
 
 
-def thresholds_of(outcomes: Sequence[Outcome]) -> dict[str, float]:
+def thresholds_of(outcomes: Sequence[RoomOutcome]) -> dict[str, float]:
     """By detector, exceeded in 1 % of the passages that set them."""
     training = [one for one in outcomes if one.passing.room == TRAINING]
     found = {
@@ -173,9 +173,11 @@ def thresholds_of(outcomes: Sequence[Outcome]) -> dict[str, float]:
     return found | {AS_IT_IS: PreTouchSettings().threshold}
 
 
-def rows_of(outcomes: Sequence[Outcome], thresholds: Mapping[str, float]) -> dict[str, dict[str, Row]]:
+def rows_of(
+    outcomes: Sequence[RoomOutcome], thresholds: Mapping[str, float]
+) -> dict[str, dict[str, RoomRow]]:
     """By room and detector."""
-    found: dict[str, dict[str, Row]] = {}
+    found: dict[str, dict[str, RoomRow]] = {}
     for room in ROOMS:
         inside = [one for one in outcomes if one.passing.room == room]
         if room == TRAINING:
@@ -192,7 +194,7 @@ def rows_of(outcomes: Sequence[Outcome], thresholds: Mapping[str, float]) -> dic
                 ]
                 seen[weaker_db] = rate(gap_m >= NEEDED_M for gap_m in gaps_m)
                 reach_m[weaker_db] = float(np.quantile(gaps_m, 0.05))
-            found[room][name] = Row(quiet, seen, reach_m)
+            found[room][name] = RoomRow(quiet, seen, reach_m)
     return found
 
 
@@ -208,7 +210,7 @@ def main(quick: bool = False) -> None:
 
 
 def numbers(
-    thresholds: Mapping[str, float], rows: Mapping[str, Mapping[str, Row]], took_s: float
+    thresholds: Mapping[str, float], rows: Mapping[str, Mapping[str, RoomRow]], took_s: float
 ) -> dict[str, Any]:
     """For the JSON."""
     return {

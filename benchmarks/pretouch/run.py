@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.pretouch.rates import Study, numbers
+from benchmarks.pretouch.rates import RatesStudy, numbers
 from benchmarks.pretouch.scenes import (
     DRIVE_HZ,
     LEVEL,
@@ -30,7 +30,7 @@ from benchmarks.pretouch.study import (
     QUICK,
     SEED_MATCH,
     SEED_TEST,
-    Size,
+    PretouchSize,
     Verdict,
     calibrate,
     contact_judges,
@@ -58,7 +58,7 @@ def main(quick: bool = False) -> None:
     save("pretouch", numbers(study), quick=quick)
 
 
-def _study(size: Size, pool: ProcessPoolExecutor) -> Study:
+def _study(size: PretouchSize, pool: ProcessPoolExecutor) -> RatesStudy:
     plain_thresholds = calibrate(0.0, size, pool)
     _tell("thresholds where the echo is as the plant believes")
     weaker_db, found_db = matched_db(plain_thresholds, size, pool)
@@ -82,7 +82,7 @@ def _study(size: Size, pool: ProcessPoolExecutor) -> Study:
     sampled = work[:: size.carrier]
     by_carrier = judged(sampled, thresholds, pool, carrier=True)
     _tell(f"{len(sampled)} of them at carrier level")
-    return Study(
+    return RatesStudy(
         size=size,
         weaker_db=weaker_db,
         found_db=found_db,
@@ -103,13 +103,15 @@ def _tell(what: str) -> None:
     print(f"{time.strftime('%H:%M:%S')}  {what}", flush=True)
 
 
-def _sweep(db: int, size: Size, thresholds: dict[str, float], pool: ProcessPoolExecutor) -> list[Verdict]:
+def _sweep(
+    db: int, size: PretouchSize, thresholds: dict[str, float], pool: ProcessPoolExecutor
+) -> list[Verdict]:
     """Approaches at one strength of the echo."""
     work = list(events(SEED_MATCH + 1, 0, max(1, size.match // 4), 0, weaker_db=float(db)))
     return judged(work, thresholds, pool)
 
 
-def _from_afar(size: Size) -> list[Event]:
+def _from_afar(size: PretouchSize) -> list[Event]:
     """Approaches with the normal side that begin farther away than anything is seen."""
     return [
         Event(SEED_TEST + 3, number, "near", name, "normal", speed_m_s, 0.0, AFAR_M)

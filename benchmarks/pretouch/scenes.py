@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.messages import SampleBlock
-from drivers.mock.physics.aura import BOTH, LEFT, RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura import BOTH, LEFT, RIGHT, AuraMotion, AuraPlant
 from drivers.mock.physics.aura_drive import FRAME_HZ
 from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, SIDES, SIX, Side
 from drivers.mock.physics.gripper_part import AuraBenchSettings
@@ -100,7 +100,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Passage:
+class HeardPassage:
     """What was heard, and what was true.
 
     Attributes:
@@ -136,11 +136,11 @@ class Passage:
 
 
 @dataclass(frozen=True)
-class Course:
+class PassageCourse:
     """Where arm and object are at some instants, and when what begins."""
 
     way_m: Floats
-    motion: Motion
+    motion: AuraMotion
     begun_s: float
     arrived_s: float
 
@@ -185,7 +185,7 @@ def _rest_s(event: Event) -> float:
     return 1.5 + float(draw)
 
 
-def course(event: Event, times_s: Floats) -> Course:
+def course(event: Event, times_s: Floats) -> PassageCourse:
     """Where things are at instants since the passage began."""
     rest_s, length_m = _rest_s(event), _length_m(event)
     forth_m, takes_s = ramp(times_s - rest_s, length_m, event.speed_m_s)
@@ -200,8 +200,8 @@ def course(event: Event, times_s: Floats) -> Course:
     force_n = np.zeros((n, 2))
     force_n[:, RIGHT] = AuraBenchSettings().press_n_m * np.maximum(-gap_m[:, RIGHT], 0.0)
     speed_m_s = np.abs(np.gradient(way_m, times_s)) if n > 1 else np.zeros(n)
-    motion = Motion(gap_m, np.zeros(n), np.zeros(n), np.full(n, 0.063), force_n, speed_m_s, way_m)
-    return Course(way_m, motion, rest_s, rest_s + takes_s)
+    motion = AuraMotion(gap_m, np.zeros(n), np.zeros(n), np.full(n, 0.063), force_n, speed_m_s, way_m)
+    return PassageCourse(way_m, motion, rest_s, rest_s + takes_s)
 
 
 def plant_of(event: Event) -> AuraPlant:
@@ -228,7 +228,7 @@ def encoder_of(event: Event, until_s: float) -> SampleBlock:
     return SampleBlock("arm.position", 0, 0.0, values, rate_hz=ENCODER_HZ, unit="m")
 
 
-def passage(event: Event) -> Passage:
+def passage(event: Event) -> HeardPassage:
     """Simulate one, at envelope level."""
     n = round(duration_s(event) * RATE_HZ)
     numbers = np.arange(n, dtype=np.int64)
@@ -245,7 +245,7 @@ CHUNK = 96_000
 """Frames that are simulated at a time, so that a passage needs little memory."""
 
 
-def passage_by_carrier(event: Event) -> Passage:
+def passage_by_carrier(event: Event) -> HeardPassage:
     """The same at carrier level: 96 kHz, 24 bits, through the real chain (`controller.signals.iq`)."""
     from controller.signals.iq import Iq, IqSettings
 
@@ -296,13 +296,13 @@ def template(event: Event) -> tuple[Complexes, Complexes, Floats]:
     return seen[:, RIGHT] - bare[:, RIGHT], bare[:, finger], sigma_fs
 
 
-def heard(event: Event, times_s: Floats, z: Complexes, found: Course) -> Passage:
+def heard(event: Event, times_s: Floats, z: Complexes, found: PassageCourse) -> HeardPassage:
     """A passage from its envelope at given instants, 1 kHz apart."""
     encoder = encoder_of(event, float(times_s[-1]))
     position_m = np.interp(times_s, encoder.times, encoder.values[:, 0])
     gap_m = found.motion.gap_m[:, RIGHT]
     touching = np.flatnonzero(gap_m <= 0.0)
-    return Passage(
+    return HeardPassage(
         event,
         z,
         position_m,

@@ -65,7 +65,7 @@ def alarmed(said: Sequence[Detected], kind: type[Detected]) -> bool:
 
 
 @dataclass(frozen=True)
-class Touch:
+class ScoredTouch:
     """What was made of one touch.
 
     Attributes:
@@ -81,7 +81,7 @@ class Touch:
     ended: bool
 
 
-def touch(said: Sequence[Detected], touched_s: float, released_s: float) -> Touch:
+def touch(said: Sequence[Detected], touched_s: float, released_s: float) -> ScoredTouch:
     """Judge what was said of one touch."""
     begins = [event.t_s for event in said if isinstance(event, Contact)]
     early = any(t_s < touched_s - EARLY_S for t_s in begins)
@@ -89,11 +89,11 @@ def touch(said: Sequence[Detected], touched_s: float, released_s: float) -> Touc
         (t_s for t_s in begins if touched_s - EARLY_S <= t_s <= min(released_s, touched_s + LATE_S)), math.nan
     )
     if math.isnan(felt_s):
-        return Touch(math.nan, early, False, False)
+        return ScoredTouch(math.nan, early, False, False)
     lost_s = next((e.t_s for e in said if isinstance(e, ContactLost) and e.t_s > felt_s), math.inf)
     held = any(isinstance(event, ContactHeld) and felt_s < event.t_s <= released_s for event in said)
     kept = lost_s >= released_s - EARLY_S
-    return Touch(felt_s - touched_s, early, held and kept, kept and lost_s <= released_s + LATE_S)
+    return ScoredTouch(felt_s - touched_s, early, held and kept, kept and lost_s <= released_s + LATE_S)
 
 
 def quantiles(values: Sequence[float]) -> dict[str, float | None]:

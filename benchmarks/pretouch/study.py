@@ -17,13 +17,13 @@ from benchmarks.pretouch.scenes import (
     POSITIVE,
     RATE_HZ,
     Event,
-    Passage,
+    HeardPassage,
     events,
     passage,
     passage_by_carrier,
     template,
 )
-from benchmarks.pretouch.scoring import LATE_S, Touch, alarmed, seen_at, threshold_at, touch
+from benchmarks.pretouch.scoring import LATE_S, ScoredTouch, alarmed, seen_at, threshold_at, touch
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
@@ -128,7 +128,7 @@ def loudest(event: Event) -> dict[str, float]:
     return found
 
 
-def _part(heard: Passage, name: str) -> slice:
+def _part(heard: HeardPassage, name: str) -> slice:
     """The samples that a detector of contact hears of a passage."""
     if not name.endswith(IN_MOTION):
         return slice(0, len(heard.z))
@@ -146,7 +146,7 @@ def both(values: Floats) -> Floats:
     return judge.statistic(values[:, :1], RATE_HZ) + judge.statistic(values[:, 1:2], RATE_HZ)
 
 
-def clairvoyant(heard: Passage) -> Floats:
+def clairvoyant(heard: HeardPassage) -> Floats:
     """The matched filter that knows the plant: echo, imbalance, drift and noise levels of this very passage.
 
     After each sample since the approach began, the best there is to say of white noise: what was heard, projected on
@@ -192,7 +192,7 @@ class Verdict:
     event: Event
     seen_m: dict[str, float]
     near: dict[str, bool]
-    touch: dict[str, Touch]
+    touch: dict[str, ScoredTouch]
     touched: dict[str, bool]
 
 
@@ -224,7 +224,7 @@ def judge(event: Event, thresholds: Mapping[str, float], carrier: bool = False) 
     return found
 
 
-def _judge_statistics(heard: Passage, thresholds: Mapping[str, float], found: Verdict) -> None:
+def _judge_statistics(heard: HeardPassage, thresholds: Mapping[str, float], found: Verdict) -> None:
     values = np.column_stack([heard.z.real, heard.z.imag])
     traces = {BOTH: both(values)}
     if heard.event.number % ONE_IN == 0:
@@ -245,7 +245,7 @@ def _judge_statistics(heard: Passage, thresholds: Mapping[str, float], found: Ve
 
 
 @dataclass(frozen=True)
-class Size:
+class PretouchSize:
     """How many passages.
 
     Attributes:
@@ -271,8 +271,8 @@ class Size:
     carrier: int
 
 
-FULL = Size(62, 38, 80, (8, 4, 12), 5, (12, 60), 6, 8, 100)
-QUICK = Size(2, 2, 6, (1, 1, 3), 1, (1, 16), 1, 1, 100)
+FULL = PretouchSize(62, 38, 80, (8, 4, 12), 5, (12, 60), 6, 8, 100)
+QUICK = PretouchSize(2, 2, 6, (1, 1, 3), 1, (1, 16), 1, 1, 100)
 
 
 def run_all(worker: Callable[[T], R], work: Sequence[T], pool: ProcessPoolExecutor | None) -> list[R]:
@@ -282,7 +282,7 @@ def run_all(worker: Callable[[T], R], work: Sequence[T], pool: ProcessPoolExecut
     return list(pool.map(worker, work, chunksize=max(1, min(32, len(work) // 8))))
 
 
-def calibrate(weaker_db: float, size: Size, pool: ProcessPoolExecutor | None) -> dict[str, float]:
+def calibrate(weaker_db: float, size: PretouchSize, pool: ProcessPoolExecutor | None) -> dict[str, float]:
     """Thresholds at an echo's strength, from passages of their own."""
     nears, others = size.calibration
     work = list(events(SEED_CALIBRATION, 0, nears, others, weaker_db=weaker_db))
@@ -294,7 +294,7 @@ MATCHED = "pretouch.paper, 0.5 s"
 
 
 def matched_db(
-    thresholds: Mapping[str, float], size: Size, pool: ProcessPoolExecutor | None
+    thresholds: Mapping[str, float], size: PretouchSize, pool: ProcessPoolExecutor | None
 ) -> tuple[int, dict[int, float]]:
     """By how many dB the echo must be weaker for the paper's own detector to have the paper's own rate.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.physics.slip import SlipPlant, SlipSettings
+from drivers.mock.physics.slip import SlipPlant, SlipPlantSettings
 from drivers.mock.physics.slip_nuisances import SlipNuisances
 from drivers.mock.physics.slip_sensors import SENSORS
 
@@ -69,7 +69,7 @@ LIGHT_M = 0.001
 """How far the arm presses: firmly where nothing may slip, as the paper does where something shall."""
 
 
-def sensor(name: str, nuisance: str, frequency: float = 1.0, damping: float = 1.0) -> SlipSettings:
+def sensor(name: str, nuisance: str, frequency: float = 1.0, damping: float = 1.0) -> SlipPlantSettings:
     """A sensor of the paper, its last bridge alone, under a nuisance, its structure off by these factors.
 
     The stiffness stays: it is the mass that is another.
@@ -86,7 +86,7 @@ def sensor(name: str, nuisance: str, frequency: float = 1.0, damping: float = 1.
     )
 
 
-def recordings(settings: SlipSettings, hours: float, seed: int) -> Iterator[Floats]:
+def recordings(settings: SlipPlantSettings, hours: float, seed: int) -> Iterator[Floats]:
     """Recordings without slip, shape (n, 1) each; the arm rolls to and fro all the time."""
     plant = SlipPlant(settings)
     n = round(RECORDING_S * settings.rate_hz)
@@ -130,7 +130,9 @@ AIR_S, CONTACT_S = 3.0, 60.0
 """In the air, where a detector learns, and then in contact."""
 
 
-def contact(settings: SlipSettings, seed: int, press_m: float, *, rolls: bool) -> tuple[Floats, int, bool]:
+def contact(
+    settings: SlipPlantSettings, seed: int, press_m: float, *, rolls: bool
+) -> tuple[Floats, int, bool]:
     """A tip that comes to the table and stays; what it shows, the sample of the touch, and whether it slid."""
     plant = SlipPlant(settings)
     touch = round(AIR_S * settings.rate_hz)
@@ -144,7 +146,7 @@ def contact(settings: SlipSettings, seed: int, press_m: float, *, rolls: bool) -
 
 
 @dataclass(frozen=True)
-class Slip:
+class SlipTrial:
     """One slip trial.
 
     Attributes:
@@ -160,7 +162,7 @@ class Slip:
     moved_before: bool
 
 
-def slips(settings: SlipSettings, count: int, seed: int, *, ramp: bool = False) -> Iterator[Slip]:
+def slips(settings: SlipPlantSettings, count: int, seed: int, *, ramp: bool = False) -> Iterator[SlipTrial]:
     """Slip trials: the tip is loaded slowly, held while it rolls, and then dragged."""
     plant = SlipPlant(settings)
     rate_hz = settings.rate_hz
@@ -187,4 +189,4 @@ def slips(settings: SlipSettings, count: int, seed: int, *, ramp: bool = False) 
         start = int(start_s * rate_hz)
         # whom a push had moved before the arm started slips as well: to leave those out would be a choice of the calm
         slid = moved[moved >= start]
-        yield Slip(values, start, int(slid[0]) if slid.size else None, slid.size < moved.size)
+        yield SlipTrial(values, start, int(slid[0]) if slid.size else None, slid.size < moved.size)

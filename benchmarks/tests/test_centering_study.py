@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.centering.scenes import Bench, Place
+from benchmarks.centering.scenes import CenteringScene, Place
 from benchmarks.centering.scoring import interval, score
 from benchmarks.centering.search import Found, search
 from benchmarks.centering.study import eighty_five, gains_of, methods
@@ -71,7 +71,7 @@ def test_measured_gains_are_those_of_the_fingers(pipe):
 
 
 def test_a_finger_pushes_the_pipe_along_and_that_is_a_touch():
-    bench = Bench(place(speed_m_s=0.01))
+    bench = CenteringScene(place(speed_m_s=0.01))
     room_m = bench.gap_m(LEFT, 0.0)
     assert room_m == pytest.approx(0.5 * (0.063 - 0.01905)), "jaws open 63 mm, a pipe of 19.05"
     bench.arm.move_at(0.0, 0.03, room_m + 0.002)
@@ -82,7 +82,7 @@ def test_a_finger_pushes_the_pipe_along_and_that_is_a_touch():
 
 
 def test_what_is_foreseen_has_not_happened():
-    bench, other = Bench(place()), Bench(place())
+    bench, other = CenteringScene(place()), CenteringScene(place())
     for one in (bench, other):
         one.arm.move_at(0.0, 0.03, 0.03)
     seen, _, clear = bench.foresee(1, 1500)

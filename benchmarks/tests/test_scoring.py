@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
-from benchmarks.pretouch.rooms import TRAINING, UNDULATION_M, Heard, Passing, hear
+from benchmarks.pretouch.rooms import TRAINING, UNDULATION_M, HeardFinger, Passing, hear
 from benchmarks.pretouch.rooms_study import commanded
 from benchmarks.pretouch.scenes import Event, events, passage
 from benchmarks.pretouch.scoring import Rate, seen_at, threshold_at, touch
@@ -106,5 +106,5 @@ def test_a_room_and_its_passage_are_drawn_again_to_the_last_bit_and_no_two_are_a
 def test_the_rival_with_the_commanded_speed_finds_the_power_of_a_wave_on_a_level_that_drifts(speed_m_s):
     times_s = np.arange(3000) / 1000.0
     wave = 1e-3 * np.exp(2j * np.pi * speed_m_s / UNDULATION_M * times_s)
-    power = commanded(Heard(0.2 + 0.01 * times_s + wave, times_s, times_s, speed_m_s), 2)
+    power = commanded(HeardFinger(0.2 + 0.01 * times_s + wave, times_s, times_s, speed_m_s), 2)
     assert np.nanmedian(power) == pytest.approx(1e-6, rel=0.05)

@@ -152,7 +152,7 @@ def calibrate_pieces(
     return _checked(found._replace(pieces=len(spans)), spans, span_s)
 
 
-class Course(NamedTuple):
+class StatisticCourse(NamedTuple):
     """A stretch of a recording, and a detector's number along it; NaN where samples were lost.
 
     Attributes:
@@ -174,7 +174,7 @@ class Course(NamedTuple):
         return (len(self.statistic) - int(decided[0])) / self.rate_hz if decided.size else 0.0
 
 
-def courses_of(detector: Statistic, blocks: Sequence[SampleBlock]) -> Sequence[Course]:
+def courses_of(detector: Statistic, blocks: Sequence[SampleBlock]) -> Sequence[StatisticCourse]:
     """The number that a detector holds against its threshold, along a recording; begun anew after each long gap.
 
     Raises:
@@ -184,7 +184,7 @@ def courses_of(detector: Statistic, blocks: Sequence[SampleBlock]) -> Sequence[C
     for heard in _stretches([b for b in blocks if len(b) and b.stream == detector.inputs[0]]):
         values, times_s, rate_hz = _joined(heard)
         columns = detector.columns(values, times_s, blocks) if isinstance(detector, Joined) else values
-        courses.append(Course(times_s, values, detector.statistic(columns, rate_hz), rate_hz))
+        courses.append(StatisticCourse(times_s, values, detector.statistic(columns, rate_hz), rate_hz))
     return courses
 
 

@@ -17,7 +17,7 @@ from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
 
 if TYPE_CHECKING:
-    from controller.signals.level import Search, Steps, Window
+    from controller.signals.level import LevelSearch, Steps, Window
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -267,7 +267,7 @@ class LevelDetector:
         self.reading: Reading | None = None
         self._along.reset()
         self._steps: Steps | None = None
-        self._search: Search | None = None
+        self._search: LevelSearch | None = None
 
     def warm_up(self) -> None:
         """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""

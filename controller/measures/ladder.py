@@ -64,7 +64,7 @@ UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class BridgeCalibration:
     """What the ladder tells of a bridge.
 
     Attributes:
@@ -135,7 +135,7 @@ def steps_of(
     return steps
 
 
-def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> Calibration | None:
+def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> BridgeCalibration | None:
     """Gain, hysteresis and resolution of one bridge.
 
     The line goes through the mean over all cycles of each load and direction: repeating the ladder makes these means
@@ -177,7 +177,7 @@ def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> Ca
         load_n: np.mean([v for (n, _), v in points.items() if n == load_n])
         for load_n in set(loads_n.tolist())
     }
-    return Calibration(
+    return BridgeCalibration(
         gain_v_n=gain,
         hysteresis=_hysteresis(cycles, full_v, _relative(gain)),
         resolution_n=_resolution([step for steps in cycles for step in steps], gain),

@@ -73,7 +73,7 @@ AFTER_S = 0.2
 """A detector that tells slip so soon after its end is late, not wrong: a block and a half of the slowest sensor's."""
 
 
-class Span(NamedTuple):
+class SlipSpan(NamedTuple):
     """A stretch of bench time, s."""
 
     begin_s: float
@@ -110,7 +110,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row["slide_s"] = commanded[0].begin_s if commanded else None
     if slips:
         row["slip_s"], row["slip_end_s"] = slips[0].begin_s, slips[-1].end_s
-    excused = [Span(slip.told_s, slip.end_s) for slip in slips] + (true_slips or [])
+    excused = [SlipSpan(slip.told_s, slip.end_s) for slip in slips] + (true_slips or [])
     descent = _descent(evidence)
     row["listen_s"] = listen_s = _listen_s(evidence, run)
     arming_s, row["ours_least_delay_s"] = _ours_at_best(evidence, run)
@@ -155,26 +155,26 @@ def _heard(evidence: TrialEvidence, run: SensorRunSettings, touch_s: float | Non
 # --- when it slipped ------------------------------------------------------------------------------
 
 
-def _commanded(evidence: TrialEvidence) -> list[Span]:
+def _commanded(evidence: TrialEvidence) -> list[SlipSpan]:
     """From when the arm was told to slide until it stood or was told something else."""
     ends_s = [t_s for _, t_s in evidence.visits[1:]]
     if evidence.visits:
         ends_s.append(_end_s(evidence))
     return [
-        Span(t_s, end_s)
+        SlipSpan(t_s, end_s)
         for (state, t_s), end_s in zip(evidence.visits, ends_s, strict=True)
         if state == "SLIPPING"
     ]
 
 
-def _spans(changes: Sequence[tuple[float, bool]]) -> list[Span]:
+def _spans(changes: Sequence[tuple[float, bool]]) -> list[SlipSpan]:
     """Pairs of beginning and end, in order."""
     begins = [t_s for t_s, began in changes if began]
     ends = [t_s for t_s, began in changes if not began]
-    return [Span(begin_s, end_s) for begin_s, end_s in zip(begins, ends, strict=True)]
+    return [SlipSpan(begin_s, end_s) for begin_s, end_s in zip(begins, ends, strict=True)]
 
 
-def _true(commanded: Sequence[Span], true_slips: Sequence[Span]) -> list[Slip]:
+def _true(commanded: Sequence[SlipSpan], true_slips: Sequence[SlipSpan]) -> list[Slip]:
     """For each time the arm was told to slide, when the tip really slipped; none where it held."""
     found = []
     for told in commanded:
@@ -248,7 +248,7 @@ def _score(
 
 
 def _alarms(
-    words: Sequence[SlipStarted | SlipEnded], slips: Sequence[Span], descent: Span
+    words: Sequence[SlipStarted | SlipEnded], slips: Sequence[SlipSpan], descent: SlipSpan
 ) -> Mapping[str, int]:
     """Words of slip where there was none: while the tip came down and pressed, and at any other time."""
     alarms = [
@@ -287,9 +287,9 @@ def _silent_s(evidence: TrialEvidence, run: SensorRunSettings) -> float:
     )
 
 
-def _quiet_s(begin_s: float, end_s: float, excused: Sequence[Span], descent: Span) -> float:
+def _quiet_s(begin_s: float, end_s: float, excused: Sequence[SlipSpan], descent: SlipSpan) -> float:
     """Time from when a detector can tell slip to when it hears no more, without descent, pressing and slips."""
-    busy = sorted([descent, *(Span(span.begin_s, span.end_s + AFTER_S) for span in excused)])
+    busy = sorted([descent, *(SlipSpan(span.begin_s, span.end_s + AFTER_S) for span in excused)])
     quiet_s, here_s = 0.0, begin_s
     for span in busy:
         quiet_s += max(0.0, min(span.begin_s, end_s) - here_s)
@@ -297,12 +297,12 @@ def _quiet_s(begin_s: float, end_s: float, excused: Sequence[Span], descent: Spa
     return quiet_s + max(0.0, end_s - here_s)
 
 
-def _descent(evidence: TrialEvidence) -> Span:
+def _descent(evidence: TrialEvidence) -> SlipSpan:
     """From the beginning of the descent until the tip was pressed and its ring had died away."""
     begin_s = evidence.entered_s.get("DESCENDING", math.inf)
     pressing_s = evidence.entered_s.get("PRESSING", math.inf)
     after_s = [t_s for _, t_s in evidence.visits if t_s > pressing_s]
-    return Span(begin_s, after_s[0] + AFTER_S if after_s else math.inf)
+    return SlipSpan(begin_s, after_s[0] + AFTER_S if after_s else math.inf)
 
 
 # --- what the signals were ------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from behaviors.weights import WeightsSettings
-from controller.measures.ladder import Calibration, calibrate, steps_of
+from controller.measures.ladder import BridgeCalibration, calibrate, steps_of
 from controller.measures.touches import spans_of
 from controller.measures.trial import TrialEvidence
 
@@ -56,7 +56,7 @@ def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) ->
     return outcome, row
 
 
-def _told(calibration: Calibration) -> dict[str, float]:
+def _told(calibration: BridgeCalibration) -> dict[str, float]:
     gain, hysteresis, resolution = calibration.gain_v_n, calibration.hysteresis, calibration.resolution_n
     return {
         "gain_v_n": gain.value,

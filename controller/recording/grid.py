@@ -21,7 +21,7 @@ WANDERING = 0.95
 """So large a share of the steps must be in that range for the rows to be samples at all (assumption)."""
 
 
-class Piece(NamedTuple):
+class GridPiece(NamedTuple):
     """Samples in a row.
 
     Attributes:
@@ -46,7 +46,7 @@ class Regular(NamedTuple):
     """
 
     rate_hz: float
-    pieces: Sequence[Piece]
+    pieces: Sequence[GridPiece]
     jitter_s: float
     resampled: bool
 
@@ -71,7 +71,7 @@ def regular(times_s: Floats, values: Floats) -> Regular | None:
     if np.diff(places).min() >= 1 and off_s.max() <= ROUNDING * period_s:
         starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
         pieces = [
-            Piece(int(places[first]), values[first:last], times_s[first:last])
+            GridPiece(int(places[first]), values[first:last], times_s[first:last])
             for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
         ]
         return Regular(1.0 / period_s, pieces, float(off_s.max()), False)
@@ -85,14 +85,14 @@ def _resampled(times_s: Floats, values: Floats, median_s: float) -> Regular | No
         return None
     period_s = float(steps_s[usual].mean())
     starts = [0, *(np.flatnonzero(steps_s > STEPS[1] * median_s) + 1)]
-    pieces: list[Piece] = []
+    pieces: list[GridPiece] = []
     jitter_s, seq = 0.0, 0
     for first, last in zip(starts, [*starts[1:], len(times_s)], strict=True):
         since_s, rows = times_s[first:last], values[first:last]
         seq = max(seq, round(float(since_s[0] - times_s[0]) / period_s))
         count = 1 + int((since_s[-1] - since_s[0]) / period_s + 1e-9)
         grid_s = since_s[0] + period_s * np.arange(count)
-        pieces.append(Piece(seq, _interpolated(grid_s, since_s, rows), grid_s))
+        pieces.append(GridPiece(seq, _interpolated(grid_s, since_s, rows), grid_s))
         drift_s = since_s - since_s[0] - period_s * np.arange(len(since_s))
         jitter_s = max(jitter_s, float(np.abs(drift_s - np.median(drift_s)).max()))
         seq += count + 1  # a gap stays one, however the rounding falls

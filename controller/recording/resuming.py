@@ -21,7 +21,7 @@ TORN = "interrupted.jsonl"
 
 
 @dataclass(frozen=True)
-class Resumed:
+class ResumedRun:
     """A run to go on with.
 
     Attributes:
@@ -37,7 +37,7 @@ class Resumed:
     outcomes: Mapping[str, int]
 
 
-def broken_off(folder: RunFolder) -> Resumed:
+def broken_off(folder: RunFolder) -> ResumedRun:
     """Read what a run has done; nothing is changed.
 
     Raises:
@@ -55,7 +55,7 @@ def broken_off(folder: RunFolder) -> Resumed:
     outcomes: dict[str, int] = {}
     for _, outcome in kept:
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
-    return Resumed(folder, manifest, frozenset(trial for trial, _ in kept), outcomes)
+    return ResumedRun(folder, manifest, frozenset(trial for trial, _ in kept), outcomes)
 
 
 def hold(folder: RunFolder) -> int:
@@ -79,7 +79,7 @@ def hold(folder: RunFolder) -> int:
     return held
 
 
-def clear(resumed: Resumed) -> None:
+def clear(resumed: ResumedRun) -> None:
     """Take out of trials.csv and events.jsonl what belongs to trials that are run again.
 
     Each file is replaced whole or not at all: a kill in between leaves a run that can be resumed once more.

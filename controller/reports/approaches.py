@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 from controller.recording.reader import Run
 from controller.reports.counts import Effect, effect
-from controller.reports.paper import COLUMNS, TABLE_1, Column, PaperRow
+from controller.reports.paper import COLUMNS, TABLE_1, PaperColumn, PaperRow
 from controller.reports.run_account import setting_of
 from controller.reports.settings import varied_of
 from controller.reports.text import signed
@@ -27,7 +27,7 @@ BASELINE_S = "detectors.contact.baseline_s"
 
 
 @dataclass(frozen=True, slots=True)
-class Approach:
+class ApproachedTrial:
     """One trial of A2, as trials.csv has it; what was not seen is None."""
 
     run: Run
@@ -72,7 +72,7 @@ class Approach:
         return not self.varied
 
 
-def read_approaches(runs: Iterable[Run]) -> list[Approach]:
+def read_approaches(runs: Iterable[Run]) -> list[ApproachedTrial]:
     """Every trial of the runs, by run and number."""
     approaches = []
     for run in runs:
@@ -81,13 +81,13 @@ def read_approaches(runs: Iterable[Run]) -> list[Approach]:
             cells["baseline_s"] = row.get(BASELINE_S)
             values: dict[str, Any] = {
                 name: row.get(name) if isinstance(row.get(name), int | float) else None
-                for name in Approach.__dataclass_fields__
+                for name in ApproachedTrial.__dataclass_fields__
             }
             values |= {"run": run, "varied": varied_of(row), "outcome": str(row["outcome"])}
             values["location"] = str(row.get("location") or "f")
             values["speed_m_s"] = float(values["speed_m_s"] or math.nan)
             values["false_contacts"] = int(values["false_contacts"] or 0)
-            approaches.append(Approach(**values))
+            approaches.append(ApproachedTrial(**values))
     return approaches
 
 
@@ -114,11 +114,11 @@ class Row:
 
     location: str
     speed_m_s: float
-    approaches: Sequence[Approach]
+    approaches: Sequence[ApproachedTrial]
     paper: PaperRow | None
 
     @property
-    def contacts(self) -> list[Approach]:
+    def contacts(self) -> list[ApproachedTrial]:
         """Those that ended by a true contact."""
         return [approach for approach in self.approaches if approach.detected]
 
@@ -132,7 +132,7 @@ class Row:
         return mean_of(getattr(approach, measure) for approach in self.contacts)
 
 
-def table_rows(approaches: Sequence[Approach]) -> list[Row]:
+def table_rows(approaches: Sequence[ApproachedTrial]) -> list[Row]:
     """Rows in the order of Table I, then those that the paper does not have, by location and speed."""
     rest = [approach for approach in approaches if approach.plain]
     rows = []
@@ -142,7 +142,7 @@ def table_rows(approaches: Sequence[Approach]) -> list[Row]:
         if mine:
             rows.append(Row(paper.location, paper.speed_m_s[0], mine, paper))
 
-    def key(approach: Approach) -> tuple[str, float]:
+    def key(approach: ApproachedTrial) -> tuple[str, float]:
         return approach.location, approach.speed_m_s
 
     for (location, speed_m_s), group in groupby(sorted(rest, key=key), key=key):
@@ -150,7 +150,7 @@ def table_rows(approaches: Sequence[Approach]) -> list[Row]:
     return rows
 
 
-def _belongs(approach: Approach, paper: PaperRow) -> bool:
+def _belongs(approach: ApproachedTrial, paper: PaperRow) -> bool:
     speed_m_s = paper.speed_m_s[0]
     return (
         approach.location == paper.location and abs(approach.speed_m_s / speed_m_s - 1.0) <= SPEED_TOLERANCE
@@ -169,9 +169,9 @@ class Held:
             has a contact.
     """
 
-    column: Column
+    column: PaperColumn
     value: float
-    worst: Approach | None
+    worst: ApproachedTrial | None
     effect: Effect | None
 
     @property
@@ -192,7 +192,7 @@ class Held:
         return False if self.value > self.column.bound else self.agrees or None
 
 
-def held(approaches: Sequence[Approach], rows: Sequence[Row]) -> list[Held]:
+def held(approaches: Sequence[ApproachedTrial], rows: Sequence[Row]) -> list[Held]:
     """Each column of Table I beside what the paper has."""
     contacts = [approach for approach in approaches if approach.detected and approach.plain]
     found = []
@@ -210,7 +210,7 @@ def held(approaches: Sequence[Approach], rows: Sequence[Row]) -> list[Held]:
     return found
 
 
-def fitted(row: Row, column: Column) -> bool:
+def fitted(row: Row, column: PaperColumn) -> bool:
     """Whether the simulated finger was fitted to this cell of Table I."""
     simulated = any(approach.run.simulated for approach in row.approaches)
     return bool(simulated and row.paper and row.paper.fitted and column.fitted)
@@ -295,10 +295,10 @@ class StudyCell:
     n: int
 
 
-def study_cells(approaches: Sequence[Approach]) -> list[StudyCell]:
+def study_cells(approaches: Sequence[ApproachedTrial]) -> list[StudyCell]:
     """Delay and false contacts by what was varied, sorted; empty where no run varied anything but speed and place."""
 
-    def key(approach: Approach) -> list[tuple[Any, ...]]:
+    def key(approach: ApproachedTrial) -> list[tuple[Any, ...]]:
         order = {BASELINE_S: 0, NOISE: 1, SAMPLE_HZ: 2}
         return sorted(
             (order.get(name, 3), name, value if isinstance(value, int | float) else math.inf, str(value))

@@ -15,7 +15,7 @@ from controller.recording.reader import Run
 from controller.reports.counts import percent, rate, total, values
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Block, Figure, Kind, Notes, Result, Section, Table
+from controller.reports.section import Block, Figure, Kind, Notes, ReportTable, Result, Section
 from controller.reports.sonicfinger import (
     ASSUMED,
     BEST_HZ,
@@ -132,7 +132,7 @@ def _half_wave_m(run: Run) -> float:
     return float(sound_m_s) / drive_hz / 2.0
 
 
-def _sides_table(rows: Sequence[Any], told: bool, half_wave_m: float) -> Table:
+def _sides_table(rows: Sequence[Any], told: bool, half_wave_m: float) -> ReportTable:
     body = []
     for (side, axis, speed), members in _groups(rows, "side", "axis", "speed_m_s").items():
         approaches = total(members, "approaches")
@@ -167,7 +167,9 @@ def _papers(there: Sequence[Any]) -> list[Any]:
     return [row for row in _hard(there) if factor(row, "object") != PIPE]
 
 
-def _object_tables(there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]) -> Iterator[Table]:
+def _object_tables(
+    there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]
+) -> Iterator[ReportTable]:
     """Rates of pre-touch by object; of contact where it is known what touched."""
     body: list[dict[str, Any]] = []
     named = _named(there, objects)
@@ -205,7 +207,7 @@ def _by_method(members: Sequence[Any]) -> Iterator[dict[str, Any]]:
         }
 
 
-def _touch_table(rows: Sequence[Any]) -> Table:
+def _touch_table(rows: Sequence[Any]) -> ReportTable:
     groups = _groups(rows, "side").items()
     return WORDS.table(
         "touches",
@@ -214,7 +216,7 @@ def _touch_table(rows: Sequence[Any]) -> Table:
     )
 
 
-def _said_table(rows: Sequence[Any]) -> Table:
+def _said_table(rows: Sequence[Any]) -> ReportTable:
     by = "object" if len({factor(row, "object") for row in rows}) > 1 else "side"
     groups = _groups(rows, by).items()
     body = [{"name": title(name), **row} for (name,), members in groups for row in _by_method(members)]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from controller.recording.reader import Run
-from controller.reports.approaches import Approach, Mean, mean_of
+from controller.reports.approaches import ApproachedTrial, Mean, mean_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class DetectorScore:
     delay_s: Mean
 
 
-def score_detectors(approaches: Sequence[Approach]) -> list[DetectorScore]:
+def score_detectors(approaches: Sequence[ApproachedTrial]) -> list[DetectorScore]:
     """First word of each detector in each approach, against the truth where it is simulated, else the onset."""
     runs = {id(approach.run): approach.run for approach in approaches}
     heard = {key: first_contacts(run) for key, run in runs.items()}

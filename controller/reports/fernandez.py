@@ -12,7 +12,7 @@ CITATION = (
 )
 
 
-class Printed(NamedTuple):
+class PrintedFigure(NamedTuple):
     """A figure as it is printed: it stands for everything that is rounded to it.
 
     Attributes:
@@ -43,15 +43,21 @@ class PaperBridge:
 
     force: str
     gauges: str
-    gain_v_n: Printed
-    hysteresis: Printed
-    resolution_n: Printed
+    gain_v_n: PrintedFigure
+    hysteresis: PrintedFigure
+    resolution_n: PrintedFigure
     top_n: float
 
 
 BRIDGES: Mapping[str, PaperBridge] = {
-    "x": PaperBridge("Fx", "12", Printed(0.0694, 5e-5), Printed(0.06, 5e-3), Printed(0.12, 5e-3), 7.0),
-    "y": PaperBridge("Fy", "34", Printed(0.0326, 5e-5), Printed(0.048, 5e-4), Printed(0.12, 5e-3), 7.0),
-    "t": PaperBridge("Ft", "56", Printed(1.0291, 5e-5), Printed(0.05, 5e-3), Printed(0.01, 5e-3), 1.0),
+    "x": PaperBridge(
+        "Fx", "12", PrintedFigure(0.0694, 5e-5), PrintedFigure(0.06, 5e-3), PrintedFigure(0.12, 5e-3), 7.0
+    ),
+    "y": PaperBridge(
+        "Fy", "34", PrintedFigure(0.0326, 5e-5), PrintedFigure(0.048, 5e-4), PrintedFigure(0.12, 5e-3), 7.0
+    ),
+    "t": PaperBridge(
+        "Ft", "56", PrintedFigure(1.0291, 5e-5), PrintedFigure(0.05, 5e-3), PrintedFigure(0.01, 5e-3), 1.0
+    ),
 }
 """Fig. 6 and section 4.2."""

@@ -13,7 +13,7 @@ from controller.recording.reader import Run
 from controller.reports.approaches import Mean, mean_of
 from controller.reports.counts import rate
 from controller.reports.figures import OURS, Figures
-from controller.reports.section import Block, Column, Figure, Result, Section, Table, Text
+from controller.reports.section import Block, Column, Figure, ReportTable, Result, Section, Text
 from controller.reports.text import NOTHING, title
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def _said(mean: Mean, scale: float) -> str:
 
 def _table(
     groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], factors: Sequence[str], numbers: Sequence[str]
-) -> Table:
+) -> ReportTable:
     """One line a measured column, one column a set of factors, or the other way where there are more sets."""
     units = {name: unit_of(name) for name in numbers}
     columns = [*(Column(unit_of(name)[0], name) for name in factors), Column("n", "n")]
@@ -124,7 +124,7 @@ def _table(
         for values, own in groups
     ]
     caption = "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials."
-    return Table(columns, rows, caption, left=len(factors))
+    return ReportTable(columns, rows, caption, left=len(factors))
 
 
 def _spreads(rows: Sequence[Row], numbers: Sequence[str]) -> list[Result]:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from controller.recording.reader import Run
 from controller.reports.run_account import early_end
-from controller.reports.section import Result, Section, Table
+from controller.reports.section import ReportTable, Result, Section
 
 MARKS = {"met": "✓", "missed": "✗", "neither": "·"}
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SectionPart:
     """A section of the page and the runs that it tells of.
 
     Attributes:
@@ -30,10 +30,10 @@ class Part:
     section: Section
     results: Sequence[Result]
     judged: bool
-    settings: Table
+    settings: ReportTable
 
 
-def in_lines(part: Part) -> Iterator[str]:
+def in_lines(part: SectionPart) -> Iterator[str]:
     """A part's name, its table where it has one, and its results, those that may be judged before the others."""
     yield f"{part.section.title}, {part.name}"
     if part.section.terminal is not None:
@@ -51,7 +51,7 @@ def guard_lines(runs: Sequence[Run]) -> Iterator[str]:
         yield "The guard stopped nothing."
 
 
-def _rows(table: Table) -> Iterator[str]:
+def _rows(table: ReportTable) -> Iterator[str]:
     rows = [[column.head for column in table.columns], *([str(cell) for cell in row] for row in table.rows)]
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
     for row in rows:

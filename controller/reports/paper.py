@@ -87,7 +87,7 @@ TABLE_1 = (
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class PaperColumn:
     """A column of Table I, with the bound that the paper states for it.
 
     Attributes:
@@ -116,9 +116,9 @@ class Column:
 
 
 COLUMNS = (
-    Column("delay_s", "time", "s", 2, 1.0, ("quicker", "slower"), 0.3, "mean", "V.B"),
-    Column("extent_m", "extent", "mm", 2, 1000.0, ("shorter", "longer"), 0.00381, "largest", "IV.B"),
-    Column("force_n", "force", "N", 3, 1.0, ("lower", "higher"), 0.15, "largest", "IV.B", fitted=True),
+    PaperColumn("delay_s", "time", "s", 2, 1.0, ("quicker", "slower"), 0.3, "mean", "V.B"),
+    PaperColumn("extent_m", "extent", "mm", 2, 1000.0, ("shorter", "longer"), 0.00381, "largest", "IV.B"),
+    PaperColumn("force_n", "force", "N", 3, 1.0, ("lower", "higher"), 0.15, "largest", "IV.B", fitted=True),
 )
 """Columns of Table I: from onset to detection (V.B: "on average 0.3 seconds"), and force at detection."""
 

@@ -33,7 +33,7 @@ WORDS = Words("pointer")
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class PointerSweep:
     """All touches of one force.
 
     Attributes:
@@ -57,7 +57,7 @@ class Sweep:
         return float(np.mean([touch.force_n for touch in self.touches]))
 
 
-def read_sweeps(runs: Sequence[Run]) -> list[Sweep]:
+def read_sweeps(runs: Sequence[Run]) -> list[PointerSweep]:
     """The sweeps of some runs, from the least force to the largest."""
     found: dict[float, list[Sequence[Touch]]] = {}
     for run in runs:
@@ -74,11 +74,11 @@ def read_sweeps(runs: Sequence[Run]) -> list[Sweep]:
     return [_sweep(force_n, trials) for force_n, trials in sorted(found.items())]
 
 
-def _sweep(force_n: float, trials: Sequence[Sequence[Touch]]) -> Sweep:
+def _sweep(force_n: float, trials: Sequence[Sequence[Touch]]) -> PointerSweep:
     whole = errors_of([touch for touches in trials for touch in touches])
     loops = [errors_of(touches).hysteresis for touches in trials]
     known = [width for width in loops if not math.isnan(width)]
-    return Sweep(force_n, trials, whole._replace(hysteresis=max(known, default=math.nan)))
+    return PointerSweep(force_n, trials, whole._replace(hysteresis=max(known, default=math.nan)))
 
 
 def _force_n(run: Run, row: Mapping[str, Any]) -> float:
@@ -127,12 +127,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     )
 
 
-def _range(sweeps: Sequence[Sweep]) -> tuple[float, float]:
+def _range(sweeps: Sequence[PointerSweep]) -> tuple[float, float]:
     angles = [touch.true_rad for sweep in sweeps for touch in sweep.touches]
     return min(angles), max(angles)
 
 
-def _sentence(sweeps: Sequence[Sweep]) -> str:
+def _sentence(sweeps: Sequence[PointerSweep]) -> str:
     low, high = _range(sweeps)
     worst = max(sweeps, key=lambda sweep: sweep.errors.largest)
     return WORDS.said(
@@ -145,7 +145,7 @@ def _sentence(sweeps: Sequence[Sweep]) -> str:
     )
 
 
-def _row(sweep: Sweep) -> dict[str, Any]:
+def _row(sweep: PointerSweep) -> dict[str, Any]:
     return sweep.errors._asdict() | {
         "force": f"{number(sweep.pressed_n, 2)} N",
         "touches": len(sweep.touches),
@@ -154,7 +154,7 @@ def _row(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def _note(sweep: Sweep) -> str:
+def _note(sweep: PointerSweep) -> str:
     worst = max(sweep.touches, key=lambda touch: abs(touch.error_rad))
     middle = [touch for touch in sweep.touches if abs(touch.true_rad) <= 1.0]
     rest = [touch for touch in sweep.touches if abs(touch.true_rad) > 1.0]
@@ -172,7 +172,7 @@ def _note(sweep: Sweep) -> str:
 # --- figures -----------------------------------------------------------------------------------------
 
 
-def _draw_pointers(figures: Figures, sweeps: Sequence[Sweep]) -> str:
+def _draw_pointers(figures: Figures, sweeps: Sequence[PointerSweep]) -> str:
     with figures.figure(1.9, columns=len(sweeps), subplot_kw={"projection": "polar"}) as drawing:
         for axes, sweep in zip(drawing.axes, sweeps, strict=True):
             polar: Any = axes
@@ -195,7 +195,7 @@ def _draw_pointers(figures: Figures, sweeps: Sequence[Sweep]) -> str:
         return drawing.save("fig_2_pointers")
 
 
-def _draw_errors(figures: Figures, sweeps: Sequence[Sweep]) -> str:
+def _draw_errors(figures: Figures, sweeps: Sequence[PointerSweep]) -> str:
     with figures.figure(
         4.1, rows=2, columns=len(sweeps), sharex=True, sharey="row", height_ratios=[1.4, 1.0]
     ) as drawing:
@@ -220,7 +220,7 @@ def _draw_errors(figures: Figures, sweeps: Sequence[Sweep]) -> str:
 
 
 def _draw_direction(
-    above: Axes, below: Axes, sweep: Sweep, going: str, *, color: str, marker: str, label: str
+    above: Axes, below: Axes, sweep: PointerSweep, going: str, *, color: str, marker: str, label: str
 ) -> None:
     for index, touches in enumerate(sweep.trials):
         own = [touch for touch in touches if touch.going == going]

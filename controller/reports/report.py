@@ -16,10 +16,10 @@ from controller.recording.run_folder import RecordingError
 from controller.reports import generic
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
-from controller.reports.in_lines import Part, guard_lines, in_lines
+from controller.reports.in_lines import SectionPart, guard_lines, in_lines
 from controller.reports.pages import environment, library
 from controller.reports.run_account import account_of, early_end, setting_of
-from controller.reports.section import Column, Result, Section, Table
+from controller.reports.section import Column, ReportTable, Result, Section
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.trial_signals import payload
 from controller.reports.trial_table import trial_table
@@ -90,9 +90,9 @@ def tell(
 
 def _page(
     runs: Sequence[Run], figures_path: Path, title: str, paper: Sequence[Mapping[str, str]]
-) -> tuple[str, Sequence[Part]]:
-    parts: list[Part] = []
-    apart: list[Table] = []
+) -> tuple[str, Sequence[SectionPart]]:
+    parts: list[SectionPart] = []
+    apart: list[ReportTable] = []
 
     def kind(run: Run) -> tuple[str, str]:
         return str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
@@ -112,7 +112,7 @@ def _page(
         if len(groups) > 1:
             told = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
             columns = [Column(name, name) for name in ("setting", *names)]
-            apart.append(Table(columns, [["runs", *told], *differences(groups)], left=len(columns)))
+            apart.append(ReportTable(columns, [["runs", *told], *differences(groups)], left=len(columns)))
     templates = environment()
     templates.globals["kind_of"] = lambda block: type(block).__name__
     sections = [part.section for part in parts]
@@ -156,7 +156,7 @@ def _profile(run: Run) -> str:
     return str((run.manifest.get("profile") or {}).get("name", "?"))
 
 
-def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[Part]) -> Table | None:
+def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[SectionPart]) -> ReportTable | None:
     """A paper's tables and figures, with links to the parts of the page that repeat each; None where none are told."""
     columns = [
         Column("paper", ""),
@@ -171,17 +171,17 @@ def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[Part]) -> Tabl
         ]
         here = Markup(", ").join(links) or ("not run" if item["part"] else "–")
         rows.append([item["item"], item["shows"], here, item["differs"]])
-    return Table(columns, rows) if rows else None
+    return ReportTable(columns, rows) if rows else None
 
 
-def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: Figures) -> Part:
+def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: Figures) -> SectionPart:
     section = _section(experiment, runs, figures)
     results = [Result(None, lost)] if lost else []
     results += [each._replace(met=None) if lost else each for each in section.summary]
-    return Part(name, runs, section, results, not lost, settings_table(runs[0], section.printed))
+    return SectionPart(name, runs, section, results, not lost, settings_table(runs[0], section.printed))
 
 
-def _set_otherwise(part: Part) -> list[str]:
+def _set_otherwise(part: SectionPart) -> list[str]:
     """What a profile sets otherwise than the paper prints it."""
     ours = dict(flat(settings_of(part.runs[0])))
     return [

@@ -106,7 +106,7 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ReportTable:
     """Rows under heads.
 
     Attributes:
@@ -132,7 +132,7 @@ class Table:
         return found if any(name for name, _ in found) else []
 
 
-Block = Text | Notes | Figure | Table
+Block = Text | Notes | Figure | ReportTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,4 +155,4 @@ class Section:
     summary: list[Result] = field(default_factory=list)
     not_the_papers: list[str] = field(default_factory=list)
     printed: Mapping[str, Printed] = field(default_factory=dict)
-    terminal: Table | None = None
+    terminal: ReportTable | None = None

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from controller.recording.reader import Run
-from controller.reports.section import Column, Printed, Table
+from controller.reports.section import Column, Printed, ReportTable
 
 _SAY_NOTHING = ("title", "description", "trials")
 """Parts of a profile that change no trial: two runs that differ in these alone may be averaged."""
@@ -65,7 +65,7 @@ def differences(groups: Sequence[Sequence[Run]]) -> list[list[str]]:
     return [row for row in rows if len(set(row[1:])) > 1]
 
 
-def settings_table(run: Run, printed: Mapping[str, Printed]) -> Table:
+def settings_table(run: Run, printed: Mapping[str, Printed]) -> ReportTable:
     """Detectors, behavior and limits as (what, ours, the paper's): what the paper prints first, the rest by table."""
     settings = settings_of(run)
     leaves = dict(flat(settings))
@@ -81,7 +81,7 @@ def settings_table(run: Run, printed: Mapping[str, Printed]) -> Table:
         if rest:
             rows.append((name, ", ".join(rest), "–"))
     columns = (Column("setting", ""), Column("here", "", look="wrap"), Column("the paper", "", look="theirs"))
-    return Table(columns, rows)
+    return ReportTable(columns, rows)
 
 
 def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

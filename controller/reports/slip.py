@@ -13,7 +13,17 @@ from controller.reports.counts import percentiles_ms, values, wilson
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Block, Column, Figure, Kind, Notes, Printed, Result, Section, Table
+from controller.reports.section import (
+    Block,
+    Column,
+    Figure,
+    Kind,
+    Notes,
+    Printed,
+    ReportTable,
+    Result,
+    Section,
+)
 from controller.reports.slip_figures import draw_fingertip_spectra, draw_run
 from controller.reports.slip_scores import (
     METHODS,
@@ -21,7 +31,7 @@ from controller.reports.slip_scores import (
     SENSORS,
     TABLE_1,
     Condition,
-    Score,
+    SensorScore,
     condition_of,
     measured_rows,
     read_scores,
@@ -63,7 +73,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     )
 
 
-def _tables(scores: Sequence[Score], condition: Condition) -> Iterator[Table]:
+def _tables(scores: Sequence[SensorScore], condition: Condition) -> Iterator[ReportTable]:
     """Slips, and false alarms, of every sensor and detector under one condition."""
     rows = [_row(score) for score in scores if score.condition == condition]
     slips = [row for row in rows if row["slips"]]
@@ -73,7 +83,7 @@ def _tables(scores: Sequence[Score], condition: Condition) -> Iterator[Table]:
     yield WORDS.table("alarms", rows, under=_under(condition))
 
 
-def _row(score: Score) -> dict[str, Any]:
+def _row(score: SensorScore) -> dict[str, Any]:
     paper = SENSORS[score.sensor]
     return {
         "sensor": f"{paper.id} {paper.name}",
@@ -92,7 +102,7 @@ def _row(score: Score) -> dict[str, Any]:
     }
 
 
-def _missed(score: Score) -> str:
+def _missed(score: SensorScore) -> str:
     """`1 of 20 (1 to 24 %)`: how many of those told or missed, and the 95 % interval of that share."""
     if not score.scored:
         return NOTHING
@@ -100,7 +110,7 @@ def _missed(score: Score) -> str:
     return f"{score.missed} of {score.scored} ({number(low, 0, 100.0)} to {number(high, 0, 100.0)} %)"
 
 
-def _said(score: Score) -> str:
+def _said(score: SensorScore) -> str:
     """The verdict, with what it must not be read without."""
     if score.verdict == NOT_JUDGED:
         return f"{NOT_JUDGED} ({score.scored} of {score.slips})"
@@ -176,7 +186,7 @@ def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
     return found
 
 
-def _summary(scores: Sequence[Score], simulated: bool) -> list[Result]:
+def _summary(scores: Sequence[SensorScore], simulated: bool) -> list[Result]:
     plain = [score for score in scores if score.condition == TABLE_1 and score.slips]
     said = [_held_against_the_paper(score, simulated) for score in plain if score.method == "paper"]
     for condition in dict.fromkeys(score.condition for score in scores):
@@ -200,7 +210,7 @@ def _summary(scores: Sequence[Score], simulated: bool) -> list[Result]:
     return said
 
 
-def _held_against_the_paper(score: Score, simulated: bool) -> Result:
+def _held_against_the_paper(score: SensorScore, simulated: bool) -> Result:
     """The verdict on the paper's detector beside the paper's own; good news only where it leaves nothing out."""
     paper = SENSORS[score.sensor]
     kind = paper.kind if simulated else Kind.MEASURED
@@ -235,7 +245,7 @@ def _printed(run: Run) -> Mapping[str, Printed]:
     return found
 
 
-def _tally(score: Score) -> str:
+def _tally(score: SensorScore) -> str:
     """`misses 1 of 6 with 2 false alarms in 15 min, 1 early`."""
     early = f", {score.early} early" if score.early else ""
     return (
@@ -244,7 +254,7 @@ def _tally(score: Score) -> str:
     )
 
 
-def _disagreements(scores: Sequence[Score]) -> list[str]:
+def _disagreements(scores: Sequence[SensorScore]) -> list[str]:
     """Where a verdict is not the paper's, and why."""
     notes = []
     for score in scores:
@@ -259,7 +269,7 @@ def _disagreements(scores: Sequence[Score]) -> list[str]:
     return notes
 
 
-def _too_slow(scores: Sequence[Score], runs: Sequence[Run]) -> list[str]:
+def _too_slow(scores: Sequence[SensorScore], runs: Sequence[Run]) -> list[str]:
     """Where ours cannot be in time at its threshold: its verdict was settled before the run."""
     notes = {}
     for score in scores:

@@ -124,7 +124,7 @@ _REFLEX = ("behavior.stop_on_slip", "behavior.reflex")
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class SensorScore:
     """One detector on one sensor under one condition, over all trials.
 
     Attributes:
@@ -176,7 +176,7 @@ def measured_rows(run: Run) -> Sequence[Mapping[str, Any]]:
     return [row for row in run.trials if row.get("outcome") == "contact" and row.get("slips") is not None]
 
 
-def read_scores(runs: Sequence[Run]) -> list[Score]:
+def read_scores(runs: Sequence[Run]) -> list[SensorScore]:
     """Every sensor, condition and detector of which there are trials."""
     groups: dict[tuple[str, Condition], list[Mapping[str, Any]]] = {}
     for run in runs:
@@ -191,7 +191,7 @@ def read_scores(runs: Sequence[Run]) -> list[Score]:
     ]
 
 
-def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mapping[str, Any]]) -> Score:
+def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mapping[str, Any]]) -> SensorScore:
     slips, missed = total(rows, "slips"), total(rows, f"{method}_missed")
     # A row holds the median of its trial's one or two slips: it stands for each of them that was told.
     delays_s = [
@@ -207,7 +207,7 @@ def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mappin
         word = NOT_JUDGED
     else:
         word = verdict_of([*delays_s, *[math.inf] * missed])
-    return Score(
+    return SensorScore(
         sensor,
         condition,
         method,

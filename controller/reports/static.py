@@ -35,7 +35,7 @@ SPECTRUM_HZ = 100.0
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class StaticCondition:
     """All trials of one condition; each measure a mean over trials."""
 
     name: str
@@ -58,7 +58,7 @@ class Condition:
         return abs(self.difference_hz) <= STATIC_TOLERANCE_HZ[self.name]
 
 
-def read_conditions(runs: Sequence[Run]) -> list[Condition]:
+def read_conditions(runs: Sequence[Run]) -> list[StaticCondition]:
     """The conditions of which there are measured trials, from none to full."""
     measures = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
     conditions = []
@@ -72,7 +72,7 @@ def read_conditions(runs: Sequence[Run]) -> list[Condition]:
         if rows:
             means = {key: mean_of(_float(row.get(key)) for _, row in rows) for key in measures}
             trials = [(run, int(row["trial"] or 0)) for run, row in rows]
-            conditions.append(Condition(name, trials, **means))
+            conditions.append(StaticCondition(name, trials, **means))
     return conditions
 
 
@@ -108,7 +108,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 
 def _body(
-    runs: Sequence[Run], figures: Figures, conditions: Sequence[Condition], falls: bool | None
+    runs: Sequence[Run], figures: Figures, conditions: Sequence[StaticCondition], falls: bool | None
 ) -> Iterator[Block]:
     if not conditions:
         yield WORDS.text("nothing", trials=sum(len(run.trials) for run in runs))
@@ -127,7 +127,7 @@ def _body(
         yield Figure(Markup(_draw(figures, drawn)), WORDS.said("figure_4"))
 
 
-def _sentence(condition: Condition) -> str:
+def _sentence(condition: StaticCondition) -> str:
     """`0.1 Hz above the paper's 28 Hz without contact: 28.1 Hz, the probe at 0.0 mm.`"""
     off, paper = condition.difference_hz, STATIC_HZ[condition.name]
     shown = f"{number(abs(off), 1)} Hz {'below' if off < 0.0 else 'above'} the paper's {paper:g} Hz"
@@ -145,7 +145,7 @@ def _falls(amplitudes: Sequence[Mean]) -> bool | None:
     return means[0] > means[1] > means[2]
 
 
-def _erratic(conditions: Sequence[Condition]) -> str:
+def _erratic(conditions: Sequence[StaticCondition]) -> str:
     """How much more the frequency wanders from period to period in light contact than without."""
     sd = {condition.name: condition.frequency_sd_hz.mean for condition in conditions}
     if not sd.get("none", 0.0) > 0.0 or math.isnan(sd.get("light", math.nan)):
@@ -153,7 +153,7 @@ def _erratic(conditions: Sequence[Condition]) -> str:
     return number(sd["light"] / sd["none"], 0 if sd["light"] > 10.0 * sd["none"] else 1)
 
 
-def _row(condition: Condition) -> dict[str, Any]:
+def _row(condition: StaticCondition) -> dict[str, Any]:
     names = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
     means = {name: getattr(condition, name) for name in names}
     n = len(condition.trials)
@@ -168,13 +168,13 @@ def _row(condition: Condition) -> dict[str, Any]:
     }
 
 
-def _waveform(condition: Condition) -> Series | None:
+def _waveform(condition: StaticCondition) -> Series | None:
     recordings = (run.readable(trial) for run, trial in condition.trials)
     drawn = (series_of(recording, "accelerometer") for recording in recordings if recording is not None)
     return next((series for series in drawn if len(series) > 1), None)
 
 
-def _draw(figures: Figures, drawn: Sequence[tuple[Condition, Series]]) -> str:
+def _draw(figures: Figures, drawn: Sequence[tuple[StaticCondition, Series]]) -> str:
     """Fig. 4: the waveforms on one scale, and beside each its spectrum."""
     with figures.figure(
         1.45 * len(drawn) + 0.4, rows=len(drawn), columns=2, sharex="col", sharey="col", width_ratios=[3, 1.3]
@@ -198,7 +198,7 @@ def _draw(figures: Figures, drawn: Sequence[tuple[Condition, Series]]) -> str:
         return drawing.save("fig_4_waveforms")
 
 
-def _draw_spectrum(axes: Axes, condition: Condition, series: Series) -> None:
+def _draw_spectrum(axes: Axes, condition: StaticCondition, series: Series) -> None:
     rate_hz = (len(series) - 1) / float(series.times_s[-1] - series.times_s[0])
     frequencies_hz, power = periodogram(series.values[:, 0], rate_hz, window="hann", scaling="spectrum")
     low = frequencies_hz <= SPECTRUM_HZ

@@ -15,7 +15,7 @@ from controller.recording.reader import Run
 from controller.reports.approaches import (
     NOISE,
     SAMPLE_HZ,
-    Approach,
+    ApproachedTrial,
     Held,
     Mean,
     Row,
@@ -30,8 +30,7 @@ from controller.reports.approaches import (
 from controller.reports.counts import factor, values
 from controller.reports.detector_scores import score_detectors
 from controller.reports.figures import Figures
-from controller.reports.paper import CITATION, COLUMNS, RESONANCE, SETTLE, TABLE_1
-from controller.reports.paper import Column as PaperColumn
+from controller.reports.paper import CITATION, COLUMNS, RESONANCE, SETTLE, TABLE_1, PaperColumn
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Column, Figure, Kind, Result, Section, Text
 from controller.reports.settings import shown
@@ -85,7 +84,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     )
 
 
-def _by_name(each: Approach) -> dict[str, Any]:
+def _by_name(each: ApproachedTrial) -> dict[str, Any]:
     varied = ", ".join(f"{name} {shown(value)}" for name, value in each.varied.items())
     names = (
         "trial",
@@ -102,7 +101,7 @@ def _by_name(each: Approach) -> dict[str, Any]:
 
 
 def _beside_the_paper(
-    run: Run, acting: str, approaches: Sequence[Approach], rows: Sequence[Row], beside: Sequence[Held]
+    run: Run, acting: str, approaches: Sequence[ApproachedTrial], rows: Sequence[Row], beside: Sequence[Held]
 ) -> Iterator[Block]:
     """Table I, its bounds and trends, and what of the contacts was false."""
     plain = [approach for approach in approaches if approach.plain]
@@ -132,7 +131,7 @@ def _beside_the_paper(
         yield WORDS.table("detectors", scores)
 
 
-def _summary(approaches: Sequence[Approach], beside: Sequence[Held], simulated: bool) -> list[Result]:
+def _summary(approaches: Sequence[ApproachedTrial], beside: Sequence[Held], simulated: bool) -> list[Result]:
     n = len(approaches)
     contacts = sum(each.detected for each in approaches)
     false = sum(each.false_contacts for each in approaches)
@@ -241,7 +240,7 @@ def _bound(each: Held) -> dict[str, Any]:
     }
 
 
-def _filter_says(approach: Approach) -> str:
+def _filter_says(approach: ApproachedTrial) -> str:
     """What of the delay is the filter's: how long a window of contact takes to fill."""
     samples = approach.setting("detectors", approach.acting, "average_samples")
     rate_hz = approach.setting("detectors", approach.acting, "sample_hz")
@@ -251,7 +250,7 @@ def _filter_says(approach: Approach) -> str:
     return f" The filter averages {samples} samples at {rate_hz:g} a second: its window is {window} s."
 
 
-def _figures(figures: Figures, approaches: Sequence[Approach], rows: Sequence[Row]) -> Iterator[Block]:
+def _figures(figures: Figures, approaches: Sequence[ApproachedTrial], rows: Sequence[Row]) -> Iterator[Block]:
     """Figures 5, 7, 8 and 9, each only where these runs have a point for it."""
     example = representative([each for each in approaches if each.plain]) or representative(approaches)
     trace = trace_of(example) if example else None
@@ -298,7 +297,7 @@ def _study(figures: Figures, cells: Sequence[StudyCell]) -> Iterator[Block]:
         yield Figure(Markup(draw_study(figures, like)), caption)
 
 
-def _stops(approaches: Sequence[Approach]) -> Iterator[Block]:
+def _stops(approaches: Sequence[ApproachedTrial]) -> Iterator[Block]:
     """Median, 95th percentile by rank and largest of each span of the stop; and every stop."""
     rows = [
         {

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.recording.series import Series
-from controller.reports.approaches import NOISE, SAMPLE_HZ, Approach, Row, StudyCell, figure_rows
+from controller.reports.approaches import NOISE, SAMPLE_HZ, ApproachedTrial, Row, StudyCell, figure_rows
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.paper import TABLE_1, PaperRow
 from controller.reports.run_account import series_of
@@ -29,7 +29,7 @@ BEFORE_S, AFTER_S = 2.2, 0.35
 class Trace:
     """One approach, ready to be drawn; times in seconds of the trial's bench time."""
 
-    approach: Approach
+    approach: ApproachedTrial
     force: Series
     period: Series
     average_s: Floats
@@ -38,7 +38,7 @@ class Trace:
     contact_s: Sequence[tuple[float, bool]]
 
 
-def representative(approaches: Sequence[Approach]) -> Approach | None:
+def representative(approaches: Sequence[ApproachedTrial]) -> ApproachedTrial | None:
     """The approach to draw: a recorded contact at the distal end (d), as in Fig. 5, of median delay."""
     seen = [each for each in approaches if each.detected and each.trial in each.run.recorded_trials]
     like = [each for each in seen if each.location == "d"] or seen
@@ -46,7 +46,7 @@ def representative(approaches: Sequence[Approach]) -> Approach | None:
     return like[len(like) // 2] if like else None
 
 
-def trace_of(approach: Approach) -> Trace | None:
+def trace_of(approach: ApproachedTrial) -> Trace | None:
     """Read an approach's recording; None where it cannot be read, or has no load cell or no period counts."""
     run = approach.run
     recording = run.readable(approach.trial)

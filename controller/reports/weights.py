@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from controller.measures.ladder import DETECTED_SIGMA, Calibration, Estimate, Step, calibrate, steps_of
-from controller.reports.fernandez import BRIDGES, CITATION, Printed
+from controller.measures.ladder import DETECTED_SIGMA, BridgeCalibration, Estimate, Step, calibrate, steps_of
+from controller.reports.fernandez import BRIDGES, CITATION, PrintedFigure
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Figure, Kind, Result, Section
@@ -32,7 +32,7 @@ class Bridge:
 
     name: str
     trials: Sequence[Sequence[Step]]
-    calibration: Calibration
+    calibration: BridgeCalibration
 
 
 def read_bridges(runs: Sequence[Run]) -> list[Bridge]:
@@ -94,7 +94,7 @@ def _tops(bridges: Sequence[Bridge]) -> str:
     return " and ".join(said) or "the ladder's top"
 
 
-def _estimates(bridge: Bridge) -> Sequence[tuple[Estimate, Printed, float, int]]:
+def _estimates(bridge: Bridge) -> Sequence[tuple[Estimate, PrintedFigure, float, int]]:
     """Ours, the paper's, the scale that both are shown with, and decimals."""
     ours, paper = bridge.calibration, BRIDGES[bridge.name]
     return (

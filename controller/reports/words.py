@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.reports.approaches import Mean
-from controller.reports.section import Column, Notes, Table, Text
+from controller.reports.section import Column, Notes, ReportTable, Text
 from controller.reports.text import NOTHING, number, spread
 
 
@@ -46,7 +46,9 @@ class Words:
         """Sentences, and others after them."""
         return Notes([*self._file[name], *rest])
 
-    def table(self, name: str, rows: Iterable[Any], more: Sequence[Column] = (), **facts: object) -> Table:
+    def table(
+        self, name: str, rows: Iterable[Any], more: Sequence[Column] = (), **facts: object
+    ) -> ReportTable:
         """A table.
 
         Args:
@@ -61,7 +63,7 @@ class Words:
         columns[place:place] = more
         body = [[cell(row, column) for column in columns] for row in rows]
         caption = told.get("caption", "").format(**facts)
-        return Table(
+        return ReportTable(
             columns, body, caption, told.get("left", 1), folded=told.get("folded", "").format(**facts)
         )
 

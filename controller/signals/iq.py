@@ -113,7 +113,7 @@ class IqSettings(Settings):
         return "choose another drive"
 
 
-class Run(NamedTuple):
+class FrameRun(NamedTuple):
     """Frames without a gap.
 
     Attributes:
@@ -328,13 +328,13 @@ class Iq:
         )
 
 
-def _runs(block: SampleBlock, channel: int) -> Iterator[Run]:
+def _runs(block: SampleBlock, channel: int) -> Iterator[FrameRun]:
     """A block's frames as counts, without those that are not finite in this channel."""
     values = block.values
     if values.dtype.kind == "i":
         if block.scale * FULL_SCALE < 1.0:
             raise ValueError(f"{block.stream}: counts of more than 24 bits; choose a 24-bit format")
-        yield Run(block.seq, values)  # type: ignore[arg-type]
+        yield FrameRun(block.seq, values)  # type: ignore[arg-type]
         return
     shares = values * block.scale
     good = np.isfinite(shares[:, channel])
@@ -343,4 +343,4 @@ def _runs(block: SampleBlock, channel: int) -> Iterator[Run]:
     for part in np.split(np.arange(len(values)), np.flatnonzero(np.diff(good)) + 1):
         if good[part[0]]:
             first = int(part[0])
-            yield Run(block.seq + first, counts[first : first + len(part)])
+            yield FrameRun(block.seq + first, counts[first : first + len(part)])

@@ -177,7 +177,7 @@ AT, STEP, FIRST, LAST, BEFORE, LEFT, REST = range(7)
 sample, and the one before it; the level before the jump that is remembered; the level at rest."""
 
 
-class Search(NamedTuple):
+class LevelSearch(NamedTuple):
     """State of the search; arrays are advanced in place.
 
     Attributes:
@@ -199,12 +199,12 @@ class Search(NamedTuple):
     jump: Floats
 
 
-def search(s: Steps) -> Search:
+def search(s: Steps) -> LevelSearch:
     """A search that has heard nothing."""
     counts = np.zeros(7, np.int64)
     counts[LASTED] = -1
     size = max((PAST + 3) * int(s.spans[-1]), 3 * s.third)
-    return Search(
+    return LevelSearch(
         np.zeros(2 * size, np.complex128),
         np.zeros((len(s.spans), 2)),
         np.zeros((len(s.spans), int(s.delays.max()))),
@@ -230,7 +230,7 @@ def _squared(z: complex) -> float:
 
 
 @compiled()
-def _look(s: Steps, f: Search, end: int) -> None:
+def _look(s: Steps, f: LevelSearch, end: int) -> None:
     """Looks at all spans that are due, and remembers the largest jump."""
     counts, scales = f.counts, f.scales
     rest = f.levels[REST]
@@ -275,7 +275,7 @@ def _look(s: Steps, f: Search, end: int) -> None:
 
 
 @compiled()
-def _stays(s: Steps, f: Search, end: int) -> tuple[float, complex]:
+def _stays(s: Steps, f: LevelSearch, end: int) -> tuple[float, complex]:
     """The jump that is remembered, in scales, if the level has stayed away since, else 0; and how far away it is."""
     third = s.third
     if f.counts[AGE] > s.settle or f.counts[AGE] < 2 * third or f.counts[HEARD] < 3 * third:
@@ -304,7 +304,7 @@ def _stays(s: Steps, f: Search, end: int) -> tuple[float, complex]:
 
 
 @compiled()
-def _rest(s: Steps, f: Search, z: complex) -> None:
+def _rest(s: Steps, f: LevelSearch, z: complex) -> None:
     """One sample without contact: the mean of the first ones is the level at rest, which then follows drift alone."""
     counts, levels = f.counts, f.levels
     if counts[SINCE] < s.learn:
@@ -317,7 +317,7 @@ def _rest(s: Steps, f: Search, z: complex) -> None:
 
 
 @compiled()
-def _restart(f: Search) -> None:
+def _restart(f: LevelSearch) -> None:
     """Nothing from before is compared with anything from now on; scales are kept."""
     f.counts[HEARD] = 0
     f.looks[:] = 0
@@ -325,7 +325,7 @@ def _restart(f: Search) -> None:
 
 
 @compiled()
-def _turn(f: Search, z: complex) -> None:
+def _turn(f: LevelSearch, z: complex) -> None:
     """First sample after a gap, over which the drive's phase may have stepped: the levels turn with it, sizes stay."""
     turn = z * f.levels[LAST].conjugate()
     size = abs(turn)
@@ -334,7 +334,7 @@ def _turn(f: Search, z: complex) -> None:
 
 
 @compiled()
-def _touch(s: Steps, f: Search, z: complex) -> tuple[float, int]:
+def _touch(s: Steps, f: LevelSearch, z: complex) -> tuple[float, int]:
     """One sample of a contact; returns how much of the step is left, and what is to be said."""
     counts, levels = f.counts, f.levels
     counts[LASTED] += 1
@@ -365,7 +365,7 @@ def _middle(a: float, b: float, c: float) -> float:
 
 @compiled()
 def find_steps(
-    s: Steps, f: Search, threshold: float, z: Complexes, missing: Ints, scores: Floats, said: Ints
+    s: Steps, f: LevelSearch, threshold: float, z: Complexes, missing: Ints, scores: Floats, said: Ints
 ) -> None:
     """Hears n samples.
 

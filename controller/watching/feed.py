@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from controller.campaign import Console, Watching
-from controller.console import PAUSED, Operator
+from controller.console import PAUSED, ConsoleOperator
 from controller.glimpse import Glimpse, heard
 from controller.recording.series import DETECTOR, extremes
 from drivers.clock import monotonic_s, rest
@@ -75,7 +75,7 @@ class Watched:
         began: Called with the run's folder once it can be watched.
     """
 
-    def __init__(self, console: Console, operator: Operator, began: Any = None) -> None:
+    def __init__(self, console: Console, operator: ConsoleOperator, began: Any = None) -> None:
         self._console = console
         self._operator = operator
         self._began = began

@@ -10,7 +10,7 @@ from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
-from drivers.can_link import Beat, CanLink, CanPort, HeardFrame, open_can, strange_frames
+from drivers.can_link import CanLink, CanPort, HeardFrame, PeriodicQuestion, open_can, strange_frames
 from drivers.clock import Clock
 from drivers.errors import CodecError, check_streams, wrong
 from drivers.messages import Command, DeviceInfo, Listen, Tare
@@ -143,7 +143,7 @@ class BarrettHand(WireDriver[CanLink]):
         else:
             question = codec.Get(codec.HAND, codec.Property.STRAIN, group=True)
         link.ask(
-            Beat(
+            PeriodicQuestion(
                 codec.encode_request(question),
                 answers=frozenset(codec.reply_id(finger) for finger in fingers),
                 period_s=1.0 / self._settings.poll_hz,

@@ -21,7 +21,7 @@ from config import jobs
 from config.assemble import Table, plan_campaign
 from config.jobs import DEATHS, PART_S, Crew, JobsError, cluster, cores, in_parts, parts
 from config.profile import load_profile
-from controller.parts import Part
+from controller.parts import RunPart
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
 from run import cli
@@ -342,7 +342,7 @@ def test_new_workers_run_what_was_lost_and_nothing_twice(at_once):
 
     def part(order, trials):
         seen.extend(trials)
-        return Part({}, ",".join(str(trial.id) for trial in trials), PART_S)
+        return RunPart({}, ",".join(str(trial.id) for trial in trials), PART_S)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jobs, "run_part", part)

@@ -9,7 +9,7 @@ from config.assemble import Table, build_rig, plan_campaign
 from config.jobs import Silent
 from config.profile import load_profile
 from controller.campaign import Campaign
-from controller.console import Operator
+from controller.console import ConsoleOperator
 from controller.watching.feed import SOCKET, Watched, at
 from tests.scenarios.conftest import QUICK
 
@@ -26,7 +26,7 @@ def rows(out, watchers):
                 each.connect(name)
 
     with Path(os.devnull).open() as keyboard, closing(build_rig(profile)) as rig:
-        console = Watched(Silent(), Operator(keyboard), began)
+        console = Watched(Silent(), ConsoleOperator(keyboard), began)
         outcome = Campaign(plan, rig, console, out).run()
     for each in deaf:
         each.close()

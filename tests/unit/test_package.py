@@ -1,7 +1,9 @@
 """What `pip install .` takes along, and what the project says of itself."""
 
 import fnmatch
+import re
 import tomllib
+from collections import defaultdict
 from pathlib import Path
 
 from click.testing import CliRunner
@@ -46,3 +48,12 @@ def test_the_version_is_the_projects_and_so_says_the_citation():
     assert said.output == f"touchbench {version}\n"
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text("utf-8")
     assert f"\n## {version}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+
+
+def test_each_public_class_has_a_name_of_its_own() -> None:
+    places: dict[str, list[str]] = defaultdict(list)
+    for room in ("config", "controller", "behaviors", "drivers", "benchmarks"):
+        for path in (ROOT / room).rglob("*.py"):
+            for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
+                places[name].append(str(path.relative_to(ROOT)))
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}

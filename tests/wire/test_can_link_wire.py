@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from drivers.can_frame import CanFrame
-from drivers.can_link import Beat, CanLink, CanPort, HeardFrame, open_can
+from drivers.can_link import CanLink, CanPort, HeardFrame, PeriodicQuestion, open_can
 from drivers.clock import WallClock
 from drivers.errors import PortError
 from drivers.mock.devices.slcan import EmulatedSlcan
@@ -229,7 +229,7 @@ def test_two_links_speak_on_a_virtual_bus() -> None:
 def beaten(serve: Any, echo: Echo, beats: int, answer_s: float = 0.1) -> list[HeardFrame]:
     link = open_can("hand", CanPort(port=serve(EmulatedSlcan(echo))), serve.clock)
     try:
-        link.ask(Beat(ASK, frozenset({0x101}), period_s=0.01, answer_s=answer_s))
+        link.ask(PeriodicQuestion(ASK, frozenset({0x101}), period_s=0.01, answer_s=answer_s))
         return gathered(link, beats)
     finally:
         link.close()
@@ -271,7 +271,7 @@ def test_a_late_answer_passes_for_one_to_the_next_question_and_to_no_other(serve
 def test_an_answer_to_a_question_that_is_asked_no_more_bears_no_number(serve: Any) -> None:
     link = open_can("hand", CanPort(port=serve(EmulatedSlcan(Echo()))), serve.clock)
     first, second = (
-        Beat(ASK, frozenset({0x101}), period_s=0.005, answer_s=after_s) for after_s in (0.1, 0.2)
+        PeriodicQuestion(ASK, frozenset({0x101}), period_s=0.005, answer_s=after_s) for after_s in (0.1, 0.2)
     )
     try:
         link.ask(first)

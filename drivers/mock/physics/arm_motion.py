@@ -101,7 +101,7 @@ class Trapezoid:
         return self._acceleration * self._ramp_s * (t_s - 0.5 * self._ramp_s)
 
 
-class Motion(ABC):
+class ArmMotion(ABC):
     """One thing that the arm is doing; `done` when there is nothing left of it."""
 
     done = False
@@ -135,7 +135,7 @@ class Arm:
         self.tool = IDENTITY
         self.transform = arm.forward(self.joints_rad)
         self.scaling = 1.0
-        self.motion: Motion = Still()
+        self.motion: ArmMotion = Still()
         self.joint_speeds_rad_s = self.planned_speeds_rad_s = self.joint_accelerations_rad_s2 = _AT_REST
         self.twist = self.planned_twist = _AT_REST
 
@@ -217,17 +217,17 @@ def _length(vector: Array) -> float:
     return math.hypot(*vector.tolist())
 
 
-class Still(Motion):
+class Still(ArmMotion):
     """Stands where it is."""
 
     done = True
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
-        """See `Motion.advance`."""
+        """See `ArmMotion.advance`."""
         return state.joints_rad, state.transform
 
 
-class ToolSpeed(Motion):
+class ToolSpeed(ArmMotion):
     """Brings the tool to a twist and keeps it there (`speedl`; `stopl` with a twist of zero).
 
     Args:
@@ -240,13 +240,13 @@ class ToolSpeed(Motion):
         self._acceleration = _positive("acceleration", acceleration_m_s2)
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
-        """See `Motion.advance`."""
+        """See `ArmMotion.advance`."""
         twist = _toward(self._target, state.planned_twist, self._acceleration * dt_s)
         self.done = not twist.any() and not self._target.any()
         return _driven(state, twist, dt_s)
 
 
-class JointSpeed(Motion):
+class JointSpeed(ArmMotion):
     """Brings the joints to speeds and keeps them there (`speedj`; `stopj` with zeros).
 
     Args:
@@ -259,7 +259,7 @@ class JointSpeed(Motion):
         self._acceleration = _positive("acceleration", acceleration_rad_s2)
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
-        """See `Motion.advance`."""
+        """See `ArmMotion.advance`."""
         change = self._target - state.planned_speeds_rad_s
         speeds = state.planned_speeds_rad_s + change * _share(
             float(np.abs(change).max()), self._acceleration * dt_s
@@ -269,7 +269,7 @@ class JointSpeed(Motion):
         return joints, arm.forward(joints, state.tool)
 
 
-class JointServo(Motion):
+class JointServo(ArmMotion):
     """Follows angles that are told anew all the time (`servoj`).
 
     Args:
@@ -282,7 +282,7 @@ class JointServo(Motion):
         self._lookahead_s = _positive("lookahead time", lookahead_s)
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
-        """See `Motion.advance`."""
+        """See `ArmMotion.advance`."""
         left = self._target - state.joints_rad
         # no faster than it can brake on the way that is left
         fastest = np.minimum(np.sqrt(2.0 * SERVO_RAD_S2 * np.abs(left)), arm.JOINT_SPEED_RAD_S)
@@ -292,7 +292,7 @@ class JointServo(Motion):
         return joints, arm.forward(joints, state.tool)
 
 
-class Yielding(Motion):
+class Yielding(ArmMotion):
     """Gives way to what acts on the tool, up to a wrench that is asked for (`force_mode`, `freedrive_mode`).
 
     Args:
@@ -320,13 +320,13 @@ class Yielding(Motion):
         self._speeds = gain * np.array([YIELD_M_S_N] * 3 + [YIELD_RAD_S_N_M] * 3, dtype=np.float64)
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
-        """See `Motion.advance`."""
+        """See `ArmMotion.advance`."""
         left = self._wrench + (self._felt().reshape(2, 3) @ self._turn).ravel()
         wanted = np.clip(self._speeds * left, -self._fastest, self._fastest).reshape(2, 3) @ self._turn.T
         return _driven(state, _toward(wanted.ravel(), state.planned_twist, YIELD_M_S2 * dt_s), dt_s)
 
 
-class _Travel(Motion):
+class _Travel(ArmMotion):
     """A move between two places of rest; what still moves when it begins is stopped first."""
 
     def __init__(self, speed: float, acceleration: float) -> None:
@@ -336,7 +336,7 @@ class _Travel(Motion):
         self._profile: Trapezoid | None = None
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
-        """See `Motion.advance`."""
+        """See `ArmMotion.advance`."""
         if self._profile is None:
             if not state.resting:
                 return self._brake(state, dt_s)

@@ -12,10 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.physics.aura_drive import FRAME_HZ
-from drivers.mock.physics.aura_kernel import Air, Thing, crossings, echoed, modulated, reflections, slow_waves
+from drivers.mock.physics.aura_kernel import (
+    Air,
+    AuraThing,
+    crossings,
+    echoed,
+    modulated,
+    reflections,
+    slow_waves,
+)
 from drivers.mock.physics.aura_objects import AuraObject, Side
 from drivers.mock.physics.aura_room import ROOM_PHASES, room_field, second_path
-from drivers.mock.physics.aura_settings import AuraSettings, RoomSettings
+from drivers.mock.physics.aura_settings import AuraPlantSettings, RoomSettings
 from drivers.mock.physics.noise import gaussian_at
 
 Floats = NDArray[np.float64]
@@ -50,13 +58,13 @@ SMOOTH = np.array([1.0, 2.0, 1.0]) / math.sqrt(6.0)
 
 QUIET_ROOM = RoomSettings()
 
-NO_THING = Thing(0.0, 0.0, -1.0, 0.0, 1.0)
+NO_THING = AuraThing(0.0, 0.0, -1.0, 0.0, 1.0)
 
 COUNTS = 2**23
 """Counts of full scale: 24 bits (Rupavatharam et al., IV)."""
 
 
-class Motion(NamedTuple):
+class AuraMotion(NamedTuple):
     """Where fingers and object are, instant by instant.
 
     Attributes:
@@ -86,7 +94,7 @@ class AuraPlant:
         settings: Of all of it.
     """
 
-    def __init__(self, settings: AuraSettings) -> None:
+    def __init__(self, settings: AuraPlantSettings) -> None:
         self.settings = settings
         self._air = Air(
             settings.decay_m,
@@ -111,7 +119,7 @@ class AuraPlant:
         self._thing = thing
         self._shape = NO_THING
         if thing is not None:
-            self._shape = Thing(
+            self._shape = AuraThing(
                 thing.reflectivity, 0.5 * thing.depth_m, top_m - thing.height_m, top_m, thing.radius_m
             )
         about = settings.sides[side]
@@ -167,7 +175,7 @@ class AuraPlant:
 
     def field(
         self,
-        motion: Motion,
+        motion: AuraMotion,
         times_s: Floats,
         frequency_hz: Floats,
         level: Floats,
@@ -217,7 +225,7 @@ class AuraPlant:
 
     def envelope(
         self,
-        motion: Motion,
+        motion: AuraMotion,
         numbers: Ints,
         times_s: Floats,
         frequency_hz: Floats,
@@ -240,7 +248,7 @@ class AuraPlant:
 
     def carrier(
         self,
-        motion: Motion,
+        motion: AuraMotion,
         frames: Ints,
         origin_s: float,
         frequency_hz: Floats,
@@ -291,7 +299,7 @@ class AuraPlant:
         found: Complexes = rest * warmed + np.interp(times_s, nodes_s, wander)
         return found
 
-    def _reflection(self, motion: Motion, finger: int, wave_rad_m: Floats) -> Complexes:
+    def _reflection(self, motion: AuraMotion, finger: int, wave_rad_m: Floats) -> Complexes:
         found = np.empty(len(wave_rad_m), dtype=np.complex128)
         reflections(
             np.ascontiguousarray(motion.gap_m[:, finger]),

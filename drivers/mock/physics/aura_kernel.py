@@ -22,7 +22,7 @@ HALF_LENGTH_M = 0.5 * PAD_LENGTH_M
 
 
 class Air(NamedTuple):
-    """How sound spreads: see `AuraSettings`; `loss_np_m` is what air takes on each metre, in nepers."""
+    """How sound spreads: see `AuraPlantSettings`; `loss_np_m` is what air takes on each metre, in nepers."""
 
     decay_m: float
     decay_power: float
@@ -31,7 +31,7 @@ class Air(NamedTuple):
     edge: float
 
 
-class Thing(NamedTuple):
+class AuraThing(NamedTuple):
     """What stands there. Heights are over the middle of a finger at the start pose; strength is what reflects."""
 
     strength: float
@@ -56,7 +56,7 @@ def behind(way_m: float, wave_rad_m: float) -> complex:
 
 
 @compiled()
-def faced(y_m: float, z_m: float, thing: Thing) -> tuple[float, float, float]:
+def faced(y_m: float, z_m: float, thing: AuraThing) -> tuple[float, float, float]:
     """What of a finger's pad has the object before it across and lengthwise, 0 to 1, and how far beside it that is."""
     across_m = min(thing.half_depth_m, y_m + HALF_WIDTH_M) - max(-thing.half_depth_m, y_m - HALF_WIDTH_M)
     along_m = min(thing.top_m, z_m + HALF_LENGTH_M) - max(thing.bottom_m, z_m - HALF_LENGTH_M)
@@ -66,7 +66,7 @@ def faced(y_m: float, z_m: float, thing: Thing) -> tuple[float, float, float]:
 
 @compiled()
 def reflected(
-    gap_m: float, y_m: float, z_m: float, wave_rad_m: float, strength: float, thing: Thing, air: Air
+    gap_m: float, y_m: float, z_m: float, wave_rad_m: float, strength: float, thing: AuraThing, air: Air
 ) -> complex:
     """What a finger hears back, as a share of what a wide flat rigid wall at no distance sends.
 
@@ -101,7 +101,7 @@ def reflections(
     z_m: Floats,
     wave_rad_m: Floats,
     strength: float,
-    thing: Thing,
+    thing: AuraThing,
     air: Air,
     out: Complexes,
 ) -> None:
@@ -117,7 +117,7 @@ def crossings(
     y_m: Floats,
     z_m: Floats,
     wave_rad_m: Floats,
-    thing: Thing,
+    thing: AuraThing,
     air: Air,
     out: Complexes,
 ) -> None:

@@ -12,8 +12,8 @@ from drivers.mock.physics.aura import ENVELOPE_HZ, FINGERS, LEFT, RIGHT, AuraPla
 from drivers.mock.physics.aura_drive import FRAME_HZ, AuraDrive
 from drivers.mock.physics.aura_objects import Side
 from drivers.mock.physics.aura_scene import RATE, TOOL, WIDTH
-from drivers.mock.physics.bench import Bench, Floats, Part
-from drivers.mock.physics.gripper_part import AuraBenchSettings, Gripper, ticks_of
+from drivers.mock.physics.bench import Bench, BenchPart, Floats
+from drivers.mock.physics.gripper_part import AuraBenchSettings, GripperPart, ticks_of
 
 Complexes = NDArray[np.complex128]
 
@@ -24,7 +24,7 @@ CHUNK = 9600
 """Frames that are computed at once: so many stay in a processor's cache."""
 
 
-class Aura(Part):
+class AuraPart(BenchPart):
     """Sound is computed when it is asked for, from where the gripper was then.
 
     Args:
@@ -35,7 +35,7 @@ class Aura(Part):
 
     offers = ("level", "drive", "chirp", "silence", "baseband", "carrier")
 
-    def __init__(self, bench: Bench, gripper: Gripper, settings: AuraBenchSettings) -> None:
+    def __init__(self, bench: Bench, gripper: GripperPart, settings: AuraBenchSettings) -> None:
         super().__init__(bench)
         self._gripper = gripper
         self._settings = settings
@@ -46,9 +46,9 @@ class Aura(Part):
         self._begin()
 
     def warm_up(self) -> None:
-        """See `Part`."""
+        """See `BenchPart`."""
         bench = Bench(self._settings, "gripper")
-        Aura(bench, Gripper(bench, self._settings), self._settings).drive(40_000.0, 0.5)
+        AuraPart(bench, GripperPart(bench, self._settings), self._settings).drive(40_000.0, 0.5)
         bench.advance(0.01)
         bench.baseband(np.arange(1, 5) / ENVELOPE_HZ)
         bench.carrier(0, 10)
@@ -58,7 +58,7 @@ class Aura(Part):
         self._drive.restart()
 
     def begin(self, settings: AuraBenchSettings, factors: Mapping[str, Any]) -> None:
-        """See `Part`; the drive is as it was."""
+        """See `BenchPart`; the drive is as it was."""
         if settings != self._settings:
             self._settings = settings
             self._plant = AuraPlant(settings)

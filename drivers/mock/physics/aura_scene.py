@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.physics import gripper_kernel as kernel
-from drivers.mock.physics.aura import ENVELOPE_HZ, Motion
+from drivers.mock.physics.aura import ENVELOPE_HZ, AuraMotion
 from drivers.mock.physics.aura_objects import AuraObject
 from drivers.mock.physics.jaws import Jaws
 
@@ -63,13 +63,13 @@ class Layout(NamedTuple):
     press_n_m: float
     weight: Weight | None = None
 
-    def thing_for_kernel(self, fits: bool) -> kernel.Thing:
+    def thing_for_kernel(self, fits: bool) -> kernel.GripThing:
         """The same as the kernel has it; `fits` is whether the jaws close on it at all."""
         thing = self.thing
         size_m = (0.0, 0.0, 0.0) if thing is None else (thing.width_m, thing.depth_m, thing.height_m)
         about = (self.place_m[2], self.lean_rad, self.push_n, self.press_n_m)
         weight = self.weight or Weight(0.0, 0.0, 1.0)
-        return kernel.Thing(thing is not None, self.scene == "ahead", fits, *size_m, *about, *weight)
+        return kernel.GripThing(thing is not None, self.scene == "ahead", fits, *size_m, *about, *weight)
 
 
 class AuraScene:
@@ -122,7 +122,7 @@ class AuraScene:
         oldest = max(self._first, self.tick - KEEP + 1)
         return self._rows[np.clip(ticks, oldest, self.tick) % KEEP]
 
-    def motion(self, tool_m: Floats, rows: Floats, width_m: Floats) -> Motion:
+    def motion(self, tool_m: Floats, rows: Floats, width_m: Floats) -> AuraMotion:
         """Where fingers and object are towards each other, n instants.
 
         Args:
@@ -131,7 +131,7 @@ class AuraScene:
             width_m: Opening of the jaws, shape (n,).
         """
         away_m = self._away(rows[:, OBJECT], tool_m)
-        return Motion(
+        return AuraMotion(
             self._gaps(away_m[:, 0], width_m),
             -away_m[:, 1],
             self.layout.place_m[2] - away_m[:, 2],

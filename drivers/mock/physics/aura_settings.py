@@ -89,7 +89,7 @@ class RoomSettings(Settings):
     """Its frequency."""
 
 
-class AuraSettings(Settings):
+class AuraPlantSettings(Settings):
     """Two fingers, the air, the bridge. Amplitudes are shares of the converter's full scale at full drive.
 
     The wavelength follows from frequency and temperature; the rest is assumed unless it says otherwise.

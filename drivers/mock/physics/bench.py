@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import RefusedError
-from drivers.mock.physics.stage_axis import Piece
+from drivers.mock.physics.stage_axis import MotionPiece
 from drivers.settings import Settings
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Carrier(Protocol):
     def velocity(self, t_s: float) -> float:
         """Velocity along the approach axis in m/s."""
 
-    def pieces(self, t_s: float) -> Sequence[Piece]:
+    def pieces(self, t_s: float) -> Sequence[MotionPiece]:
         """The motion along the axis from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
 
 
@@ -52,7 +52,7 @@ class ToolCarrier(Carrier, Protocol):
         """Displacement from the start pose along base axes, m, and integrated angular velocity, rad, (n, 6)."""
 
 
-class Part:
+class BenchPart:
     """A part of a bench. What is here is what a part does that has nothing of the kind.
 
     Args:
@@ -127,9 +127,9 @@ class Bench:
         self.mover: Any = None
         self._settings = settings
         self._tool, self._one_axis = tool, one_axis
-        self._parts: list[Part] = []
+        self._parts: list[BenchPart] = []
 
-    def add(self, part: Part) -> None:
+    def add(self, part: BenchPart) -> None:
         """One more part; what it offers, no other may."""
         taken = {name for other in self._parts for name in other.offers} & set(part.offers)
         assert not taken, taken

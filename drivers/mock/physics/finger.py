@@ -16,7 +16,7 @@ from drivers.mock.physics import finger_scene as scene
 from drivers.mock.physics.finger_settings import LOCATIONS, FingerSettings
 
 if TYPE_CHECKING:
-    from drivers.mock.physics.finger_course import Course
+    from drivers.mock.physics.finger_course import FingerCourse
 
 __all__ = ["CHANNELS", "LOCATIONS", "FingerPlant", "FingerSettings"]
 
@@ -60,7 +60,7 @@ class FingerPlant:
             ValueError: unknown location, a key out of range, a gap or a time that is not finite.
         """
         # compiled code is loaded when there is a plant, not when a profile is checked
-        from drivers.mock.physics.finger_course import Course
+        from drivers.mock.physics.finger_course import FingerCourse
 
         if location not in LOCATIONS:
             raise ValueError(f"finger: no location {location!r}; there are {', '.join(LOCATIONS)}")
@@ -75,7 +75,7 @@ class FingerPlant:
         self._computed_s = t_s
         self._span_s = (t_s, t_s)
         self._channels = (0, 0)
-        self._course: Course = Course(scene.scene(self.settings, location, gap_m, 0.0, key), t_s)
+        self._course: FingerCourse = FingerCourse(scene.scene(self.settings, location, gap_m, 0.0, key), t_s)
 
     # what comes from outside
 

@@ -26,7 +26,7 @@ _RECORDS = 512
 """Places for recorded pieces at first; more are made when a span needs them."""
 
 
-class Course:
+class FingerCourse:
     """Runs the kernel, and takes out of its books what it wrote.
 
     Args:
@@ -38,7 +38,7 @@ class Course:
         moment: The start of the piece under way.
     """
 
-    def __init__(self, finger: scene.Finger, t_s: float) -> None:
+    def __init__(self, finger: scene.FingerConstants, t_s: float) -> None:
         self.finger = finger
         self.motion = scene.motion_of(np.array([[t_s, 0.0, 0.0, 0.0]]))
         self.moment = scene.at_rest()

@@ -42,9 +42,9 @@ from drivers.mock.physics.finger_scene import (
     TOUCHING,
     WANDER_EVERY,
     Books,
-    Finger,
+    FingerConstants,
     Moment,
-    Motion,
+    ProbePlan,
 )
 from drivers.mock.physics.noise import normal
 from drivers.mock.physics.piecewise import DEGREE, SPAN, degree_for, parts_for, rising, value_slope
@@ -71,7 +71,7 @@ _FAR = 10.0
 
 
 @compiled()
-def _wander(finger: Finger, moment: Moment, step: int) -> float:
+def _wander(finger: FingerConstants, moment: Moment, step: int) -> float:
     """The joint's relative wander at a step: a stationary Ornstein-Uhlenbeck process, from its innovations alone.
 
     What came more than 40 correlation times earlier weighs less than 1e-17, so that a run may begin anywhere.
@@ -89,7 +89,7 @@ def _wander(finger: Finger, moment: Moment, step: int) -> float:
 
 @compiled()
 def probe_at(
-    motion: Motion, piece: int, whole: int, fraction: float, rest: float
+    motion: ProbePlan, piece: int, whole: int, fraction: float, rest: float
 ) -> tuple[float, float, float]:
     """Position, velocity and acceleration of the probe."""
     elapsed = (whole - motion.whole[piece]) + (fraction - motion.fraction[piece]) + rest
@@ -101,7 +101,7 @@ def probe_at(
 
 @compiled()
 def _expand(
-    finger: Finger,
+    finger: FingerConstants,
     joint: float,
     noise: tuple[float, float],
     probe: tuple[float, float, float],
@@ -362,8 +362,8 @@ def _change(x: Floats, flags: Ints, cause: int, next_mode: int) -> int:
 
 @compiled()
 def run(
-    finger: Finger,
-    motion: Motion,
+    finger: FingerConstants,
+    motion: ProbePlan,
     moment: Moment,
     until_whole: int,
     until_fraction: float,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.mock.physics import finger_kernel as kernel
 from drivers.mock.physics import finger_scene as scene
-from drivers.mock.physics.finger_course import Course
+from drivers.mock.physics.finger_course import FingerCourse
 from drivers.mock.physics.piecewise import DEGREE
 
 _TRIED_S = 60.0
@@ -70,7 +70,7 @@ class Leap(NamedTuple):
     left_out_s: float
 
 
-def leap(course: Course, from_s: float, until_s: float, error_rad: float) -> Leap | None:
+def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) -> Leap | None:
     """Leave out what the locked loop does before `until_s`, as far as an error in theta allows it.
 
     Without noise the cycle repeats: whole cycles are left out (`cycles`). With noise the loop forgets: it is put on its
@@ -108,7 +108,7 @@ def leap(course: Course, from_s: float, until_s: float, error_rad: float) -> Lea
     return Leap("cycles", computed_s, left_out_s)
 
 
-def may_touch(course: Course, from_s: float, until_s: float) -> bool:
+def may_touch(course: FingerCourse, from_s: float, until_s: float) -> bool:
     """Whether the probe moves between two times, or rests where the finger could touch it."""
     lock = lock_of(course.finger)
     position_m = course.probe_rests(from_s, until_s)
@@ -118,7 +118,7 @@ def may_touch(course: Course, from_s: float, until_s: float) -> bool:
     return position_m + _MARGIN * arm_m * lock.swing_rad > course.finger.gap
 
 
-def lock_of(finger: scene.Finger) -> Lock | None:
+def lock_of(finger: scene.FingerConstants) -> Lock | None:
     """The lock of a scene, or None where its loop does not settle on one cycle."""
     # what the free motion without noise does not depend on is left out of the key
     unused = ("noise", "wander", "arm", "base_arm", "push_arm", "contact", "contact_damping", "vibration")
@@ -131,7 +131,7 @@ def lock_of(finger: scene.Finger) -> Lock | None:
 
 
 @lru_cache(maxsize=64)
-def _lock(finger: scene.Finger) -> Lock | None:
+def _lock(finger: scene.FingerConstants) -> Lock | None:
     times, states, comparator = _edges(finger)
     if not times:
         return None
@@ -155,7 +155,7 @@ def _lock(finger: scene.Finger) -> Lock | None:
     )
 
 
-def _edges(finger: scene.Finger) -> tuple[list[float], list[NDArray[np.float64]], int]:
+def _edges(finger: scene.FingerConstants) -> tuple[list[float], list[NDArray[np.float64]], int]:
     """Times and states at the oscillator's rising edges from rest until they repeat, and the comparator; or nothing."""
     moment = scene.at_rest()
     moment.flags[scene.EXCITED] = 1

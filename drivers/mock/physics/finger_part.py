@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from drivers.mock.physics.bench import Bench, Floats, Part, StreamSpec
+from drivers.mock.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from drivers.mock.physics.finger import CHANNELS, FingerPlant, FingerSettings
-from drivers.mock.physics.stage_axis import AxisMotion, Piece
+from drivers.mock.physics.stage_axis import AxisMotion, MotionPiece
 
 STREAMS = (
     # 16 bits over the ADXL335's +-3.6 g (data sheet); the converter is an assumption.
@@ -36,7 +36,7 @@ class FingerBenchSettings(FingerSettings):
     """Where the resting finger's surface is, on the approach axis. Assumption: a 3 mm gap at the start."""
 
 
-class Finger(Part):
+class FingerPart(BenchPart):
     """The finger's plant, whose own time begins anew with each trial.
 
     Args:
@@ -56,16 +56,16 @@ class Finger(Part):
         self._begin("f")
 
     def warm_up(self) -> None:
-        """See `Part`."""
+        """See `BenchPart`."""
         bench = Bench(self._settings, "probe")
-        Finger(bench, self._settings).excite(True)
+        FingerPart(bench, self._settings).excite(True)
         bench.advance(0.01, frozenset(stream.name for stream in STREAMS))
         for stream in STREAMS:
             if stream.rate_hz is not None:
                 bench.sample(stream.name, np.array([0.005]))
         carrier = AxisMotion()
         bench.mount(carrier)
-        carrier.replace(0.01, [Piece(0.01, 0.0, 0.005, 0.0)])
+        carrier.replace(0.01, [MotionPiece(0.01, 0.0, 0.005, 0.0)])
         bench.on_plan(0.01)
         bench.advance(0.02, frozenset())
 
@@ -87,7 +87,7 @@ class Finger(Part):
     # what the mover tells and feels
 
     def replan(self) -> None:
-        """See `Part`."""
+        """See `BenchPart`."""
         if self.bench.mover is None:
             return
         pieces = self.bench.mover.pieces(self.bench.t_s)
@@ -124,7 +124,7 @@ class Finger(Part):
         self._tendon_m.append(position_m)
 
     def advance(self, t_s: float) -> None:
-        """See `Part`; what nobody observes is not computed."""
+        """See `BenchPart`; what nobody observes is not computed."""
         origin_s, observed = self.bench.origin_s, self.bench.observed & CHANNELS
         until_s = t_s - origin_s
         if until_s <= self._plant.t_s:

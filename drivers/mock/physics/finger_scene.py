@@ -43,7 +43,7 @@ _FREE_HZ = 28.0
 """Where the held noise has the density of the data sheet: the free resonance, paper IV.A."""
 
 
-class Finger(NamedTuple):
+class FingerConstants(NamedTuple):
     """The scene's constants."""
 
     inertia: float
@@ -88,7 +88,7 @@ class Finger(NamedTuple):
     restless: bool
 
 
-class Motion(NamedTuple):
+class ProbePlan(NamedTuple):
     """The probe's plan: start of each piece (whole seconds and fraction), position, velocity, acceleration."""
 
     whole: Ints
@@ -162,7 +162,9 @@ class Books(NamedTuple):
         return larger
 
 
-def scene(s: FingerSettings, location: str, gap_m: float, tendon_m: float, key: tuple[int, int]) -> Finger:
+def scene(
+    s: FingerSettings, location: str, gap_m: float, tendon_m: float, key: tuple[int, int]
+) -> FingerConstants:
     """The constants of a finger that is touched at a place, with its tendon at a position.
 
     Args:
@@ -191,7 +193,7 @@ def scene(s: FingerSettings, location: str, gap_m: float, tendon_m: float, key: 
     )
     # density to the deviation of a held value, corrected for what holding it takes from the density at 28 Hz
     held = math.sqrt(NOISE_HZ / 2.0) / float(np.sinc(_FREE_HZ / NOISE_HZ))
-    return Finger(
+    return FingerConstants(
         inertia=s.inertia_kg_m2,
         joint=joint,
         joint_damping=s.joint_n_m_s_rad,
@@ -287,11 +289,11 @@ def at_rest() -> Moment:
     return moment
 
 
-def motion_of(table: Floats) -> Motion:
+def motion_of(table: Floats) -> ProbePlan:
     """The plan of a probe from rows of (start, position, velocity, acceleration), shape (n, 4)."""
     whole = np.floor(table[:, 0])
     columns = (np.ascontiguousarray(table[:, column]) for column in (1, 2, 3))
-    return Motion(whole.astype(np.int64), table[:, 0] - whole, *columns)
+    return ProbePlan(whole.astype(np.int64), table[:, 0] - whole, *columns)
 
 
 def books_of(switches: int, records: int, degree: int) -> Books:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import RefusedError
-from drivers.mock.physics.bench import Bench, Floats, Part, StreamSpec
+from drivers.mock.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from drivers.mock.physics.fingertip_settings import (
     BRIDGES,
     FINGER,
@@ -24,12 +24,12 @@ from drivers.mock.physics.fingertip_settings import (
     SlipBenchSettings,
 )
 from drivers.mock.physics.noise import gaussian_at
-from drivers.mock.physics.slip import SlipPlant, SlipSettings
+from drivers.mock.physics.slip import SlipPlant, SlipPlantSettings
 from drivers.mock.physics.slip_sensors import SENSORS
 from drivers.mock.physics.slip_track import SlipTruth, Track
 
 
-class Fingertip(Part):
+class FingertipPart(BenchPart):
     """One plant, the one whose sensor the tip carries; the others' sensors touch nothing and read their noise.
 
     The table lies flat in the arm's base frame: the tool presses along -z, slides along x, rolls about y. The arm
@@ -52,7 +52,7 @@ class Fingertip(Part):
     def __init__(self, bench: Bench, settings: SlipBenchSettings) -> None:
         super().__init__(bench)
         self._settings = settings
-        self._plants: dict[SlipSettings, SlipPlant] = {}
+        self._plants: dict[SlipPlantSettings, SlipPlant] = {}
         self.fingers = Fingers(self)
         self.taxels = Taxels(self)
         self._begin("fingertip")
@@ -131,7 +131,7 @@ class Fingertip(Part):
         return np.empty(0), np.empty(0)
 
     def advance(self, t_s: float) -> None:
-        """See `Part`; whoever listens to what, the tip's own state must be followed."""
+        """See `BenchPart`; whoever listens to what, the tip's own state must be followed."""
         last = self._track.number(t_s - self.bench.origin_s)
         while self._track.count < last:
             first = self._track.count + 1
@@ -235,7 +235,7 @@ _BEHIND = ("tangential_n", "normal_n", "roll_rad")
 class Fingers:
     """The hand's side of the bench: see `drivers.mock.devices.barrett_hand.Source`."""
 
-    def __init__(self, tip: Fingertip) -> None:
+    def __init__(self, tip: FingertipPart) -> None:
         self._tip = tip
 
     def advance(self, t_s: float) -> None:
@@ -250,7 +250,7 @@ class Fingers:
 class Taxels:
     """The matrices' side of the bench: see `drivers.mock.devices.dsa_matrix.Source`."""
 
-    def __init__(self, tip: Fingertip) -> None:
+    def __init__(self, tip: FingertipPart) -> None:
         self._tip = tip
 
     def matrices(self) -> Sequence[Matrix]:

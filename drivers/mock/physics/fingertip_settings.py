@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from drivers.mock.physics.bench import StreamSpec
-from drivers.mock.physics.slip import SlipSettings
+from drivers.mock.physics.slip import SlipPlantSettings
 from drivers.mock.physics.slip_nuisances import SlipNuisances
 from drivers.mock.physics.slip_sensors import SENSORS
 from drivers.settings import Settings
@@ -98,7 +98,7 @@ class SlipBenchSettings(Settings):
         """Whether the noise is too small for a converter to see: a sensor that repeats its value is not stuck then."""
         return self.noise_scale < 0.5  # the hand's gauges have 0.6 counts at 1
 
-    def of(self, sensor: Sensor) -> SlipSettings:
+    def of(self, sensor: Sensor) -> SlipPlantSettings:
         """The plant with this sensor at the tip.
 
         What the sensor's own electronics add is added where those are: the hand's converter, the texels' noise, the

@@ -32,7 +32,7 @@ GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM 1901)."""
 
 STATIC = 1.05
-"""How much larger static friction is (as `SlipSettings.static_excess`)."""
+"""How much larger static friction is (as `SlipPlantSettings.static_excess`)."""
 
 TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE, LOAD = 0, 3, 6, 7, 8, 9, 11
 COLUMNS = 12
@@ -48,7 +48,7 @@ HEIGHT, TOOL_HEIGHT, TAKEN, SLIDES = range(4)
 would hold nothing of it (m), and its speed upwards while it slides in them (m/s), NaN while it does not."""
 
 
-class Thing(NamedTuple):
+class GripThing(NamedTuple):
     """An object as the kernel has it: see `Layout`; what is not there is not `present`."""
 
     present: bool
@@ -67,14 +67,14 @@ class Thing(NamedTuple):
 
 
 @compiled()
-def before(thing: Thing, y_m: float, z_m: float) -> bool:
+def before(thing: GripThing, y_m: float, z_m: float) -> bool:
     """Whether the object is before the fingers, by its place from the tool across and lengthwise."""
     across = abs(y_m) < 0.5 * (thing.depth_m + PAD_WIDTH_M)
     return across and z_m > -0.5 * PAD_LENGTH_M and z_m - thing.height_m < 0.5 * PAD_LENGTH_M
 
 
 @compiled()
-def lifted(thing: Thing, lift: Floats, tool_m: float, contact_n: float) -> float:
+def lifted(thing: GripThing, lift: Floats, tool_m: float, contact_n: float) -> float:
     """Let a millisecond pass for an object's height; returns what the fingers hold of its weight, N.
 
     On the table, held by friction, sliding in the fingers, or falling. Quasi-static where it is held: the fingers give
@@ -105,7 +105,7 @@ def lifted(thing: Thing, lift: Floats, tool_m: float, contact_n: float) -> float
 
 
 @compiled()
-def touched(thing: Thing, flags: Ints, row: Floats, contact_n: float) -> tuple[bool, bool]:
+def touched(thing: GripThing, flags: Ints, row: Floats, contact_n: float) -> tuple[bool, bool]:
     """Which fingers touch; writes their forces and pushes the object where a finger would be in it."""
     row[FORCE] = row[FORCE + 1] = 0.0
     z_m = row[OBJECT + 2] - row[TOOL + 2]
@@ -134,7 +134,7 @@ def touched(thing: Thing, flags: Ints, row: Floats, contact_n: float) -> tuple[b
 
 
 @compiled()
-def meets(thing: Thing, flags: Ints, row: Floats, tool_m: Floats, x: Floats, jaws_flags: Ints) -> None:
+def meets(thing: GripThing, flags: Ints, row: Floats, tool_m: Floats, x: Floats, jaws_flags: Ints) -> None:
     """Let the jaws know whether they have something to close on, or would still come to it."""
     between = thing.present and not thing.ahead
     if between and not flags[HELD]:
@@ -147,7 +147,7 @@ def meets(thing: Thing, flags: Ints, row: Floats, tool_m: Floats, x: Floats, jaw
 
 @compiled()
 def follow(
-    thing: Thing,
+    thing: GripThing,
     x: Floats,
     jaws_flags: Ints,
     flags: Ints,

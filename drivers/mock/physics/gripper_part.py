@@ -15,11 +15,11 @@ from drivers.mock.physics.aura import ENVELOPE_HZ, FINGERS
 from drivers.mock.physics.aura_jaws import AuraJaws, fits, jaws_settings
 from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, AuraObject, Side
 from drivers.mock.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Layout, Weight
-from drivers.mock.physics.aura_settings import AuraSettings
-from drivers.mock.physics.bench import Bench, Floats, Part
+from drivers.mock.physics.aura_settings import AuraPlantSettings
+from drivers.mock.physics.bench import Bench, BenchPart, Floats
 
 
-class AuraBenchSettings(AuraSettings):
+class AuraBenchSettings(AuraPlantSettings):
     """The plant section of a profile: the aura's own parameters, and where things stand.
 
     The frame is the arm's base frame, from the start pose: x is the line on which the jaws close, y goes across the
@@ -75,7 +75,7 @@ class AuraBenchSettings(AuraSettings):
         return None
 
 
-class Gripper(Part):
+class GripperPart(BenchPart):
     """Jaws on a gripper, two fingers on the jaws, and an object: where they are, once a millisecond.
 
     Args:
@@ -139,7 +139,7 @@ class Gripper(Part):
         self.track = AuraScene(layout, fitting, tick, tool_m, jaws.width_m)
 
     def advance(self, t_s: float) -> None:
-        """See `Part`."""
+        """See `BenchPart`."""
         self.jaws.ask(t_s)
         ticks = np.arange(self.track.tick + 1, last_tick(t_s, ENVELOPE_HZ) + 1)
         if len(ticks):

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from drivers.mock.physics.aura_scene import FORCE, OBJECT, TOOL, Weight
-from drivers.mock.physics.bench import Bench, Floats, Part, StreamSpec
+from drivers.mock.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from drivers.mock.physics.fingertip_settings import CONVERTER_V
-from drivers.mock.physics.gripper_part import AuraBenchSettings, Gripper, ticks_of
-from drivers.mock.physics.slip import SlipPlant, SlipSettings
+from drivers.mock.physics.gripper_part import AuraBenchSettings, GripperPart, ticks_of
+from drivers.mock.physics.slip import SlipPlant, SlipPlantSettings
 from drivers.mock.physics.slip_sensors import SENSORS
 from drivers.mock.physics.slip_track import SlipTruth, Track
 
@@ -32,13 +32,13 @@ class GraspBenchSettings(AuraBenchSettings):
     """Mass of the object. Assumption: a small pipe of steel; it stands on a table until it is lifted."""
 
     pad_friction: float = Field(default=0.2, gt=0.0, le=10.0)
-    """Mean coefficient of kinetic friction between object and pads (as `SlipSettings.friction`)."""
+    """Mean coefficient of kinetic friction between object and pads (as `SlipPlantSettings.friction`)."""
 
     pad_noise_scale: float = Field(default=1.0, ge=0.0, le=1000.0)
     """Multiplies the noise of the pad's bridges."""
 
     @property
-    def pad(self) -> SlipSettings:
+    def pad(self) -> SlipPlantSettings:
         """The fingertip of Fernandez et al. on the right finger; nothing rolls there."""
         changed = {"friction": self.pad_friction, "noise_scale": self.pad_noise_scale, "rolling_n": 0.0}
         return SENSORS["fingertip"].model_copy(update=changed)
@@ -52,7 +52,7 @@ class GraspBenchSettings(AuraBenchSettings):
         return Weight(self.object_kg, self.pad_friction, 2.0 * each_n_m)
 
 
-class Pad(Part):
+class PadPart(BenchPart):
     """A fingertip's plant whose table is the object: it slides where the object slides in the fingers.
 
     What nobody listens to is not computed: then it begins at rest where it is first listened to, and knows no slip
@@ -66,7 +66,7 @@ class Pad(Part):
 
     offers = ("streams", "sample", "events", "excite", "set_tendon", "slips")
 
-    def __init__(self, bench: Bench, gripper: Gripper, settings: GraspBenchSettings) -> None:
+    def __init__(self, bench: Bench, gripper: GripperPart, settings: GraspBenchSettings) -> None:
         super().__init__(bench)
         self._gripper = gripper
         self._plant = SlipPlant(settings.pad)
@@ -74,7 +74,7 @@ class Pad(Part):
         self.begin(settings, {})
 
     def warm_up(self) -> None:
-        """See `Part`."""
+        """See `BenchPart`."""
         ramp = np.linspace(0.0, 1.0, 50)
         SlipPlant(self._plant.settings).advance(1e-3 * ramp, 1e-4 * ramp, 0.0 * ramp)
 
@@ -87,7 +87,7 @@ class Pad(Part):
         self._follows = False
 
     def advance(self, t_s: float) -> None:
-        """See `Part`."""
+        """See `BenchPart`."""
         last = self._track.number(t_s - self.bench.origin_s)
         if PAD not in self.bench.observed:
             self._track.count, self._follows = last, False

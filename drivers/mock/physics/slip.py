@@ -57,7 +57,7 @@ class BridgeSettings(Settings):
     """Of the converter, output units."""
 
 
-class SlipSettings(Settings):
+class SlipPlantSettings(Settings):
     """Every number of a fingertip, its table and its sensor."""
 
     bridges: tuple[BridgeSettings, ...]
@@ -157,7 +157,7 @@ class SlipPlant:
         normal_n: Likewise: normal force, N, shape (n,).
     """
 
-    def __init__(self, settings: SlipSettings) -> None:
+    def __init__(self, settings: SlipPlantSettings) -> None:
         from drivers.mock.physics import slip_kernel
 
         self._kernel = slip_kernel

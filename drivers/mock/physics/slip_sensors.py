@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.mock.physics.slip import BridgeSettings, SlipSettings
+from drivers.mock.physics.slip import BridgeSettings, SlipPlantSettings
 
 _CONVERTER_V = 20.0 / 2**16
 """One step of the paper's NI PCIe-6363 (4.1): 16 bits over +-10 V, the range being an assumption."""
 
-FINGERTIP = SlipSettings(
+FINGERTIP = SlipPlantSettings(
     mode_hz=180.0,
     rolling_n=0.087,
     bridges=(
@@ -49,7 +49,7 @@ The noise of Fx and Fy makes the printed resolution 3.5 standard deviations, as 
 Fit: rolling so that the lowest bin of Ft is 0.045 (Fig. 9b), roughness so that the peak in slip is 0.12 (Fig. 9c).
 """
 
-FLEXIBLE_FINGER = SlipSettings(
+FLEXIBLE_FINGER = SlipPlantSettings(
     mode_hz=125.0,
     rolling_n=0.041,
     bridges=(
@@ -61,7 +61,7 @@ FLEXIBLE_FINGER = SlipSettings(
 """B2. Printed: mode (5.1), threshold 0.25. Fit: gain so that the product peaks at 4 (Fig. 13b), rolling so that the
 paper's threshold holds for about an hour. Assumption: noise, "medium" in Table 1."""
 
-BARRETT_FINGER = SlipSettings(
+BARRETT_FINGER = SlipPlantSettings(
     mode_hz=375.0,
     rolling_n=0.041,
     bridges=(
@@ -73,7 +73,7 @@ BARRETT_FINGER = SlipSettings(
 """B3. Printed: mode (5.2). Fit: gain so that the product peaks at 3 (Fig. 15b). Assumption: noise, "high" in Table
 1."""
 
-JR3_WRIST = SlipSettings(
+JR3_WRIST = SlipPlantSettings(
     unit="N",
     mode_hz=1300.0,
     mass_kg=0.5,
@@ -90,7 +90,7 @@ JR3_WRIST = SlipSettings(
 its product reaches 300 (Fig. 17b). Assumption: a stiff mode far above half the sample rate, coupling, noise
 ("high")."""
 
-DSA_TAXEL = SlipSettings(
+DSA_TAXEL = SlipPlantSettings(
     unit="mV",
     rate_hz=100.0,
     mode_hz=70.0,
@@ -115,7 +115,7 @@ DSA_TAXEL = SlipSettings(
 """B5, one taxel. Printed: 10 ms between samples (5.4), level of 1,500 to 4,000 mV (Fig. 19a). Assumption: a rubber
 that rings at 70 Hz and damps, noise ("low" in Table 1), rolling, coupling."""
 
-SENSORS: Mapping[str, SlipSettings] = {
+SENSORS: Mapping[str, SlipPlantSettings] = {
     "fingertip": FINGERTIP,
     "flexible_finger": FLEXIBLE_FINGER,
     "barrett_finger": BARRETT_FINGER,

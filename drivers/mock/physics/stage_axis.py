@@ -20,7 +20,7 @@ STAGE_M_S = 0.026
 """Fastest speed of the bench's stage. Assumption: a small lead-screw stage."""
 
 
-class Piece(NamedTuple):
+class MotionPiece(NamedTuple):
     """Motion of constant acceleration, from its start until the next piece begins."""
 
     t_start_s: float
@@ -49,7 +49,7 @@ class AxisMotion:
     """
 
     def __init__(self, t_s: float = 0.0, position_m: float = 0.0) -> None:
-        self._pieces: deque[Piece] = deque(maxlen=HISTORY_PIECES)
+        self._pieces: deque[MotionPiece] = deque(maxlen=HISTORY_PIECES)
         self.place(t_s, position_m)
 
     @property
@@ -65,9 +65,9 @@ class AxisMotion:
     def place(self, t_s: float, position_m: float) -> None:
         """Stand still at a position from `t_s` on, and forget what was before: a new trial, a new zero."""
         self._pieces.clear()
-        self._pieces.append(Piece(t_s, _finite("position_m", position_m), 0.0, 0.0))
+        self._pieces.append(MotionPiece(t_s, _finite("position_m", position_m), 0.0, 0.0))
 
-    def replace(self, t_s: float, plan: Sequence[Piece]) -> None:
+    def replace(self, t_s: float, plan: Sequence[MotionPiece]) -> None:
         """Move by these pieces from `t_s` on, where the first of them begins."""
         while self._pieces and self._pieces[-1].t_start_s >= t_s:
             self._pieces.pop()
@@ -81,13 +81,13 @@ class AxisMotion:
         """Velocity in m/s."""
         return self._piece(t_s).velocity(t_s)
 
-    def pieces(self, t_s: float) -> list[Piece]:
+    def pieces(self, t_s: float) -> list[MotionPiece]:
         """The motion from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
         present = self._piece(t_s)
-        first = Piece(t_s, present.position(t_s), present.velocity(t_s), present.acceleration_m_s2)
+        first = MotionPiece(t_s, present.position(t_s), present.velocity(t_s), present.acceleration_m_s2)
         return [first, *(piece for piece in self._pieces if piece.t_start_s > t_s)]
 
-    def _piece(self, t_s: float) -> Piece:
+    def _piece(self, t_s: float) -> MotionPiece:
         for piece in reversed(self._pieces):
             if piece.t_start_s <= t_s:
                 return piece
@@ -135,18 +135,20 @@ class StageAxis(AxisMotion):
 
     def stall(self, t_s: float) -> None:
         """Stand still at once, wherever it is: a motor that has lost its way."""
-        self.replace(t_s, [Piece(t_s, self.position(t_s), 0.0, 0.0)])
+        self.replace(t_s, [MotionPiece(t_s, self.position(t_s), 0.0, 0.0)])
 
     def moving(self, t_s: float) -> bool:
         """True until the present plan stands still."""
         return t_s < self.arrival_s
 
-    def _start(self, t_s: float) -> Piece:
+    def _start(self, t_s: float) -> MotionPiece:
         piece = self._piece(t_s)
-        return Piece(t_s, piece.position(t_s), piece.velocity(t_s), 0.0)
+        return MotionPiece(t_s, piece.position(t_s), piece.velocity(t_s), 0.0)
 
 
-def _trapezoid(start: Piece, target_m: float, speed_m_s: float, acceleration_m_s2: float) -> list[Piece]:
+def _trapezoid(
+    start: MotionPiece, target_m: float, speed_m_s: float, acceleration_m_s2: float
+) -> list[MotionPiece]:
     """Pieces from a start (its acceleration is not used) to a standstill on the target."""
     distance_m = abs(target_m - start.position_m)
     towards = math.copysign(1.0, target_m - start.position_m)
@@ -166,14 +168,14 @@ def _trapezoid(start: Piece, target_m: float, speed_m_s: float, acceleration_m_s
     return _chain(start, [(s, towards * a) for s, a in phases], target_m)
 
 
-def _brake(start: Piece, acceleration_m_s2: float) -> list[Piece]:
+def _brake(start: MotionPiece, acceleration_m_s2: float) -> list[MotionPiece]:
     """Pieces from a start to a standstill."""
     slowing = -math.copysign(acceleration_m_s2, start.velocity_m_s)
     end_m = start.position_m - 0.5 * start.velocity_m_s**2 / slowing
     return _chain(start, [(abs(start.velocity_m_s) / acceleration_m_s2, slowing)], end_m)
 
 
-def _chain(start: Piece, phases: list[tuple[float, float]], end_m: float) -> list[Piece]:
+def _chain(start: MotionPiece, phases: list[tuple[float, float]], end_m: float) -> list[MotionPiece]:
     """Pieces of (duration, acceleration), one after the other, then a standstill exactly at the end."""
     pieces = []
     now = start
@@ -182,8 +184,8 @@ def _chain(start: Piece, phases: list[tuple[float, float]], end_m: float) -> lis
         if later_s > now.t_start_s:
             piece = now._replace(acceleration_m_s2=acceleration)
             pieces.append(piece)
-            now = Piece(later_s, piece.position(later_s), piece.velocity(later_s), 0.0)
-    return [*pieces, Piece(now.t_start_s, end_m, 0.0, 0.0)]
+            now = MotionPiece(later_s, piece.position(later_s), piece.velocity(later_s), 0.0)
+    return [*pieces, MotionPiece(now.t_start_s, end_m, 0.0, 0.0)]
 
 
 def _finite(name: str, value: float) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.compiled import compiled
 from drivers.mock.physics.rigid import Array, rotation, rotation_vector
-from drivers.mock.physics.stage_axis import Piece, StageAxis
+from drivers.mock.physics.stage_axis import MotionPiece, StageAxis
 
 LEGS = 64
 """Legs remembered, present plan included: the last dozen commands (at most 5 legs each)."""
@@ -53,10 +53,10 @@ class Leg(NamedTuple):
         velocity = self.velocity + self.acceleration * elapsed_s
         return Leg(t_s, place, velocity, self.acceleration, _turned(self, place))
 
-    def piece(self) -> Piece:
+    def piece(self) -> MotionPiece:
         """The same on the approach axis alone."""
         x, v, a = self.place[ALONG], self.velocity[ALONG], self.acceleration[ALONG]
-        return Piece(self.t_start_s, float(x), float(v), float(a))
+        return MotionPiece(self.t_start_s, float(x), float(v), float(a))
 
 
 class ToolTrack:
@@ -124,10 +124,10 @@ class ToolTrack:
         """Velocity along the axis in m/s."""
         return self._leg(t_s).piece().velocity(t_s)
 
-    def pieces(self, t_s: float) -> list[Piece]:
+    def pieces(self, t_s: float) -> list[MotionPiece]:
         """The motion along the axis from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
         present = self._leg(t_s).piece()
-        first = Piece(t_s, present.position(t_s), present.velocity(t_s), present.acceleration_m_s2)
+        first = MotionPiece(t_s, present.position(t_s), present.velocity(t_s), present.acceleration_m_s2)
         return [first, *(leg.piece() for leg in self._legs if leg.t_start_s > t_s)]
 
     # in all directions
@@ -325,7 +325,7 @@ class ToolMotion(ToolTrack):
     def _start(self, t_s: float) -> Leg:
         return _coasting(self.leg(t_s))
 
-    def _stage(self, piece: Piece) -> StageAxis:
+    def _stage(self, piece: MotionPiece) -> StageAxis:
         """An axis that plans the way along the approach axis, from here on."""
         axis = StageAxis(acceleration_m_s2=self._acceleration, max_speed_m_s=self._max_speed_m_s)
         axis.replace(piece.t_start_s, [piece])

@@ -2,40 +2,40 @@
 
 from __future__ import annotations
 
-from drivers.mock.physics.aura_part import Aura
+from drivers.mock.physics.aura_part import AuraPart
 from drivers.mock.physics.bench import Bench
-from drivers.mock.physics.finger_part import Finger, FingerBenchSettings
-from drivers.mock.physics.fingertip_part import Fingertip
+from drivers.mock.physics.finger_part import FingerBenchSettings, FingerPart
+from drivers.mock.physics.fingertip_part import FingertipPart
 from drivers.mock.physics.fingertip_settings import SlipBenchSettings
-from drivers.mock.physics.gripper_part import AuraBenchSettings, Gripper
-from drivers.mock.physics.pad_part import GraspBenchSettings, Pad
+from drivers.mock.physics.gripper_part import AuraBenchSettings, GripperPart
+from drivers.mock.physics.pad_part import GraspBenchSettings, PadPart
 
 
 def finger(settings: FingerBenchSettings) -> Bench:
     """A probe and the resonant finger that it meets."""
     bench = Bench(settings, "probe")
-    Finger(bench, settings)
+    FingerPart(bench, settings)
     return bench
 
 
 def slip(settings: SlipBenchSettings) -> Bench:
     """A tip with one of five force sensors, on a table."""
     bench = Bench(settings, "tip", one_axis="this mover cannot slide and roll")
-    Fingertip(bench, settings)
+    FingertipPart(bench, settings)
     return bench
 
 
 def aura(settings: AuraBenchSettings) -> Bench:
     """A gripper with two sonic fingers, an object between them or before one of them."""
     bench = Bench(settings, "gripper", one_axis="this mover moves along one axis alone")
-    Aura(bench, Gripper(bench, settings), settings)
+    AuraPart(bench, GripperPart(bench, settings), settings)
     return bench
 
 
 def grasp(settings: GraspBenchSettings) -> Bench:
     """A gripper with two sonic fingers, one of which has a force sensor in its pad, and an object on a table."""
     bench = Bench(settings, "gripper", one_axis="this mover moves along one axis alone")
-    gripper = Gripper(bench, settings)
-    Aura(bench, gripper, settings)
-    Pad(bench, gripper, settings)
+    gripper = GripperPart(bench, settings)
+    AuraPart(bench, gripper, settings)
+    PadPart(bench, gripper, settings)
     return bench

@@ -21,7 +21,7 @@ from rich.console import Console as Terminal
 from controller import console as console_module
 from controller import live
 from controller.campaign import foremost
-from controller.console import DIGITS, RESULTS, Operator, PlainConsole, figure, telling
+from controller.console import DIGITS, RESULTS, ConsoleOperator, PlainConsole, figure, telling
 from controller.experiments import EXPERIMENTS
 from controller.live import LiveConsole
 from drivers.protocols import Question
@@ -77,7 +77,7 @@ def interrupt(number=signal.SIGINT):
 
 
 def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_a_second_ctrl_c_aborts(keyboard):
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         assert operator.poll() is None
         interrupt()
         assert [operator.poll(), operator.poll()] == ["pause", None]
@@ -90,27 +90,27 @@ def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_a_second_ctrl_c_aborts(ke
 
 
 def test_two_ctrl_c_before_the_loop_looks_abort(keyboard):
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         interrupt()
         interrupt()
         assert operator.poll() == "abort"
 
 
 def test_an_enter_from_before_the_pause_resumes_nothing(keyboard):
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         keyboard.press()
         interrupt()
         assert [operator.poll(), operator.poll()] == ["pause", None]
 
 
 def test_enter_without_a_pause_does_nothing(keyboard):
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         keyboard.press()
         assert operator.poll() is None
 
 
 def test_a_terminal_that_is_gone_while_paused_aborts(keyboard):
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         interrupt()
         assert operator.poll() == "pause"
         keyboard.press(b"\x04")  # end of input
@@ -119,14 +119,14 @@ def test_a_terminal_that_is_gone_while_paused_aborts(keyboard):
 
 
 def test_without_a_terminal_the_first_ctrl_c_aborts():
-    with Path(os.devnull).open() as nothing, Operator(nothing) as operator:
+    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing) as operator:
         interrupt()
         assert operator.poll() == "abort"
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_kill_and_a_closed_terminal_abort_at_once(keyboard, number):
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         interrupt(number)
         assert operator.poll() == "abort"
 
@@ -154,7 +154,7 @@ def stopper(monkeypatch):
 
 def test_ctrl_z_is_a_word_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard, stopper):
     stopper.terminal = keyboard.file.fileno()
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         interrupt(signal.SIGTSTP)
         assert [operator.poll(), operator.poll()] == ["suspend", None]
         assert stopper.signals == [], "the loop says when"
@@ -167,7 +167,7 @@ def test_ctrl_z_is_a_word_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard
 
 
 def test_without_a_terminal_whoever_lets_the_program_go_on_means_the_run_as_well(stopper):
-    with Path(os.devnull).open() as nothing, Operator(nothing) as operator:
+    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing) as operator:
         interrupt(signal.SIGTSTP)
         assert operator.poll() == "suspend"
         operator.suspend()
@@ -176,7 +176,7 @@ def test_without_a_terminal_whoever_lets_the_program_go_on_means_the_run_as_well
 
 def test_in_the_background_the_keyboard_is_not_read(keyboard, monkeypatch):
     monkeypatch.setattr(os, "tcgetpgrp", lambda descriptor: os.getpgrp() + 1)
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         interrupt()
         assert operator.poll() == "pause"
         keyboard.press()
@@ -187,7 +187,7 @@ def test_in_the_background_the_keyboard_is_not_read(keyboard, monkeypatch):
 
 @pytest.mark.parametrize("number", [signal.SIGTTIN, signal.SIGTTOU])
 def test_what_a_terminal_sends_into_the_background_suspends_nothing(keyboard, number):
-    with Operator(keyboard.file) as operator:
+    with ConsoleOperator(keyboard.file) as operator:
         interrupt(number)
         assert operator.poll() is None
 
@@ -197,7 +197,7 @@ def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
 
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     modes = termios.tcgetattr(keyboard.file.fileno())
-    with Operator(keyboard.file):
+    with ConsoleOperator(keyboard.file):
         assert signal.getsignal(signal.SIGINT) is not before[0]
         assert not termios.tcgetattr(keyboard.file.fileno())[3] & termios.ECHO
         assert not termios.tcgetattr(keyboard.file.fileno())[0] & termios.IXON
@@ -206,14 +206,14 @@ def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
 
 
 def test_ctrl_s_does_not_hold_the_output_up(keyboard):
-    with Operator(keyboard.file):
+    with ConsoleOperator(keyboard.file):
         keyboard.press(b"\x13\n")
         assert select.select([], [keyboard.file], [], 0.0)[1], "a write would wait for Ctrl+Q"
 
 
 def test_enter_answers_a_question_and_n_says_no(keyboard):
     asker = Asker()
-    with Operator(keyboard.file, asking=[asker]) as operator:
+    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
         for number, keys in ((1, b"\n"), (2, b"n\n"), (3, b" \n")):
             asker.ask(number)
             assert operator.poll() is None
@@ -224,7 +224,7 @@ def test_enter_answers_a_question_and_n_says_no(keyboard):
 
 def test_an_enter_from_before_the_question_answers_nothing(keyboard):
     asker = Asker()
-    with Operator(keyboard.file, asking=[asker]) as operator:
+    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
         keyboard.press()
         asker.ask(1)
         assert [operator.poll(), operator.poll()] == [None, None]
@@ -237,7 +237,7 @@ def test_an_enter_from_before_the_question_answers_nothing(keyboard):
 def test_other_words_than_no_answer_nothing(keyboard):
     asker = Asker()
     asker.ask(1)
-    with Operator(keyboard.file, asking=[asker]) as operator:
+    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
         operator.poll()
         keyboard.press(b"oops\n")
         operator.poll()
@@ -250,7 +250,7 @@ def test_other_words_than_no_answer_nothing(keyboard):
 def test_while_paused_enter_goes_on_and_answers_no_question(keyboard):
     asker = Asker()
     asker.ask(1)
-    with Operator(keyboard.file, asking=[asker]) as operator:
+    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
         operator.poll()
         interrupt()
         assert operator.poll() == "pause"
@@ -265,14 +265,14 @@ def test_while_paused_enter_goes_on_and_answers_no_question(keyboard):
 def test_a_question_that_nobody_can_hear_is_not_answered_by_a_file():
     asker = Asker()
     asker.ask(1)
-    with Path(os.devnull).open() as nothing, Operator(nothing, asking=[asker]) as operator:
+    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing, asking=[asker]) as operator:
         assert [operator.poll(), operator.poll()] == [None, None]
     assert asker.answers == []
 
 
 def test_a_question_is_said_once_on_a_plain_console_and_stands_in_the_live_view(keyboard, screen):
     asker = Asker()
-    operator, lines = Operator(keyboard.file, asking=[asker]), []
+    operator, lines = ConsoleOperator(keyboard.file, asking=[asker]), []
     plain = PlainConsole(operator, lines.append)
     screen._operator = operator
     screen.campaign_started("mock/weights", 3, Path("runs/x"))
@@ -289,7 +289,7 @@ def test_a_question_is_said_once_on_a_plain_console_and_stands_in_the_live_view(
 
 def test_off_a_terminal_each_trial_is_one_line(keyboard):
     lines = []
-    console = PlainConsole(Operator(keyboard.file), lines.append)
+    console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
     console.campaign_started("mock/transient", 2, Path("runs/x"))
     console.trial_started(7, {"location": "f", "speed_m_s": 0.004843})
     console.state("APPROACH", 92.0)
@@ -303,7 +303,7 @@ def test_off_a_terminal_each_trial_is_one_line(keyboard):
 
 def test_a_pause_is_told_with_the_way_out(keyboard):
     lines = []
-    console = PlainConsole(Operator(keyboard.file), lines.append)
+    console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
     console.state("PAUSED", 3.0)
     console.campaign_ended("")
     assert lines == ["paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts"]
@@ -317,7 +317,7 @@ def test_a_reader_that_takes_nothing_holds_neither_a_line_nor_the_end_up(keyboar
         taking.wait(60.0)
         said.append(line)
 
-    console = PlainConsole(Operator(keyboard.file), say)
+    console = PlainConsole(ConsoleOperator(keyboard.file), say)
     console.campaign_started("mock/transient", 1, Path("runs/x"))
     console.state("PAUSED", 3.0)
     console.campaign_ended("")
@@ -334,7 +334,7 @@ def test_a_reader_that_has_left_ends_what_is_said_and_nothing_else(keyboard):
         said.append(line)
         raise BrokenPipeError(32, "Broken pipe")
 
-    console = PlainConsole(Operator(keyboard.file), say)
+    console = PlainConsole(ConsoleOperator(keyboard.file), say)
     console.campaign_started("mock/transient", 1, Path("runs/x"))
     console.state("PAUSED", 3.0)
     console.campaign_ended("")
@@ -390,7 +390,7 @@ def screen(keyboard, monkeypatch):
     monkeypatch.setattr(live, "REFRESH_S", -1.0)
     file = io.StringIO()
     console = LiveConsole(
-        Operator(keyboard.file), Terminal(file=file, force_terminal=True, width=72, height=24)
+        ConsoleOperator(keyboard.file), Terminal(file=file, force_terminal=True, width=72, height=24)
     )
 
     def text():

@@ -15,10 +15,10 @@ import numpy as np
 from drivers.mock.devices.ur_controller.registers import Registers
 from drivers.mock.physics import arm, rigid
 from drivers.mock.physics.arm_motion import (
+    ArmMotion,
     JointMove,
     JointServo,
     JointSpeed,
-    Motion,
     ToolMove,
     ToolSpeed,
     Yielding,
@@ -82,7 +82,7 @@ class ControlScript:
         self._r = Registers(controller.inputs, controller.outputs, offset)
         self._threads: dict[str, Thread] = {"main": self._main()}
         self._mover: str | None = None
-        self._kept: dict[str, tuple[Callable[[], Motion], float]] = {}
+        self._kept: dict[str, tuple[Callable[[], ArmMotion], float]] = {}
         self._speeds_joints = False
         self._jog_frame = rigid.IDENTITY
         self._gain, self._damping = USUAL_GAIN, USUAL_DAMPING
@@ -202,7 +202,7 @@ class ControlScript:
 
     # --- motion ----------------------------------------------------------------------------------------
 
-    def _drive(self, thread: str, motion: Motion, duration_s: float | None = None) -> Thread:
+    def _drive(self, thread: str, motion: ArmMotion, duration_s: float | None = None) -> Thread:
         """Move until the motion is done, or for a time; one thread alone may do so."""
         if self._mover == "force" != thread:
             raise ScriptError("a motion in force mode is not emulated")
@@ -222,14 +222,14 @@ class ControlScript:
             self._mover = None
         return self._threads.pop(thread, None) is not None
 
-    def _move(self, motion: Motion) -> Thread:
+    def _move(self, motion: ArmMotion) -> Thread:
         self._stop_async_move()
         if self._r.i(1) == 1:
             self._threads["move"] = self._in_background("move", motion)
         else:
             yield from self._drive("main", motion)
 
-    def _in_background(self, thread: str, motion: Motion) -> Thread:
+    def _in_background(self, thread: str, motion: ArmMotion) -> Thread:
         self._r.progress(0)
         yield from self._drive(thread, motion)
         self._r.progress(-1)
@@ -238,7 +238,7 @@ class ControlScript:
         if self._kill("move"):
             self._r.progress(-1)
 
-    def _keep(self, thread: str, motion: Callable[[], Motion], duration_s: float = STEP_S) -> None:
+    def _keep(self, thread: str, motion: Callable[[], ArmMotion], duration_s: float = STEP_S) -> None:
         """Let a thread make this motion again and again, for so long each time."""
         self._kept[thread] = (motion, max(duration_s, STEP_S))
         if thread not in self._threads:
@@ -249,7 +249,7 @@ class ControlScript:
             motion, duration_s = self._kept[thread]
             yield from self._drive(thread, motion(), duration_s)
 
-    def _end(self, thread: str, standstill: Motion) -> Thread:
+    def _end(self, thread: str, standstill: ArmMotion) -> Thread:
         self._kill(thread)
         yield from self._drive("main", standstill)
 
@@ -282,7 +282,7 @@ class ControlScript:
             # The script stops joints, not the line, until an asynchronous stop has come: as written there.
             yield from self._drive("main", self._standstill(deceleration, joints=not self._stop_with_line))
 
-    def _standstill(self, deceleration: float, joints: bool) -> Motion:
+    def _standstill(self, deceleration: float, joints: bool) -> ArmMotion:
         return JointSpeed(_NOWHERE, deceleration) if joints else ToolSpeed(_NOWHERE, deceleration)
 
     def _jog_start(self) -> None:

@@ -15,7 +15,7 @@ from controller.reports import aura, centering
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
 from controller.reports.report import build_report
-from controller.reports.section import Kind, Result, Table
+from controller.reports.section import Kind, ReportTable, Result
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 CAPTIONS = {
@@ -77,7 +77,7 @@ def table(section, name):
 
 
 def tables(section):
-    return [each for each in section.body if isinstance(each, Table)]
+    return [each for each in section.body if isinstance(each, ReportTable)]
 
 
 def text_of(path):

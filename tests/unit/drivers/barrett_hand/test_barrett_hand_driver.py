@@ -9,7 +9,7 @@ import pytest
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.can_frame import CanFrame
-from drivers.can_link import Beat, HeardFrame
+from drivers.can_link import HeardFrame, PeriodicQuestion
 from drivers.clock import WallClock
 from drivers.errors import PortError
 from drivers.messages import Failed, Listen, Lost
@@ -31,7 +31,7 @@ class Link:
     def __init__(self) -> None:
         self.fault: str | None = None
         self.malformed = 0
-        self.beat: Beat | None = None
+        self.beat: PeriodicQuestion | None = None
         self.waiting: list[HeardFrame] = []
         self.closed = False
 
@@ -47,7 +47,7 @@ class Link:
         waiting, self.waiting = self.waiting, []
         return waiting
 
-    def ask(self, beat: Beat | None) -> None:
+    def ask(self, beat: PeriodicQuestion | None) -> None:
         self.beat = beat
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from drivers.can_frame import CanFrame
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
-from drivers.can_link import Beat, HeardFrame
+from drivers.can_link import HeardFrame, PeriodicQuestion
 from drivers.clock import WallClock
 from drivers.messages import Command, DeviceInfo, SampleBlock, Status
 from drivers.mock.devices.can_gripper import EmulatedCanGripper
@@ -56,7 +56,7 @@ class Host:
         self._due = [one for one in self._due if one.arrival_s > self.now_s]
         return heard
 
-    def ask(self, beat: Beat | None) -> None:
+    def ask(self, beat: PeriodicQuestion | None) -> None:
         raise AssertionError("the gripper asks at no beat")
 
     def close(self) -> None:

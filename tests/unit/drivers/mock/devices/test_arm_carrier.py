@@ -8,7 +8,7 @@ import pytest
 from drivers.mock.devices.arm_carrier import ArmCarrier
 from drivers.mock.physics.finger_part import FingerBenchSettings
 from drivers.mock.physics.rigid import displaced, matrix, pose
-from drivers.mock.physics.stage_axis import AxisMotion, Piece
+from drivers.mock.physics.stage_axis import AxisMotion, MotionPiece
 from drivers.mock.wiring import benches
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
@@ -73,7 +73,7 @@ def test_the_finger_s_force_on_the_tool_is_that_of_a_probe_on_an_axis():
     bench = benches.finger(FingerBenchSettings())
     axis = AxisMotion()
     bench.mount(axis)
-    axis.replace(CYCLE_S, [Piece(CYCLE_S, 0.0, SPEED_M_S, 0.0)])
+    axis.replace(CYCLE_S, [MotionPiece(CYCLE_S, 0.0, SPEED_M_S, 0.0)])
     bench.on_plan(CYCLE_S)
     bench.advance(400 * CYCLE_S)
     assert bench.force_n > 0.05

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from drivers.mock.physics import rigid
 from drivers.mock.physics.arm_motion import (
     Arm,
+    ArmMotion,
     JointMove,
     JointSpeed,
     LimitError,
-    Motion,
     StiffPlane,
     ToolMove,
     ToolSpeed,
@@ -25,7 +25,7 @@ DT_S = 0.002
 START = (0.0, -1.8, -2.2, -0.71, 1.5708, 0.0)
 
 
-def moved(arm: Arm, motion: Motion, until: Callable[[], bool] | None = None) -> Iterator[Arm]:
+def moved(arm: Arm, motion: ArmMotion, until: Callable[[], bool] | None = None) -> Iterator[Arm]:
     arm.motion = motion
     for _ in range(5000):
         arm.step(DT_S)

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from controller.signals.transducer import analyse
-from drivers.mock.physics.aura import COUNTS, LEFT, RIGHT, AuraPlant, Motion
+from drivers.mock.physics.aura import COUNTS, LEFT, RIGHT, AuraMotion, AuraPlant
 from drivers.mock.physics.aura_objects import OBJECTS, SIDES, SIX, SOFT
-from drivers.mock.physics.aura_settings import AuraSettings, EchoSettings, RoomSettings
+from drivers.mock.physics.aura_settings import AuraPlantSettings, EchoSettings, RoomSettings
 
 HALF_WAVE_M = 343.2 / 40_000.0 / 2.0
 """Half a wavelength in air of 20 degrees, where sound makes 343.2 m/s: 4.29 mm."""
@@ -30,23 +30,25 @@ Floats = NDArray[np.float64]
 
 def motion(
     gap_m: Floats, left_m: Floats | None = None, force_n: float = 0.0, speed_m_s: float = 0.0
-) -> Motion:
+) -> AuraMotion:
     """The right finger at these distances, the left one blind unless it has its own."""
     n = len(gap_m)
     gaps_m = np.column_stack([gap_m, np.full(n, np.inf) if left_m is None else left_m])
     zeros = np.zeros(n)
     forces_n = np.column_stack([np.full(n, force_n), zeros])
-    return Motion(gaps_m, zeros, zeros, np.full(n, 0.063), forces_n, np.full(n, speed_m_s), zeros)
+    return AuraMotion(gaps_m, zeros, zeros, np.full(n, 0.063), forces_n, np.full(n, speed_m_s), zeros)
 
 
 def plant(thing: str | None = "pipe", side: Any = "normal", trial: int = 1, **changed: Any) -> AuraPlant:
     """A plant before an object."""
-    made = AuraPlant(AuraSettings(**changed))
+    made = AuraPlant(AuraPlantSettings(**changed))
     made.begin((1, trial), None if thing is None else OBJECTS[thing], 0.03, side)
     return made
 
 
-def seen(one: AuraPlant, moved: Motion, hz: float = 40_000.0, level: float = 1.0) -> NDArray[np.complex128]:
+def seen(
+    one: AuraPlant, moved: AuraMotion, hz: float = 40_000.0, level: float = 1.0
+) -> NDArray[np.complex128]:
     """Its field, both fingers, all at the trial's first instant."""
     n = len(moved.y_m)
     return one.field(moved, np.zeros(n), np.full(n, hz), np.full(n, level))
@@ -97,7 +99,7 @@ def test_every_side_sees_more_the_nearer_it_comes(side: str) -> None:
 def test_the_top_sees_and_feels_least() -> None:
     near = {side: abs(change(np.array([0.004]), side=side)[0]) for side in SIDES}
     assert min(near, key=near.__getitem__) == "top"
-    settings = AuraSettings()
+    settings = AuraPlantSettings()
     assert min(settings.sides, key=lambda side: settings.sides[side].coupling_fs) == "top"
 
 
@@ -114,8 +116,8 @@ def test_contact_shifts_the_level_with_the_force_and_no_further_than_it_can() ->
         return complex(seen(one, motion(np.zeros(1), force_n=force_n))[0, RIGHT] - rest)
 
     full = shift(100.0)
-    assert abs(full) == pytest.approx(AuraSettings().sides["normal"].coupling_fs, rel=1e-9)
-    assert abs(shift(AuraSettings().force_n)) == pytest.approx(0.6321 * abs(full), rel=1e-4)
+    assert abs(full) == pytest.approx(AuraPlantSettings().sides["normal"].coupling_fs, rel=1e-9)
+    assert abs(shift(AuraPlantSettings().force_n)) == pytest.approx(0.6321 * abs(full), rel=1e-4)
     assert shift(0.0) == 0.0
 
 
@@ -146,7 +148,7 @@ def test_a_finger_transfers_best_at_40_khz_in_a_band_that_its_quality_gives() ->
     power = np.abs(plant().response(RIGHT, frequency_hz)) ** 2
     assert frequency_hz[power.argmax()] == 40_000.0
     band_hz = np.ptp(frequency_hz[power >= 0.5])
-    assert band_hz == pytest.approx(40_000.0 / AuraSettings().quality, abs=20.0)
+    assert band_hz == pytest.approx(40_000.0 / AuraPlantSettings().quality, abs=20.0)
 
 
 def test_the_imbalance_wanders_as_far_as_it_is_said_to_and_slowly() -> None:
@@ -275,7 +277,7 @@ def test_a_still_echo_turns_with_the_way_towards_it_and_grows_with_nearness(cosi
     found = in_room(x_m, echoes=(EchoSettings(size_fs=1e-4, away_m=0.3, cosine=cosine),))
     assert abs(found[0]) == pytest.approx(1e-4)
     turns = np.unwrap(np.angle(found))[-1] - np.angle(found)[0]
-    wave_rad_m = 2.0 * math.pi * 40_000.0 / AuraSettings().sound_m_s(293.15)
+    wave_rad_m = 2.0 * math.pi * 40_000.0 / AuraPlantSettings().sound_m_s(293.15)
     assert turns - 2.0 * wave_rad_m * cosine * x_m[-1] == pytest.approx(0.0, abs=1e-6)
     assert abs(found[-1]) / abs(found[0]) == pytest.approx((0.31 / (0.31 - cosine * x_m[-1])) ** 2)
 
@@ -310,7 +312,7 @@ def test_fingers_scatter_each_by_itself_and_from_trial_to_trial() -> None:
 
 def test_a_pair_with_two_resonances_is_found_between_them_as_sharp_as_it_is() -> None:
     frequency_hz = np.linspace(38_000.0, 43_000.0, 22)
-    pair = AuraPlant(AuraSettings(resonance_hz=(40_300.0,) * 2, second_hz=(40_600.0,) * 2, quality=45.0))
+    pair = AuraPlant(AuraPlantSettings(resonance_hz=(40_300.0,) * 2, second_hz=(40_600.0,) * 2, quality=45.0))
     found = analyse(frequency_hz, np.abs(pair.response(RIGHT, frequency_hz)))
     assert 40_400.0 < found.peak_hz < 40_500.0
     assert [one.q for one in found.resonances] == pytest.approx([45.0, 45.0], rel=0.05)

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from drivers.mock.physics.slip import BridgeSettings, SlipPlant, SlipSettings
+from drivers.mock.physics.slip import BridgeSettings, SlipPlant, SlipPlantSettings
 
 FT = BridgeSettings(name="Ft", tangential=1.0, gain=1.0, full_scale_n=1.0, noise=0.0)
 
 
 def bare(**changed):
     """A fingertip of 180 Hz without noise, roughness or read-out errors: 1 V is 1 N."""
-    return SlipSettings(**{"bridges": (FT,), "mode_hz": 180.0, "roughness": 0.0, **changed})
+    return SlipPlantSettings(**{"bridges": (FT,), "mode_hz": 180.0, "roughness": 0.0, **changed})
 
 
 def spring(settings):

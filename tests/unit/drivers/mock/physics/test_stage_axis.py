@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.mock.physics.stage_axis import Piece, StageAxis
+from drivers.mock.physics.stage_axis import MotionPiece, StageAxis
 
 A_M_S2 = 0.5
 V_M_S = 0.026
@@ -58,7 +58,7 @@ def test_any_motion_is_continuous_within_its_limits_and_ends_exactly_on_its_targ
         assert piece.velocity(following.t_start_s) == pytest.approx(following.velocity_m_s, abs=1e-12)
         assert abs(piece.acceleration_m_s2) in (0.0, A_M_S2)
     assert all(abs(stage.velocity(t_s)) <= V_M_S * (1.0 + 1e-9) for t_s in instants(stage, again_s))
-    assert pieces[-1] == Piece(stage.arrival_s, target_m, 0.0, 0.0)
+    assert pieces[-1] == MotionPiece(stage.arrival_s, target_m, 0.0, 0.0)
     assert stage.position(stage.arrival_s + 100.0) == target_m
 
 
@@ -144,6 +144,6 @@ def test_a_stage_that_is_placed_stands_there_and_knows_nothing_of_before() -> No
     stage = axis()
     stage.move_to(0.0, 0.05, 0.02)
     stage.place(1.0, 0.003)
-    assert stage.pieces(2.0) == [Piece(2.0, 0.003, 0.0, 0.0)]
+    assert stage.pieces(2.0) == [MotionPiece(2.0, 0.003, 0.0, 0.0)]
     with pytest.raises(ValueError, match="is before the motion that is remembered"):
         stage.position(0.5)
