@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test browser mutants check format bench recordings soak-test fuzz lock diagrams clean
+.PHONY: run test browser mutants check format bench recordings soak-test fuzz lerobot lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -47,6 +47,11 @@ soak-test: .venv/dev.stamp      ## emulated runs and the tests, idle and beside 
 FUZZ_SECONDS ?= 600
 fuzz: .venv/dev.stamp           ## bytes of all kinds into every decoder, FUZZ_SECONDS each; findings stay in build/fuzz
 	$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS)
+
+lerobot: .venv/dev.stamp         ## exported runs, loaded by LeRobot itself: some 7 GB into build/lerobot
+	test -x build/lerobot/bin/python || $(PYTHON) -m venv build/lerobot
+	build/lerobot/bin/python -m pip install --quiet --disable-pip-version-check -r requirements/lerobot.in
+	$(BIN)/python -m tests.lerobot_reads build/lerobot/bin/python
 
 diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behaviors' own tables
 	$(BIN)/python -m config.diagrams

@@ -685,15 +685,17 @@ def _crew(
 ) -> AbstractContextManager[Crew | None]:
     """Who runs the trials; None is this process."""
     from config.costs import duration
-    from config.jobs import cluster, cores, jobs_for
+    from config.jobs import Crew, cluster, cores, jobs_for
 
+    kept = click.get_current_context().find_object(Crew)  # of a campaign of parts
     if scheduler is None:
         count = jobs_for(loaded, plan, jobs)
         if count > 1:
             say(f"{duration(loaded.name, loaded.experiment, loaded.bench, plan.count, count)}")
-        return closing(cores(count)) if count > 1 else nullcontext()
+            return nullcontext(kept) if kept else closing(cores(count))
+        return nullcontext()
     jobs_for(loaded, plan, 2)
-    return closing(cluster(scheduler))
+    return nullcontext(kept) if kept else closing(cluster(scheduler))
 
 
 def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
@@ -768,13 +770,15 @@ def _sets(overrides: Mapping[str, str]) -> list[str]:
 
 def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:
     """Run the parts of a campaign that are left, and report all; returns the exit code."""
+    from config.jobs import cluster, cores
     from config.parts import carry_on
 
     workers = [
         *(["--jobs", str(jobs)] if jobs else []),
         *(["--scheduler", scheduler] if scheduler else []),
     ]
-    code = carry_on(folder, run, resume, workers, say)
+    with closing(cluster(scheduler) if scheduler else cores(jobs)) as crew:
+        code = carry_on(folder, run, resume, workers, crew, say)
     if reported and folder.runs:
         _report([folder])
     return code

@@ -14,7 +14,7 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -199,8 +199,9 @@ class Crew:
             self._end(executor)
 
 
-def cores(count: int) -> Crew:
-    """Processes on this machine; each ends with this one, whatever ends it."""
+def cores(asked: int | None = None) -> Crew:
+    """Processes on this machine, as many as it has cores unless asked; each ends with this one, whatever ends it."""
+    count = asked or len(os.sched_getaffinity(0))
     others = set(multiprocessing.active_children())
 
     def begin() -> Executor:
@@ -266,6 +267,8 @@ def parts(
 ) -> Iterator[RunPart]:
     """Have trials run, and give their parts in the order of the trials; every trial once, whoever dies.
 
+    The crew stays when all is done, for a next campaign; where this ends before, it is let go with what it was at.
+
     Args:
         crew: Who runs them.
         order: What they are of.
@@ -278,8 +281,7 @@ def parts(
     left = deque(trials)
     given: deque[tuple[Future[RunPart], list[Trial]]] = deque()
     size, deaths = 1, 0
-    with ExitStack() as stack:
-        stack.callback(crew.close)
+    try:
         while left or given:
             while left and len(given) < crew.count * AHEAD:
                 even = -(-len(left) // crew.count)  # at the end everyone gets a share
@@ -311,6 +313,9 @@ def parts(
             deaths = 0
             size = max(1, min(PART_MOST, round(PART_S / max(part.took_s / len(some), 1e-6))))
             yield part
+    finally:
+        if left or given:
+            crew.close()
 
 
 def _again(crew: Crew, order: Order, future: Future[RunPart], trials: list[Trial]) -> Future[RunPart]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from pydantic import Field
 
+from config.jobs import Crew
 from config.source import KeyPath, ProfileError, read_source
 from config.validation import validated
 from controller.recording.run_folder import RunFolder
@@ -107,6 +108,7 @@ def carry_on(
     run: click.Command,
     resume: click.Command,
     workers: Sequence[str],
+    crew: Crew,
     say: Callable[[str], None],
 ) -> int:
     """Run the parts of a campaign that are not done; what was begun goes on.
@@ -116,6 +118,7 @@ def carry_on(
         run: The verb.
         resume: Likewise.
         workers: Arguments of both: where trials are run.
+        crew: These workers; they stay from part to part.
         say: Shows a line.
 
     Returns:
@@ -129,6 +132,7 @@ def carry_on(
             [*first, "--out", str(folder.path), "--no-report", *workers],
             prog_name=f"run.py {verb.name}",
             standalone_mode=False,
+            obj=crew,
         )
         if code:
             return int(code)

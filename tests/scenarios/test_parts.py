@@ -1,6 +1,7 @@
 """Several runs from one profile: in one folder, with one report, and gone on with where they broke off."""
 
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -15,7 +16,7 @@ PAPERS = [name for name in profile_names() if name.startswith("papers/")]
 TWO = """
 title = "Two of them"
 parts = [
-    "mock/static --set behavior.settle_s=2.0 --only 1",
+    "mock/static --set behavior.settle_s=2.0 --only 1 --only 2",
     "mock/transient --set behavior.settle_s=2.0 --only 1 --only 2",
 ]
 
@@ -45,14 +46,28 @@ def run(tmp_path, capsys, monkeypatch):
     return run
 
 
+@pytest.fixture
+def begun(monkeypatch):
+    """How many workers were begun each time; one thread in their place, for it is there at once."""
+    counts = []
+
+    def pool(count, *_, **__):
+        counts.append(count)
+        return ThreadPoolExecutor(1)
+
+    monkeypatch.setattr("config.jobs.ProcessPoolExecutor", pool)
+    return counts
+
+
 def rows(campaign):
     return [path.read_bytes() for path in sorted(campaign.glob("*/trials.csv"))]
 
 
-def test_parts_run_into_one_folder_with_one_report_and_go_on_where_they_broke_off(run, tmp_path):
+def test_parts_run_into_one_folder_with_one_report_and_go_on_where_they_broke_off(run, begun, tmp_path):
     profile = tmp_path / "two.toml"
     profile.write_text(TWO)
-    said = run("run", str(profile))
+    said = run("run", str(profile), "--jobs", "2")
+    assert begun == [2]  # the same workers for both
     assert "[2/2] mock/transient" in said
     (campaign,) = (tmp_path / "runs").iterdir()
     whole = rows(campaign)
