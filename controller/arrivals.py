@@ -79,9 +79,25 @@ class Arrivals:
                 stuck = self._sticks(block, last_s) or stuck
         return self._silent(t_s, late_s) or stuck
 
-    def certain_until_s(self) -> float:
-        """Until when nothing is silent for too long, whatever arrives: as long as all goes on as in the last turn."""
-        return min((sum(self._limit_s(*seen)[:2]) for seen in self._seen_s.items()), default=math.inf)
+    def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
+        """Until when nothing is silent in turns that are seen as one: as far as `t_s` where that is infinite.
+
+        A turn hears of a sample a little later than it is taken: half of what is allowed is left for that.
+
+        Args:
+            t_s: Bench time of the last of the turns.
+            blocks: What arrived in them.
+        """
+        heard: dict[str, list[SampleBlock]] = {}
+        for block in blocks:
+            if len(block):
+                heard.setdefault(block.stream, []).append(block)
+        whole_s = math.inf
+        for stream, seen_s in self._seen_s.items():
+            since_s, limit_s, _ = self._limit_s(stream, seen_s)
+            if limit_s < math.inf:
+                whole_s = min(whole_s, _within(since_s, limit_s / 2.0, heard.get(stream, ()), t_s))
+        return whole_s
 
     def _limit_s(self, stream: str, seen_s: float) -> tuple[float, float, bool]:
         """Since when a stream is silent, how long it may be, and whether a late loop counts."""
@@ -112,17 +128,22 @@ class Arrivals:
         info = self._infos.get(block.stream)
         if self._stuck_s is None or info is None or not info.noisy:
             return None
-        values = block.values
-        held = self._held.get(block.stream)
-        if held is None or (values[-1] != held[0]).any() or (values != held[0]).any():
-            self._held[block.stream] = (values[-1], last_s)
+        times_s, values, before = block.times, block.values, self._held.get(block.stream)
+        changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1)) + 1
+        same = before is not None and not (values[0] != before[0]).any()
+        starts_s = np.concatenate(
+            ([before[1] if before is not None and same else times_s[0]], times_s[changes])
+        )
+        self._held[block.stream] = values[-1], float(min(starts_s[-1], last_s))
+        ends_s = np.minimum(np.concatenate((times_s[changes - 1], times_s[-1:])), last_s)
+        longest = int(np.argmax(ends_s - starts_s))
+        since_s, until_s = float(starts_s[longest]), float(ends_s[longest])
+        if until_s - since_s <= self._stuck_s:
             return None
-        since_s = held[1]
-        if last_s - since_s <= self._stuck_s:
-            return None
+        stuck = block.physical[changes[longest - 1] if longest else 0]
         said = (
-            f"{block.stream} sticks at {', '.join(f'{value:.6g}' for value in block.physical[-1][:3])} {info.unit}"
-            f" for {last_s - since_s:.3f} s, since {since_s:.3f} s (limits.stuck_s = {self._stuck_s:g}):"
+            f"{block.stream} sticks at {', '.join(f'{value:.6g}' for value in stuck[:3])} {info.unit}"
+            f" for {until_s - since_s:.3f} s, since {since_s:.3f} s (limits.stuck_s = {self._stuck_s:g}):"
             f" no sensor is so quiet; {REMEDY}"
         )
         return Failed(last_s, self._device(block.stream), said)
@@ -135,3 +156,15 @@ class Arrivals:
         while stream in self._sources:
             stream = self._sources[stream][0]
         return stream.partition(".")[0]
+
+
+def _within(since_s: float, gap_s: float, blocks: Iterable[SampleBlock], t_s: float) -> float:
+    """When samples first stay out for longer than a gap, from `since_s` to `t_s`; infinite where they never do."""
+    for block in blocks:
+        times_s = (
+            np.array([since_s, block.t0_s]) if block.times_s is None else np.append(since_s, block.times_s)
+        )
+        if max(float(np.diff(times_s).max()), 1.0 / (block.rate_hz or math.inf)) > gap_s:
+            return since_s + gap_s
+        since_s = max(since_s, block.last_s)
+    return math.inf if t_s - since_s <= gap_s else since_s + gap_s

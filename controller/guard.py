@@ -157,7 +157,7 @@ class Guard:
         back = (isinstance(command, MoveAt) and command.velocity_m_s < 0.0) or (
             isinstance(command, MoveTo) and command.position_m <= 0.0
         )
-        if 0.0 < self._borne_n < math.inf and not back:
+        if self.bears and not back:
             raise GuardRefusal(
                 f"{what}: the trial began in contact, at {self._borne_n:.3g} N still, beyond limits.force_n ="
                 f" {self.settings.force_n:g}; send Home first, or back along the axis"
@@ -210,9 +210,14 @@ class Guard:
             reasons.append(f"the loop is {late_s:.3f} s late (limits.late_s = {settings.late_s:g})")
         return reasons[0] if reasons else None
 
-    def certain_until_s(self) -> float:
-        """Until when several turns may be seen as one: nothing can be missing before, and nothing is borne."""
-        return -math.inf if 0.0 < self._borne_n < math.inf else self._arrivals.certain_until_s()
+    @property
+    def bears(self) -> bool:
+        """Whether the trial began in contact and is still there: the limit follows it down, turn by turn."""
+        return 0.0 < self._borne_n < math.inf
+
+    def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
+        """Until when nothing is missing in turns that are seen as one, as `Arrivals.whole_until_s` does."""
+        return self._arrivals.whole_until_s(t_s, blocks)
 
     def missing(
         self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.settings import Settings
 
-MOST_TURNS = 64
+MOST_TURNS = 512
 """Turns at once at the most. Assumption: the overhead of a span is spent by then, and little is lost in going back."""
 
 GROWTH = 4
@@ -25,7 +25,8 @@ Copier = Callable[[Any, dict[int, Any]], Any]
 
 @runtime_checkable
 class Leashed(Protocol):
-    """A simulated mover that halts on its way where nobody looks at it."""
+    """A simulated device to which something happens at the turn that looks at it: a mover that halts on its way where
+    nobody looks, a person who does what they were asked for."""
 
     @property
     def alone_s(self) -> float:

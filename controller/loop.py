@@ -274,11 +274,11 @@ class Loop:
         the same, however it is cut. Where something does, time is taken back, and False says that turns are due."""
         stride, reach, rate_hz = self._stride(), self._reach, self._settings.rate_hz
         plants = self._rig.plants()
-        if plants is None or not stride or self._paused_s is not None or reach.turns < 2:
+        if plants is None or not stride or self._paused_s is not None or reach.turns < 2 or self._guard.bears:
             return False
         first = self._next(self._turns)
         alone_s = min((each.alone_s for each in self._leashed), default=math.inf)
-        until_s = min(self._behavior.wake_s, self._guard.certain_until_s(), self._clock.now() + alone_s)
+        until_s = min(self._behavior.wake_s, self._clock.now() + alone_s)
         turns = min(reach.turns, turns_before(until_s, first, stride, rate_hz))
         if turns < 2:
             return False
@@ -317,7 +317,9 @@ class Loop:
             return t_s
         if events:
             return min(event.t_s for event in events)
-        moving = bool(self._moving)
+        moving, whole_s = bool(self._moving), self._guard.whole_until_s(t_s, blocks)
+        if whole_s < math.inf:
+            return whole_s
         if self._guard.watch(t_s, blocks, moving) or self._guard.missing(t_s, blocks, moving):
             return t_s
         self._keep_blocks(gathered)

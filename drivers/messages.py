@@ -94,19 +94,29 @@ class SampleBlock:
         """Bench time of each sample, shape (n,)."""
         if self.times_s is not None:
             return self.times_s
-        assert self.rate_hz is not None, f"{self.stream}: neither times nor a rate"
-        tick = np.rint(self.t0_s * self.rate_hz)
-        if tick / self.rate_hz == self.t0_s and abs(tick) < 2**52:
-            times_s: NDArray[np.float64] = tick + np.arange(
-                len(self.values)
-            )  # the same to the bit, however it is cut
-            return times_s / self.rate_hz
-        return self.t0_s + np.arange(len(self.values)) / self.rate_hz
+        rate_hz, tick, since_s = self._grid()
+        times_s: NDArray[np.float64] = np.arange(len(self.values), dtype=np.float64)
+        times_s += tick
+        times_s /= rate_hz
+        times_s += since_s
+        return times_s
 
     @property
     def last_s(self) -> float:
         """Bench time of the last sample; the block must hold one."""
-        return float(self.times[-1])
+        if self.times_s is not None:
+            return float(self.times_s[-1])
+        rate_hz, tick, since_s = self._grid()
+        return (tick + len(self.values) - 1) / rate_hz + since_s
+
+    def _grid(self) -> tuple[float, float, float]:
+        """Rate, number and time that samples count from: from zero where their times are k / rate, the same to the bit
+        however the stream is cut."""
+        assert self.rate_hz is not None, f"{self.stream}: neither times nor a rate"
+        tick = float(np.rint(self.t0_s * self.rate_hz))
+        if tick / self.rate_hz == self.t0_s and abs(tick) < 2**52:
+            return self.rate_hz, tick, 0.0
+        return self.rate_hz, 0.0, self.t0_s
 
     @property
     def physical(self) -> NDArray[np.float64]:

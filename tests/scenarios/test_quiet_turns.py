@@ -37,3 +37,11 @@ def test_rows_and_events_are_the_same_to_the_byte(name, times, tmp_path, monkeyp
     few = len(turned)
     assert ran(name, tmp_path / "apart", together=False) == together
     assert few < (len(turned) - few) / times, "most turns were taken together"
+
+
+def test_what_is_looked_at_at_once_is_not_cut_where_a_stream_could_fall_silent(tmp_path, monkeypatch):
+    """With nothing to fear from a device, 4,000 turns of a trial are some 60 looks."""
+    looked, look = [], Loop._try_until
+    monkeypatch.setattr(Loop, "_try_until", lambda loop, t_s: looked.append(1) or look(loop, t_s))
+    ran("mock/pretouch", tmp_path, together=True)
+    assert len(looked) < 120

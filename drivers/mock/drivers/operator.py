@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from drivers.clock import Clock
@@ -94,6 +95,11 @@ class MockPerson(MockDriver):
         """Statuses since the last call, in order."""
         self._work()
         return super().poll()
+
+    @property
+    def alone_s(self) -> float:
+        """For how long nobody need look: then they do what was asked for."""
+        return math.inf if self._asked is None else self._due_s - self._clock.now()
 
     def _cut_off(self, now_s: float) -> None:
         """They have left."""

@@ -164,3 +164,28 @@ def test_an_empty_block_and_one_that_nobody_subscribed_to_are_passed_over():
     empty = SampleBlock("board.load", 0, 0.1, np.empty((0, 1)), rate_hz=1000.0, unit="N")
     assert arrivals.watch(0.1, [empty, block("stage.position", 0.1)], moving=False) is None
     assert arrivals.watch(0.41, [], moving=False) is not None
+
+
+def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_allowed():
+    arrivals = watching("board.load", "board.period", urgent=["board.load"])
+    arrivals.watch(0.0, [], moving=True)
+    whole = [block("board.load", 0.02, [1] * 20), block("board.load", 2.0, [2] * 1960)]
+    counts = SampleBlock("board.period", 0, 0.2, np.ones((8, 1)), times_s=np.arange(1, 9) * 0.24, unit="s")
+    assert arrivals.whole_until_s(2.0, [*whole, counts]) == np.inf
+    assert arrivals.whole_until_s(2.06, [*whole, counts]) == pytest.approx(2.05), "the end is a gap, too"
+    torn = [whole[0], block("board.load", 2.0, [2] * 1929)]
+    assert arrivals.whole_until_s(2.0, [*torn, counts]) == pytest.approx(0.07)
+    seldom = SampleBlock("board.period", 0, 0.2, np.ones((3, 1)), times_s=np.array([0.2, 1.7, 1.9]), unit="s")
+    assert arrivals.whole_until_s(2.0, [*whole, seldom]) == pytest.approx(0.3), (
+        "one within a block ends it before"
+    )
+
+
+def test_what_sticks_within_a_block_is_found_however_the_stream_is_cut():
+    values = [1, 2, *[7] * 230, 8]
+    arrivals = watching("board.load")
+    said = arrivals.watch(1.0, [block("board.load", 1.0, values)], moving=False)
+    assert said.reason.startswith("board.load sticks at 0.007 N for 0.229 s, since 0.770 s")
+    arrivals = watching("board.load")
+    cuts = [block("board.load", 0.768 + 0.001 * place, [value]) for place, value in enumerate(values)]
+    assert any(arrivals.watch(cut.last_s, [cut], moving=False) for cut in cuts)
