@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from importlib import metadata
 from pathlib import Path
+from shutil import get_terminal_size
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -797,6 +799,8 @@ def _report(folders: Sequence[RunFolder]) -> None:
     usual = page.parent.parent.resolve() == Path("runs").resolve()
     newest = usual and max(page.parent.parent.iterdir()).name == page.parent.name
     where = "latest" if newest else page.parent
+    if sys.stdout.isatty():
+        lines = [fill(line, get_terminal_size().columns, subsequent_indent="  ") for line in lines]
     say("\n".join([*lines, f"report: {page}", f"to see it: run.py open {where}"]))
 
 

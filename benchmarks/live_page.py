@@ -73,21 +73,21 @@ class Turning(Silent):
         self._watched.campaign_ended("")
 
 
-def connected(door: Door) -> socket.socket:
+def connected(host: str, token: str) -> socket.socket:
     """To the page's wire, as a browser connects (RFC 6455), without a thread that would take Python's lock."""
-    host, port = door.host.split(":")
-    wire = socket.create_connection((host, int(port)), 10.0)
+    name, port = host.split(":")
+    wire = socket.create_connection((name, int(port)), 10.0)
     wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as browsers do
     asked = {
-        "Host": door.host,
-        "Origin": f"http://{door.host}",
+        "Host": host,
+        "Origin": f"http://{host}",
         "Upgrade": "websocket",
         "Connection": "Upgrade",
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
         "Sec-WebSocket-Version": "13",
     }
     head = "".join(f"{name}: {value}\r\n" for name, value in asked.items())
-    wire.sendall(f"GET /wire?token={door.token} HTTP/1.1\r\n{head}\r\n".encode())
+    wire.sendall(f"GET /wire?token={token} HTTP/1.1\r\n{head}\r\n".encode())
     assert b"101" in wire.recv(64)
     return wire
 
@@ -95,7 +95,7 @@ def connected(door: Door) -> socket.socket:
 def clicks(door: Door, loop: Turning, count: int) -> list[float]:
     """Seconds from what the browser sends to the turn of the loop that hears it."""
     random, found = np.random.default_rng(1), []
-    with connected(door) as wire:
+    with connected(door.host, door.token) as wire:
         for click in range(count):
             rest(float(random.uniform(0.01, 0.03)))
             said = json.dumps({"do": ("pause", "resume")[click % 2]}).encode()
@@ -137,7 +137,7 @@ def main(quick: bool = False) -> None:
                 "max_ms": float(ms.max()),
                 "n": len(ms),
             }
-            deaf = connected(known)
+            deaf = connected(known.host, known.token)
             lateness("one who does not read")
             os.kill(page.pid, signal.SIGSTOP)
             lateness("page process stopped")

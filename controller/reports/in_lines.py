@@ -11,6 +11,9 @@ from controller.reports.section import ReportTable, Result, Section
 
 MARKS = {"met": "✓", "missed": "✗", "neither": "·"}
 
+GAP = "  "
+"""Between two columns."""
+
 
 @dataclass(frozen=True, slots=True)
 class SectionPart:
@@ -54,9 +57,15 @@ def guard_lines(runs: Sequence[Run]) -> Iterator[str]:
 def _rows(table: ReportTable) -> Iterator[str]:
     rows = [[column.head for column in table.columns], *([str(cell) for cell in row] for row in table.rows)]
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    if table.groups:
+        spans, place = [], 0
+        for name, count in table.groups:
+            spans.append(name.ljust(sum(widths[place : place + count]) + len(GAP) * (count - 1)))
+            place += count
+        yield GAP.join(spans).rstrip()
     for row in rows:
         cells = [
             cell.ljust(width) if place < table.left else cell.rjust(width)
             for place, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
-        yield "  ".join(cells).rstrip()
+        yield GAP.join(cells).rstrip()

@@ -28,7 +28,7 @@ from controller.reports.approaches import (
     trends,
 )
 from controller.reports.counts import factor, values
-from controller.reports.detector_scores import score_detectors
+from controller.reports.detector_scores import DetectorScore, score_detectors
 from controller.reports.figures import Figures
 from controller.reports.paper import CITATION, COLUMNS, RESONANCE, SETTLE, TABLE_1, PaperColumn
 from controller.reports.run_account import setting_of
@@ -55,6 +55,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     beside = held(approaches, rows)
     acting = str(setting_of(runs[0], "behavior", "detector") or "contact")
     outcomes = Counter(each.outcome for each in approaches).most_common()
+    other = _Beside(rows, acting)
     n = len(approaches)
     body: list[Block] = [
         WORDS.text(
@@ -63,7 +64,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             approaches=f"{n} {'approach' if n == 1 else 'approaches'}",
             outcomes=", ".join(f"{count} {title(name)}" for name, count in outcomes),
         ),
-        *(_beside_the_paper(runs[0], acting, approaches, rows, beside) if rows else ()),
+        *(_beside_the_paper(runs[0], acting, approaches, rows, beside, other) if rows else ()),
         *_figures(figures, approaches, rows),
         *_study(figures, study_cells(approaches)),
         *_stops(approaches),
@@ -79,9 +80,43 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         citation=CITATION,
         summary=_summary(approaches, beside, runs[0].simulated),
         not_the_papers=_not_the_papers(runs[0]),
-        terminal=WORDS.table("terminal", map(_table_row, rows)) if rows else None,
+        terminal=WORDS.table("terminal", other.rows(rows), other.columns("mean_s")) if rows else None,
         printed=SETTLE | {f"detectors.{acting}.{name}": printed for name, printed in RESONANCE.items()},
     )
+
+
+class _Beside:
+    """Another detector that listened on the approaches of Table I, and what it said; `name` is "" where none did."""
+
+    def __init__(self, rows: Sequence[Row], acting: str) -> None:
+        groups = [*(row.approaches for row in rows), [each for row in rows for each in row.approaches]]
+        scores = [{each.name: each for each in score_detectors(group)} for group in groups]
+        self.name = next((name for name in sorted(set().union(*scores)) if name != acting), "")
+        *self.scores, self.all = (of.get(self.name) for of in scores)
+
+    def columns(self, delay: str) -> list[Column]:
+        """`delay` is what is printed of it: `delay_s` with its spread, or `mean_s`."""
+        heads = (("n", "true", None), ("false", "false", None), ("s", delay, 2)) if self.name else ()
+        return [
+            Column(head, f"beside.{of}", decimals, group=f"{self.name}, beside")
+            for head, of, decimals in heads
+        ]
+
+    def rows(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
+        """Rows of Table I with what it said."""
+        return [_table_row(row) | self._cells(score) for row, score in zip(rows, self.scores, strict=True)]
+
+    @staticmethod
+    def _cells(score: DetectorScore | None) -> dict[str, Any]:
+        if score is None:
+            return dict.fromkeys(("beside.true", "beside.false", "beside.delay_s", "beside.mean_s"))
+        told = {
+            "true": score.true,
+            "false": score.false,
+            "delay_s": score.delay_s,
+            "mean_s": score.delay_s.mean,
+        }
+        return {f"beside.{name}": value for name, value in told.items()}
 
 
 def _by_name(each: ApproachedTrial) -> dict[str, Any]:
@@ -101,7 +136,12 @@ def _by_name(each: ApproachedTrial) -> dict[str, Any]:
 
 
 def _beside_the_paper(
-    run: Run, acting: str, approaches: Sequence[ApproachedTrial], rows: Sequence[Row], beside: Sequence[Held]
+    run: Run,
+    acting: str,
+    approaches: Sequence[ApproachedTrial],
+    rows: Sequence[Row],
+    beside: Sequence[Held],
+    other: _Beside,
 ) -> Iterator[Block]:
     """Table I, its bounds and trends, and what of the contacts was false."""
     plain = [approach for approach in approaches if approach.plain]
@@ -112,10 +152,13 @@ def _beside_the_paper(
     ]
     star = any(fitted(row, column) for row in rows for column in COLUMNS)
     asterisk = " An asterisk marks what the simulated finger was fitted to." if star else ""
-    table = WORDS.table("table_1", map(_table_row, rows), more, asterisk=asterisk)
+    listened = WORDS.said("beside", detector=other.name) if other.name else ""
+    more += other.columns("delay_s")
+    table = WORDS.table("table_1", other.rows(rows), more, asterisk=asterisk, beside=listened)
     all_contacts = Row("", 0.0, plain, None)
     overall = [spread(all_contacts.mean(each.name), each.decimals, each.scale) for each in COLUMNS]
     foot = ["all true contacts", *[""] * 4, *(text for mean in overall for text in (mean, "", ""))]
+    foot += [str(other.all.true), str(other.all.false), spread(other.all.delay_s)] if other.all else []
     yield replace(table, foot=foot)
     yield Text("The paper's bounds", heading=True)
     yield WORDS.text("bounds_says")

@@ -15,7 +15,7 @@ from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports import report
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import Figures
-from controller.reports.report import build_report
+from controller.reports.report import build_report, tell
 from controller.reports.static import read_conditions
 from controller.reports.transient_figures import moving_average, representative, trace_of
 from drivers.messages import SampleBlock
@@ -72,6 +72,17 @@ def test_table_1_stands_beside_the_papers_with_the_difference(campaign):
     assert "back a 19.05 3.785 1 0 0.33 (–) 0.33 (0.15) 0.00" in text
     assert "pad d 0.00 4.487 2 0 0.38 (0.03) 0.37 (0.06) +0.01" in text
     assert "pad f 12.70 4.843 1 1 0.17 (–) 0.17 (0.12) 0.00" in text
+
+
+def test_a_terminal_of_80_columns_has_table_1_for_both_detectors_beside_the_papers(tmp_path, undrawn):
+    given = [Given("f", 0.004843, 0.4, 0.05), Given("f", 0.004843, 0.2, 0.05, listener_s=0.1)]
+    _, lines = tell([write_transient(tmp_path, given)])
+    head, row = (
+        next(n for n, line in enumerate(lines) if line.startswith(word)) for word in ("where", "pad f")
+    )
+    assert lines[head - 1].split("  ")[-1].strip() == "listener, beside"
+    assert " ".join(lines[row].split()) == "pad f 4.84 2 0 0.30 0.17 1.45 0.83 0.050 0.050 1 0 0.10"
+    assert max(map(len, lines[head - 1 : row + 1])) <= 80
 
 
 def test_a_bound_that_is_missed_is_said_to_be_with_its_worst_approach(campaign):
