@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum, auto
 from typing import Annotated, Literal
 
 from pydantic import Field, Strict
@@ -84,47 +83,28 @@ class Aura(SonicBehavior):
         detectors: Names of all detectors.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        CLEARING = auto()
-        CALIBRATING = auto()
-        OPENING = auto()
-        ENTERING = auto()
-        BASELINE = auto()
-        APPROACHING = auto()
-        STOPPING = auto()
-        HOLDING = auto()
-        RETRACTING = auto()
-        LEAVING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.CLEARING
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
         *COMING_IN,
-        on("deadline", States.BASELINE, States.APPROACHING),
-        on("contact", States.APPROACHING, States.STOPPING, "acting", label="where it is to touch"),
-        on("reached", States.APPROACHING, States.HOLDING, "from_mover"),
-        on("standstill", States.STOPPING, States.HOLDING, "from_mover"),
-        on("deadline", States.HOLDING, States.RETRACTING),
+        on("deadline", "BASELINE", "APPROACHING"),
+        on("contact", "APPROACHING", "STOPPING", "acting", label="where it is to touch"),
+        on("reached", "APPROACHING", "HOLDING", "from_mover"),
+        on("standstill", "STOPPING", "HOLDING", "from_mover"),
+        on("deadline", "HOLDING", "RETRACTING"),
         on(
             "reached",
-            States.RETRACTING,
-            States.ENTERING,
+            "RETRACTING",
+            "ENTERING",
             ["from_mover", "again", "was_paused"],
             label="again, after a pause",
         ),
-        on("reached", States.RETRACTING, States.BASELINE, ["from_mover", "again"], label="again"),
-        on("reached", States.RETRACTING, States.LEAVING, "from_mover"),
-        on("resumed", States.BASELINE, States.ENTERING),
-        on("resumed", States.APPROACHING, States.RETRACTING, do=["note_pause", "repeat_approach"]),
+        on("reached", "RETRACTING", "BASELINE", ["from_mover", "again"], label="again"),
+        on("reached", "RETRACTING", "LEAVING", "from_mover"),
+        on("resumed", "BASELINE", "ENTERING"),
+        on("resumed", "APPROACHING", "RETRACTING", do=["note_pause", "repeat_approach"]),
         on(
             "resumed",
-            [States.STOPPING, States.HOLDING, States.RETRACTING],
-            States.RETRACTING,
+            ["STOPPING", "HOLDING", "RETRACTING"],
+            "RETRACTING",
             do="note_pause",
         ),
         *GOING_OUT,
@@ -132,7 +112,6 @@ class Aura(SonicBehavior):
     settings: AuraSettings
 
     def __init__(self, settings: AuraSettings, factors: AuraFactors, detectors: frozenset[str]) -> None:
-        states = self.States
         if factors.axis not in settings.paths:
             known = ", ".join(settings.paths) or "none"
             raise ValueError(f"axis = {factors.axis}: no such path in behavior.paths; there are {known}")
@@ -149,12 +128,12 @@ class Aura(SonicBehavior):
         motion = settings.motion_timeout_s
         length_m = sum((b - a) ** 2 for a, b in zip(path.start_m, path.end_m, strict=True)) ** 0.5
         travel_s = length_m / factors.speed_m_s + motion
-        plans: dict[Enum, StatePlan] = {
-            states.BASELINE: StatePlan(settings.baseline_s, detectors, seen, prompt=False),
-            states.APPROACHING: StatePlan(travel_s, detectors, seen, prompt=settings.touch),
-            states.STOPPING: StatePlan(motion, detectors, seen),
-            states.HOLDING: StatePlan(settings.hold_s, detectors, seen, prompt=False),
-            states.RETRACTING: StatePlan(travel_s, detectors, seen),
+        plans: dict[str, StatePlan] = {
+            "BASELINE": StatePlan(settings.baseline_s, detectors, seen, prompt=False),
+            "APPROACHING": StatePlan(travel_s, detectors, seen, prompt=settings.touch),
+            "STOPPING": StatePlan(motion, detectors, seen),
+            "HOLDING": StatePlan(settings.hold_s, detectors, seen, prompt=False),
+            "RETRACTING": StatePlan(travel_s, detectors, seen),
         }
         acting = frozenset({settings.contact}) if settings.touch else frozenset[str]()
         super().__init__(settings, path.start_m, acting, plans)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum, auto
-
 from behaviors.grip import Gripping, GripSettings, gripping, gripping_plans
 from behaviors.machine import on, with_failures
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
@@ -30,42 +28,14 @@ class Centering(Search, Gripping):
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        CLEARING = auto()
-        CALIBRATING = auto()
-        OPENING = auto()
-        ENTERING = auto()
-        BASELINE = auto()
-        RUNNING_UP = auto()
-        REVERSING = auto()
-        SEEKING_FORWARD = auto()
-        TURNING = auto()
-        SEEKING_BACKWARD = auto()
-        STOPPING = auto()
-        CENTERING = auto()
-        RESTING = auto()
-        CLOSING = auto()
-        CONFIRMING = auto()
-        HOLDING = auto()
-        RELEASING = auto()
-        BACKING_OFF = auto()
-        LEAVING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.CLEARING
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
         *COMING_IN,
         *SEARCHING,
-        on("reached", States.CENTERING, States.RESTING, ["from_mover", "grasping"], label="to grasp"),
-        on("reached", States.CENTERING, States.LEAVING, "from_mover"),
+        on("reached", "CENTERING", "RESTING", ["from_mover", "grasping"], label="to grasp"),
+        on("reached", "CENTERING", "LEAVING", "from_mover"),
         *gripping(felt="HOLDING"),
-        on("deadline", States.HOLDING, States.RELEASING),
-        on("resumed", States.HOLDING, States.RELEASING),
+        on("deadline", "HOLDING", "RELEASING"),
+        on("resumed", "HOLDING", "RELEASING"),
         *GOING_OUT,
     )
     settings: CenteringSettings
@@ -73,7 +43,7 @@ class Centering(Search, Gripping):
     def __init__(
         self, settings: CenteringSettings, factors: CenteringFactors, detectors: frozenset[str]
     ) -> None:
-        plans = gripping_plans(self.States, settings, detectors & CONTACTS, settings.envelopes)
+        plans = gripping_plans(settings, detectors & CONTACTS, settings.envelopes)
         super().__init__(settings, factors, detectors, plans)
 
     def grasping(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum, auto
 from typing import Self
 
 from pydantic import Field, model_validator
@@ -56,34 +55,21 @@ class ChirpSweep(Behavior):
         detectors: Unused: no state arms any.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        SILENT = auto()
-        SWEEPING = auto()
-        RINGING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.SILENT
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
-        on("deadline", States.SILENT, States.SWEEPING),
-        on("reached", States.SWEEPING, States.RINGING, "from_exciter", label="sweep over"),
-        on("deadline", States.RINGING, States.DONE),
-        on("resumed", [States.SILENT, States.SWEEPING], States.SILENT),
+        on("deadline", "SILENT", "SWEEPING"),
+        on("reached", "SWEEPING", "RINGING", "from_exciter", label="sweep over"),
+        on("deadline", "RINGING", "DONE"),
+        on("resumed", ["SILENT", "SWEEPING"], "SILENT"),
     )
 
     def __init__(self, settings: ChirpSettings, factors: ChirpFactors, detectors: frozenset[str]) -> None:
-        states = self.States
         measured = frozenset((settings.fingers_stream,))
         self.settings = settings
         super().__init__(
             {
-                states.SILENT: StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
-                states.SWEEPING: StatePlan(settings.duration_s + 5.0, frozenset(), measured, prompt=False),
-                states.RINGING: StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
+                "SILENT": StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
+                "SWEEPING": StatePlan(settings.duration_s + 5.0, frozenset(), measured, prompt=False),
+                "RINGING": StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
             }
         )
 

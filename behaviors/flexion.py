@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import Enum, auto
 
 from pydantic import Field
 
@@ -54,28 +53,8 @@ class Flexion(Transient):
         detectors: Names of all detectors that listen, the acting one among them.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        HOMING = auto()
-        STARTING = auto()
-        SETTLING = auto()
-        BASELINE = auto()
-        FLEXING = auto()
-        APPROACH = auto()
-        STOPPING = auto()
-        HOLDING = auto()
-        RETRACTING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.HOMING
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
-        *approaches("FLEXING"),
-        on("deadline", "FLEXING", "APPROACH"),
-        on("resumed", "FLEXING", "STARTING"),
+        *approaches("FLEXING", on("deadline", "FLEXING", "APPROACH"), on("resumed", "FLEXING", "STARTING"))
     )
 
     settings: FlexionSettings
@@ -96,7 +75,7 @@ class Flexion(Transient):
     @property
     def due_s(self) -> float:
         """When the tendon moves on."""
-        moves = (self.States.BASELINE, self.States.FLEXING, self.States.APPROACH)
+        moves = ("BASELINE", "FLEXING", "APPROACH")
         return self._step_due_s if self.state in moves else math.inf
 
     def handle(self, event: Event) -> Sequence[Command]:
@@ -105,7 +84,7 @@ class Flexion(Transient):
         if not isinstance(event, Tick) or event.t_s < self.due_s - 1e-9:
             return commands
         since_s = event.t_s - self._sweeps_s
-        if self.state is self.States.BASELINE:
+        if self.state == "BASELINE":
             way_m = max(0.0, since_s - self.settings.rest_s) * self.settings.sweep_m_s
             way_m = min(way_m, 2.0 * self.settings.flexed_m)
         else:

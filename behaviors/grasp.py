@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum, auto
-
 from behaviors.grip import gripping, gripping_plans
 from behaviors.lift import LIFTING, Lifting, LiftSettings, lifting_plans
 from behaviors.machine import on, with_failures
@@ -28,40 +26,10 @@ class Grasp(Search, Lifting):
         detectors: As of `Search`, and those of slip that the settings name.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        CLEARING = auto()
-        CALIBRATING = auto()
-        OPENING = auto()
-        ENTERING = auto()
-        BASELINE = auto()
-        RUNNING_UP = auto()
-        REVERSING = auto()
-        SEEKING_FORWARD = auto()
-        TURNING = auto()
-        SEEKING_BACKWARD = auto()
-        STOPPING = auto()
-        CENTERING = auto()
-        RESTING = auto()
-        CLOSING = auto()
-        CONFIRMING = auto()
-        LIFTING = auto()
-        HOLDING = auto()
-        LOWERING = auto()
-        RELEASING = auto()
-        BACKING_OFF = auto()
-        LEAVING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.CLEARING
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
         *COMING_IN,
         *SEARCHING,
-        on("reached", States.CENTERING, States.RESTING, "from_mover"),
+        on("reached", "CENTERING", "RESTING", "from_mover"),
         *gripping(felt="LIFTING"),
         *LIFTING,
         *GOING_OUT,
@@ -71,8 +39,8 @@ class Grasp(Search, Lifting):
     def __init__(self, settings: GraspSettings, factors: GraspFactors, detectors: frozenset[str]) -> None:
         feeling = detectors & CONTACTS | frozenset(settings.slip)  # from the rest on, where they learn
         plans = {
-            **gripping_plans(self.States, settings, feeling, settings.envelopes),
-            **lifting_plans(self.States, settings, feeling, settings.envelopes),
+            **gripping_plans(settings, feeling, settings.envelopes),
+            **lifting_plans(settings, feeling, settings.envelopes),
         }
         super().__init__(settings, factors, detectors, plans)
 

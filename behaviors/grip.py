@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import Enum
 
 from pydantic import Field
 
@@ -53,17 +52,17 @@ def gripping(felt: str) -> Sequence[Row]:
 
 
 def gripping_plans(
-    states: type[Enum], settings: GripSettings, contacts: frozenset[str], measures: frozenset[str]
-) -> Mapping[Enum, StatePlan]:
+    settings: GripSettings, contacts: frozenset[str], measures: frozenset[str]
+) -> Mapping[str, StatePlan]:
     """What these states need: the contact detectors, which learn in the rest, and what is measured."""
     closed = measures | {settings.width_stream}
     plan = StatePlan(settings.motion_timeout_s, contacts, closed)
     return {
-        states["RESTING"]: StatePlan(settings.baseline_s, contacts, closed, prompt=False),
-        states["CLOSING"]: plan,
-        states["CONFIRMING"]: StatePlan(settings.confirm_s, contacts, closed),
-        states["HOLDING"]: StatePlan(settings.hold_s, contacts, closed, prompt=False),
-        states["RELEASING"]: plan,
+        "RESTING": StatePlan(settings.baseline_s, contacts, closed, prompt=False),
+        "CLOSING": plan,
+        "CONFIRMING": StatePlan(settings.confirm_s, contacts, closed),
+        "HOLDING": StatePlan(settings.hold_s, contacts, closed, prompt=False),
+        "RELEASING": plan,
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import Enum
 from typing import Annotated
 
 from pydantic import Field, Strict
@@ -53,8 +52,8 @@ class LiftSettings(GripSettings):
 
 
 def lifting_plans(
-    states: type[Enum], settings: LiftSettings, feeling: frozenset[str], measures: frozenset[str]
-) -> Mapping[Enum, StatePlan]:
+    settings: LiftSettings, feeling: frozenset[str], measures: frozenset[str]
+) -> Mapping[str, StatePlan]:
     """What these states need: the detectors of contact and of slip, and what is measured."""
     held = StatePlan(
         settings.lift_m / settings.lift_speed_m_s + settings.motion_timeout_s,
@@ -62,9 +61,9 @@ def lifting_plans(
         measures | {settings.width_stream, settings.pose_stream},
     )
     return {
-        states["LIFTING"]: held,
-        states["HOLDING"]: StatePlan(settings.hold_s, held.detectors, held.measures),
-        states["LOWERING"]: held,
+        "LIFTING": held,
+        "HOLDING": StatePlan(settings.hold_s, held.detectors, held.measures),
+        "LOWERING": held,
     }
 
 
@@ -103,7 +102,7 @@ class Lifting(Gripping):
 
     def conclude_dropped(self) -> None:
         """The jaws lost what they held."""
-        self.conclude("no_contact", f"the object was lost in {self.state.name}")
+        self.conclude("no_contact", f"the object was lost in {self.state}")
 
     def conclude_held(self) -> None:
         """Held for as long as was asked for, if both fingers still feel it."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any, ClassVar
 
 from transitions import Machine
@@ -39,14 +38,10 @@ Row = Mapping[str, Any]
 """A row of a behavior's table, as `transitions` takes it; `label` is for the diagram."""
 
 
-State = Enum | str
-"""A state, or its name where the row is a part of several behaviors."""
-
-
 def on(
     trigger: str,
-    source: State | Sequence[State],
-    dest: State | None,
+    source: str | Sequence[str],
+    dest: str | None,
     when: str | Sequence[str] = (),
     *,
     do: str | Sequence[str] = (),
@@ -70,31 +65,37 @@ def on(
 class Behavior:
     """One trial of one experiment: events in, commands out; it touches no driver.
 
-    A subclass names its `States` (an Enum with `initial` and `final` members listed below), its transition
-    table (trigger, source, destination, with conditions where needed) and one `enter_<STATE>` method for
-    each state that commands something. A trigger is the event's class name in lower case with
-    underscores (`Contact` → `contact`); an event that the present state has no transition for is ignored. Callbacks
-    call `self.command(...)`, never a trigger.
+    A subclass has a transition table (trigger, source, destination, with conditions where needed) and one
+    `enter_<STATE>` method for each state that commands something. States are names; those that it has are those of its
+    table: it begins in the first row's, and the trial is over in those from which no row leads. A trigger is the
+    event's class name in lower case with underscores (`Contact` → `contact`); an event that the present state has no
+    transition for is ignored. Callbacks call `self.command(...)`, never a trigger.
 
     Args:
         plans: What each state needs; the final ones need nothing.
         mover: Device that `from_mover` asks for.
     """
 
-    States: ClassVar[type[Enum]]
-    initial: ClassVar[Enum]
-    final: ClassVar[frozenset[Enum]]
     table: ClassVar[Sequence[Row]]
+    states: ClassVar[Sequence[str]]
+    """In the order of the table, the final ones last."""
+    final: ClassVar[frozenset[str]]
     range_streams: frozenset[str] = frozenset()
     """Streams that must stay in their range in every motion of this trial, beside `limits.range_streams`: for what a
     trial's factor puts on the mover. Its states name them where they measure them."""
 
-    def __init__(self, plans: Mapping[Enum, StatePlan], mover: str = "") -> None:
-        missing = set(self.States) - set(plans) - self.final
-        assert not missing, f"states without a deadline: {missing}"
+    def __init_subclass__(cls) -> None:
+        if "table" in cls.__dict__:
+            left = dict.fromkeys(state for row in cls.table for state in sources(row))
+            ends = dict.fromkeys(row["dest"] for row in cls.table if row["dest"] not in {None, *left})
+            cls.states, cls.final = (*left, *ends), frozenset(ends)
+
+    def __init__(self, plans: Mapping[str, StatePlan], mover: str = "") -> None:
+        wrong = set(plans) ^ (set(self.states) - self.final)
+        assert not wrong, f"states without a deadline, or none of the table's: {wrong}"
         self.plans = dict(plans)
         self._mover = mover
-        self.state: Enum = self.initial
+        self.state = self.states[0]
         self.outcome = UNDECIDED
         self.reason = ""
         self._entered_s = 0.0
@@ -103,9 +104,9 @@ class Behavior:
         self._event: Event = Tick(0.0)
         self._machine = Machine(
             model=self,
-            states=self.States,
+            states=list(self.states),
             transitions=[self._wired(row) for row in self.table],
-            initial=self.initial,
+            initial=self.state,
             auto_transitions=False,
             ignore_invalid_triggers=True,
         )
@@ -193,7 +194,7 @@ class Behavior:
         self.outcome = "aborted"
         came = ", ".join(self._came) or "nothing"
         self.reason = (
-            f"{self.state.name} took longer than {self.plan.deadline_s:.6g} s:"
+            f"{self.state} took longer than {self.plan.deadline_s:.6g} s:"
             f" it waited for {self._awaited()}; {came} came"
         )
 
@@ -218,7 +219,7 @@ class Behavior:
     def _entered(self) -> None:
         self._entered_s = self._event.t_s
         self._came.clear()
-        enter = getattr(self, f"enter_{self.state.name}", None)
+        enter = getattr(self, f"enter_{self.state}", None)
         if enter is not None:
             enter()
 
@@ -227,19 +228,17 @@ class Behavior:
         return taken
 
 
-def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
+def with_failures(*rows: Row) -> Sequence[Row]:
     """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
 
     A device, the baseline of a decisive detector or the guard that gives up fails the trial. So does a deadline in a
     state in which no row without a condition says what follows from it: a device did not do its part.
 
     Args:
-        states: Of the behavior, with `DONE` and `FAILED` at the end.
-        rows: What happens otherwise.
+        rows: What happens otherwise; the trial is over in `DONE` and `FAILED`.
     """
-    rows = tuple(_resolved(row, states) for row in rows)
-    failed = states["FAILED"]
-    alive = [state for state in states if state not in (states["DONE"], failed)]
+    failed = "FAILED"
+    alive = list(dict.fromkeys(state for row in rows for state in sources(row)))
     resting = {
         state
         for row in rows
@@ -253,17 +252,10 @@ def with_failures(states: type[Enum], *rows: Row) -> Sequence[Row]:
     return (*rows, *given_up, on("guard_stopped", alive, failed, do="conclude_guard"), *stuck)
 
 
-def _resolved(row: Row, states: type[Enum]) -> Row:
-    """The row with states for their names."""
-    source = [row["source"]] if isinstance(row["source"], Enum | str) else row["source"]
-    *found, dest = (states[state] if isinstance(state, str) else state for state in (*source, row["dest"]))
-    return {**row, "source": found if len(found) > 1 else found[0], "dest": dest}
-
-
-def sources(row: Row) -> Sequence[Enum]:
+def sources(row: Row) -> Sequence[str]:
     """The states from which a row leads."""
     source = row["source"]
-    return [source] if isinstance(source, Enum) else list(source)
+    return [source] if isinstance(source, str) else list(source)
 
 
 _BROKEN = ("refused", "stalled", "failed")
@@ -288,18 +280,18 @@ def mermaid(behavior: type[Behavior]) -> str:
 
     Rows with more than two sources are drawn as notes beside their destination, so that the main path stays readable.
     """
-    lines = ["stateDiagram-v2", f"    [*] --> {behavior.initial.name}"]
+    lines = ["stateDiagram-v2", f"    [*] --> {behavior.states[0]}"]
     notes: dict[tuple[str, str], list[str]] = {}
-    alive = [state for state in behavior.States if state not in behavior.final]
+    alive = [state for state in behavior.states if state not in behavior.final]
     for row in behavior.table:
         label = row["trigger"] + (f" [{row['label']}]" if "label" in row else "")
         if len(sources(row)) > 2 and row["dest"] is not None:
-            named = "any state" if sources(row) == alive else ", ".join(each.name for each in sources(row))
-            notes.setdefault((row["dest"].name, named), []).append(label)
+            named = "any state" if sources(row) == alive else ", ".join(sources(row))
+            notes.setdefault((row["dest"], named), []).append(label)
         else:
-            ends = [(source.name, (row["dest"] or source).name) for source in sources(row)]
+            ends = [(source, row["dest"] or source) for source in sources(row)]
             lines += [f"    {source} --> {dest}: {label}" for source, dest in ends]
-    lines += [f"    {state.name} --> [*]" for state in behavior.States if state in behavior.final]
+    lines += [f"    {state} --> [*]" for state in behavior.states if state in behavior.final]
     for (destination, named), labels in notes.items():
         lines.append(f"    note right of {destination}: from {named} on {', '.join(labels)}")
     return "\n".join(lines) + "\n"

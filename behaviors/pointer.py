@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from enum import Enum, auto
 from itertools import pairwise
 from typing import Annotated, Self
 
@@ -95,68 +94,48 @@ class Pointer(Approaching):
         detectors: Names of all detectors there are; the touch's alone is armed.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        HOMING = auto()
-        ZEROING = auto()
-        TURNING = auto()
-        WAITING = auto()
-        DESCENDING = auto()
-        STOPPING = auto()
-        RESTING = auto()
-        RECORDING = auto()
-        LIFTING = auto()
-        UNTURNING = auto()
-        RETURNING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.HOMING
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
-        on("reached", States.HOMING, States.ZEROING, "from_mover"),
-        on("deadline", States.ZEROING, States.TURNING),
-        on("reached", States.TURNING, States.WAITING, "from_mover"),
-        on("standstill", States.TURNING, States.WAITING, "from_mover", label="the same angle again"),
-        on("baseline_ready", States.WAITING, States.DESCENDING, "of_touch"),
+        on("reached", "HOMING", "ZEROING", "from_mover"),
+        on("deadline", "ZEROING", "TURNING"),
+        on("reached", "TURNING", "WAITING", "from_mover"),
+        on("standstill", "TURNING", "WAITING", "from_mover", label="the same angle again"),
+        on("baseline_ready", "WAITING", "DESCENDING", "of_touch"),
         *approaching("DESCENDING", stopped="RESTING", missed="LIFTING"),
-        on("deadline", States.RESTING, States.RECORDING),
-        on("deadline", States.RECORDING, States.LIFTING, do="count_recorded"),
+        on("deadline", "RESTING", "RECORDING"),
+        on("deadline", "RECORDING", "LIFTING", do="count_recorded"),
         on(
             "reached",
-            States.LIFTING,
-            States.UNTURNING,
+            "LIFTING",
+            "UNTURNING",
             ["from_mover", "finished"],
             label="all angles touched, or one without contact",
         ),
-        on("reached", States.LIFTING, States.HOMING, ["from_mover", "astray"], label="after a pause"),
-        on("reached", States.LIFTING, States.TURNING, "from_mover"),
-        on("reached", States.UNTURNING, States.RETURNING, "from_mover"),
-        on("standstill", States.UNTURNING, States.RETURNING, "from_mover", label="not turned"),
-        on("reached", States.RETURNING, States.DONE, "from_mover"),
-        on("resumed", [States.HOMING, States.ZEROING], States.HOMING),
+        on("reached", "LIFTING", "HOMING", ["from_mover", "astray"], label="after a pause"),
+        on("reached", "LIFTING", "TURNING", "from_mover"),
+        on("reached", "UNTURNING", "RETURNING", "from_mover"),
+        on("standstill", "UNTURNING", "RETURNING", "from_mover", label="not turned"),
+        on("reached", "RETURNING", "DONE", "from_mover"),
+        on("resumed", ["HOMING", "ZEROING"], "HOMING"),
         on(
             "resumed",
             [
-                States.TURNING,
-                States.WAITING,
-                States.DESCENDING,
-                States.STOPPING,
-                States.RESTING,
-                States.RECORDING,
-                States.LIFTING,
+                "TURNING",
+                "WAITING",
+                "DESCENDING",
+                "STOPPING",
+                "RESTING",
+                "RECORDING",
+                "LIFTING",
             ],
-            States.LIFTING,
+            "LIFTING",
             do="note_astray",
         ),
-        on("resumed", [States.UNTURNING, States.RETURNING], States.RETURNING),
-        on("deadline", States.WAITING, States.FAILED, do="conclude_late"),
+        on("resumed", ["UNTURNING", "RETURNING"], "RETURNING"),
+        on("deadline", "WAITING", "FAILED", do="conclude_late"),
     )
 
     def __init__(self, settings: PointerSettings, factors: PointerFactors, detectors: frozenset[str]) -> None:
-        states, motion = self.States, settings.motion_timeout_s
+        motion = settings.motion_timeout_s
         armed = frozenset({settings.detector})
         both = frozenset({settings.forces_stream, settings.pose_stream})
         widest_rad = 2.0 * max(abs(angle_rad) for angle_rad in settings.angles_rad)
@@ -173,19 +152,19 @@ class Pointer(Approaching):
         self._turned_rad = 0.0
         super().__init__(
             {
-                states.HOMING: StatePlan(settings.home_timeout_s),
-                states.ZEROING: StatePlan(
+                "HOMING": StatePlan(settings.home_timeout_s),
+                "ZEROING": StatePlan(
                     settings.zero_s, frozenset(), frozenset({settings.pose_stream}), prompt=False
                 ),
-                states.TURNING: turning,
-                states.WAITING: StatePlan(settings.baseline_timeout_s, armed, prompt=False),
-                states.DESCENDING: self._approach.plan(motion, armed, frozenset()),
-                states.STOPPING: StatePlan(motion),
-                states.RESTING: StatePlan(settings.rest_s),
-                states.RECORDING: StatePlan(settings.record_s, frozenset(), both, prompt=False),
-                states.LIFTING: StatePlan(motion),
-                states.UNTURNING: turning,
-                states.RETURNING: StatePlan(settings.home_timeout_s),
+                "TURNING": turning,
+                "WAITING": StatePlan(settings.baseline_timeout_s, armed, prompt=False),
+                "DESCENDING": self._approach.plan(motion, armed, frozenset()),
+                "STOPPING": StatePlan(motion),
+                "RESTING": StatePlan(settings.rest_s),
+                "RECORDING": StatePlan(settings.record_s, frozenset(), both, prompt=False),
+                "LIFTING": StatePlan(motion),
+                "UNTURNING": turning,
+                "RETURNING": StatePlan(settings.home_timeout_s),
             },
             mover=settings.mover,
         )

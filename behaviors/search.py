@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from enum import Enum
 from typing import Literal
 
 from pydantic import Field
@@ -128,9 +127,8 @@ class Search(SonicBehavior):
         settings: SearchSettings,
         factors: SearchFactors,
         detectors: frozenset[str],
-        plans: Mapping[Enum, StatePlan],
+        plans: Mapping[str, StatePlan],
     ) -> None:
-        states = self.States
         self.factors = factors
         self._left, self._right = f"left_{factors.method}", f"right_{factors.method}"
         self._saw: dict[str, float] = {}
@@ -147,8 +145,7 @@ class Search(SonicBehavior):
         own |= dict.fromkeys(("RUNNING_UP", "SEEKING_FORWARD", "SEEKING_BACKWARD"), search_plan)
         own |= dict.fromkeys(("REVERSING", "TURNING"), turn_plan)
         own |= dict.fromkeys(("STOPPING", "CENTERING"), numb_plan)
-        searched = {states[name]: plan for name, plan in own.items()}
-        super().__init__(settings, NOWHERE, contact, {**searched, **plans})
+        super().__init__(settings, NOWHERE, contact, own | dict(plans))
 
     @property
     def middle_m(self) -> float:
@@ -175,7 +172,7 @@ class Search(SonicBehavior):
 
     def conclude_unseen(self) -> None:
         """The sweep ended before the finger ahead saw anything."""
-        finger = "left" if self.state.name == "SEEKING_FORWARD" else "right"
+        finger = "left" if self.state == "SEEKING_FORWARD" else "right"
         self.conclude("no_contact", f"the {finger} finger saw nothing within {self.settings.sweep_m:.6g} m")
 
     def conclude_touched(self) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from enum import Enum, auto
 from typing import Any
 
 from behaviors.approach import Approach, Approaching, approaching
@@ -15,7 +14,7 @@ from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from drivers.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
 
 
-def _following(source: Enum, trigger: str, steps: Sequence[Enum]) -> Sequence[Mapping[str, Any]]:
+def _following(source: str, trigger: str, steps: Sequence[str]) -> Sequence[Mapping[str, Any]]:
     """Rows from a state to whatever step comes next."""
     mover = ["from_mover"] if trigger == "reached" else []
     return [
@@ -23,9 +22,9 @@ def _following(source: Enum, trigger: str, steps: Sequence[Enum]) -> Sequence[Ma
             trigger,
             source,
             step,
-            [*mover, f"next_is_{step.name.lower()}"],
+            [*mover, f"next_is_{step.lower()}"],
             do="take_step",
-            label=f"next: {step.name.lower()}",
+            label=f"next: {step.lower()}",
         )
         for step in steps
         if step is not source
@@ -41,78 +40,53 @@ class RollSlip(Approaching):
         detectors: Names of all detectors there are; only the trial's sensor's are armed.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        HOMING = auto()
-        ZEROING = auto()
-        TILTING = auto()
-        RESTING = auto()
-        DESCENDING = auto()
-        STOPPING = auto()
-        PRESSING = auto()
-        HOLDING = auto()
-        LOADING = auto()
-        ROLLING = auto()
-        SLIPPING = auto()
-        HALTING = auto()
-        STOPPED = auto()
-        LIFTING = auto()
-        LEVELLING = auto()
-        RETURNING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.HOMING
-    final = frozenset({States.DONE, States.FAILED})
-    _pressed = (States.HOLDING, States.LOADING, States.ROLLING, States.SLIPPING)
+    _pressed = ("HOLDING", "LOADING", "ROLLING", "SLIPPING")
     table = with_failures(
-        States,
-        on("reached", States.HOMING, States.ZEROING, "from_mover"),
-        on("deadline", States.ZEROING, States.TILTING, "tilted", label="tilted touch"),
-        on("deadline", States.ZEROING, States.RESTING),
-        on("reached", States.TILTING, States.RESTING, "from_mover"),
-        on("deadline", States.RESTING, States.DESCENDING),
+        on("reached", "HOMING", "ZEROING", "from_mover"),
+        on("deadline", "ZEROING", "TILTING", "tilted", label="tilted touch"),
+        on("deadline", "ZEROING", "RESTING"),
+        on("reached", "TILTING", "RESTING", "from_mover"),
+        on("deadline", "RESTING", "DESCENDING"),
         *approaching("DESCENDING", stopped="PRESSING", missed="LIFTING"),
-        *_following(States.PRESSING, "reached", _pressed),
-        *_following(States.HOLDING, "deadline", _pressed),
-        *_following(States.LOADING, "reached", _pressed),
-        *_following(States.ROLLING, "reached", _pressed),
-        *_following(States.SLIPPING, "reached", _pressed),
-        on("deadline", States.HOLDING, States.LIFTING),
-        on("reached", States.LOADING, States.LIFTING, "from_mover"),
-        on("reached", States.ROLLING, States.LIFTING, "from_mover"),
-        on("reached", States.SLIPPING, States.LIFTING, "from_mover"),
+        *_following("PRESSING", "reached", _pressed),
+        *_following("HOLDING", "deadline", _pressed),
+        *_following("LOADING", "reached", _pressed),
+        *_following("ROLLING", "reached", _pressed),
+        *_following("SLIPPING", "reached", _pressed),
+        on("deadline", "HOLDING", "LIFTING"),
+        on("reached", "LOADING", "LIFTING", "from_mover"),
+        on("reached", "ROLLING", "LIFTING", "from_mover"),
+        on("reached", "SLIPPING", "LIFTING", "from_mover"),
         on(
             "slip_started",
-            [States.LOADING, States.ROLLING, States.SLIPPING],
-            States.HALTING,
+            ["LOADING", "ROLLING", "SLIPPING"],
+            "HALTING",
             "must_stop",
             do="cut_step",
             label="stop_on_slip",
         ),
-        on("standstill", States.HALTING, States.STOPPED, "from_mover"),
-        on("deadline", States.STOPPED, States.LIFTING),
+        on("standstill", "HALTING", "STOPPED", "from_mover"),
+        on("deadline", "STOPPED", "LIFTING"),
         on(
             "reached",
-            States.LIFTING,
-            States.HOMING,
+            "LIFTING",
+            "HOMING",
             ["from_mover", "anew"],
             label="after a pause in the descent",
         ),
-        on("reached", States.LIFTING, States.LEVELLING, ["from_mover", "turned"], label="tip at an angle"),
-        on("reached", States.LIFTING, States.RETURNING, "from_mover"),
-        on("reached", States.LEVELLING, States.RETURNING, "from_mover"),
-        on("reached", States.RETURNING, States.DONE, "from_mover"),
-        on("resumed", [States.HOMING, States.ZEROING, States.TILTING, States.RESTING], States.HOMING),
-        on("resumed", States.DESCENDING, States.LIFTING, do="begin_anew"),
+        on("reached", "LIFTING", "LEVELLING", ["from_mover", "turned"], label="tip at an angle"),
+        on("reached", "LIFTING", "RETURNING", "from_mover"),
+        on("reached", "LEVELLING", "RETURNING", "from_mover"),
+        on("reached", "RETURNING", "DONE", "from_mover"),
+        on("resumed", ["HOMING", "ZEROING", "TILTING", "RESTING"], "HOMING"),
+        on("resumed", "DESCENDING", "LIFTING", do="begin_anew"),
         on(
             "resumed",
-            [States.STOPPING, States.PRESSING, *_pressed, States.HALTING, States.STOPPED],
-            States.LIFTING,
+            ["STOPPING", "PRESSING", *_pressed, "HALTING", "STOPPED"],
+            "LIFTING",
             do="conclude_interrupted",
         ),
-        on("resumed", [States.LIFTING, States.LEVELLING, States.RETURNING], States.LIFTING),
+        on("resumed", ["LIFTING", "LEVELLING", "RETURNING"], "LIFTING"),
     )
 
     def __init__(
@@ -135,8 +109,8 @@ class RollSlip(Approaching):
         self._anew = False
         self._listening = self.run.listen == "rest"
 
-    def _planned(self) -> Mapping[Enum, StatePlan]:
-        states, settings, run = self.States, self.settings, self.run
+    def _planned(self) -> Mapping[str, StatePlan]:
+        settings, run = self.settings, self.run
         motion = settings.motion_timeout_s
         measured = frozenset(
             stream
@@ -153,22 +127,22 @@ class RollSlip(Approaching):
         listening = StatePlan(motion, self._armed(), measured)
         quiet = replace(listening, prompt=False)
         return {
-            states.HOMING: StatePlan(settings.home_timeout_s),
-            states.ZEROING: StatePlan(settings.zero_s),
-            states.TILTING: StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
-            states.RESTING: replace(quiet, deadline_s=settings.rest_s),
-            states.DESCENDING: self._approach.plan(motion, listening.detectors, listening.measures),
-            states.STOPPING: listening,
-            states.PRESSING: listening,
-            states.HOLDING: quiet,
-            states.LOADING: listening,
-            states.ROLLING: listening,
-            states.SLIPPING: listening,
-            states.HALTING: replace(listening, detectors=frozenset((run.touch, run.paper, run.ours))),
-            states.STOPPED: replace(quiet, deadline_s=settings.stopped_s),
-            states.LIFTING: StatePlan(motion),
-            states.LEVELLING: StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
-            states.RETURNING: StatePlan(settings.home_timeout_s),
+            "HOMING": StatePlan(settings.home_timeout_s),
+            "ZEROING": StatePlan(settings.zero_s),
+            "TILTING": StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
+            "RESTING": replace(quiet, deadline_s=settings.rest_s),
+            "DESCENDING": self._approach.plan(motion, listening.detectors, listening.measures),
+            "STOPPING": listening,
+            "PRESSING": listening,
+            "HOLDING": quiet,
+            "LOADING": listening,
+            "ROLLING": listening,
+            "SLIPPING": listening,
+            "HALTING": replace(listening, detectors=frozenset((run.touch, run.paper, run.ours))),
+            "STOPPED": replace(quiet, deadline_s=settings.stopped_s),
+            "LIFTING": StatePlan(motion),
+            "LEVELLING": StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
+            "RETURNING": StatePlan(settings.home_timeout_s),
         }
 
     def _armed(self) -> frozenset[str]:
@@ -244,10 +218,10 @@ class RollSlip(Approaching):
 
     def conclude_interrupted(self) -> None:
         """Paused in contact: what was pressed and rolled cannot be taken up again."""
-        if self.state is self.States.ROLLING:
+        if self.state == "ROLLING":
             self._turned_rad = 0.0  # broken off somewhere: `Home` turns back what there is, and no more
         self.outcome = "aborted"
-        self.reason = f"paused in {self.state.name}; run this trial again"
+        self.reason = f"paused in {self.state}; run this trial again"
 
     # what is commanded on entry
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import Enum
 
 from pydantic import Field
 
@@ -92,14 +91,16 @@ class SonicBehavior(Behavior):
         settings: SonicSettings,
         place_m: Place,
         contacts: frozenset[str],
-        plans: Mapping[Enum, StatePlan],
+        plans: Mapping[str, StatePlan],
     ) -> None:
         self.settings = settings
         self._place_m = place_m
         self._contacts = contacts
         self._touching: set[str] = set()
         self._held: set[str] = set()
-        waiting = dict.fromkeys(set(self.States) - self.final, StatePlan(settings.motion_timeout_s))
+        waiting = dict.fromkeys(
+            [state for state in self.states if state not in self.final], StatePlan(settings.motion_timeout_s)
+        )
         super().__init__({**waiting, **plans}, mover=settings.mover)
 
     def handle(self, event: Event) -> Sequence[Command]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum, auto
 from typing import Literal
 
 from pydantic import Field
@@ -79,38 +78,21 @@ class Static(Behavior):
         detectors: Unused: no state arms any.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        HOMING = auto()
-        STARTING = auto()
-        SETTLING = auto()
-        PLACING = auto()
-        RESTING = auto()
-        RECORDING = auto()
-        RETRACTING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.HOMING
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
-        on("reached", States.HOMING, States.STARTING, "from_mover"),
-        on("reached", States.STARTING, States.SETTLING, "from_mover"),
-        on("deadline", States.SETTLING, States.PLACING),
-        on("reached", States.PLACING, States.RESTING, "from_mover"),
-        on("deadline", States.RESTING, States.RECORDING),
-        on("deadline", States.RECORDING, States.RETRACTING),
-        on("reached", States.RETRACTING, States.DONE, "from_mover"),
-        on("resumed", States.HOMING, States.HOMING),
-        on("resumed", States.STARTING, States.STARTING),
-        on("resumed", [States.PLACING, States.RESTING, States.RECORDING], States.PLACING),
-        on("resumed", States.RETRACTING, States.RETRACTING),
+        on("reached", "HOMING", "STARTING", "from_mover"),
+        on("reached", "STARTING", "SETTLING", "from_mover"),
+        on("deadline", "SETTLING", "PLACING"),
+        on("reached", "PLACING", "RESTING", "from_mover"),
+        on("deadline", "RESTING", "RECORDING"),
+        on("deadline", "RECORDING", "RETRACTING"),
+        on("reached", "RETRACTING", "DONE", "from_mover"),
+        on("resumed", "HOMING", "HOMING"),
+        on("resumed", "STARTING", "STARTING"),
+        on("resumed", ["PLACING", "RESTING", "RECORDING"], "PLACING"),
+        on("resumed", "RETRACTING", "RETRACTING"),
     )
 
     def __init__(self, settings: StaticSettings, factors: StaticFactors, detectors: frozenset[str]) -> None:
-        states = self.States
         motion = settings.motion_timeout_s
         measured = frozenset(
             (settings.accelerometer_stream, settings.load_cell_stream, settings.period_stream)
@@ -122,13 +104,13 @@ class Static(Behavior):
         ]
         super().__init__(
             {
-                states.HOMING: StatePlan(settings.home_timeout_s),
-                states.STARTING: StatePlan(motion),
-                states.SETTLING: StatePlan(settings.settle_s),
-                states.PLACING: StatePlan(motion),
-                states.RESTING: StatePlan(settings.rest_s),
-                states.RECORDING: StatePlan(settings.record_s, frozenset(), measured, prompt=False),
-                states.RETRACTING: StatePlan(motion),
+                "HOMING": StatePlan(settings.home_timeout_s),
+                "STARTING": StatePlan(motion),
+                "SETTLING": StatePlan(settings.settle_s),
+                "PLACING": StatePlan(motion),
+                "RESTING": StatePlan(settings.rest_s),
+                "RECORDING": StatePlan(settings.record_s, frozenset(), measured, prompt=False),
+                "RETRACTING": StatePlan(motion),
             },
             mover=settings.mover,
         )

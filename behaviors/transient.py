@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from enum import Enum, auto
-from typing import ClassVar, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -75,8 +74,13 @@ class TransientFactors(Settings):
     """Where the probe touches (Fig. 6; p: the middle of the proximal link); set by hand on a real bench."""
 
 
-def approaches(ready: str) -> Sequence[Row]:
-    """Rows of an approach with its settling, its baseline, after which it is `ready`, and its way back."""
+def approaches(ready: str, *then: Row) -> Sequence[Row]:
+    """Rows of an approach with its settling, its baseline, after which it is `ready`, and its way back.
+
+    Args:
+        ready: The state that the last baseline leads to.
+        then: Rows from there to `APPROACH`, where it is another one.
+    """
     return (
         on("reached", "HOMING", "STARTING", "from_mover"),
         on("reached", "STARTING", "SETTLING", ["from_mover", "unsettled"], label="first time"),
@@ -92,6 +96,7 @@ def approaches(ready: str) -> Sequence[Row]:
             do="conclude_contact",
             label="while another detector still learns",
         ),
+        *then,
         *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
         on("deadline", "APPROACH", "STOPPING", do="conclude_no_contact"),
         on("deadline", "HOLDING", "RETRACTING"),
@@ -112,23 +117,7 @@ class Transient(Approaching):
         detectors: Names of all detectors that listen, the acting one among them.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        HOMING = auto()
-        STARTING = auto()
-        SETTLING = auto()
-        BASELINE = auto()
-        APPROACH = auto()
-        STOPPING = auto()
-        HOLDING = auto()
-        RETRACTING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial: ClassVar[Enum] = States.HOMING
-    final: ClassVar[frozenset[Enum]] = frozenset({States.DONE, States.FAILED})
-    table = with_failures(States, *approaches("APPROACH"))
+    table = with_failures(*approaches("APPROACH"))
 
     def __init__(
         self, settings: TransientSettings, factors: TransientFactors, detectors: frozenset[str]
@@ -149,7 +138,7 @@ class Transient(Approaching):
                 *settings.waveform_streams,
             )
         )
-        super().__init__({self.States[name]: plan for name, plan in self._plan().items()}, settings.mover)
+        super().__init__(self._plan(), settings.mover)
 
     def _plan(self) -> dict[str, StatePlan]:
         """What each state needs."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import Enum, auto
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
@@ -106,32 +105,18 @@ class Weights(Behavior):
         detectors: Unused: no state arms any.
     """
 
-    class States(Enum):
-        """Where the trial is."""
-
-        SETTING_UP = auto()
-        HANGING = auto()
-        SWINGING = auto()
-        RECORDING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.SETTING_UP
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
-        on("answered", States.SETTING_UP, States.HANGING, "from_operator"),
-        on("loaded", States.HANGING, States.DONE, ["as_asked", "finished"], label="all taken off at the end"),
-        on("loaded", States.HANGING, States.SWINGING, "as_asked"),
-        on("deadline", States.SWINGING, States.RECORDING),
-        on("deadline", States.RECORDING, States.HANGING, do="count_recorded"),
-        on("resumed", States.SETTING_UP, States.SETTING_UP),
-        on("resumed", [States.HANGING, States.SWINGING, States.RECORDING], States.HANGING),
-        on("deadline", [States.SETTING_UP, States.HANGING], States.FAILED, do="conclude_unanswered"),
+        on("answered", "SETTING_UP", "HANGING", "from_operator"),
+        on("loaded", "HANGING", "DONE", ["as_asked", "finished"], label="all taken off at the end"),
+        on("loaded", "HANGING", "SWINGING", "as_asked"),
+        on("deadline", "SWINGING", "RECORDING"),
+        on("deadline", "RECORDING", "HANGING", do="count_recorded"),
+        on("resumed", "SETTING_UP", "SETTING_UP"),
+        on("resumed", ["HANGING", "SWINGING", "RECORDING"], "HANGING"),
+        on("deadline", ["SETTING_UP", "HANGING"], "FAILED", do="conclude_unanswered"),
     )
 
     def __init__(self, settings: WeightsSettings, factors: WeightsFactors, detectors: frozenset[str]) -> None:
-        states = self.States
         asked = frozenset({settings.load_stream})
         self.settings = settings
         self.factors = factors
@@ -139,10 +124,10 @@ class Weights(Behavior):
         self._recorded = 0
         super().__init__(
             {
-                states.SETTING_UP: StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
-                states.HANGING: StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
-                states.SWINGING: StatePlan(settings.swing_s),
-                states.RECORDING: StatePlan(
+                "SETTING_UP": StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
+                "HANGING": StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
+                "SWINGING": StatePlan(settings.swing_s),
+                "RECORDING": StatePlan(
                     settings.record_s, frozenset(), frozenset({settings.bridges_stream}), prompt=False
                 ),
             }

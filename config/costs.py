@@ -60,11 +60,12 @@ def planned(profile: Profile, trials: Sequence[Trial], first: TrialPlan, workers
     yield f"motion    {travel}, at {speed_m_s:g} m/s; the guard stops beyond {limits.speed_m_s:g} m/s"
     yield f"force     {_force(profile, speed_m_s)}"
     heard: set[str] = set()
-    for state, plan in first.behavior.plans.items():
+    for state in (state for state in first.behavior.states if state not in first.behavior.final):
+        plan = first.behavior.plans[state]
         names = [f"{name} ({', '.join(first.detectors[name].inputs)})" for name in sorted(plan.detectors)]
         names += [f"{name} (recorded)" for name in sorted(plan.measures)]
         heard |= plan.detectors
-        yield f"{state.name:<20}{', '.join(names) or 'skipped: nobody subscribes'}"
+        yield f"{state:<20}{', '.join(names) or 'skipped: nobody subscribes'}"
     idle = sorted(set(profile.detectors) - heard)
     if idle:
         yield f"never     {', '.join(idle)}: no state subscribes"

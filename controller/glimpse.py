@@ -107,14 +107,14 @@ class Glimpse:
         if behavior is None:
             return {"states": [], "final": [], "ways": []}
         ways = [
-            (source.name, row["dest"].name, row["trigger"].replace("_", " "))
+            (source, row["dest"], row["trigger"].replace("_", " "))
             for row in behavior.table
             if row["dest"] is not None and len(sources(row)) <= 2
             for source in sources(row)
         ]
         return {
-            "states": [state.name for state in behavior.States],
-            "final": [state.name for state in behavior.final],
+            "states": list(behavior.states),
+            "final": list(behavior.final),
             "ways": ways,
         }
 

@@ -223,7 +223,7 @@ class Loop:
                 with suppress(Exception):
                     for status in device.poll():
                         self._note(status)
-                        self._keep(status, self._behavior.state.name, self._behavior.state.name, ())
+                        self._keep(status, self._behavior.state, self._behavior.state, ())
                         if isinstance(status, Standstill) and not self._outdated(status):
                             pending.discard(name)
                         elif isinstance(status, Failed) and name in pending:
@@ -345,8 +345,8 @@ class Loop:
     def _begin(self) -> None:
         t_s = self._clock.now()
         commands = self._behavior.begin(t_s)
-        self._entered(self._behavior.state.name, t_s)
-        self._operator.state(self._behavior.state.name, t_s)
+        self._entered(self._behavior.state, t_s)
+        self._operator.state(self._behavior.state, t_s)
         self._obey(commands)
 
     def _turn(self, t_s: float, late_s: float) -> None:
@@ -381,7 +381,7 @@ class Loop:
             if self._heeds(event):
                 self._handle(event)
             elif not isinstance(event, Tick):
-                self._keep(event, self._behavior.state.name, self._behavior.state.name, ())
+                self._keep(event, self._behavior.state, self._behavior.state, ())
         if len(self.events) > before:
             self._reach.begin()
         else:
@@ -454,15 +454,15 @@ class Loop:
         before = self._behavior.state
         commands = self._behavior.handle(event)
         after = self._behavior.state
-        changed = bool(commands) or after is not before
+        changed = bool(commands) or after != before
         try:
             if changed:
                 self._obey(commands)
         finally:
             if changed or not isinstance(event, Tick):
-                self._keep(event, before.name, after.name, commands)
-            if after is not before:
-                self._operator.state(after.name, event.t_s)
+                self._keep(event, before, after, commands)
+            if after != before:
+                self._operator.state(after, event.t_s)
 
     def _obey(self, commands: Sequence[Command]) -> None:
         """Stop first, then hear what the new state hears, then the rest in order."""
@@ -553,7 +553,7 @@ class Loop:
             self._resuming = False
             self._stop_all()
             self._arrange(())
-            name = self._behavior.state.name
+            name = self._behavior.state
             self._keep(Paused(t_s), name, name, ())
             self._operator.state("PAUSED", t_s)
         elif word == "resume":
@@ -583,5 +583,5 @@ class Loop:
         if self._paused_s is not None and self._resuming and not self._moving:
             self.account.paused_s += t_s - self._paused_s
             self._paused_s = None
-            self._operator.state(self._behavior.state.name, t_s)
+            self._operator.state(self._behavior.state, t_s)
             self._handle(Resumed(t_s))

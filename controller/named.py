@@ -20,7 +20,7 @@ _PARTS = {
     "detector": ("push", "reset"),
     "signal": ("push", "reset"),
     "driver": ("open", "close", "apply", "read", "poll", "account"),
-    "experiment": ("begin", "handle", "table", "States"),
+    "experiment": ("begin", "handle", "table", "states"),
 }
 """What a class of each role has; `controller.detectors.protocol` and its like say more."""
 

@@ -52,8 +52,6 @@ class Edge:
 EXPERIMENT = '''
 """Rest, and measure the force."""
 
-from enum import Enum, auto
-
 from behaviors.machine import Behavior, StatePlan, on, with_failures
 from drivers.settings import Settings, StreamName
 
@@ -70,21 +68,13 @@ class RestFactors(Settings):
 
 
 class Rest(Behavior):
-    class States(Enum):
-        RESTING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.RESTING
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
-        on("deadline", States.RESTING, States.DONE),
+        on("deadline", "RESTING", "DONE"),
     )
 
     def __init__(self, settings: RestSettings, factors: RestFactors, detectors: frozenset[str]) -> None:
         measured = frozenset({settings.stream})
-        super().__init__({self.States.RESTING: StatePlan(settings.rest_s, measures=measured)})
+        super().__init__({"RESTING": StatePlan(settings.rest_s, measures=measured)})
 
     def enter_DONE(self) -> None:
         self.conclude("no_contact")
@@ -254,7 +244,7 @@ def test_workers_find_what_the_profile_names(verb, lab):
 def helped(lab):
     """The lab's experiment, which imports a module that stands beside its profile."""
     (lab / "helper.py").write_text("FACTOR = 1.0\n")
-    text = EXPERIMENT.replace("from enum", "import helper\nfrom enum")
+    text = EXPERIMENT.replace("from behaviors", "import helper\nfrom behaviors")
     (lab / "my_lab" / "rest.py").write_text(text.replace(".mean()", ".mean() * helper.FACTOR"))
     return lab
 

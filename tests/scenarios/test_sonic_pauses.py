@@ -31,7 +31,7 @@ def run_one(out, operator, name, row, **sets):
 
 
 def pause_everywhere(script, behavior):
-    words = {state.name: [None] * PAUSE_AFTER + ["pause"] for state in behavior.States}
+    words = {state: [None] * PAUSE_AFTER + ["pause"] for state in behavior.states}
     script.words = words | {"PAUSED": ["resume"] * 100}
 
 
@@ -40,7 +40,7 @@ def paused_in(script):
 
 
 def alive(behavior):
-    return {state.name for state in behavior.States} - {"DONE", "FAILED"}
+    return set(behavior.states) - {"DONE", "FAILED"}
 
 
 @pytest.mark.parametrize("rate_hz", ["100.0", "200.0"])

@@ -15,7 +15,6 @@ import tty
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
-from enum import Enum, auto
 from pathlib import Path
 from typing import Any
 
@@ -97,17 +96,11 @@ class Hung:
 class Stay(Behavior):
     """Keeps every mover on its way for five seconds."""
 
-    class States(Enum):
-        MOVING = auto()
-        DONE = auto()
-
-    initial = States.MOVING
-    final = frozenset({States.DONE})
-    table = ({"trigger": "deadline", "source": States.MOVING, "dest": States.DONE},)
+    table = ({"trigger": "deadline", "source": "MOVING", "dest": "DONE"},)
 
     def __init__(self, names: list[str]) -> None:
         streams = frozenset(f"{name}.position" for name in names)
-        super().__init__({self.States.MOVING: StatePlan(HANG_S, measures=streams)})
+        super().__init__({"MOVING": StatePlan(HANG_S, measures=streams)})
         self._names = names
 
     def enter_MOVING(self) -> None:

@@ -4,15 +4,14 @@ from typing import Any
 import pytest
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
-from behaviors.machine import Behavior, trigger_of
+from behaviors.flexion import Flexion
+from behaviors.machine import Behavior, StatePlan, trigger_of
 from behaviors.static import Static, StaticFactors, StaticSettings
 from behaviors.transient import Transient, TransientFactors, TransientSettings
 from config.diagrams import PAGE, page
 from controller.experiments import EXPERIMENTS
 from controller.named import found
 from drivers.messages import Excite, Failed, Home, MoveAt, MoveTo, Reached, Refused, Stalled, Standstill, Stop
-
-STATES = Transient.States
 
 
 def transient(detectors=("contact",), **settings):
@@ -34,14 +33,14 @@ def refused(t_s, detector):
 def to(state):
     """A transient trial, driven into a state by the events that lead there."""
     path: dict[Any, list[Any]] = {
-        STATES.HOMING: [],
-        STATES.STARTING: [Reached(0.1, "stage", 0.0)],
-        STATES.SETTLING: [Reached(0.2, "stage", 0.0)],
-        STATES.BASELINE: [Tick(91.0)],
-        STATES.APPROACH: [ready(93.0)],
-        STATES.STOPPING: [contact(94.0)],
-        STATES.HOLDING: [Standstill(94.1, "stage", 0.004)],
-        STATES.RETRACTING: [Tick(95.0)],
+        "HOMING": [],
+        "STARTING": [Reached(0.1, "stage", 0.0)],
+        "SETTLING": [Reached(0.2, "stage", 0.0)],
+        "BASELINE": [Tick(91.0)],
+        "APPROACH": [ready(93.0)],
+        "STOPPING": [contact(94.0)],
+        "HOLDING": [Standstill(94.1, "stage", 0.004)],
+        "RETRACTING": [Tick(95.0)],
     }
     behavior = transient()
     behavior.begin(0.0)
@@ -54,7 +53,7 @@ def to(state):
     return behavior
 
 
-ALIVE = [state for state in STATES if state not in Transient.final]
+ALIVE = [state for state in Transient.states if state not in Transient.final]
 
 
 def test_a_trial_goes_from_homing_to_done_and_commands_what_it_says():
@@ -63,9 +62,9 @@ def test_a_trial_goes_from_homing_to_done_and_commands_what_it_says():
     assert behavior.handle(Reached(0.5, "stage", 0.0)) == [MoveTo("stage", 0.0, 0.01)]
     assert behavior.handle(Reached(1.0, "stage", 0.0)) == []
     assert behavior.handle(Tick(90.9)) == []
-    assert behavior.state is STATES.SETTLING
+    assert behavior.state == "SETTLING"
     assert behavior.handle(Tick(91.0)) == []
-    assert behavior.state is STATES.BASELINE
+    assert behavior.state == "BASELINE"
     assert behavior.handle(ready(93.0)) == [MoveAt("stage", 0.005, 0.01)]
     assert behavior.handle(contact(94.0)) == [Stop("stage")]
     assert behavior.handle(Standstill(94.1, "stage", 0.004)) == []
@@ -96,7 +95,7 @@ def test_a_failure_in_any_state_stops_the_mover_and_ends_the_trial(state, event,
 
 @pytest.mark.parametrize("behavior", [found(entry.behavior) for entry in EXPERIMENTS.values()])
 def test_every_state_has_a_deadline_and_something_follows_from_it(behavior):
-    for state in behavior.States:
+    for state in behavior.states:
         if state in behavior.final:
             continue
         # Rows with a condition may come before; one without is what follows in any case.
@@ -105,11 +104,26 @@ def test_every_state_has_a_deadline_and_something_follows_from_it(behavior):
         assert sources.count(state) == 1, state
 
 
+def test_a_behavior_begins_where_its_table_does_and_ends_where_no_row_leads_on():
+    assert Transient.states[0] == "HOMING"
+    assert Transient.final == {"DONE", "FAILED"}
+    assert set(Flexion.states) == {*Transient.states, "FLEXING"}
+
+
+def test_a_plan_for_a_state_that_no_row_names_is_refused():
+    class Misspelt(Transient):
+        def _plan(self):
+            return super()._plan() | {"APROACH": StatePlan(1.0)}
+
+    with pytest.raises(AssertionError, match="APROACH"):
+        Misspelt(TransientSettings(), TransientFactors(speed_m_s=0.005), frozenset({"contact"}))
+
+
 @pytest.mark.parametrize("behavior", [found(entry.behavior) for entry in EXPERIMENTS.values()])
 def test_every_alive_state_can_fail(behavior):
     for trigger in ("refused", "stalled", "failed", "guard_stopped"):
         sources = {source for row in behavior.table if row["trigger"] == trigger for source in _sources(row)}
-        assert sources == set(behavior.States) - behavior.final
+        assert sources == set(behavior.states) - behavior.final
 
 
 def _sources(row):
@@ -117,9 +131,9 @@ def _sources(row):
 
 
 def test_another_detectors_contact_does_not_stop_the_approach():
-    behavior = to(STATES.APPROACH)
+    behavior = to("APPROACH")
     assert behavior.handle(contact(94.0, "shadow")) == []
-    assert behavior.state is STATES.APPROACH
+    assert behavior.state == "APPROACH"
 
 
 def test_the_approach_waits_for_every_detectors_baseline():
@@ -143,20 +157,20 @@ def test_a_detector_that_only_listens_and_refuses_its_baseline_is_gone_on_withou
 
 
 def test_the_deciding_detectors_refused_baseline_ends_the_trial_and_says_why():
-    behavior = to(STATES.BASELINE)
+    behavior = to("BASELINE")
     assert Stop("stage") in behavior.handle(refused(93.0, "contact"))
     assert (behavior.outcome, behavior.reason) == ("fault", "contact baseline refused: no variance")
 
 
 def test_an_approach_without_contact_ends_at_its_limit():
-    behavior = to(STATES.APPROACH)
+    behavior = to("APPROACH")
     assert behavior.handle(Reached(96.0, "stage", 0.01)) == [MoveTo("stage", 0.0, 0.01)]
     behavior.handle(Reached(97.0, "stage", 0.0))
     assert behavior.outcome == "no_contact"
 
 
 def test_a_state_that_outlives_its_deadline_ends_the_trial_and_says_which():
-    behavior = to(STATES.STOPPING)
+    behavior = to("STOPPING")
     assert behavior.handle(Tick(94.0 + 30.0)) == [Stop("stage"), Excite("board", False)]
     said = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
     assert behavior.reason == said
@@ -180,16 +194,16 @@ def test_a_baseline_that_does_not_come_is_told_with_who_was_waited_for_and_what_
     )
 
 
-@pytest.mark.parametrize("state", [STATES.BASELINE, STATES.APPROACH])
+@pytest.mark.parametrize("state", ["BASELINE", "APPROACH"])
 def test_after_a_pause_it_goes_back_and_takes_a_new_baseline(state):
     behavior = to(state)
     assert behavior.handle(Resumed(100.0)) == [MoveTo("stage", 0.0, 0.01)]
     behavior.handle(Reached(101.0, "stage", 0.0))
-    assert behavior.state is STATES.BASELINE, "the finger has settled already"
+    assert behavior.state == "BASELINE", "the finger has settled already"
     assert behavior.handle(ready(103.0)) == [MoveAt("stage", 0.005, 0.01)]
 
 
-@pytest.mark.parametrize("state", [STATES.STOPPING, STATES.HOLDING, STATES.RETRACTING])
+@pytest.mark.parametrize("state", ["STOPPING", "HOLDING", "RETRACTING"])
 def test_a_contact_that_was_found_stands_after_a_pause(state):
     behavior = to(state)
     assert behavior.handle(Resumed(100.0)) == [MoveTo("stage", 0.0, 0.01)]
@@ -204,14 +218,14 @@ def test_a_contact_while_another_detector_learns_starts_no_approach():
     for event in (Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(91.0), ready(93.0)):
         behavior.handle(event)
     assert behavior.handle(contact(95.0)) == [MoveTo("stage", 0.0, 0.01)]
-    assert behavior.state is STATES.RETRACTING
+    assert behavior.state == "RETRACTING"
 
 
 def test_what_no_state_listens_to_is_named_by_none():
-    behavior = to(STATES.SETTLING)
+    behavior = to("SETTLING")
     assert behavior.plan.detectors == frozenset()
     assert behavior.plan.measures == frozenset()
-    assert to(STATES.APPROACH).plan.detectors == {"contact"}
+    assert to("APPROACH").plan.detectors == {"contact"}
 
 
 @pytest.mark.parametrize(("condition", "position_m"), [("none", 0.0), ("light", 0.003), ("full", 0.0045)])

@@ -5,8 +5,6 @@ from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopp
 from behaviors.pointer import Pointer, PointerFactors, PointerSettings
 from drivers.messages import Failed, Home, MoveAt, Reached, Refused, Stalled, Standstill, Stop, Twist
 
-STATES = Pointer.States
-
 
 def pointer(**settings):
     given = {"angles_rad": (-0.5, 0.5), **settings}
@@ -26,16 +24,16 @@ def contact(t_s, detector="touch"):
 
 
 TOUCH = [
-    (STATES.WAITING, ready),
-    (STATES.DESCENDING, contact),
-    (STATES.STOPPING, lambda t_s: Standstill(t_s, "arm", 0.003)),
-    (STATES.RESTING, Tick),
-    (STATES.RECORDING, Tick),
-    (STATES.LIFTING, reached),
+    ("WAITING", ready),
+    ("DESCENDING", contact),
+    ("STOPPING", lambda t_s: Standstill(t_s, "arm", 0.003)),
+    ("RESTING", Tick),
+    ("RECORDING", Tick),
+    ("LIFTING", reached),
 ]
 """The event that leads out of each state of a touch."""
 
-BEFORE = [(STATES.HOMING, reached), (STATES.ZEROING, Tick), (STATES.TURNING, reached)]
+BEFORE = [("HOMING", reached), ("ZEROING", Tick), ("TURNING", reached)]
 
 
 def to(state):
@@ -55,13 +53,13 @@ def to(state):
 def run(behavior):
     """Goes through a whole trial; returns every command, in order."""
     leave = dict([*BEFORE, *TOUCH])
-    leave[STATES.UNTURNING] = leave[STATES.RETURNING] = reached
+    leave["UNTURNING"] = leave["RETURNING"] = reached
     commands = list(behavior.begin(0.0))
     t_s = 0.0
     while not behavior.done:
         t_s += 1.0
         event = leave[behavior.state](t_s)
-        if behavior.state is STATES.TURNING and commands[-1] == Stop("arm"):
+        if behavior.state == "TURNING" and commands[-1] == Stop("arm"):
             event = Standstill(t_s, "arm", 0.0)
         commands += behavior.handle(event)
     return commands
@@ -86,24 +84,24 @@ def test_every_angle_is_touched_up_and_then_down_again():
 
 
 def test_a_touch_stops_the_arm_rests_records_and_lifts_turned_as_it_is():
-    behavior, t_s = to(STATES.DESCENDING)
+    behavior, t_s = to("DESCENDING")
     assert behavior.handle(contact(t_s)) == [Stop("arm")]
     assert behavior.handle(Standstill(t_s, "arm", 0.003)) == []
     assert behavior.handle(Tick(t_s + 0.3)) == []
-    assert behavior.state is STATES.RECORDING
+    assert behavior.state == "RECORDING"
     assert behavior.handle(Tick(t_s + 0.8)) == [MoveAt("arm", -0.01, 0.0)]
 
 
 def test_another_detector_starts_and_ends_no_descent():
-    behavior, t_s = to(STATES.WAITING)
+    behavior, t_s = to("WAITING")
     assert behavior.handle(ready(t_s, "other")) == []
-    behavior, t_s = to(STATES.DESCENDING)
+    behavior, t_s = to("DESCENDING")
     assert behavior.handle(contact(t_s, "other")) == []
-    assert behavior.state is STATES.DESCENDING
+    assert behavior.state == "DESCENDING"
 
 
 def test_an_angle_without_a_table_ends_the_trial_without_contact():
-    behavior, t_s = to(STATES.DESCENDING)
+    behavior, t_s = to("DESCENDING")
     assert behavior.handle(reached(t_s)) == [MoveAt("arm", -0.01, 0.0)]
     (turn,) = behavior.handle(reached(t_s + 1.0))
     assert turn.twist[4] * turn.duration_s == pytest.approx(0.5), "turned back"
@@ -114,17 +112,17 @@ def test_an_angle_without_a_table_ends_the_trial_without_contact():
 
 
 def paused_in(state):
-    behavior, t_s = to(state if state not in (STATES.UNTURNING, STATES.RETURNING) else STATES.DESCENDING)
+    behavior, t_s = to(state if state not in ("UNTURNING", "RETURNING") else "DESCENDING")
     while behavior.state is not state:
         t_s += 1.0
         behavior.handle(reached(t_s))
     return behavior, t_s
 
 
-@pytest.mark.parametrize("state", [state for state in STATES if state not in Pointer.final])
+@pytest.mark.parametrize("state", [state for state in Pointer.states if state not in Pointer.final])
 def test_a_pause_is_followed_by_a_lift_wherever_the_tip_may_touch_and_by_the_way_home_elsewhere(state):
     behavior, t_s = paused_in(state)
-    off_the_table = (STATES.HOMING, STATES.ZEROING, STATES.UNTURNING, STATES.RETURNING)
+    off_the_table = ("HOMING", "ZEROING", "UNTURNING", "RETURNING")
     lift = MoveAt("arm", -0.01, 0.0)
     assert behavior.handle(Resumed(t_s)) == [Home("arm") if state in off_the_table else lift]
 
@@ -132,12 +130,12 @@ def test_a_pause_is_followed_by_a_lift_wherever_the_tip_may_touch_and_by_the_way
 @pytest.mark.parametrize(
     "state",
     [
-        STATES.TURNING,
-        STATES.WAITING,
-        STATES.DESCENDING,
-        STATES.STOPPING,
-        STATES.RESTING,
-        STATES.RECORDING,
+        "TURNING",
+        "WAITING",
+        "DESCENDING",
+        "STOPPING",
+        "RESTING",
+        "RECORDING",
     ],
 )
 def test_after_a_pause_it_lifts_goes_home_and_turns_to_the_same_angle(state):
@@ -149,7 +147,7 @@ def test_after_a_pause_it_lifts_goes_home_and_turns_to_the_same_angle(state):
     assert turn.twist[4] * turn.duration_s == pytest.approx(-0.5)
 
 
-@pytest.mark.parametrize("state", [state for state in STATES if state not in Pointer.final])
+@pytest.mark.parametrize("state", [state for state in Pointer.states if state not in Pointer.final])
 @pytest.mark.parametrize(
     ("event", "outcome"),
     [
@@ -161,11 +159,11 @@ def test_after_a_pause_it_lifts_goes_home_and_turns_to_the_same_angle(state):
 )
 def test_a_failure_in_any_state_stops_the_arm_and_ends_the_trial(state, event, outcome):
     behavior, _ = to(state)
-    if state in (STATES.UNTURNING, STATES.RETURNING):
-        behavior, _ = to(STATES.DESCENDING)
+    if state in ("UNTURNING", "RETURNING"):
+        behavior, _ = to("DESCENDING")
         behavior.handle(reached(10.0))
         behavior.handle(reached(11.0))
-    if state is STATES.RETURNING:
+    if state == "RETURNING":
         behavior.handle(reached(12.0))
     assert behavior.state is state
     assert behavior.handle(event) == [Stop("arm")]
@@ -174,7 +172,7 @@ def test_a_failure_in_any_state_stops_the_arm_and_ends_the_trial(state, event, o
 
 
 def test_a_baseline_that_is_refused_ends_the_trial():
-    behavior, t_s = to(STATES.WAITING)
+    behavior, t_s = to("WAITING")
     behavior.handle(BaselineRefused(t_s, "touch", 0.0, 1.0, "a value is not finite"))
     assert behavior.outcome == "fault"
     assert "not finite" in behavior.reason
@@ -182,10 +180,10 @@ def test_a_baseline_that_is_refused_ends_the_trial():
 
 def test_only_the_touch_detector_is_armed_and_only_touches_and_the_start_are_recorded():
     plans = pointer().plans
-    assert plans[STATES.WAITING].detectors == plans[STATES.DESCENDING].detectors == {"touch"}
-    assert plans[STATES.ZEROING].measures == {"arm.pose"}
-    assert plans[STATES.RECORDING].measures == {"signals.tip", "arm.pose"}
-    assert plans[STATES.LIFTING].measures == frozenset()
+    assert plans["WAITING"].detectors == plans["DESCENDING"].detectors == {"touch"}
+    assert plans["ZEROING"].measures == {"arm.pose"}
+    assert plans["RECORDING"].measures == {"signals.tip", "arm.pose"}
+    assert plans["LIFTING"].measures == frozenset()
 
 
 @pytest.mark.parametrize("angles", [(0.5, -0.5), (0.0,), (0.0, 1.6)])

@@ -11,8 +11,6 @@ from behaviors.slip import RollSlip
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from drivers.messages import Home, MoveAt, Reached, Sent, Standstill, Stop, Tare, Twist
 
-STATES = RollSlip.States
-
 RUN = {
     "stream": "board.fingertip",
     "forces_stream": "signals.tip",
@@ -49,25 +47,25 @@ def touch(t_s, detector="touch"):
 
 
 PATH = [
-    (STATES.ZEROING, reached(0.5)),
-    (STATES.TILTING, Tick(0.7)),
-    (STATES.RESTING, reached(2.7)),
-    (STATES.DESCENDING, Tick(3.7)),
-    (STATES.STOPPING, touch(5.2)),
-    (STATES.PRESSING, Standstill(5.21, "arm", 0.0031)),
-    (STATES.HOLDING, reached(5.7, 0.0041)),
-    (STATES.ROLLING, Tick(5.9)),
-    (STATES.LOADING, reached(7.3)),
-    (STATES.SLIPPING, reached(7.9)),
-    (STATES.HOLDING, reached(10.9)),
-    (STATES.LIFTING, Tick(11.9)),
-    (STATES.LEVELLING, reached(12.5)),
-    (STATES.RETURNING, reached(13.0)),
-    (STATES.DONE, reached(14.0)),
+    ("ZEROING", reached(0.5)),
+    ("TILTING", Tick(0.7)),
+    ("RESTING", reached(2.7)),
+    ("DESCENDING", Tick(3.7)),
+    ("STOPPING", touch(5.2)),
+    ("PRESSING", Standstill(5.21, "arm", 0.0031)),
+    ("HOLDING", reached(5.7, 0.0041)),
+    ("ROLLING", Tick(5.9)),
+    ("LOADING", reached(7.3)),
+    ("SLIPPING", reached(7.9)),
+    ("HOLDING", reached(10.9)),
+    ("LIFTING", Tick(11.9)),
+    ("LEVELLING", reached(12.5)),
+    ("RETURNING", reached(13.0)),
+    ("DONE", reached(14.0)),
 ]
 
 
-MOVING_FREELY = (STATES.ZEROING, STATES.TILTING, STATES.LIFTING, STATES.LEVELLING, STATES.RETURNING)
+MOVING_FREELY = ("ZEROING", "TILTING", "LIFTING", "LEVELLING", "RETURNING")
 
 
 def led_to(state, **settings):
@@ -114,11 +112,11 @@ def test_only_the_sensors_own_detectors_listen_from_rest_until_it_lifts():
     for state, _ in PATH[:-1]:
         plan = led_to(state).plan
         listening = state not in (
-            STATES.ZEROING,
-            STATES.TILTING,
-            STATES.LIFTING,
-            STATES.LEVELLING,
-            STATES.RETURNING,
+            "ZEROING",
+            "TILTING",
+            "LIFTING",
+            "LEVELLING",
+            "RETURNING",
         )
         assert plan.detectors == (frozenset({"touch", "paper", "ours"}) if listening else frozenset()), state
         assert ("signals.tip" in plan.measures) is listening
@@ -129,8 +127,8 @@ def test_slip_detectors_may_listen_from_the_first_motion_on_and_learn_there():
     behavior.begin(0.0)
     for state, event in PATH:
         behavior.handle(event)
-        after_motion = state in (STATES.ROLLING, STATES.LOADING, STATES.SLIPPING) or event.t_s > 10.0
-        if state not in (*MOVING_FREELY, STATES.DONE):
+        after_motion = state in ("ROLLING", "LOADING", "SLIPPING") or event.t_s > 10.0
+        if state not in (*MOVING_FREELY, "DONE"):
             expected = {"touch", "paper", "ours"} if after_motion else {"touch"}
             assert behavior.plan.detectors == expected, state
 
@@ -140,23 +138,23 @@ def test_without_a_tilt_it_rests_at_once():
     behavior.begin(0.0)
     behavior.handle(reached(0.5))
     behavior.handle(Tick(0.7))
-    assert behavior.state is STATES.RESTING
+    assert behavior.state == "RESTING"
 
 
 @pytest.mark.parametrize("reflex", ["ours", "paper"])
 def test_stop_on_slip_stops_at_once_for_the_reflex_detector_alone(reflex):
-    behavior = led_to(STATES.SLIPPING, stop_on_slip=True, reflex=reflex)
+    behavior = led_to("SLIPPING", stop_on_slip=True, reflex=reflex)
     other = {"ours": "paper", "paper": "ours"}[reflex]
     assert behavior.handle(slip(8.0, other)) == []
     assert behavior.handle(slip(8.1, reflex)) == [Stop("arm")]
     assert behavior.handle(Sent(8.1, "arm", Stop("arm"))) == []
     assert behavior.handle(Standstill(8.2, "arm", 0.004)) == []
-    assert behavior.state is STATES.STOPPED
+    assert behavior.state == "STOPPED"
     assert behavior.handle(Tick(8.7)) == [MoveAt("arm", -0.01, 0.0)]
 
 
 def test_a_roll_that_is_cut_short_is_turned_back_by_what_it_turned():
-    behavior = led_to(STATES.ROLLING, stop_on_slip=True)
+    behavior = led_to("ROLLING", stop_on_slip=True)
     for event in (slip(5.9 + 0.5), Standstill(6.5, "arm", 0.004), Tick(7.1)):
         behavior.handle(event)
     # a quarter of 0.8 rad from -0.4 rad: 0.2 rad are left
@@ -164,26 +162,26 @@ def test_a_roll_that_is_cut_short_is_turned_back_by_what_it_turned():
 
 
 def test_without_stop_on_slip_nothing_follows_from_slip():
-    behavior = led_to(STATES.SLIPPING)
+    behavior = led_to("SLIPPING")
     assert behavior.handle(slip(8.0)) == []
-    assert behavior.state is STATES.SLIPPING
+    assert behavior.state == "SLIPPING"
 
 
 def test_a_table_that_is_not_there_ends_the_trial_without_contact():
-    behavior = led_to(STATES.DESCENDING)
+    behavior = led_to("DESCENDING")
     assert behavior.handle(reached(6.7, 0.006)) == [MoveAt("arm", -0.01, 0.0)]
     assert behavior.outcome == "no_contact"
     assert "0.006 m" in behavior.reason
 
 
 def test_the_touch_of_another_detector_is_not_its_own():
-    behavior = led_to(STATES.DESCENDING)
+    behavior = led_to("DESCENDING")
     assert behavior.handle(touch(5.0, "other")) == []
-    assert behavior.state is STATES.DESCENDING
+    assert behavior.state == "DESCENDING"
 
 
 @pytest.mark.parametrize(
-    "state", [state for state in STATES if state not in (STATES.HALTING, STATES.STOPPED, *RollSlip.final)]
+    "state", [state for state in RollSlip.states if state not in ("HALTING", "STOPPED", *RollSlip.final)]
 )
 def test_the_guards_word_ends_the_trial_from_every_state(state):
     behavior = led_to(state)
@@ -193,46 +191,46 @@ def test_the_guards_word_ends_the_trial_from_every_state(state):
 
 LIFT = MoveAt("arm", -0.01, 0.0)
 
-MAY_TOUCH = [state for state in STATES if STATES.DESCENDING.value <= state.value <= STATES.RETURNING.value]
+MAY_TOUCH = RollSlip.states[RollSlip.states.index("DESCENDING") : RollSlip.states.index("RETURNING") + 1]
 """From the descent on the tip may stand on the table, wherever the pause has stopped it."""
 
 
 def paused_in(state):
     """Led there; a stop on slip leads to the last two."""
-    if state not in (STATES.HALTING, STATES.STOPPED):
+    if state not in ("HALTING", "STOPPED"):
         return led_to(state)
-    behavior = led_to(STATES.SLIPPING, stop_on_slip=True)
+    behavior = led_to("SLIPPING", stop_on_slip=True)
     behavior.handle(slip(8.1))
-    if state is STATES.STOPPED:
+    if state == "STOPPED":
         behavior.handle(Standstill(8.2, "arm", 0.004))
     return behavior
 
 
-@pytest.mark.parametrize("state", [state for state in STATES if state not in RollSlip.final])
+@pytest.mark.parametrize("state", [state for state in RollSlip.states if state not in RollSlip.final])
 def test_a_pause_is_followed_by_a_lift_before_anything_else_wherever_the_tip_may_touch(state):
     behavior = paused_in(state)
     assert behavior.state is state
     assert behavior.handle(Resumed(60.0)) == [LIFT if state in MAY_TOUCH else Home("arm")]
 
 
-@pytest.mark.parametrize("state", [STATES.HOMING, STATES.ZEROING, STATES.TILTING, STATES.RESTING])
+@pytest.mark.parametrize("state", ["HOMING", "ZEROING", "TILTING", "RESTING"])
 def test_a_pause_in_the_air_begins_anew(state):
     behavior = paused_in(state)
     behavior.handle(Resumed(60.0))
     behavior.handle(reached(70.0))
-    assert behavior.state is STATES.ZEROING
+    assert behavior.state == "ZEROING"
     assert behavior.handle(Tick(71.0)) == [
         Twist("arm", (0.0, 0.0, 0.0, 0.0, -0.2, 0.0), pytest.approx(2.0))
     ], "tilted from the start pose once more"
 
 
 def test_a_pause_in_the_descent_lifts_and_then_begins_anew():
-    behavior = led_to(STATES.DESCENDING)
+    behavior = led_to("DESCENDING")
     behavior.handle(Resumed(60.0))
     assert behavior.handle(Resumed(61.0)) == [LIFT], "paused once more"
     assert behavior.handle(reached(62.0)) == [Home("arm")]
     behavior.handle(reached(63.0))
-    assert behavior.state is STATES.ZEROING
+    assert behavior.state == "ZEROING"
     for state, event in PATH[1:]:
         behavior.handle(replace(event, t_s=event.t_s + 63.0))
         assert behavior.state is state, "the second time it goes home from the lift by way of levelling"
@@ -244,16 +242,16 @@ def test_a_pause_in_contact_lifts_and_gives_up(state):
     behavior = paused_in(state)
     behavior.handle(Resumed(60.0))
     assert behavior.outcome == "aborted"
-    assert state.name in behavior.reason
+    assert state in behavior.reason
 
 
-@pytest.mark.parametrize("state", [STATES.ROLLING, STATES.LEVELLING])
+@pytest.mark.parametrize("state", ["ROLLING", "LEVELLING"])
 def test_a_turn_that_a_pause_broke_off_is_left_to_home(state):
     """Nobody knows how far it went: turned back by the whole of it, the tip would end up beyond its range."""
     behavior = led_to(state)
     behavior.handle(Resumed(60.0))
     assert behavior.handle(reached(61.0)) == [Home("arm")]
-    assert behavior.state is STATES.RETURNING
+    assert behavior.state == "RETURNING"
 
 
 def test_the_forces_of_the_trials_own_sensor_are_watched_in_every_motion():
@@ -262,7 +260,7 @@ def test_the_forces_of_the_trials_own_sensor_are_watched_in_every_motion():
 
 
 def test_a_refused_baseline_is_a_fault_that_says_why():
-    behavior = led_to(STATES.RESTING)
+    behavior = led_to("RESTING")
     behavior.handle(BaselineRefused(3.0, "touch", float("nan"), 0.3, "a value is not finite"))
     assert (behavior.done, behavior.outcome) == (True, "fault")
     assert "not finite" in behavior.reason
@@ -270,7 +268,7 @@ def test_a_refused_baseline_is_a_fault_that_says_why():
 
 @pytest.mark.parametrize(("stops", "outcome"), [(True, "fault"), (False, UNDECIDED)])
 def test_a_refused_baseline_of_a_slip_detector_is_a_fault_only_where_it_stops_the_arm(stops, outcome):
-    behavior = led_to(STATES.DESCENDING, stop_on_slip=stops, reflex="ours")
+    behavior = led_to("DESCENDING", stop_on_slip=stops, reflex="ours")
     for detector in ("paper", "ours"):
         assert not behavior.done
         behavior.handle(BaselineRefused(5.0, detector, 0.1, 0.02, "it vibrates"))
@@ -278,7 +276,7 @@ def test_a_refused_baseline_of_a_slip_detector_is_a_fault_only_where_it_stops_th
 
 
 def test_a_motion_that_never_ends_is_a_fault_that_says_where():
-    behavior = led_to(STATES.ROLLING)
+    behavior = led_to("ROLLING")
     assert behavior.handle(Tick(5.9 + 2.0 + 29.9)) == []
     assert behavior.handle(Tick(5.9 + 2.0 + 30.0)) == [Stop("arm")]
     assert "ROLLING" in behavior.reason

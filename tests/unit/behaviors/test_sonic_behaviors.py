@@ -68,7 +68,7 @@ class Bench:
 
     def _obey(self, commands):
         state = self.behavior.state
-        self.visited.append(state.name)
+        self.visited.append(state)
         armed = self.behavior.plan.detectors
         begun = armed - self.armed
         self.armed, self.told, self.held = armed, self.told - begun, self.held - begun
@@ -126,7 +126,7 @@ class Bench:
 
     def go_on(self):
         """What the state waits for comes."""
-        name, waiting = self.behavior.state.name, self.waiting
+        name, waiting = self.behavior.state, self.waiting
         if self.felt and name in TOUCHES:
             for detector in sorted(self.stoppers - self.told):
                 self.word(detector)
@@ -134,7 +134,7 @@ class Bench:
             for detector in sorted(self.stoppers & self.told):
                 self.word(detector)
                 self.word(detector)
-        if self.behavior.state.name != name:
+        if self.behavior.state != name:
             return
         if name in FOUND_BY:
             self.t_s += 0.4
@@ -216,9 +216,9 @@ def to_the_end(bench):
 def test_the_undisturbed_trial_passes_through_all_but_the_way_out_after_a_touch(name, felt):
     bench = bench_of(name, felt)
     to_the_end(bench)
-    assert bench.behavior.state.name == "DONE"
+    assert bench.behavior.state == "DONE"
     left_out = {("aura", False): {"STOPPING"}, ("centering", False): {"HOLDING"}}.get((name, felt), set())
-    states = {state.name for state in bench.behavior.States}
+    states = set(bench.behavior.states)
     assert set(bench.visited) == states - {"FAILED", "BACKING_OFF"} - left_out
 
 
@@ -239,9 +239,9 @@ def test_a_pause_in_any_state_is_gone_on_from_safely(name, felt, touched):
             bench.go_on()
         state = bench.behavior.state
         bench.pause(touched)
-        assert bench.waiting is not None, f"nothing was commanded after a pause in {state.name}"
+        assert bench.waiting is not None, f"nothing was commanded after a pause in {state}"
         to_the_end(bench)
-        assert bench.behavior.state.name == "DONE", state
+        assert bench.behavior.state == "DONE", state
 
 
 @settings(max_examples=400, deadline=None)
@@ -253,6 +253,6 @@ def test_pauses_and_touches_in_any_order_command_nothing_unsafe(name, felt, happ
             break
         getattr(bench, happening[0])(*happening[1:])
     to_the_end(bench)
-    assert bench.behavior.state.name == "DONE"
+    assert bench.behavior.state == "DONE"
     assert bench.place_m[2] == pytest.approx(0.1)
     assert bench.jaws == "open"

@@ -1,6 +1,5 @@
 """The loop on small devices in virtual time: what it does in a turn, in which order, and how it ends."""
 
-from enum import Enum, auto
 from itertools import pairwise
 
 import numpy as np
@@ -145,30 +144,19 @@ class Doubled:
 class Approach(Behavior):
     """Rests, approaches until contact, stops, is done."""
 
-    class States(Enum):
-        REST = auto()
-        APPROACH = auto()
-        STOPPING = auto()
-        DONE = auto()
-        FAILED = auto()
-
-    initial = States.REST
-    final = frozenset({States.DONE, States.FAILED})
     table = with_failures(
-        States,
-        on("deadline", States.REST, States.APPROACH),
-        on("contact", States.APPROACH, States.STOPPING),
-        on("reached", States.APPROACH, States.DONE),
-        on("standstill", States.STOPPING, States.DONE),
-        on("resumed", States.APPROACH, States.REST),
+        on("deadline", "REST", "APPROACH"),
+        on("contact", "APPROACH", "STOPPING"),
+        on("reached", "APPROACH", "DONE"),
+        on("standstill", "STOPPING", "DONE"),
+        on("resumed", "APPROACH", "REST"),
     )
 
     def __init__(self, rest_s=0.1, listening=frozenset({"contact"}), resting=frozenset(), **named):
-        s = self.States
         plans = {
-            s.REST: StatePlan(rest_s, measures=resting, **named),
-            s.APPROACH: StatePlan(1.0, detectors=listening),
-            s.STOPPING: StatePlan(1.0),
+            "REST": StatePlan(rest_s, measures=resting, **named),
+            "APPROACH": StatePlan(1.0, detectors=listening),
+            "STOPPING": StatePlan(1.0),
         }
         super().__init__(plans, "stage")
 
@@ -422,7 +410,7 @@ def test_after_the_guards_word_the_answer_to_the_motion_ends_nothing(bench):
     bench.behavior = Deaf()
     bench.guard.stop_s = 0.15
     bench.run()
-    assert bench.behavior.state is Approach.States.FAILED, "it was never told that it had arrived"
+    assert bench.behavior.state == "FAILED", "it was never told that it had arrived"
 
 
 def test_the_guard_is_shown_motion_lateness_and_what_left_its_range(bench):
@@ -534,7 +522,7 @@ def test_a_stream_that_was_never_listened_to_is_skipped_from_end_to_end(bench):
 
 def test_what_is_not_listened_to_any_more_is_skipped_from_then_on(bench):
     bench.ear.above = 0.15
-    bench.behavior.plans[Approach.States.STOPPING] = StatePlan(1.0)
+    bench.behavior.plans["STOPPING"] = StatePlan(1.0)
     bench.stage.brake_s = 0.3
     bench.run()
     t_s = next(t_s for name, t_s in bench.shown if name == "STOPPING")
@@ -547,7 +535,7 @@ def test_what_is_not_listened_to_any_more_is_skipped_from_then_on(bench):
 
 def test_a_detector_is_reset_when_it_is_armed_and_not_in_the_states_that_follow(bench):
     bench.ear.above = 0.15
-    bench.behavior.plans[Approach.States.STOPPING] = StatePlan(1.0, detectors=frozenset({"contact"}))
+    bench.behavior.plans["STOPPING"] = StatePlan(1.0, detectors=frozenset({"contact"}))
     bench.run()
     assert bench.ear.resets == [0]
 
@@ -605,7 +593,7 @@ def test_a_signal_is_recorded_in_the_place_of_what_it_is_made_of_to_the_last_blo
 
 def test_streams_that_a_trial_has_watched_for_their_range_are_listened_to_in_motion(bench):
     bench.behavior.range_streams = frozenset({"board.force"})
-    bench.behavior.plans[Approach.States.APPROACH] = StatePlan(1.0)
+    bench.behavior.plans["APPROACH"] = StatePlan(1.0)
     bench.run()
     assert bench.told(Listen)[0][1] == Listen("board", frozenset({"board.force", "board.load"}))
 
