@@ -28,11 +28,14 @@ if TYPE_CHECKING:
 
 
 class DriverEntry(NamedTuple):
-    """A driver: where its classes are, on the wire and in the mock bench."""
+    """A driver: its class, its mock, what makes its emulated twin, and the faults that these two can show."""
 
     summary: str
     wire: str
     mock: str
+    emulated: str = ""
+    mock_faults: Sequence[str] = ()
+    emulated_faults: Sequence[str] = ()
 
 
 class KindEntry(NamedTuple):
@@ -101,10 +104,8 @@ class Table:
 
     def faults_of(self, driver: str, port: str) -> Collection[str]:
         """What a driver's mock, or its emulated twin, can show; a real device breaks by itself."""
-        from drivers.mock.devices.faults import SHOWN
-
-        mock, emulated = SHOWN.get(driver, (frozenset(), frozenset()))
-        return {"mock": mock, "emulated": emulated}.get(port, frozenset())
+        entry = _driver(driver)
+        return {"mock": entry.mock_faults, "emulated": entry.emulated_faults}.get(port, ())
 
 
 def _driver(name: str) -> DriverEntry:
@@ -215,7 +216,7 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
         },
         "devices": {
             name: {
-                "made": f"drivers.mock.wiring.emulated:{entry.driver}",
+                "made": _driver(entry.driver).emulated,
                 "settings": entry.settings.model_dump(mode="json"),
             }
             for name, entry in profile.devices.items()

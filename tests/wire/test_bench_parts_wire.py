@@ -17,7 +17,7 @@ from drivers.errors import RefusedError
 from drivers.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
 from drivers.mock.wiring.emulator_process import EmulatorProcess
 
-WIRING = "drivers.mock.wiring.emulated"
+DEVICES = "drivers.mock.devices"
 BENCHES = {
     "finger": ("drivers.mock.wiring.benches:finger", "drivers.mock.physics.finger_part:FingerBenchSettings"),
     "slip": ("drivers.mock.wiring.benches:slip", "drivers.mock.physics.fingertip_settings:SlipBenchSettings"),
@@ -32,7 +32,7 @@ def emulator() -> Iterator[Callable[..., EmulatorProcess]]:
     def start(bench: str, *devices: str) -> EmulatorProcess:
         made, settings = BENCHES[bench]
         plant = {"made": made, "settings_class": settings, "settings": {}}
-        wired = {name: {"made": f"{WIRING}:{name}", "settings": {}} for name in devices}
+        wired = {name: {"made": f"{DEVICES}.{name}:emulated", "settings": {}} for name in devices}
         running.append(EmulatorProcess({"plant": plant, "devices": wired, "faults": []}))
         return running[-1]
 

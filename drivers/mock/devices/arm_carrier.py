@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from drivers.errors import RefusedError
+from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
 from drivers.mock.devices.ur_controller.script import STEP_S
+from drivers.mock.devices.ur_controller.server import UrServer
+from drivers.mock.physics import arm, rigid
 from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.rigid import Array, rotation, rotation_vector
 from drivers.mock.physics.tool_motion import STRAIGHT, Leg, ToolTrack
-from drivers.ur_arm.settings import Axis
+from drivers.ur_arm.settings import Axis, UrArmSettings
+
+JOGGED_M = -0.005
+"""Where the arm's tool is before anybody sends it home, on the approach axis (assumption: jogged near the start)."""
 
 BEHIND_S = 0.02
 """How far the bench may be behind the arm before the arm takes it along (assumption: longer than a busy machine
@@ -74,3 +83,23 @@ class ArmCarrier(ToolTrack):
         way = Leg(start_s, here, (end - here) / (end_s - start_s), rest, STRAIGHT)
         self.replace(start_s, [way, Leg(end_s, end, velocity, rest, STRAIGHT)])
         self._bench.on_plan(max(self._bench.t_s, t_s - BEHIND_S))
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> UrServer:
+    """The controller and its arm, with what the bench has in the arm's tool.
+
+    Raises:
+        RefusedError: the arm does not reach there.
+    """
+    axis = Axis(UrArmSettings.model_validate(settings))
+    usual = UrControllerSettings.model_validate({})
+    try:
+        joints_rad = arm.solve(rigid.matrix(axis.pose(JOGGED_M)), usual.joints_rad)
+    except arm.UnreachableError as error:
+        raise RefusedError(
+            "arm", "being set up", f"{error} at start_pose", "choose a start_pose that a UR5e reaches"
+        ) from error
+    carrier = ArmCarrier(axis, bench)
+    bench.mount(carrier)
+    there = usual.model_copy(update={"joints_rad": tuple(joints_rad.tolist())})
+    return UrServer(UrController(there, carrier))

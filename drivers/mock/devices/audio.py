@@ -14,6 +14,7 @@ from drivers.audio.codec import MAX_LINE_BYTES, Sound, SoundWords, decode_line, 
 from drivers.audio.oscillator import WHOLE
 from drivers.audio.settings import FINGERS, RATE_HZ
 from drivers.errors import CodecError
+from drivers.mock.physics.bench import Bench, part
 from drivers.settings import Settings
 
 Fault = Literal["drop", "silent", "refuse", "restart", "clip"]
@@ -266,3 +267,13 @@ def _finite(words: Mapping[str, Any], key: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{key} is {value}")
     return value
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedAudio:
+    """A recorder on the network, wired to the bench's fingers and to their drive.
+
+    Raises:
+        RefusedError: the bench has no such fingers.
+    """
+    part(bench, "carrier", "audio")
+    return EmulatedAudio(EmulatedAudioSettings(), bench)

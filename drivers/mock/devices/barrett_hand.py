@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol, get_args
+from collections.abc import Mapping
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.can_frame import CanFrame
 from drivers.errors import CodecError
+from drivers.mock.devices.slcan import EmulatedSlcan
+from drivers.mock.physics.bench import part
 
 Fault = Literal["silent", "saturate"]
 
@@ -123,3 +126,12 @@ class EmulatedBarrettHand:
         if not lowest <= reading <= highest:
             self._values[node][codec.Property.MODE] = 0
         return reading
+
+
+def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedSlcan:
+    """An adapter with the hand on its bus.
+
+    Raises:
+        RefusedError: the bench has no fingers.
+    """
+    return EmulatedSlcan(EmulatedBarrettHand(EmulatedBarrettHandSettings(), part(bench, "fingers", "hand")))

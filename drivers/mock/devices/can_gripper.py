@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Literal, Protocol, get_args
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, Protocol, get_args
 
 from pydantic import Field
 
@@ -30,6 +30,8 @@ from drivers.can_gripper.words import (
     Watchdog,
 )
 from drivers.errors import CodecError
+from drivers.mock.devices.slcan import EmulatedSlcan
+from drivers.mock.physics.bench import part
 from drivers.settings import Settings
 
 Fault = Literal["stall", "overheat", "reboot", "silent"]
@@ -260,3 +262,13 @@ class EmulatedCanGripper:
             estop="emergency stop of a drive" in self._faults,
             calibrated=source.calibrated,
         )
+
+
+def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedSlcan:
+    """An adapter with the gripper on its bus, and the bench's jaws on the gripper.
+
+    Raises:
+        RefusedError: the bench has no jaws.
+    """
+    gripper = EmulatedCanGripperSettings(node=settings.get("node", 0))
+    return EmulatedSlcan(EmulatedCanGripper(gripper, part(bench, "jaws", "gripper")))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Literal, Protocol, get_args
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from pydantic import Field
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
 from drivers.errors import CodecError
+from drivers.mock.physics.bench import part
 from drivers.mock.physics.fingertip_settings import Matrix
 from drivers.settings import Settings
 
@@ -243,3 +244,13 @@ class EmulatedDsaMatrix:
         size_mm = matrix.texel_m * 1e3
         uid = bytes([0, 0, 0, 0, 0, number])
         return codec.MatrixInfo(error, size_mm, size_mm, matrix.columns, matrix.rows, uid)
+
+
+def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedDsaMatrix:
+    """The matrices' controller, on a line as fast as the driver's.
+
+    Raises:
+        RefusedError: the bench has no taxels.
+    """
+    matrix = EmulatedDsaMatrixSettings(baud=settings.get("baud", 115_200))
+    return EmulatedDsaMatrix(matrix, part(bench, "taxels", "matrix"))

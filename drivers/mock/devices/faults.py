@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -15,21 +15,6 @@ from drivers.settings import DeviceName, Settings
 
 Kind = Literal["unplug", "silent", "stall", "refuse", "lose", "corrupt", "full_scale", "stuck"]
 
-
-_LINK: frozenset[Kind] = frozenset(("unplug", "silent", "lose", "corrupt"))
-_SENSOR: frozenset[Kind] = _LINK | {"full_scale"}
-
-SHOWN: Mapping[str, tuple[frozenset[Kind], frozenset[Kind]]] = {
-    "zaber_stage": (frozenset(("unplug", "silent", "stall", "refuse")), _LINK | {"stall", "refuse"}),
-    "sensor_board": (_SENSOR | {"stuck"}, _LINK | {"refuse"}),
-    "ur_arm": (_LINK | {"stall", "refuse", "stuck"}, _LINK | {"stall", "refuse"}),
-    "audio": (_SENSOR | {"refuse", "stuck"}, _LINK | {"refuse"}),
-    "can_gripper": (_LINK | {"stall", "refuse"}, _LINK | {"stall"}),
-    "barrett_hand": (_SENSOR | {"stuck"}, _LINK),
-    "dsa_matrix": (_SENSOR, _LINK | {"refuse"}),
-    "operator": (_LINK | {"refuse"}, _LINK | {"refuse"}),
-}
-"""By driver: what its mock can show, and its emulated twin."""
 
 Number = TypeVar("Number", bound=np.generic)
 

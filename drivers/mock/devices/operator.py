@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from drivers.errors import RefusedError
+from drivers.mock.physics.bench import Bench, part
 from drivers.mock.physics.weight_set import Hands, HandSettings, WeightBench
 from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, PersonRequest, encode
 
@@ -61,3 +65,13 @@ class EmulatedPerson:
         if kind != "refuse":
             raise ValueError(f"a person has no fault {kind}")
         self._unwilling = True
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedPerson:
+    """Somebody who hangs weights on the bench's fingertip.
+
+    Raises:
+        RefusedError: the bench has none.
+    """
+    part(bench, "load", "operator")
+    return EmulatedPerson(EmulatedPersonSettings(), bench)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import Field
 
 from drivers.errors import CodecError
 from drivers.mock.devices.board_channels import BoardClock, BoardSource, Channel
+from drivers.mock.physics.bench import Bench, part
 from drivers.sensor_board.codec import (
     TIME_MODULUS,
     BoardCode,
@@ -297,3 +298,13 @@ class EmulatedSensorBoard:
         if not keep:
             self._source.excite(False)
             self._watchdog_s = math.inf
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedSensorBoard:
+    """The board that is wired to the bench's sensors and drive.
+
+    Raises:
+        RefusedError: the bench has none.
+    """
+    part(bench, "streams", "board")
+    return EmulatedSensorBoard(EmulatedSensorBoardSettings(), bench)

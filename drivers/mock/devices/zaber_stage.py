@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import tomllib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
 from drivers.errors import CodecError
-from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, StageAxis
+from drivers.mock.physics.bench import Bench
+from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
 from drivers.settings import Settings
 from drivers.zaber_stage import codec
 
@@ -354,3 +355,10 @@ def _integer(word: str) -> int:
     if abs(value) > DATA:
         raise _RejectedError("BADDATA")
     return value
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedZaberStage:
+    """The stage, with the bench's probe on it; of its driver's settings it needs none."""
+    axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
+    bench.mount(axis)
+    return EmulatedZaberStage(EmulatedZaberStageSettings(), axis, bench.on_plan)

@@ -5,7 +5,6 @@ Whoever sends what is no request is told why; whoever breaks the line is let go.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import socket
 import sys
@@ -16,6 +15,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from drivers.mock.devices.faults import Fault
+from drivers.mock.devices.tcp_clients import TcpClients
 from drivers.settings import Settings
 
 LINE_BYTES = 1 << 20
@@ -23,8 +23,6 @@ LINE_BYTES = 1 << 20
 
 CLIENTS = 16
 """Connections at a time (assumption: a run has one, and `select` bears a thousand)."""
-
-READ_BYTES = 65536
 
 Answer = Mapping[str, Any]
 
@@ -55,28 +53,29 @@ class Request(Settings):
 
 
 class ControlPort:
-    """A port on loopback.
+    """A port on loopback. A client that does not read its answers is let go.
 
     Args:
         answer: Does what is asked; the answer. What it raises is the client's to read.
+
+    Attributes:
+        endpoint: Where it is.
+        close: Lets go of all clients and of the port.
     """
 
     def __init__(self, answer: Callable[[Request], Answer]) -> None:
         self._answer = answer
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._listener.setblocking(False)
-        self._clients: dict[socket.socket, bytearray] = {}
-
-    @property
-    def endpoint(self) -> dict[str, Any]:
-        """Where it is."""
+        self._pending: dict[socket.socket, bytearray] = {}
+        self._clients = TcpClients(CLIENTS, 0, lambda client, reason: self._pending.pop(client))
+        self._listener = self._clients.listen()
         host, port = self._listener.getsockname()
-        return {"host": host, "port": port}
+        self.endpoint: dict[str, Any] = {"host": host, "port": port}
+        self.close = self._clients.close
 
     @property
     def sockets(self) -> list[socket.socket]:
         """What to select on."""
-        return [self._listener, *self._clients]
+        return self._clients.sockets
 
     def attend(self, readable: Collection[Any]) -> None:
         """Answer what has come.
@@ -84,43 +83,21 @@ class ControlPort:
         Args:
             readable: What of `sockets` can be read.
         """
-        if self._listener in readable:
-            self._accept()
-        for client in [client for client in self._clients if client in readable]:
-            try:
-                self._hear(client)
-            except OSError:  # reset, or it does not read its answers
-                self._drop(client)
-
-    def close(self) -> None:
-        """Let go of all clients and of the port."""
-        for one in self.sockets:
-            one.close()
-        self._clients.clear()
-
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):  # it has left already
-            client, _ = self._listener.accept()
-            if len(self._clients) == CLIENTS:
-                client.close()
-                return
-            client.setblocking(False)
-            self._clients[client] = bytearray()
+        if self._listener in readable and (client := self._clients.accept(self._listener)) is not None:
+            self._pending[client] = bytearray()
+        for client in [client for client in self._pending if client in readable]:
+            self._hear(client)
 
     def _hear(self, client: socket.socket) -> None:
-        data = client.recv(READ_BYTES)
-        pending = self._clients[client]
-        if not data:
-            self._drop(client)
-            return
-        *requests, rest = data.split(b"\n")
+        pending = self._pending[client]
+        *requests, rest = self._clients.receive(client).split(b"\n")
         for request in requests:
             self._tell(client, self._answered(bytes(pending + request)))
             pending.clear()
         pending += rest
         if len(pending) > LINE_BYTES:
             self._tell(client, {"refused": f"a request has at most {LINE_BYTES} bytes"})
-            self._drop(client)
+            self._clients.drop(client)
 
     def _answered(self, line: bytes) -> Answer:
         try:
@@ -136,10 +113,4 @@ class ControlPort:
             return {"refused": f"{type(error).__name__}: {error}"}
 
     def _tell(self, client: socket.socket, answer: Answer) -> None:
-        line = json.dumps(answer).encode() + b"\n"
-        if client.send(line) != len(line):
-            raise BrokenPipeError("it does not read its answers")
-
-    def _drop(self, client: socket.socket) -> None:
-        self._clients.pop(client, None)
-        client.close()
+        self._clients.send(client, json.dumps(answer).encode() + b"\n")

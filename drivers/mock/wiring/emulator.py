@@ -24,9 +24,11 @@ from drivers.bench_clock import BenchClock
 from drivers.compiled import make_signed
 from drivers.errors import DeviceError
 from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.devices.ur_controller.server import UrServer
 from drivers.mock.wiring.control_port import ControlPort, Request
-from drivers.mock.wiring.far_ends import FarEnd
+from drivers.mock.wiring.far_ends import FarEnd, Line, Network
 from drivers.mock.wiring.pace import Pace
+from drivers.mock.wiring.tcp_line import TcpLine
 
 STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
@@ -44,8 +46,8 @@ class Emulator:
 
     Args:
         scene: `{"plant": {"made": "module:Class", "settings": {…}}, "devices": {name: {"made": "module:function",
-            "settings": {…}}}, "faults": […], "realtime": false}`; a far end is made by calling its function with
-            settings and bench.
+            "settings": {…}}}, "faults": […], "realtime": false}`; a device is made by calling its function with the
+            settings of its driver, of which it takes what it knows, and the bench.
 
     Raises:
         DeviceError: the devices do not go together.
@@ -58,7 +60,7 @@ class Emulator:
         made = _found(plant["made"])
         self._bench = made(_found(plant["settings_class"]).model_validate(plant["settings"]))
         self._ends: dict[str, FarEnd] = {
-            name: _found(device["made"])(device["settings"], self._bench)
+            name: _far_end(_found(device["made"])(device["settings"], self._bench))
             for name, device in scene["devices"].items()
         }
         self._bench.warm_up()
@@ -125,6 +127,16 @@ class Emulator:
             at_s = t_s - self._trial_origin_s + fault.at_s
             self._faults[fault.device].add(fault.model_copy(update={"at_s": at_s}))
         return {"account": dict(self._bench.account()), "scene": dict(self._bench.scene(t_s))}
+
+
+def _far_end(device: Any) -> FarEnd:
+    """An emulated device at the end of a wire of its kind; one with an `exchange` is its own."""
+    if isinstance(device, UrServer):
+        return Network(device)
+    if hasattr(device, "exchange"):
+        own: FarEnd = device
+        return own
+    return TcpLine(device) if hasattr(device, "hang_up") else Line(device)
 
 
 def _found(name: str) -> Any:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from drivers.clock import Clock
 from drivers.mock.devices.faults import FaultSchedule
-from drivers.mock.wiring.far_ends import READ_BYTES
+from drivers.mock.devices.tcp_clients import TcpClients
 
 WAITING_BYTES = 1 << 19
 """Of what the network has not taken: beyond, the device has to drop what it cannot keep (assumption: a second of
@@ -60,13 +60,12 @@ class TcpLine:
     def __init__(self, device: NetworkDevice, scheme: str = "tcp") -> None:
         self._device = device
         self._faults = FaultSchedule()
-        self._listener: socket.socket | None = socket.create_server(("127.0.0.1", 0))
-        self._listener.setblocking(False)
+        self._t_s = 0.0
+        self._clients = TcpClients(1, UNREAD_BYTES, lambda host, reason: device.hang_up(self._t_s))
+        self._listener = self._clients.listen()
         host, port = self._listener.getsockname()
         self.endpoint: Mapping[str, str] = {"port": f"{scheme}:{host}:{port}"}
-        self._host: socket.socket | None = None
         self._kernel = _Kernel()
-        self._unsent = bytearray()
 
     def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """See `FarEnd.open`; it listens from the start."""
@@ -74,7 +73,7 @@ class TcpLine:
 
     def waited(self) -> Sequence[socket.socket]:
         """See `FarEnd.waited`."""
-        return [one for one in (self._listener, self._host) if one is not None]
+        return self._clients.sockets
 
     def due_s(self) -> float:
         """See `FarEnd.due_s`: it does with being stepped as often as all are."""
@@ -82,76 +81,35 @@ class TcpLine:
 
     def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
         """See `FarEnd.exchange`."""
+        self._t_s = t_s
         if self._faults.begun(trial_s, "unplug"):
             self.unplug()
         if self._faults.begun(trial_s, "refuse") is not None:
             with contextlib.suppress(ValueError):
                 self._device.inject("refuse", t_s)
-        if self._listener is not None and self._listener in ready:
-            self._accept(self._listener)
         out = b""
-        if self._host is not None and self._host in ready:
-            out = self._receive(self._host, t_s)
+        for host in [host for host in self._clients.unsent if host in ready]:
+            if data := self._clients.receive(host):
+                out = self._device.receive(data, t_s)
+        if self._listener in ready:
+            self._clients.accept(self._listener)
         silent = self._faults.active(trial_s, "silent")
         lost = self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
-        self._device.lossy = lost or len(self._unsent) > WAITING_BYTES
+        self._device.lossy = lost or any(len(rest) > WAITING_BYTES for rest in self._clients.unsent.values())
         out += self._device.step(t_s)
-        if self._host is not None and not silent:
-            self._send(self._host, out, t_s)
+        for host in [] if silent else list(self._clients.unsent):
+            self._clients.send(host, out)
 
     def unread(self) -> bool:
         """See `FarEnd.unread`; False where the kernel does not say."""
         with contextlib.suppress(OSError):  # the host has just gone: its next turn sees to that
-            return self._host is not None and self._kernel.unread(self._host)
+            return any(self._kernel.unread(host) for host in self._clients.unsent)
         return False
 
     def unplug(self) -> None:
         """See `FarEnd.unplug`: the host sees its connection end, and nobody answers any more."""
-        for one in self.waited():
-            one.close()
-        self._listener = self._host = None
+        self._clients.close()
         self._kernel.close()
-
-    def _accept(self, listener: socket.socket) -> None:
-        with contextlib.suppress(OSError):
-            connection, _ = listener.accept()
-            if self._host is not None:
-                connection.close()
-                return
-            connection.setblocking(False)
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._host = connection
-            self._unsent.clear()
-
-    def _receive(self, host: socket.socket, t_s: float) -> bytes:
-        try:
-            data = host.recv(READ_BYTES)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._hang_up(t_s)
-            return b""
-        return self._device.receive(data, t_s)
-
-    def _send(self, host: socket.socket, data: bytes, t_s: float) -> None:
-        self._unsent += data
-        try:
-            while self._unsent:
-                del self._unsent[: host.send(self._unsent)]
-        except BlockingIOError:
-            if len(self._unsent) > UNREAD_BYTES:
-                self._hang_up(t_s)
-        except OSError:
-            self._hang_up(t_s)
-
-    def _hang_up(self, t_s: float) -> None:
-        if self._host is not None:
-            self._host.close()
-        self._host = None
-        self._unsent.clear()
-        self._device.hang_up(t_s)
 
 
 class _Kernel:

@@ -15,6 +15,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from drivers.clock import Clock, WallClock
+from drivers.mock.devices.tcp_clients import TcpClients
 from drivers.mock.devices.ur_controller.controller import UrController
 from drivers.mock.devices.ur_controller.dashboard import GREETING, DashboardSession
 from drivers.mock.devices.ur_controller.rtde import PackageError
@@ -29,8 +30,6 @@ BACKLOG_STEPS = 250
 
 BURST_STEPS = 10
 """Cycles made up in one go before sockets are looked at again (assumption)."""
-
-CHUNK_BYTES = 65536
 
 UNREAD_BYTES = 1 << 22
 """What a client may leave unread beyond what the network takes: seconds of every variable at 500 Hz (assumption)."""
@@ -78,12 +77,12 @@ class UrServer:
         self._taken: set[str] = set()
         self._listeners: dict[socket.socket, Callable[[], Session]] = {}
         self._sessions: dict[socket.socket, Session] = {}
-        self._unsent: dict[socket.socket, bytearray] = {}
+        self._clients = TcpClients(CLIENTS, UNREAD_BYTES, self._left)
 
     @property
     def sockets(self) -> list[socket.socket]:
         """What to select on."""
-        return [*self._listeners, *self._sessions]
+        return self._clients.sockets
 
     def open(self, hosts: Sequence[str] = ()) -> None:
         """Listen.
@@ -109,9 +108,7 @@ class UrServer:
         }
         try:
             for port, kind in kinds.items():
-                listener = socket.create_server((host, port))
-                listener.setblocking(False)
-                self._listeners[listener] = kind
+                self._listeners[self._clients.listen(host, port)] = kind
         except OSError:
             self.close()
             raise
@@ -120,16 +117,13 @@ class UrServer:
 
     def close(self) -> None:
         """Drop every connection and stop listening; may be called twice."""
-        for connection in list(self._sessions):
-            self._drop(connection)
-        for listener in self._listeners:
-            listener.close()
+        self._clients.close()
         self._listeners.clear()
 
     def restart(self) -> None:
         """Switch the controller off and on: every connection is gone, and time is zero."""
         for connection in list(self._sessions):
-            self._drop(connection)
+            self._clients.drop(connection)
         self.controller = UrController(self.controller.settings, self.controller.surroundings)
         self.deaf, self.streams, self.silent_until_s = False, True, 0.0
 
@@ -145,14 +139,14 @@ class UrServer:
         # select alone waits in microseconds: epoll and poll round to 1 ms.
         ready, writable, _ = select.select(
             self.sockets,
-            [connection for connection, rest in self._unsent.items() if rest],
+            [connection for connection, rest in self._clients.unsent.items() if rest],
             [],
             wait_s,
         )
         for one in ready:
             self._accept(one) if one in self._listeners else self._receive(one)
         for one in writable:
-            self._send(one, b"")
+            self._clients.send(one)
         self._catch_up(self.clock.monotonic_s() if now_s is None else now_s)
 
     def drop(self, which: str) -> int:
@@ -163,7 +157,7 @@ class UrServer:
             if isinstance(session, RtdeSession) and session.writes == (which == "control")
         ]
         for connection in matching:
-            self._drop(connection)
+            self._clients.drop(connection)
         return len(matching)
 
     def _catch_up(self, now_s: float) -> None:
@@ -183,71 +177,31 @@ class UrServer:
             if isinstance(session, RtdeSession):
                 package = session.step()
                 if package and not hushed:
-                    self._send(connection, package)
+                    self._clients.send(connection, package)
 
     def _accept(self, listener: socket.socket) -> None:
-        try:
-            connection, _ = listener.accept()
-        except OSError:  # it has left already
+        connection = self._clients.accept(listener)
+        if connection is None:
             return
-        if len(self._sessions) == CLIENTS:
-            self.controller.log.append(f"a connection beyond {CLIENTS} was refused")
-            connection.close()
-            return
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        session = self._listeners[listener]()
-        self._sessions[connection] = session
-        self._unsent[connection] = bytearray()
+        session = self._sessions[connection] = self._listeners[listener]()
         if isinstance(session, DashboardSession):
-            self._send(connection, GREETING)
+            self._clients.send(connection, GREETING)
 
     def _receive(self, connection: socket.socket) -> None:
-        if connection not in self._sessions:
+        session = self._sessions.get(connection)
+        data = b"" if session is None else self._clients.receive(connection)
+        if session is None or not data or (self.deaf and isinstance(session, RtdeSession)):
             return
         try:
-            data = connection.recv(CHUNK_BYTES)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
-            self._drop(connection)
-            return
-        session = self._sessions[connection]
-        if self.deaf and isinstance(session, RtdeSession):
-            return
-        try:
-            answer = session.feed(data)
+            self._clients.send(connection, session.feed(data))
         except PackageError as error:
-            self._drop(connection, str(error))
-            return
+            self._clients.drop(connection, str(error))
         except Exception as error:  # a defect, and this client's alone: the others are served
             traceback.print_exc(file=sys.stderr)
-            self._drop(connection, f"{type(error).__name__}: {error}")
-            return
-        self._send(connection, answer)
+            self._clients.drop(connection, f"{type(error).__name__}: {error}")
 
-    def _send(self, connection: socket.socket, data: bytes) -> None:
-        rest = self._unsent.get(connection)
-        if rest is None:
-            return
-        rest += data
-        try:
-            while rest:
-                del rest[: connection.send(rest)]
-        except BlockingIOError:
-            if len(rest) > UNREAD_BYTES:
-                self._drop(connection, "it does not read what it has asked for")
-        except OSError:
-            self._drop(connection)
-
-    def _drop(self, connection: socket.socket, reason: str = "") -> None:
+    def _left(self, connection: socket.socket, reason: str) -> None:
         if reason:
             self.controller.log.append(f"a client was let go: {reason}")
-        session = self._sessions.pop(connection, None)
-        self._unsent.pop(connection, None)
-        if session is not None:
+        if (session := self._sessions.pop(connection, None)) is not None:
             session.close()
-        with suppress(OSError):
-            connection.close()

@@ -12,8 +12,7 @@ from config.profile import load_profile
 from controller.named import found
 from controller.rig import TrialScene
 from drivers.messages import Ask, Home, Listen, MoveTo, Release, Tone
-from drivers.mock.devices.faults import SHOWN, FaultSchedule, Kind
-from drivers.mock.wiring import emulated
+from drivers.mock.devices.faults import FaultSchedule, Kind
 
 BENCH = {
     "zaber_stage": "mock/transient",
@@ -45,7 +44,7 @@ class Asked(FaultSchedule):
         return values
 
 
-@pytest.mark.parametrize("driver", SHOWN)
+@pytest.mark.parametrize("driver", assemble.DRIVERS)
 def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: str) -> None:
     profile: Any = load_profile(BENCH[driver], {}, table=assemble.Table())
     rig = assemble.build_rig(profile)
@@ -69,24 +68,24 @@ def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: s
         rig.clock.wait_until(rig.clock.now() + 5.0)
         device.read()
         device.poll()
-    assert device._faults.kinds == SHOWN[driver][0]
+    assert device._faults.kinds == set(assemble.DRIVERS[driver].mock_faults)
 
 
-@pytest.mark.parametrize("driver", [driver for driver in SHOWN if driver not in ("ur_arm", "audio")])
+@pytest.mark.parametrize("driver", [driver for driver in BENCH if driver not in ("ur_arm", "audio")])
 def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_and_no_others(
     driver: str,
 ) -> None:
     plant: Any = load_profile(BENCH[driver], {}, table=assemble.Table()).plant
-    end = getattr(emulated, driver)({}, found(assemble.PLANTS[plant.kind].made)(plant.settings))
+    made = found(assemble.DRIVERS[driver].emulated)
+    device = made({}, found(assemble.PLANTS[plant.kind].made)(plant.settings))
     own = set()
     for kind in ("stall", "refuse"):
         with suppress(ValueError):
-            end._device.inject(kind, 0.0)
+            device.inject(kind, 0.0)
             own.add(kind)
-    end.unplug()
-    assert own == SHOWN[driver][1] & {"stall", "refuse"}
+    assert own == set(assemble.DRIVERS[driver].emulated_faults) & {"stall", "refuse"}
 
 
-def test_every_driver_and_every_kind_has_its_place() -> None:
-    assert SHOWN.keys() == assemble.DRIVERS.keys()
-    assert frozenset[str]().union(*(mock for mock, _ in SHOWN.values())) == set(get_args(Kind))
+def test_every_kind_can_be_shown_and_no_other_is_in_the_table() -> None:
+    rows = assemble.DRIVERS.values()
+    assert {kind for row in rows for kind in (*row.mock_faults, *row.emulated_faults)} == set(get_args(Kind))

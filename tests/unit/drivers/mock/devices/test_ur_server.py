@@ -122,7 +122,7 @@ def test_a_client_that_never_reads_is_let_go_and_holds_little(bench: Bench) -> N
     held = 0
     for _ in range(1000):
         bench.turn(steps=1)
-        held = max([held, *map(len, bench.server._unsent.values())])
+        held = max([held, *map(len, bench.server._clients.unsent.values())])
         if "it does not read" in bench.log:
             break
     assert "it does not read" in bench.log

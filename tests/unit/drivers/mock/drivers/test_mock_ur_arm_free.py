@@ -25,6 +25,7 @@ from drivers.messages import (
     Tare,
     Twist,
 )
+from drivers.mock.devices import barrett_hand, can_gripper, dsa_matrix
 from drivers.mock.devices.faults import Fault, FaultSchedule
 from drivers.mock.drivers.barrett_hand import MockBarrettHand, MockBarrettHandSettings
 from drivers.mock.drivers.can_gripper import MockCanGripper, MockCanGripperSettings
@@ -33,7 +34,7 @@ from drivers.mock.drivers.ur_arm import MockUrArm, MockUrArmSettings
 from drivers.mock.physics.bench import ToolCarrier
 from drivers.mock.physics.finger_part import FingerBenchSettings
 from drivers.mock.physics.rigid import rotation
-from drivers.mock.wiring import benches, emulated
+from drivers.mock.wiring import benches
 
 START = (0.4, -0.1, 0.25, 0.0, 3.0, 0.5)
 POSE, FORCE = "arm.pose", "arm.force"
@@ -258,7 +259,7 @@ def test_a_device_whose_part_the_bench_does_not_have_says_so_in_one_line(driver,
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("wire", [emulated.can_gripper, emulated.barrett_hand, emulated.dsa_matrix])
+@pytest.mark.parametrize("wire", [can_gripper.emulated, barrett_hand.emulated, dsa_matrix.emulated])
 def test_so_does_its_far_end(wire):
     with pytest.raises(RefusedError, match="does not have"):
         wire({}, benches.finger(FingerBenchSettings()))
