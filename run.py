@@ -339,7 +339,8 @@ def resume(
 def merge(shards: Sequence[str], out: Path) -> None:
     """Join runs that were made with --shard into the run folder that one run would have written.
 
-    It is refused where profile, seed or program differ, and where a trial is missing or there twice.
+    It is refused where profile, seed or program differ, and where a trial is missing or there twice. Where a trial
+    ended its shard, also when that was resumed, the joined run ends there, as one run would.
 
     \b
     Example:

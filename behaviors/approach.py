@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from behaviors.events import Contact, Detected
+from behaviors.events import Contact
 from behaviors.machine import Behavior, Row, StatePlan, on
 from drivers.messages import MoveAt, Stop
 
@@ -47,11 +47,7 @@ class Approaching(Behavior):
 
     def touched(self) -> bool:
         """Whether the contact is the acting detector's."""
-        return isinstance(self.event, Contact) and self.decisive()
-
-    def decisive(self) -> bool:
-        """See `Behavior.decisive`: the detector whose contact ends the approach."""
-        return isinstance(self.event, Detected) and self.event.detector == self._approach.detector
+        return isinstance(self.event, Contact) and self.event.detector == self._approach.detector
 
     def conclude_no_contact(self) -> None:
         """The approach ended at its limit."""

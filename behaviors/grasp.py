@@ -42,7 +42,7 @@ class Grasp(Search, Lifting):
             **gripping_plans(settings, feeling, settings.envelopes),
             **lifting_plans(settings, feeling, settings.envelopes),
         }
-        super().__init__(settings, factors, detectors, plans)
+        super().__init__(settings, factors, detectors, plans, frozenset(settings.slip))
 
     @property
     def _found_m(self) -> Place:

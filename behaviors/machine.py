@@ -74,6 +74,8 @@ class Behavior:
     Args:
         plans: What each state needs; the final ones need nothing.
         mover: Device that `from_mover` asks for.
+        acting: Detectors whose events the trial acts on: where one of these refuses its baseline, it ends. None: all
+            that a state arms. Any other listens, and is missing from the trial's row.
     """
 
     table: ClassVar[Sequence[Row]]
@@ -90,11 +92,15 @@ class Behavior:
             ends = dict.fromkeys(row["dest"] for row in cls.table if row["dest"] not in {None, *left})
             cls.states, cls.final = (*left, *ends), frozenset(ends)
 
-    def __init__(self, plans: Mapping[str, StatePlan], mover: str = "") -> None:
+    def __init__(
+        self, plans: Mapping[str, StatePlan], mover: str = "", acting: frozenset[str] | None = None
+    ) -> None:
         wrong = set(plans) ^ (set(self.states) - self.final)
         assert not wrong, f"states without a deadline, or none of the table's: {wrong}"
         self.plans = dict(plans)
         self._mover = mover
+        armed = (plan.detectors for plan in plans.values())
+        self._acting = frozenset().union(*armed) if acting is None else acting
         self.state = self.states[0]
         self.outcome = UNDECIDED
         self.reason = ""
@@ -176,8 +182,8 @@ class Behavior:
         return getattr(self.event, "device", None) == self._mover
 
     def decisive(self) -> bool:
-        """Whether the trial cannot do without this detector; one that only listens is missing from its row."""
-        return True
+        """Whether the event is of a detector that the trial acts on."""
+        return getattr(self.event, "detector", "") in self._acting
 
     def conclude_fault(self) -> None:
         """Before a transition on a failure: a device or detector could not go on."""
@@ -231,8 +237,8 @@ class Behavior:
 def with_failures(*rows: Row) -> Sequence[Row]:
     """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
 
-    A device, the baseline of a decisive detector or the guard that gives up fails the trial. So does a deadline in a
-    state in which no row without a condition says what follows from it: a device did not do its part.
+    A device, the baseline of a detector that it acts on or the guard that gives up fails the trial. So does a deadline
+    in a state in which no row without a condition says what follows from it: a device did not do its part.
 
     Args:
         rows: What happens otherwise; the trial is over in `DONE` and `FAILED`.

@@ -118,6 +118,7 @@ class Search(SonicBehavior):
         factors: Of the trial.
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
         plans: What the behavior's other states need.
+        acting: Detectors that the behavior's other states act on.
     """
 
     settings: SearchSettings
@@ -128,6 +129,7 @@ class Search(SonicBehavior):
         factors: SearchFactors,
         detectors: frozenset[str],
         plans: Mapping[str, StatePlan],
+        acting: frozenset[str] = frozenset(),
     ) -> None:
         self.factors = factors
         self._left, self._right = f"left_{factors.method}", f"right_{factors.method}"
@@ -145,7 +147,7 @@ class Search(SonicBehavior):
         own |= dict.fromkeys(("RUNNING_UP", "SEEKING_FORWARD", "SEEKING_BACKWARD"), search_plan)
         own |= dict.fromkeys(("REVERSING", "TURNING"), turn_plan)
         own |= dict.fromkeys(("STOPPING", "CENTERING"), numb_plan)
-        super().__init__(settings, NOWHERE, contact, own | dict(plans))
+        super().__init__(settings, NOWHERE, contact, own | dict(plans), acting | seeking)
 
     @property
     def middle_m(self) -> float:

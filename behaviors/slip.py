@@ -101,7 +101,8 @@ class RollSlip(Approaching):
         if self.run.forces_stream is not None:
             self.range_streams = frozenset({self.run.forces_stream})
         self._begin_steps()
-        super().__init__(self._planned(), mover=settings.mover)
+        acting = {self.run.touch, *([self._reflex] if settings.stop_on_slip else [])}
+        super().__init__(self._planned(), settings.mover, frozenset(acting))
 
     def _begin_steps(self) -> None:
         self._step = -1
@@ -168,10 +169,6 @@ class RollSlip(Approaching):
         """Whether this slip stops the arm."""
         event = self.event
         return self.settings.stop_on_slip and isinstance(event, Detected) and event.detector == self._reflex
-
-    def decisive(self) -> bool:
-        """See `Behavior.decisive`: what ends the descent, and what stops the arm."""
-        return super().decisive() or self.must_stop()
 
     def next_is_holding(self) -> bool:
         """Whether a hold comes next."""

@@ -82,6 +82,7 @@ class SonicBehavior(Behavior):
         place_m: Where the fingers rest before what is measured.
         contacts: Detectors whose contact counts.
         plans: What states need beyond the time for a motion.
+        acting: Other detectors that the trial acts on.
     """
 
     settings: SonicSettings
@@ -92,6 +93,7 @@ class SonicBehavior(Behavior):
         place_m: Place,
         contacts: frozenset[str],
         plans: Mapping[str, StatePlan],
+        acting: frozenset[str] = frozenset(),
     ) -> None:
         self.settings = settings
         self._place_m = place_m
@@ -101,7 +103,7 @@ class SonicBehavior(Behavior):
         waiting = dict.fromkeys(
             [state for state in self.states if state not in self.final], StatePlan(settings.motion_timeout_s)
         )
-        super().__init__({**waiting, **plans}, mover=settings.mover)
+        super().__init__({**waiting, **plans}, settings.mover, contacts | acting)
 
     def handle(self, event: Event) -> Sequence[Command]:
         """Handle one event; which fingers touch is tracked, whatever the state does with it."""

@@ -138,7 +138,7 @@ class Transient(Approaching):
                 *settings.waveform_streams,
             )
         )
-        super().__init__(self._plan(), settings.mover)
+        super().__init__(self._plan(), settings.mover, frozenset({settings.detector}))
 
     def _plan(self) -> dict[str, StatePlan]:
         """What each state needs."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -25,7 +26,7 @@ COMMIT_TRIALS = 100
 
 
 def merged(names: Sequence[str], out: Path) -> RunFolder:
-    """Write the run that shards are of.
+    """Write the run that shards are of, as far as one run would have come: what a shard did beyond is left out.
 
     Args:
         names: Their run folders.
@@ -42,15 +43,16 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     profile = load_resolved(kept["name"], kept["resolved"], table=Table(), folders=folders)
     asked = manifest["profile"]["asked"]
     order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), asked.get("only", ()), None)]
-    holders = _holders(shards, order)
-    manifest["exit"] = _exit(holders, order)
+    holders = _holders(shards)
+    done, manifest["exit"] = _as_one_run(shards, holders, order)
+    manifest["outcomes"] = dict(Counter(holders[trial].outcome(trial) for trial in done))
     started = min(datetime.fromisoformat(shard.manifest["started_utc"]) for shard in shards)
     folder = RunFolder.create(out, manifest["profile"]["name"], started)
     manifest |= {"trials": len(order), "started_utc": started.isoformat()}
     folder.write_manifest({**manifest, "exit": {"status": "running", "code": None, "reason": ""}})
     joiner = Joiner(folder, started, shards[0].columns[2:])
     try:
-        for number, trial in enumerate(order):
+        for number, trial in enumerate(done):
             manifest["loop"]["bench_s"] += joiner.add(holders[trial], trial)
             if number % COMMIT_TRIALS == 0:
                 joiner.commit()
@@ -93,7 +95,7 @@ def _identity(manifest: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _holders(shards: Sequence[Parts], order: Sequence[int]) -> dict[int, Parts]:
+def _holders(shards: Sequence[Parts]) -> dict[int, Parts]:
     """Which shard has which trial."""
     holders: dict[int, Parts] = {}
     for shard in shards:
@@ -104,33 +106,47 @@ def _holders(shards: Sequence[Parts], order: Sequence[int]) -> dict[int, Parts]:
                 f"{shard.folder.path}: {_named(twice)} in {also} as well; give each shard once"
             )
         holders |= dict.fromkeys(shard.trials, shard)
-    missing = [trial for trial in order if trial not in holders]
+    return holders
+
+
+def _as_one_run(
+    shards: Sequence[Parts], holders: Mapping[int, Parts], order: Sequence[int]
+) -> tuple[Sequence[int], Mapping[str, Any]]:
+    """The trials that one run would have done, and how it would have ended.
+
+    It ends at the first trial that ended its shard, also when that was resumed. Else it ends as the shard that ended
+    worst, or where trials were given up, the last of these.
+
+    Raises:
+        RunFolderError: a trial is missing, or one that ended its shard was not tried again.
+    """
+    done = order
+    for number, trial in enumerate(order):
+        if trial in holders and _ended(holders[trial], trial):
+            shard = holders[trial]
+            if not shard.manifest.get("resumed_utc"):
+                name, reason = shard.folder.path.name, shard.manifest["exit"]["reason"]
+                raise RunFolderError(f"{name}: ended at trial {trial} ({reason}); resume it first")
+            done = order[: number + 1]
+            break
+    missing = [trial for trial in done if trial not in holders]
     if missing:
         broken = [shard.folder.path.name for shard in shards if shard.manifest["exit"]["status"] != "done"]
         advice = f"resume {', '.join(broken)}" if broken else "give the other shards as well"
         raise RunFolderError(f"{_named(missing)} in none of {len(shards)} shards; {advice}")
-    return holders
+
+    def weight(trial: int) -> tuple[bool, int, bool]:
+        shard = holders[trial]
+        return _ended(shard, trial), shard.manifest["exit"]["code"] or 0, shard.outcome(trial) == "aborted"
+
+    worst = holders[max(reversed(done), key=weight)].manifest["exit"]
+    return done, worst if worst["code"] else {"status": "done", "code": 0, "reason": ""}
 
 
-def _exit(holders: Mapping[int, Parts], order: Sequence[int]) -> Mapping[str, Any]:
-    """How the whole run ended: as the shard that ended worst, or where trials were given up, the last of these.
-
-    Raises:
-        RunFolderError: at a trial that ended its shard the whole run would have ended as well.
-    """
-
-    def weight(trial: int) -> tuple[int, bool]:
-        return holders[trial].manifest["exit"]["code"] or 0, holders[trial].outcome(trial) == "aborted"
-
-    for trial, shard in holders.items():
-        ended, outcome = shard.manifest["exit"], shard.outcome(trial)
-        if outcome in AGAIN and (outcome != "aborted" or ended["status"] != "failed"):
-            name, again, advice = shard.folder.path.name, "", "resume it first"
-            if shard.manifest.get("resumed_utc"):
-                again, advice = " again", "one run would end there, too: change that trial, and run all anew"
-            raise RunFolderError(f"{name}: ended at trial {trial}{again} ({ended['reason']}); {advice}")
-    worst = holders[max(reversed(order), key=weight)].manifest["exit"]
-    return worst if worst["code"] else {"status": "done", "code": 0, "reason": ""}
+def _ended(shard: Parts, trial: int) -> bool:
+    """Whether a trial ended the run that it was in."""
+    outcome = shard.outcome(trial)
+    return outcome in AGAIN and (outcome != "aborted" or shard.manifest["exit"]["status"] != "failed")
 
 
 def _named(trials: Iterable[int]) -> str:

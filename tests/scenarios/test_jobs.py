@@ -121,20 +121,33 @@ def test_shards_of_different_runs_are_not_merged(verb, one, tmp_path):
     assert "seed: 0 → 1" in err
 
 
-def test_a_shard_that_the_guard_ended_is_not_merged_as_done(verb, tmp_path):
-    low = ("--set", "limits.force_n=0.3", "--only", "10", "--out", tmp_path / "shards")
-    assert verb("run", "mock/transient", *SHORT, *low)[0] == 4
-    shard = run_of(tmp_path / "shards")
-    code, _, err = verb("merge", shard, "--out", tmp_path / "merged")
+def test_shards_that_the_guard_ends_whenever_they_are_resumed_are_merged_up_to_where_it_ends_one_run(
+    verb, tmp_path
+):
+    low = ("--set", "limits.force_n=0.3", "--jobs", "1")
+    assert verb("run", "mock/transient", *SHORT, *low, "--out", tmp_path / "one")[0] == 4
+    one = run_of(tmp_path / "one")
+    trials = [row["trial"] for row in open_run(one).trials]
+    for number in (1, 2):
+        shard = ("--shard", f"{number}/2", "--out", tmp_path / "shards")
+        verb("run", "mock/transient", *SHORT, *low, *shard)
+    shards = sorted((tmp_path / "shards").iterdir())
+    (ended,) = (shard for shard in shards if open_run(shard).trials[-1]["trial"] == trials[-1])
+    code, _, err = verb("merge", *shards, "--out", tmp_path / "merged")
     assert code == 2
-    assert err.startswith(f"{shard.name}: ended at trial 10 (trial 10: ")
+    assert err.startswith(f"{ended.name}: ended at trial {trials[-1]} (trial {trials[-1]}: ")
     assert err.endswith("resume it first\n")
-    assert verb("resume", shard, "--no-report")[0] == 4
-    code, _, err = verb("merge", shard, "--out", tmp_path / "merged")
-    assert code == 2
-    assert err.startswith(f"{shard.name}: ended at trial 10 again (trial 10: ")
-    assert err.endswith("one run would end there, too: change that trial, and run all anew\n")
     assert not (tmp_path / "merged").exists()
+
+    assert verb("resume", ended, "--no-report")[0] == 4
+    code, _, err = verb("merge", *shards, "--out", tmp_path / "merged")
+    assert (code, err) == (0, "")
+    merged = run_of(tmp_path / "merged")
+    for name in ("trials.csv", "events.jsonl"):
+        assert (merged / name).read_bytes() == (one / name).read_bytes()
+    mine, ones = open_run(merged).manifest, open_run(one).manifest
+    for key in ("exit", "outcomes", "trials"):
+        assert mine[key] == ones[key]
 
 
 @pytest.mark.parametrize(("trial", "status", "code"), [("aborted", "failed", 1), ("success", "fault", 3)])

@@ -5,10 +5,12 @@ import pytest
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
 from behaviors.flexion import Flexion
-from behaviors.machine import Behavior, StatePlan, trigger_of
+from behaviors.machine import Behavior, StatePlan, on, trigger_of, with_failures
 from behaviors.static import Static, StaticFactors, StaticSettings
 from behaviors.transient import Transient, TransientFactors, TransientSettings
+from config.assemble import Table
 from config.diagrams import PAGE, page
+from config.profile import load_profile
 from controller.experiments import EXPERIMENTS
 from controller.named import found
 from drivers.messages import Excite, Failed, Home, MoveAt, MoveTo, Reached, Refused, Stalled, Standstill, Stop
@@ -154,6 +156,55 @@ def test_a_detector_that_only_listens_and_refuses_its_baseline_is_gone_on_withou
     first, last = [ready(93.0), refused(93.0, "shadow")][::order]
     assert behavior.handle(first) == []
     assert behavior.handle(last) == [MoveAt("stage", 0.005, 0.01)]
+
+
+ACTING = {
+    "transient": {"contact"},
+    "transient_arm": {"contact"},
+    "flexion": {"following"},
+    "slip": {"touch_fingertip"},
+    "pointer": {"touch"},
+    "pretouch": set(),
+    "touch": {"contact_ours"},
+    "objects": {"contact_ours"},
+    "centering": {"left_ours", "right_ours", "left_contact", "right_contact"},
+    "grasp": {"left_ours", "right_ours", "left_contact", "right_contact", "slip_ours"},
+}
+"""Detectors that a trial of a profile acts on; of `slip` and `centering` that of the fingertip, and one by our way."""
+
+
+def first_trial(name):
+    profile = load_profile(f"mock/{name}", table=Table())
+    trial = next(
+        trial
+        for trial in profile.trials(0)
+        if trial.factors.get("method", "ours") == "ours"
+        and trial.factors.get("sensor", "fingertip") == "fingertip"
+    )
+    made = found(EXPERIMENTS[profile.experiment].behavior)
+    return lambda: made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
+
+
+@pytest.mark.parametrize("name", ACTING)
+def test_a_baseline_that_is_refused_ends_the_trial_of_a_detector_that_it_acts_on_and_of_no_other(name):
+    made = first_trial(name)
+    armed = [(state, detector) for state, plan in made().plans.items() for detector in plan.detectors]
+    assert ACTING[name] <= {detector for _, detector in armed}
+    for state, detector in armed:
+        behavior = made()
+        behavior.state = state
+        behavior.handle(refused(1.0, detector))
+        assert behavior.done == (detector in ACTING[name]), (state, detector)
+
+
+def test_a_behavior_that_does_not_say_what_it_acts_on_acts_on_all_that_it_arms():
+    class Mine(Behavior):
+        table = with_failures(on("deadline", "LISTENING", "DONE"))
+
+    behavior = Mine({"LISTENING": StatePlan(1.0, frozenset({"mine"}))})
+    behavior.begin(0.0)
+    behavior.handle(refused(0.5, "mine"))
+    assert behavior.outcome == "fault"
 
 
 def test_the_deciding_detectors_refused_baseline_ends_the_trial_and_says_why():
