@@ -42,10 +42,10 @@ class SearchSettings(SonicSettings):
     first, and what it finds is thrown away. A wave that is fitted with a memory along the way has a size that depends
     a little on how long the way was; with this both ways that count are as long as the room between the places."""
 
-    blind_s: float = Field(default=0.15, ge=0.0, le=10.0)
-    """For so long after a motion of the search begins, contact is not heeded: a mover that has just been stopped or
-    sets out changes the level as a touch does. Chosen on simulated searches (benchmarks/centering): none of these
-    false alarms came later than 0.1 s. What the guard limits holds nevertheless."""
+    blind_m: float = Field(default=0.0045, ge=0.0, le=0.1)
+    """For so long a way after a motion of the search begins, contact is not heeded: a mover that has just been stopped
+    or sets out changes the level as a touch does. Chosen on simulated searches (benchmarks/centering): of these false
+    alarms none came after more than 3.5 mm. What the guard limits holds nevertheless."""
 
     @property
     def envelopes(self) -> frozenset[str]:
@@ -170,7 +170,7 @@ class Search(SonicBehavior):
 
     def under_way(self) -> bool:
         """Whether the motion began long enough ago for a contact to be one."""
-        return self.event.t_s >= self._entered_s + self.settings.blind_s
+        return self.event.t_s >= self._entered_s + self.settings.blind_m / self.factors.speed_m_s
 
     def conclude_unseen(self) -> None:
         """The sweep ended before the finger ahead saw anything."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import multiprocessing
 import os
 import time
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from typing import NamedTuple
 
 from benchmarks.centering.scenes import LEVEL, Place
 from benchmarks.centering.scoring import CenteringScore, score
@@ -23,38 +26,66 @@ WINDOWS_S = (0.03, 0.06, 0.125, 0.25, 0.5)
 DISTANCES_M = (0.008, 0.0125)
 """What is tried of the paper's alpha, and of the distance that its gamma means."""
 
+SOUND_M_S = 343.2
+"""As the detectors believe."""
+
 WALL_FS = 1e-4
 """As a finger hears it."""
 
 
-def _wall(number: int) -> tuple[EchoSettings, ...]:
-    """Ahead or behind in turn, 30 cm away."""
-    return (EchoSettings(size_fs=WALL_FS / LEVEL, away_m=0.3, cosine=(1.0, -1.0)[number % 2]),)
+class Room(NamedTuple):
+    """What 85 searches meet.
+
+    Attributes:
+        wall: Whether one of `WALL_FS` stands ahead or behind, in turn.
+        second_path: Of the echo's amplitude.
+        finger_db: Standard deviation of each finger's sensitivity from search to search.
+        apart: Ratio of the right finger's sensitivity to the left one's.
+        fades: The right finger's sensitivity after half a turn, as a share of the one before.
+        wave: Ratio of the length of wave that the detectors believe to the real one.
+        repeats: Sets of 85.
+    """
+
+    wall: bool = False
+    second_path: float = 0.0
+    finger_db: float = 0.0
+    apart: float = 1.0
+    fades: float = 1.0
+    wave: float = 1.0
+    repeats: int = 1
 
 
-def places_in(room: str, repeat: int, speed_m_s: float) -> list[Place]:
+BROKEN = (0.05, 0.1, 0.3)
+
+ROOMS = {
+    "empty": Room(),
+    "fingers scatter by 1 dB": Room(finger_db=1.0, repeats=3),
+    "wall 1e-4": Room(wall=True),
+    "all three": Room(wall=True, second_path=0.1, finger_db=1.0, repeats=3),
+    **{f"second path {share:.0%}": Room(second_path=share) for share in BROKEN},
+    **{f"one finger {share:.0%} more sensitive": Room(apart=1.0 + share) for share in BROKEN},
+    **{f"one finger fades by {share:.0%} in the turn": Room(fades=1.0 - share) for share in BROKEN},
+    **{f"wave {share:.0%} longer than believed": Room(wave=1.0 / (1.0 + share)) for share in BROKEN},
+}
+"""`all three`: scatter, a second path of 10 % and the wall."""
+
+
+def places_in(room: Room, repeat: int, speed_m_s: float) -> list[Place]:
     """85 places in a room."""
     found = []
-    for place in eighty_five(SEED, repeat, speed_m_s):
-        everything = room == "all three"
-        settings = RoomSettings(
-            echoes=_wall(place.number) if everything or room.startswith("wall") else (),
-            second_path=0.3 if "30 %" in room else 0.1 if everything or "10 %" in room else 0.0,
-        )
-        scatter_db = 1.0 if everything or room.startswith("fingers") else 0.0
-        found.append(place._replace(room=settings, finger_db=scatter_db))
+    for place in eighty_five(SEED, repeat, speed_m_s, 20.0 * math.log10(room.apart)):
+        wall = EchoSettings(size_fs=WALL_FS / LEVEL, away_m=0.3, cosine=(1.0, -1.0)[place.number % 2])
+        settings = RoomSettings(echoes=(wall,) * room.wall, second_path=room.second_path)
+        found.append(place._replace(room=settings, finger_db=room.finger_db, fades=room.fades))
     return found
 
 
-ROOMS = (
-    "empty",
-    "fingers scatter by 1 dB",
-    "second path 10 %",
-    "second path 30 %",
-    "wall 1e-4",
-    "all three",
-)
-"""`all three`: scatter, a second path of 10 % and the wall."""
+def believing(way: Method, wave: float) -> Method:
+    """Ours, told another length of wave."""
+    if wave == 1.0:
+        return way
+    told = dict(way.tuning.finder) | {"sound_m_s": SOUND_M_S * wave}
+    return way._replace(tuning=replace(way.tuning, finder=told))
 
 
 def main(quick: bool = False) -> None:
@@ -65,20 +96,23 @@ def main(quick: bool = False) -> None:
     with ProcessPoolExecutor(os.cpu_count(), context) as pool:
         choices = papers_choices(profile["paper"], pool)
         best = {speed_m_s: _best(choices[speed_m_s]) for speed_m_s in SPEEDS_M_S}
+        ours = profile["ours"]
+        turned = ours._replace(course=replace(ours.course, turned=True))
         keys, work = [], []
-        for room in ROOMS:
-            for speed_m_s in SPEEDS_M_S:
-                ways = {"ours": profile["ours"], "paper": at(profile["paper"], *best[speed_m_s])}
-                for name, way in ways.items():
-                    if name == "paper" and room not in ("empty", "all three"):
-                        continue
-                    places = places_in(room, 0, speed_m_s)[::every]
-                    keys += [(room, name, speed_m_s)] * len(places)
-                    work += [(place, way) for place in places]
-        found: dict[tuple[str, str, float], list[Found]] = {}
-        for key, outcome in zip(keys, made(work, pool), strict=True):
-            found.setdefault(key, []).append(outcome)
-    scores = {key: score([outcomes]) for key, outcomes in found.items()}
+        for (name, room), speed_m_s in itertools.product(ROOMS.items(), SPEEDS_M_S):
+            ways = {"ours": believing(ours, room.wave), "ours, turned": believing(turned, room.wave)}
+            if not room.fades < 1.0 and room.wave == 1.0:
+                ways["paper"] = at(profile["paper"], *best[speed_m_s])
+            if room.fades < 1.0:
+                del ways["ours"]  # it does not turn
+            for (way, method), repeat in itertools.product(ways.items(), range(room.repeats)):
+                places = places_in(room, repeat, speed_m_s)[::every]
+                keys += [(name, way, speed_m_s, repeat)] * len(places)
+                work += [(place, method) for place in places]
+        found: dict[tuple[str, str, float], dict[int, list[Found]]] = {}
+        for (name, way, speed_m_s, repeat), outcome in zip(keys, made(work, pool), strict=True):
+            found.setdefault((name, way, speed_m_s), {}).setdefault(repeat, []).append(outcome)
+    scores = {key: score(list(repeats.values())) for key, repeats in found.items()}
     tried = [
         {"speed_m_s": speed_m_s, "window_s": choice[0], "distance_m": choice[1], **one._asdict()}
         | {"chosen": best[speed_m_s] == choice}

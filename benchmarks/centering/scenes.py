@@ -33,6 +33,9 @@ STILL_S = 0.02
 TOUCH_M = 1e-9
 """Nearer than this is touching."""
 
+TURNED = 500_000
+"""Added to a search's number, keys the noise after a turn."""
+
 CLOCK_EDGE = 1e-7
 """Share of a turn by which a time may miss it and still be its."""
 
@@ -49,6 +52,7 @@ class Place(NamedTuple):
         begin_s: When the rest before the search begins, on the bench's clock.
         finger_db: Standard deviation of each finger's sensitivity from search to search.
         room: What else is there.
+        fades: Sensitivity of the right finger after half a turn, as a share of the one before.
     """
 
     seed: int
@@ -60,6 +64,7 @@ class Place(NamedTuple):
     begin_s: float = 8.92
     finger_db: float = 0.0
     room: RoomSettings = RoomSettings()
+    fades: float = 1.0
 
 
 class CenteringScene:
@@ -89,12 +94,24 @@ class CenteringScene:
         self.object_x_m = place.object_x_m
         self.touches = 0
         self._plant = AuraPlant(settings)
-        self._plant.begin((place.seed, place.number), thing, settings.object_top_m, "normal")
+        self._place, self._thing, self._top_m = place, thing, settings.object_top_m
+        self._plant.begin((place.seed, place.number), thing, self._top_m, "normal")
         self._push_n = settings.push_n
         jaws = jaws_settings(settings.closed_width_m)
         self._width_m = jaws.closed_width_m + STROKE_M
         self._half_m = 0.5 * (self._width_m - thing.width_m)
         self._touching = np.zeros(2, bool)
+        self.turned = False
+
+    def turn(self) -> None:
+        """Turn the gripper half around its own axis: each finger is where the other was, as sensitive as it was.
+
+        What the room sends each of them is drawn anew: its phases belong to places."""
+        self.turned = not self.turned
+        (right, left), reflected = self._plant._gains, self._plant._reflected
+        key = (self._place.seed, TURNED + self._place.number)
+        self._plant.begin(key, self._thing, self._top_m, "normal")
+        self._plant.__dict__.update(_gains=(right * self._place.fades, left), _reflected=reflected)
 
     def hear(self, first: int, end: int) -> tuple[NDArray[np.complex128], SampleBlock]:
         """Envelope of both fingers in milliseconds `first` to `end` - 1, shape (n, 2), and the arm's encoder.
@@ -145,6 +162,8 @@ class CenteringScene:
         self._touching = touching[-1]
         self.object_x_m = float(object_m[-1])
         n = len(ticks)
+        if self.turned:
+            gap_m, touching = gap_m[:, ::-1], touching[:, ::-1]
         return AuraMotion(
             gap_m,
             np.zeros(n),
@@ -157,7 +176,7 @@ class CenteringScene:
 
     def gap_m(self, finger: int, tool_m: float) -> float:
         """From a finger to the object where it stands now, with the tool at a place."""
-        sign = 1.0 if finger == LEFT else -1.0
+        sign = 1.0 if (finger == LEFT) != self.turned else -1.0
         return self._half_m + sign * (self.object_x_m - tool_m)
 
 

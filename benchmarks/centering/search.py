@@ -30,6 +30,12 @@ Finder = PreTouchDetector | PreTouchPaperDetector
 
 NAMES = {RIGHT: "right", LEFT: "left"}
 
+TURN_S = 2.5
+"""Half a turn at 1.5 rad/s, half of what the arm's wrist may do, with its ramps (assumption)."""
+
+REST_S = 0.5
+"""After it: contact detectors learn 0.3 s."""
+
 CHUNK = 500
 """Milliseconds that are foreseen at a time."""
 
@@ -58,9 +64,11 @@ class SearchCourse:
     sweep_m: float = 0.033
     baseline_s: float = 1.0
     run_up: bool = False
-    blind_s: float = 0.15
+    blind_m: float = 0.0045
     loop_hz: float = 100.0
     idle_hz: float = 50.0
+    turned: bool = False
+    """Whether both fingers search a second time, each where the other did: half a turn of the wrist between."""
 
 
 @dataclass(frozen=True)
@@ -119,15 +127,17 @@ class SimulatedSearch:
         self.bench = CenteringScene(place)
         self.now_s = place.begin_s
         self._next = after(place.begin_s)
-        self._contacts = []
-        if tuning.contact is not None:
-            self._contacts = [
-                LevelDetector(name, LevelSettings(**{"input": f"signals.{name}"} | tuning.contact))
-                for name in NAMES.values()
-            ]
+        self._contacts = self._contact_detectors()
         self._touched_s = self._heeded_s = math.inf
         self._saw_m: dict[int, float] = {}
         self._gap_m = {RIGHT: math.nan, LEFT: math.nan}
+
+    def _contact_detectors(self) -> list[LevelDetector]:
+        told = self.tuning.contact
+        if told is None:
+            return []
+        names = NAMES.values()
+        return [LevelDetector(name, LevelSettings(**{"input": f"signals.{name}"} | told)) for name in names]
 
     def run(self) -> Found:
         """Search to the end."""
@@ -135,13 +145,31 @@ class SimulatedSearch:
         first = finder(self.tuning, order[0])
         self._rest(first)
         begun_s = self.now_s
-        for place, which in enumerate(order):
-            detector = first if place == 0 else finder(self.tuning, which)
-            ending = self._seek(which, detector)
-            if ending is not None:
-                return self._found(ending, math.nan, begun_s)
-        middle_m = 0.5 * (self._saw_m[LEFT] + self._saw_m[RIGHT])
-        return self._found("found", middle_m, begun_s)
+        middles_m: list[float] = []
+        for turned in (False, True)[: 1 + self.course.turned]:
+            if turned:
+                self._turn(middles_m[0])
+            # after half a turn each finger goes the other's way
+            for place, which in enumerate(order):
+                detector = first if place == 0 and not turned else finder(self.tuning, which)
+                ending = self._seek(which, detector)
+                if ending is not None:
+                    return self._found(ending, math.nan, begun_s)
+            middles_m.append(0.5 * (self._saw_m[LEFT] + self._saw_m[RIGHT]))
+        return self._found("found", sum(middles_m) / len(middles_m), begun_s)
+
+    def _turn(self, middle_m: float) -> None:
+        """To the middle, half a turn of the wrist about it, and a rest in which contact is learned anew."""
+        arm = self.bench.arm
+        arm.move_to(self.now_s, middle_m, min(self.place.speed_m_s, 0.01))
+        self.now_s = self._turn_at(arm.arrival_s + STILL_S)
+        self._pass(self.now_s)
+        self.now_s = self._turn_at(self.now_s + TURN_S)
+        self._next = after(self.now_s)  # nobody listens while it turns
+        self.bench.turn()
+        self._contacts = self._contact_detectors()
+        self.now_s = self._turn_at(self.now_s + REST_S)
+        self._pass(self.now_s)
 
     def _turn_at(self, t_s: float) -> float:
         return turn_at(t_s, self.course.loop_hz)
@@ -193,9 +221,9 @@ class SimulatedSearch:
     def _seek(self, which: int, detector: Finder) -> Literal["unseen", "contact"] | None:
         """One way, until the finger ahead of the motion sees the object and the arm stands still again."""
         bench, arm = self.bench, self.bench.arm
-        forward = 1.0 if which == LEFT else -1.0
+        forward = 1.0 if (which == LEFT) != bench.turned else -1.0
         began_s = self.now_s
-        self._heeded_s = began_s + self.course.blind_s
+        self._heeded_s = began_s + self.course.blind_m / self.place.speed_m_s
         arm.move_at(began_s, forward * self.place.speed_m_s, forward * self.course.sweep_m)
         end = after(self._turn_at(arm.arrival_s + STILL_S))
         while self._next < end:

@@ -80,7 +80,7 @@ def methods(profile: Any) -> dict[str, Method]:
     """The paper's and ours, as the profile has them."""
     behavior = profile.behavior
     course = SearchCourse(
-        behavior.sweep_m, behavior.baseline_s, behavior.run_up, behavior.blind_s, profile.loop.rate_hz
+        behavior.sweep_m, behavior.baseline_s, behavior.run_up, behavior.blind_m, profile.loop.rate_hz
     )
     given = {name: _given(entry.settings) for name, entry in profile.detectors.items()}
     contact = {key: value for key, value in given["left_contact"].items() if key != "input"}

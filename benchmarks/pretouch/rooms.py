@@ -32,6 +32,9 @@ REST_S, HOLD_S = 0.6, 0.3
 JITTER_HZ = 0.7
 """Of a mover's speed. Assumption: what a badly tuned axis does, slow enough to slip by a part of an undulation."""
 
+SAME_M = 0.025
+"""An echo that grows otherwise is as loud from here."""
+
 TRAINING = "training"
 
 
@@ -44,6 +47,7 @@ class Room(NamedTuple):
         jitter: Amplitude of the speed's swing, as a share of it.
         object_share: Speed at which the object comes nearer by itself, as a share of the mover's.
         sound: Ratio of the real speed of sound to the one that the detectors believe.
+        growth: Of the echo's power of distance, as a share of the plant's own; from 2.5 cm it is as loud.
     """
 
     settings: RoomSettings = RoomSettings()
@@ -51,6 +55,7 @@ class Room(NamedTuple):
     jitter: float = 0.0
     object_share: float = 0.0
     sound: float = 1.0
+    growth: float = 1.0
 
 
 def walls(rng: Rng, heard_fs: float) -> tuple[EchoSettings, ...]:
@@ -123,8 +128,12 @@ ROOMS: Mapping[str, Callable[[Rng, float], Room]] = {
     "vibration 3e-5": lambda rng, speed_m_s: Room(shaken(rng, speed_m_s, 0.0, 3e-5)),
     "vibration 1e-4": lambda rng, speed_m_s: Room(shaken(rng, speed_m_s, 0.0, 1e-4)),
     "second mover 1e-4": _echoes(mover, 1e-4),
+    "second path 5 %": lambda rng, speed_m_s: Room(RoomSettings(second_path=0.05)),
     "second path 10 %": lambda rng, speed_m_s: Room(RoomSettings(second_path=0.1)),
     "second path 30 %": lambda rng, speed_m_s: Room(RoomSettings(second_path=0.3)),
+    "grows by 5 % less": lambda rng, speed_m_s: Room(growth=0.95),
+    "grows by 10 % less": lambda rng, speed_m_s: Room(growth=0.9),
+    "grows by 30 % less": lambda rng, speed_m_s: Room(growth=0.7),
     "20 degrees oblique": lambda rng, speed_m_s: Room(slant_deg=20.0),
     "40 degrees oblique": lambda rng, speed_m_s: Room(slant_deg=40.0),
     "speed swings by 20 %": lambda rng, speed_m_s: Room(jitter=0.2),
@@ -234,9 +243,16 @@ def plant_of(passing: Passing, room: Room) -> AuraPlant:
     """The plant at the beginning of a passage."""
     plain = AuraBenchSettings(scene="ahead", side=passing.side)
     weaker_fs = plain.reflection_fs * 10.0 ** (-passing.weaker_db / 20.0)
+    power = plain.decay_power * room.growth
+    weaker_fs *= (1.0 + SAME_M / plain.decay_m) ** (power - plain.decay_power)
     # a drive lower by a share makes the wavelength of sound faster by that share: no temperature goes so far
     resonance_hz = (DRIVE_HZ / room.sound, DRIVE_HZ / room.sound)
-    about = {"reflection_fs": weaker_fs, "room": room.settings, "resonance_hz": resonance_hz}
+    about = {
+        "reflection_fs": weaker_fs,
+        "decay_power": power,
+        "room": room.settings,
+        "resonance_hz": resonance_hz,
+    }
     plant = AuraPlant(plain.model_copy(update=about))
     thing = OBJECTS.get(passing.object or "")
     plant.begin((passing.seed, passing.number), thing, plain.object_top_m, passing.side)

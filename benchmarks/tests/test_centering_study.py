@@ -64,6 +64,16 @@ def test_fingers_a_decibel_and_a_half_apart_still_find_the_middle_and_calibrated
         assert better < 0.5 * plain
 
 
+def test_a_second_search_after_half_a_turn_takes_away_what_fingers_differ_by_and_costs_its_time(pipe):
+    ours = pipe["ours"]
+    turned = ours._replace(course=replace(ours.course, turned=True))
+    for x_m in (-0.009, 0.009):
+        once, twice = (search(place(object_x_m=x_m, mismatch_db=1.5), *way) for way in (ours, turned))
+        assert (once.outcome, twice.outcome) == ("found", "found")
+        assert abs(twice.error_m) < 0.0002 < 0.0005 < abs(once.error_m)
+        assert twice.search_s > 2.0 * once.search_s
+
+
 def test_measured_gains_are_those_of_the_fingers(pipe):
     right, left = gains_of(1.5, pipe["ours"])
     assert right == pytest.approx(10 ** (-0.75 / 20), rel=0.01)

@@ -45,8 +45,9 @@ class PreTouchSettings(Settings):
     """Speed of sound: air at 20 degrees. A few per cent make no difference."""
 
     obliquity: Annotated[tuple[float, ...], Strict(False)] = (1.0, 0.8)
-    """Cosines of the angles between the way and the line to the object that are looked for, toward it and away from
-    it. 1 alone finds what is straight ahead or behind; with 0.8 an object's face may slant by 40 degrees."""
+    """How fast an object comes nearer, as shares of the way, toward it and away from it: what is looked for. 1 is
+    straight ahead or behind; with 0.8, a cosine, an object's face may slant by 40 degrees; more than 1 is one that
+    comes by itself, or a shorter wave."""
 
     memory_m: float = Field(default=0.008, gt=0.0, le=1.0)
     """Distance after which a sample counts for 1/e. Assumption: two undulations at 40 kHz; an echo that grows by two
@@ -94,8 +95,8 @@ class PreTouchSettings(Settings):
     @field_validator("obliquity")
     @classmethod
     def _some_angle(cls, obliquity: tuple[float, ...]) -> tuple[float, ...]:
-        if not obliquity or not all(0.0 < cosine <= 1.0 for cosine in obliquity):
-            raise ValueError("cosines between 0 (not itself) and 1, at least one")
+        if not obliquity or not all(0.0 < share <= 2.0 for share in obliquity):
+            raise ValueError("shares of the way between 0 (not itself) and 2, at least one")
         return obliquity
 
     @property
@@ -235,9 +236,9 @@ class PreTouchDetector:
 
         settings = self.settings
         kappa_rad_m = 2.0 * math.pi / settings.undulation_m
-        cosines = np.array(settings.obliquity, dtype=np.float64)
+        shares = np.array(settings.obliquity, dtype=np.float64)
         return Way(
-            kappa_rad_m=kappa_rad_m * np.concatenate((cosines, -cosines)),
+            kappa_rad_m=kappa_rad_m * np.concatenate((shares, -shares)),
             cell_m=settings.undulation_m / CELLS_PER_TURN,
             memory_m=settings.memory_m,
             least_m=settings.least_m,

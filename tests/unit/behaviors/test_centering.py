@@ -119,8 +119,8 @@ def test_a_sweep_that_sees_nothing_leaves_and_says_which_finger():
 
 def test_a_touch_during_the_search_stops_at_once():
     behavior, _ = to("SEEKING_FORWARD")
-    assert behavior.handle(touch(6.3, "left_contact")) == [Stop("arm")]
-    behavior.handle(Standstill(6.4, "arm", 0.01))
+    assert behavior.handle(touch(6.46, "left_contact")) == [Stop("arm")]
+    behavior.handle(Standstill(6.5, "arm", 0.01))
     assert behavior.state == "LEAVING"
     assert behavior.reason == "touched during the search"
 
@@ -213,9 +213,9 @@ def test_the_papers_way_has_no_run_up():
 
 def test_a_touch_that_is_felt_as_the_arm_sets_out_is_not_heeded():
     behavior, _ = to("SEEKING_BACKWARD")
-    assert behavior.handle(touch(6.7, "left_contact")) == [], "0.1 s after the turn"
+    assert behavior.handle(touch(7.04, "left_contact")) == [], "4.4 mm from where it turned"
     assert behavior.state == "SEEKING_BACKWARD"
-    assert behavior.handle(touch(6.8, "right_contact")) == [Stop("arm")]
+    assert behavior.handle(touch(7.06, "right_contact")) == [Stop("arm")]
     assert behavior.reason == "touched during the search"
 
 

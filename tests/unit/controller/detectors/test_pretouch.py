@@ -229,7 +229,7 @@ def test_the_position_beside_a_recorded_sample_is_the_one_that_was_heard_live():
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"), [({"direction": (0.0, 0.0, 0.0)}, "length"), ({"obliquity": (0.0,)}, "cosines")]
+    ("settings", "words"), [({"direction": (0.0, 0.0, 0.0)}, "length"), ({"obliquity": (0.0,)}, "shares")]
 )
 def test_settings_that_make_no_sense_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):
