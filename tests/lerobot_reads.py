@@ -18,7 +18,8 @@ RUNS = (
 
 def main(python: str) -> None:
     """Make the runs, export them, and have LeRobot load them."""
-    from run import export, run
+    from config.verbs.results import export
+    from config.verbs.running import run
 
     for arguments in RUNS:
         with tempfile.TemporaryDirectory() as out:

@@ -1,7 +1,7 @@
 """Run time against error of the finger, beside its strongest rivals: `python -m benchmarks physics`.
 
 The reference is the tests' (`tests/stability/finger_oracles.py`: eigenvectors to 40 digits, nothing of the plant's).
-results/physics.md keeps an earlier run with more rivals, among them MuJoCo.
+results/physics.md keeps an earlier run with more rivals, among them scipy's and MuJoCo.
 """
 
 from __future__ import annotations
@@ -9,12 +9,10 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.physics import scipy_rival
 from benchmarks.physics.dynamics import constants, motion_table
 from benchmarks.physics.located import located
 from benchmarks.physics.model import (
@@ -32,7 +30,7 @@ from benchmarks.results import save
 from drivers.mock.physics.finger import FingerPlant
 from tests.stability.finger_oracles import modal
 
-EXACT, RK4, ORDER_8, SCIPY = "exact pieces", "RK4, events located", "order 8, events located", "scipy LSODA"
+EXACT, RK4, ORDER_8 = "exact pieces", "RK4, events located", "order 8, events located"
 
 ORDERS = {RK4: 4, ORDER_8: 8}
 
@@ -129,16 +127,12 @@ def compiled_rival(scene: Scene, method: str, substeps: int) -> Solver:
     return Solver(run, result)
 
 
-def solvers(scene: Scene) -> Iterator[list[tuple[str, str, Solver]]]:
-    """Each with its name and its setting: what is fast is timed in turns, what is too slow for that by itself."""
-    fast = [(EXACT, "", exact(scene))]
+def solvers(scene: Scene) -> Iterator[tuple[str, str, Solver]]:
+    """Each with its name and its setting."""
+    yield EXACT, "", exact(scene)
     for method, finest in ((RK4, 7), (ORDER_8, 2)):
         for substeps in (2**k for k in range(finest + 1)):
-            fast.append((method, f"{1e3 / substeps:g} us", compiled_rival(scene, method, substeps)))
-    yield fast
-    for tolerance in (1e-6, 1e-9, 1e-12):
-        solve = partial(scipy_rival.solve, scene, tolerance)
-        yield [(SCIPY, f"{tolerance:g}", Solver(solve, solve))]
+            yield method, f"{1e3 / substeps:g} us", compiled_rival(scene, method, substeps)
 
 
 def compare(*, quick: bool = False) -> Iterator[Point]:
@@ -146,11 +140,11 @@ def compare(*, quick: bool = False) -> Iterator[Point]:
     for closed in (True,) if quick else (True, False):
         for scene in scenes(closed=closed, duration_s=1.2 if quick else DURATION_S):
             truth = reference(scene)
-            for every in solvers(scene):
-                taken_s = side_by_side_s([Work(solver.run, solver.begin) for _, _, solver in every])
-                for (name, setting, solver), run_s in zip(every, taken_s, strict=True):
-                    off = difference(truth, solver.result())
-                    yield Point(scene.name, closed, name, setting, run_s / scene.duration_s * 1e6, off)
+            every = list(solvers(scene))
+            taken_s = side_by_side_s([Work(solver.run, solver.begin) for _, _, solver in every])
+            for (name, setting, solver), run_s in zip(every, taken_s, strict=True):
+                off = difference(truth, solver.result())
+                yield Point(scene.name, closed, name, setting, run_s / scene.duration_s * 1e6, off)
 
 
 def cost_at(points: Sequence[Point], error: float) -> float:
@@ -183,7 +177,7 @@ def ratios(points: Sequence[Point]) -> list[dict[str, Any]]:
         here = [p for p in points if (p.scene, p.closed) == (scene, closed)]
         (ours,) = [p for p in here if p.solver == EXACT]
         row = {"scene": scene, "closed": closed, "exact_us_per_s": ours.us_per_s, "error": ours.error}
-        for solver, error in ((RK4, 1e-9), (RK4, 1e-12), (ORDER_8, 1e-12), (SCIPY, 1e-9)):
+        for solver, error in ((RK4, 1e-9), (RK4, 1e-12), (ORDER_8, 1e-12)):
             cost = cost_at([p for p in here if p.solver == solver], error)
             row[f"{solver} at {error:g}"] = cost / ours.us_per_s
         rows.append(row)

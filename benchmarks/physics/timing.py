@@ -49,8 +49,3 @@ def side_by_side_s(works: Sequence[Work]) -> list[float]:
             if len(times_s) < FEWEST or sum(times_s) * inner < PATIENCE_S:
                 times_s.append(sum(work.once_s() for _ in range(inner)) / inner)
     return [statistics.median(times_s) for times_s in taken]
-
-
-def cpu_s(run: Callable[[], object], before: Callable[[], object] = lambda: None) -> float:
-    """Median CPU time in s of one run; arguments as of `Work`."""
-    return side_by_side_s([Work(run, before)])[0]

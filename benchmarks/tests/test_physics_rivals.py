@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.physics import scipy_rival
 from benchmarks.physics.model import Scene, difference
 from benchmarks.physics.run import ORDERS, compiled_rival, reference
 
@@ -37,12 +36,6 @@ def test_a_method_that_locates_events_converges_with_its_order_and_finds_them_al
     for found in (coarse, fine):
         assert (found.missed, found.invented) == (0, 0)
     assert 2 ** (order - 1.5) < coarse.theta_rad / fine.theta_rad < 2 ** (order + 1.5)
-
-
-def test_scipy_with_restarts_finds_every_event_within_its_tolerance(truth):
-    found = difference(truth, scipy_rival.solve(BUMP, 1e-9))
-    assert (found.missed, found.invented) == (0, 0)
-    assert found.theta_rad < 1e-7
 
 
 def test_the_comparison_sees_when_a_rival_blows_up():

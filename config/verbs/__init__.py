@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from shutil import get_terminal_size
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
+
+if TYPE_CHECKING:
+    from config.profile import Profile
+    from controller.recording.run_folder import RunFolder
 
 DONE, FAILED, USAGE, DEVICE, GUARD, INTERRUPTED = 0, 1, 2, 3, 4, 130
 """Exit codes."""
@@ -274,3 +280,45 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
     ):
         verb = decorate(verb)
     return verb
+
+
+def loaded_profile(profile: str, overrides: Mapping[str, str], csv: Path | None = None) -> Profile:
+    """A profile with settings and trials of the command line."""
+    from config.assemble import Table
+    from config.profile import load_profile
+    from config.trials import read_csv
+
+    rows, labels = read_csv(csv) if csv else (None, None)
+    return load_profile(profile, overrides, table=Table(), rows=rows, labels=labels)
+
+
+def sets(overrides: Mapping[str, str]) -> list[str]:
+    """The options that gave these values."""
+    return [f"--set={key}={value}" for key, value in overrides.items()]
+
+
+def report_on(folders: Sequence[RunFolder]) -> None:
+    """Write the report of some runs, and say what it says."""
+    from controller.export import tidy
+    from controller.recording.reader import open_run
+    from controller.reports.report import tell
+
+    runs = [open_run(run.path) for folder in folders for run in folder.runs]
+    for run in runs:
+        tidy(run)
+    whole = folders[0].read_manifest() if len(folders) == 1 else {}
+    page, lines = tell(runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()))
+    usual = page.parent.parent.resolve() == Path("runs").resolve()
+    newest = usual and max(page.parent.parent.iterdir()).name == page.parent.name
+    where = "latest" if newest else page.parent
+    if sys.stdout.isatty():
+        lines = [fill(line, get_terminal_size().columns, subsequent_indent="  ") for line in lines]
+    say("\n".join([*lines, f"report: {page}", f"to see it: run.py open {where}"]))
+
+
+def browse(address: str) -> None:
+    """Open an address where there is a screen."""
+    import webbrowser
+
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)

@@ -1,0 +1,166 @@
+"""Verbs on a profile: what there is, what it says, what it would take, its emulated devices."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from config.verbs import (
+    DEVICE,
+    DONE,
+    USAGE,
+    Verb,
+    complain,
+    loaded_profile,
+    realtime_option,
+    set_option,
+    sets,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@click.command("list", cls=Verb, short_help="Show profiles, detectors, signals or drivers.")
+@click.option("--detectors", "shown", flag_value="detectors", help="List kinds of detectors instead.")
+@click.option("--signals", "shown", flag_value="signals", help="List kinds of signals instead.")
+@click.option("--drivers", "shown", flag_value="drivers", help="List drivers instead.")
+def list_(shown: str | None) -> None:
+    """Show the profiles, with the bench and the devices that each needs.
+
+    \b
+    Example:
+      run.py list
+      run.py list --detectors
+    """
+    from config.listing import listed_detectors, listed_drivers, listed_profiles, listed_signals
+
+    listed = {
+        "detectors": listed_detectors,
+        "signals": listed_signals,
+        "drivers": listed_drivers,
+        None: listed_profiles,
+    }
+    lines = listed[shown]()
+    click.echo("\n".join(lines))
+
+
+@click.command(cls=Verb, short_help="Validate a profile, print its settings, try its bench.")
+@click.argument("profile")
+@set_option
+@click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
+@click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
+def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect: bool) -> int:
+    """Validate a PROFILE and print every setting with the file that gave it.
+
+    PROFILE is a name that `run.py list` shows, or the path of a TOML file. What is printed is a profile too. With
+    --connect the bench is tried as well, which is the thing to do before a first run.
+
+    \b
+    Example:
+      run.py check mock/transient
+      run.py check hardware/transient --connect
+    """
+    from config.parts import parts_of
+
+    if parts := parts_of(profile):
+        common = [*sets(overrides), *(["--connect"] if connect else [])]
+        return max(int(check.main([*part, *common], standalone_mode=False)) for part in parts.runs)
+    from config.assemble import plan_campaign
+    from config.toml_text import to_toml
+    from config.trials import distinct
+
+    loaded = loaded_profile(profile, overrides, csv)
+    origins = loaded.source.origins
+    click.echo(
+        f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {len(loaded.trials(0))} trials"
+    )
+    click.echo(f"# sha256 {loaded.hash}\n")
+    click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
+    trials = plan_campaign(loaded, distinct(loaded.trials(0)), 0).trials
+    if not connect and loaded.bench != "mock":  # what a bench on the wire sends, it says when it is connected
+        return DONE
+    from config.assemble import build_rig
+    from controller.doctor import compare, examine
+    from controller.rig import TrialScene
+
+    sound = True
+    with closing(build_rig(loaded)) as rig:
+        if not connect:
+            for finding in compare(rig, trials):
+                complain(finding.line)
+                sound = False
+            return DONE if sound else USAGE
+        click.echo()
+        plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
+        for finding in examine(rig, TrialScene(0, 0, {}, plant), trials):
+            click.echo(finding.line)
+            sound &= finding.sound
+    return DONE if sound else DEVICE
+
+
+@click.command(cls=Verb, short_help="Say what a run would take, move and compute.")
+@click.argument("profile")
+@set_option
+@click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
+def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
+    """Say what running a PROFILE would take: time, disk, travel, force, and what each state computes.
+
+    Nothing is opened or computed. Times and sizes are those that were measured with the experiment's shipped profile.
+
+    \b
+    Example:
+      run.py plan mock/centering
+      run.py plan hardware/transient --set trials.repeats=1
+    """
+    from config.parts import parts_of
+
+    if parts := parts_of(profile):
+        for part in parts.runs:
+            plan.main([*part, *sets(overrides)], standalone_mode=False)
+        return
+    from config.assemble import plan_campaign
+    from config.costs import planned
+    from config.jobs import jobs_for
+
+    loaded = loaded_profile(profile, overrides, csv)
+    trials = loaded.trials(0)
+    whole = plan_campaign(loaded, trials, 0)
+    click.echo("\n".join(planned(loaded, trials, next(iter(whole.trials)), jobs_for(loaded, whole, None))))
+
+
+@click.command(cls=Verb, short_help="Serve a profile's emulated devices.")
+@click.argument("profile")
+@set_option
+@realtime_option
+def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
+    """Start the emulated devices of a PROFILE and say in one JSON line where they are.
+
+    They serve until Ctrl+C: real bytes on pseudo-terminals, for this program or any other.
+
+    \b
+    Example:
+      run.py emulate emulated/transient > bench.json
+      run.py run emulated/transient --endpoints bench.json     (in another terminal)
+    """
+    import signal
+    import threading
+
+    from config.assemble import start_emulator
+
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with closing(start_emulator(loaded_profile(profile, overrides), realtime)) as emulator:
+        click.echo(json.dumps(emulator.endpoints))
+        sys.stdout.flush()
+        ended.wait()
+
+
+VERBS = (list_, check, plan, emulate)

@@ -1,0 +1,149 @@
+"""Verbs on recordings, of this program or another: `replay`, `calibrate`, `sweep`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from config.verbs import (
+    PLOT_HELP,
+    Verb,
+    all_spans,
+    complain,
+    recording_options,
+    span,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@click.command(cls=Verb, short_help="Feed a recording to a detector.")
+@recording_options
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help=PLOT_HELP)
+def replay(detector: str, plot: Path | None, **given: Any) -> None:
+    """Feed a RECORDING to a detector and print one JSON line an event.
+
+    RECORDING is a run folder, a part of its name or `latest`, or a file: CSV (any separator, with or without a line of
+    names), NPZ, MAT, WAV, MCAP. Of a run, a detector of the run's own profile has its settings there; where it has
+    several of a kind, NAME is one of their names. What was read is said on standard error.
+
+    \b
+    Example:
+      run.py replay latest --detector resonance --trial 4
+      run.py replay latest:mock/centering --detector right_ours
+      run.py replay approach.csv --detector pretouch --column i,q --column x_m
+      run.py replay finger.csv --detector resonance.paper --column period_s --baseline 2:3 --set threshold_sigma=4
+      run.py replay drag.wav --detector slip --column 0 --set threshold=21 --plot drag.png
+      run.py replay bag.mcap --detector slip --column /wrench:wrench.force.z
+    """
+    from config.recordings import load
+    from controller.replay import as_line
+    from controller.replay import replay as replayed
+
+    made, blocks, notes = load(detector, **given)
+    events = list(replayed(blocks, made))
+    complain("\n".join(notes))
+    for event in events:
+        click.echo(json.dumps(as_line(event, detector)))
+    if not events:
+        samples = sum(len(block) for block in blocks if block.stream == made.inputs[0])
+        complain(f"{detector} found nothing in {samples} samples")
+    if plot is not None:
+        from controller.replay_plot import draw
+
+        draw(plot, blocks, made, events)
+
+
+@click.command(cls=Verb, short_help="Find the threshold that a recording without events asks for.")
+@recording_options
+@click.argument(
+    "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
+)
+@click.option(
+    "--span",
+    "spans",
+    multiple=True,
+    callback=all_spans,
+    metavar="T0:T1",
+    help="Seconds of each recording that are quiet; all of it otherwise. May be given several times.",
+)
+@click.option(
+    "--false-alarm-interval",
+    "interval_s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="S",
+    required=True,
+    help="Mean time between false alarms, in seconds.",
+)
+def calibrate(detector: str, interval_s: float, **given: Any) -> None:
+    """Find the threshold with which a detector alarms falsely once in a stated time, on average.
+
+    A RECORDING is one in which nothing happens that the detector shall report, but everything that it shall not: a run
+    folder (all its trials), a part of its name or `latest`, or a file as `replay` takes it. Prints one JSON line: the
+    threshold, its 95 % interval, whether the recordings were so short that it was extrapolated, and the false alarms
+    that thresholds gave on pieces which were left out when they were set.
+
+    \b
+    Example:
+      run.py calibrate rolling.csv --detector slip --column ft_v --rate 1000 --false-alarm-interval 3600
+      run.py calibrate drag_*.csv --detector slip --span 0.5:2.2 --false-alarm-interval 60
+      run.py calibrate latest --detector slip.paper --set input=board.flexible --false-alarm-interval 600
+    """
+    from config.assemble import calibratable
+    from config.recordings import load_quiet
+    from controller.detectors.calibration import Statistic
+    from controller.replay import ReplayError, calibration_line
+
+    loaded = load_quiet(detector, **given)
+    pieces = [(one.detector, one.blocks) for one in loaded if isinstance(one.detector, Statistic)]
+    if not pieces:
+        raise ReplayError(
+            f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
+        )
+    line = calibration_line(pieces, detector, interval_s)
+    complain("\n".join(dict.fromkeys(note for one in loaded for note in one.notes)))
+    click.echo(json.dumps(line))
+
+
+@click.command(cls=Verb, short_help="Find the resonance in a transducer's frequency sweep.")
+@click.argument("table", type=click.Path(path_type=Path), metavar="FILE")
+@click.option(
+    "--column", metavar="F,A", help="Columns of frequency and response, where there are more than two."
+)
+@click.option(
+    "--span", callback=span, metavar="LOW:HIGH", help="Frequencies that count, Hz; all of them otherwise."
+)
+@click.option("--conductance", is_flag=True, help="The response is a conductance, not an amplitude.")
+@click.option(
+    "--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: a PNG, SVG or PDF file."
+)
+def sweep(
+    table: Path, column: str | None, span: tuple[float, float] | None, conductance: bool, plot: Path | None
+) -> None:
+    """Find peak, band, sharpness and resonances in a transducer's sweep.
+
+    FILE is a table of frequencies and amplitudes (peak to peak or RMS), or conductances, in Hz or kHz. Prints one JSON
+    line: the peak, the band at half power with its Q, the band within 6 dB, and whether one resonance explains the
+    sweep or two are needed (Akaike's criterion).
+
+    \b
+    Example:
+      run.py sweep pair.csv --plot pair.png
+      run.py sweep piezo.txt --conductance --span 222000:227000
+    """
+    from controller.sweep import analysed, draw_sweep, read_sweep, sweep_line
+
+    measured = read_sweep(table, column, span, "conductance" if conductance else "amplitude")
+    found = analysed(table, measured)
+    complain(measured.note)
+    click.echo(json.dumps(sweep_line(found)))
+    if plot is not None:
+        draw_sweep(plot, measured, found)
+
+
+VERBS = (replay, calibrate, sweep)

@@ -1,0 +1,146 @@
+"""Verbs on a run folder: `report`, `watch`, `open`, `export`, `compare`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from config.verbs import (
+    Verb,
+    browse,
+    out_option,
+    report_on,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@click.command(cls=Verb, short_help="Write the report of one or more runs.")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...")
+@out_option
+def report(runs: Sequence[str], out: Path) -> None:
+    """Write the report of a RUN, or of several together, from the recordings alone.
+
+    RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`. The page goes into the last one's folder. A
+    run that was cut off is reported as far as it came, and its recording closed, so that Foxglove reads it as well.
+
+    \b
+    Example:
+      run.py report latest
+      run.py report latest:mock/static latest:mock/transient
+    """
+    from controller.recording.reader import close_recordings
+    from controller.recording.run_folder import RunFolder
+
+    folders = [RunFolder.find(name, out) for name in runs]
+    for run in (run for folder in folders for run in folder.runs):
+        close_recordings(run)
+    report_on(folders)
+
+
+@click.command(cls=Verb, short_help="Watch a run that goes on, in the browser.")
+@click.argument("name", metavar="RUN")
+@out_option
+def watch(name: str, out: Path) -> None:
+    """Serve the live page of a RUN that goes on, and print its link; it ends with the run, or by Ctrl+C.
+
+    The page is on this machine alone, and whoever has the link can pause and stop the run. Stop is not a safety
+    function: use the robot's emergency stop.
+
+    \b
+    Example:
+      run.py watch latest
+    """
+    from controller.recording.run_folder import RunFolder, RunFolderError
+    from controller.watching.page import Door, alive, serve
+
+    folder = RunFolder.find(name, out).path
+    if not alive(folder):
+        raise RunFolderError(f"{folder}: this run does not go on; `run.py open {name}` shows its report")
+    door = Door.open()
+    click.echo(door.link)
+    sys.stdout.flush()
+    serve(folder, door, lambda: browse(door.link))
+
+
+@click.command("open", cls=Verb, short_help="Open the report of a run in the browser.")
+@click.argument("name", metavar="RUN")
+@out_option
+def open_(name: str, out: Path) -> None:
+    """Open the report of a RUN in the browser, and print where it is; it is written where there is none yet.
+
+    RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`.
+
+    \b
+    Example:
+      run.py open latest
+    """
+    from controller.recording.run_folder import RunFolder
+
+    folder = RunFolder.find(name, out)
+    page = folder.path / "report.html"
+    if not page.is_file():
+        report_on([folder])
+    click.echo(page)
+    browse(page.resolve().as_uri())
+
+
+@click.command(cls=Verb, short_help="Write a run in the formats of other programs.")
+@click.argument("run", metavar="RUN")
+@click.option(
+    "--to", type=click.Choice(["csv", "lerobot", "parquet", "rosbag2"]), required=True, help="Which format."
+)
+@click.option("--into", type=click.Path(path_type=Path), help="Folder to write into; RUN/FORMAT otherwise.")
+@out_option
+def export(run: str, to: str, into: Path | None, out: Path) -> None:
+    """Write a RUN's trials and samples for other programs, and print the files.
+
+    csv and parquet: trials, and samples as tidy tables (trial, stream, channel, t_s, value, unit). rosbag2: an MCAP
+    file a trial with WrenchStamped, Imu and JointState, which ROS 2 plays. lerobot: a dataset (v3.0), an episode a
+    trial, in which each frame says when each stream was sampled.
+
+    \b
+    Example:
+      run.py export latest --to parquet
+    """
+    from controller.export import export as exported
+    from controller.recording.reader import open_run
+
+    opened = open_run(run, out)
+    for path in exported(opened, to, into or opened.folder.path / to):
+        click.echo(path)
+
+
+@click.command(cls=Verb, short_help="Show what differs between two runs.")
+@click.argument("first", metavar="RUN")
+@click.argument("second", metavar="RUN")
+@out_option
+def compare(first: str, second: str, out: Path) -> None:
+    """Show which settings differ between two runs, and the mean difference of each result, second less first.
+
+    Trials are paired by number and factors; behind a mean stands its 95 % interval (Student's). A page beside the
+    second run's report has the figures of both side by side.
+
+    \b
+    Example:
+      run.py compare 2026-11-20T12-00-00Z latest
+    """
+    from controller.comparing import compared, side_by_side
+    from controller.recording.reader import open_run
+    from controller.reports.report import build_report
+
+    runs = open_run(first, out), open_run(second, out)
+    lines = list(compared(*runs))
+    click.echo("\n".join(lines))
+    for run in runs:
+        if not (run.folder.path / "report.html").is_file():
+            build_report([run])
+    click.echo(side_by_side(*runs, lines))
+
+
+VERBS = (report, watch, open_, export, compare)

@@ -1,0 +1,340 @@
+"""Verbs that run trials: `run`, `resume`, `merge`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from config.verbs import (
+    DONE,
+    Verb,
+    browse,
+    complain,
+    endpoints_option,
+    explained,
+    jobs_options,
+    loaded_profile,
+    out_option,
+    realtime_option,
+    report_on,
+    report_option,
+    say,
+    say_at_once,
+    set_option,
+    sets,
+    shard,
+    watch_option,
+)
+
+if TYPE_CHECKING:
+    from config.jobs import Crew
+    from config.profile import Profile
+    from controller.campaign import CampaignPlan, Console
+    from controller.console import ConsoleOperator
+    from controller.recording.mcap_file import Mirror
+    from controller.recording.resuming import ResumedRun
+    from controller.recording.run_folder import RunFolder
+    from controller.watching.foxglove import FoxgloveStream
+    from controller.watching.page import PageProcess
+
+
+@click.command(cls=Verb, short_help="Run an experiment, write a run folder and its report.")
+@click.argument("profile")
+@set_option
+@click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Of order and noise."
+)
+@click.option(
+    "--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file: a factor a column."
+)
+@click.option(
+    "--only", "numbers", type=int, multiple=True, metavar="TRIAL", help="This trial alone; repeatable."
+)
+@out_option
+@report_option
+@endpoints_option
+@realtime_option
+@jobs_options
+@watch_option
+@click.option("--foxglove", is_flag=True, help="Stream what is recorded to Foxglove as well, read-only.")
+@click.option(
+    "--shard",
+    callback=shard,
+    metavar="I/N",
+    help="Every N-th trial from the I-th on alone; `merge` joins all N.",
+)
+def run(
+    profile: str,
+    overrides: Mapping[str, str],
+    seed: int,
+    csv: Path | None,
+    numbers: Sequence[int],
+    out: Path,
+    reported: bool,
+    endpoints: Path | None,
+    realtime: bool,
+    jobs: int | None,
+    scheduler: str | None,
+    watched: bool,
+    foxglove: bool,
+    shard: tuple[int, int] | None,
+) -> int:
+    """Run the experiment of a PROFILE and write a run folder with its report.
+
+    On a terminal Ctrl+C pauses: everything stops and is still watched, Enter goes on, and a second Ctrl+C ends the
+    run. Whatever ends it, what was measured is on the disk and in the report.
+
+    \b
+    Example:
+      run.py run mock/transient
+      run.py run mock/transient --only 1 --set plant.noise_scale=0.5
+      run.py run hardware/transient --trials my_trials.csv
+      run.py run mock/centering --jobs 4
+
+    Exit codes: 0 done, 1 the experiment failed, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130
+    interrupted.
+    """
+    from config.assemble import plan_campaign
+    from config.parts import begin, parts_of
+    from config.trials import chosen
+
+    if parts := parts_of(profile):
+        if csv or numbers or endpoints or realtime or shard or watched or foxglove:
+            raise click.UsageError(f"{profile} has parts; run one of them with this option: see run.py list")
+        folder = begin(profile, parts, ["--seed", str(seed), *sets(overrides)], out)
+        return _in_turn(folder, jobs, scheduler, reported)
+    loaded = loaded_profile(profile, overrides, csv)
+    if realtime and (loaded.bench != "emulated" or endpoints is not None):
+        reason = "an emulator that runs has its own time" if endpoints else f"{loaded.name} is not emulated"
+        raise click.BadParameter(reason, param_hint="--realtime")
+    trials = loaded.trials(seed)
+    asked = {
+        "profile": profile,
+        "set": dict(overrides),
+        "trials": str(csv.resolve()) if csv else None,
+        "only": list(numbers),
+        **({"shard": list(shard)} if shard else {}),
+    }
+    picked = chosen(trials, numbers, None)
+    others = {trial.id for trial in picked} - {trial.id for trial in chosen(picked, (), shard)}
+    plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
+    with ExitStack() as stack:
+        stream = stack.enter_context(closing(_foxglove())) if foxglove else None
+        crew = stack.enter_context(_crew(loaded, plan, 1 if foxglove else jobs, scheduler))
+        return _carried_out(
+            loaded, plan, out, endpoints, reported, crew, realtime=realtime, watched=watched, mirror=stream
+        )
+
+
+@click.command(cls=Verb, short_help="Go on with a run that broke off.")
+@click.argument("run", metavar="RUN")
+@out_option
+@report_option
+@endpoints_option
+@jobs_options
+@watch_option
+def resume(
+    run: str,
+    out: Path,
+    reported: bool,
+    endpoints: Path | None,
+    jobs: int | None,
+    scheduler: str | None,
+    watched: bool,
+) -> int:
+    """Go on with a RUN where it stopped, in its own folder.
+
+    Trials that are done stay. One that was torn, or that ended the run by a fault, the guard or the operator, is run
+    again from its beginning. It is refused where profile, devices or program are not those that the run began with.
+
+    \b
+    Example:
+      run.py resume latest
+      run.py resume runs/2026-11-20T12-00-00Z_mock-transient_ab12
+
+    Exit codes: as of `run`.
+    """
+    from config.assemble import plan_campaign
+    from config.resuming import profile_of
+    from controller.recording.resuming import broken_off
+    from controller.recording.run_folder import RunFolder
+
+    found = RunFolder.find(run, out)
+    if "parts" in found.read_manifest():
+        if watched:
+            raise click.UsageError(f"{run} has parts: watch each with run.py watch")
+        return _in_turn(found, jobs, scheduler, reported)
+    resumed = broken_off(found)
+    loaded, trials = profile_of(resumed.manifest, resumed.folder.path.name)
+    seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
+    plan = plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked)
+    if plan.count == 0:
+        say(
+            f"{resumed.folder.path.name}: all {len(trials)} trials are done; `run.py report {run}` shows them"
+        )
+        return DONE
+    with _crew(loaded, plan, jobs, scheduler) as crew:
+        return _carried_out(loaded, plan, out, endpoints, reported, crew, resumed, watched=watched)
+
+
+@click.command(cls=Verb, short_help="Join the shards of a run.")
+@click.argument("shards", nargs=-1, required=True, metavar="RUN...")
+@out_option
+def merge(shards: Sequence[str], out: Path) -> None:
+    """Join runs that were made with --shard into the run folder that one run would have written.
+
+    It is refused where profile, seed or program differ, and where a trial is missing or there twice. Where a trial
+    ended its shard, also when that was resumed, the joined run ends there, as one run would.
+
+    \b
+    Example:
+      run.py merge shard_1/* shard_2/* shard_3/*
+    """
+    from config.merging import merged
+
+    say(f"{merged(shards, out).path}")
+
+
+def _carried_out(
+    loaded: Profile,
+    plan: CampaignPlan,
+    out: Path,
+    endpoints: Path | None,
+    reported: bool,
+    crew: Crew | None,
+    resumed: ResumedRun | None = None,
+    realtime: bool = False,
+    watched: bool = False,
+    mirror: Mirror | None = None,
+) -> int:
+    """Run a campaign and report it; returns the exit code."""
+    from controller.console import ConsoleOperator
+    from controller.recording.run_folder import RunFolder
+
+    with ExitStack() as stack:
+        page = stack.enter_context(closing(_page())) if watched else None
+        if crew is not None:
+            from config.jobs import in_parts
+
+            operator = stack.enter_context(ConsoleOperator())
+            outcome = in_parts(crew, loaded, plan, _console(operator, page), out, resumed).run()
+        else:
+            from config.assemble import build_rig
+            from controller.campaign import Campaign
+
+            rig = stack.enter_context(closing(build_rig(loaded, _endpoints(endpoints), realtime)))
+            operator = stack.enter_context(ConsoleOperator(asking=rig.asking))
+            outcome = Campaign(plan, rig, _console(operator, page), out, resumed, mirror).run()
+    if outcome.error is None:
+        (complain if outcome.exit_code else say)(outcome.line)
+    try:
+        if reported:
+            report_on([RunFolder(outcome.folder)])
+    except Exception as error:
+        if not outcome.exit_code:
+            raise
+        complain(f"no report: {explained(error)[1]}")
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome.exit_code
+
+
+def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:
+    """Run the parts of a campaign that are left, and report all; returns the exit code."""
+    from config.jobs import cluster, cores
+    from config.parts import carry_on
+
+    workers = [
+        *(["--jobs", str(jobs)] if jobs else []),
+        *(["--scheduler", scheduler] if scheduler else []),
+    ]
+    with closing(cluster(scheduler) if scheduler else cores(jobs)) as crew:
+        code = carry_on(folder, run, resume, workers, crew, say)
+    if reported and folder.runs:
+        report_on([folder])
+    return code
+
+
+def _crew(
+    loaded: Profile, plan: CampaignPlan, jobs: int | None, scheduler: str | None
+) -> AbstractContextManager[Crew | None]:
+    """Who runs the trials; None is this process."""
+    from config.costs import duration
+    from config.jobs import Crew, cluster, cores, jobs_for
+
+    kept = click.get_current_context().find_object(Crew)  # of a campaign of parts
+    if scheduler is None:
+        count = jobs_for(loaded, plan, jobs)
+        if count > 1:
+            say(f"{duration(loaded.name, loaded.experiment, loaded.bench, plan.count, count)}")
+            return nullcontext(kept) if kept else closing(cores(count))
+        return nullcontext()
+    jobs_for(loaded, plan, 2)
+    return nullcontext(kept) if kept else closing(cluster(scheduler))
+
+
+def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
+    if path is None:
+        return None
+    try:
+        endpoints = json.loads(path.read_text(encoding="utf-8"))
+        host, port = endpoints["control"]["host"], endpoints["control"]["port"]
+        if not (isinstance(host, str) and isinstance(port, int) and 0 < port < 65_536):
+            raise ValueError
+        if not all(isinstance(where, dict) for where in dict(endpoints["devices"]).values()):
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not the line that `run.py emulate` prints"
+        raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None
+    return dict(endpoints)
+
+
+def _console(operator: ConsoleOperator, page: PageProcess | None) -> Console:
+    """The person's side: the terminal, and whoever watches."""
+    from controller.console import PlainConsole
+    from controller.watching.feed import Watched
+
+    began = None if page is None else page.began
+    if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
+        return Watched(PlainConsole(operator, say_at_once), operator, began)
+    from rich.console import Console as Terminal
+
+    from controller.live import LiveConsole
+
+    return Watched(LiveConsole(operator, Terminal()), operator, began)
+
+
+def _page() -> PageProcess:
+    """Begin to serve the live page; it is there once the run is."""
+    from controller.watching.page import Door, PageProcess
+
+    door = Door.open()
+    link = door.link
+    say(f"watch it: {link}")
+    page = PageProcess(door)
+    browse(link)
+    return page
+
+
+def _foxglove() -> FoxgloveStream:
+    """Begin to stream to Foxglove."""
+    try:
+        from controller.watching.foxglove import FoxgloveStream
+
+        stream = FoxgloveStream()
+    except ImportError:
+        raise click.UsageError("--foxglove needs its SDK: pip install foxglove-sdk") from None
+    except RuntimeError as error:
+        raise click.UsageError(f"--foxglove: {error}") from None
+    say(f"Foxglove: {stream.address}")
+    return stream
+
+
+VERBS = (run, resume, merge)
