@@ -141,7 +141,8 @@ class RoomRow(NamedTuple):
 
 
 class RoomsSize(NamedTuple):
-    """Passages: those that set thresholds, and for each room those before nothing and to objects at each strength."""
+    """Passages: those that set thresholds, and in each room those before nothing and to objects (half as many where
+    the echo is weaker)."""
 
     training: int
     quiet: int
@@ -158,7 +159,8 @@ def work_of(size: RoomsSize) -> list[Passing]:
         if room != TRAINING:
             work += passings(SEED_JUDGED, room, size.quiet, 0)
             for weaker_db in STRENGTHS_DB:
-                work += passings(SEED_JUDGED + round(weaker_db) + 1, room, 0, size.objects, weaker_db)
+                objects = size.objects // 2 if weaker_db else size.objects
+                work += passings(SEED_JUDGED + round(weaker_db) + 1, room, 0, objects, weaker_db)
     return work
 
 

@@ -35,6 +35,10 @@ FRAME_FAULTS = ("drop", "flip", "truncate")
 ANSWER_FAULTS = {"refuse": ReplyStatus.REFUSED, "busy": ReplyStatus.BUSY}
 
 
+LONGEST_BLOCK_S = 0.05
+"""No frame of a regular stream waits longer for its samples: after 0.1 s of silence a stream is stale. Assumption."""
+
+
 class EmulatedSensorBoardSettings(Settings):
     """What the emulated board is."""
 
@@ -49,7 +53,7 @@ class EmulatedSensorBoardSettings(Settings):
     start_us: int = Field(default=TIME_MODULUS - 5_000_000, ge=0, lt=TIME_MODULUS)
     """What its clock shows at the first call, in us: by default 5 s before it wraps, so that it does."""
     block_samples: int = Field(default=10, ge=1, le=256)
-    """Samples of a regular stream in a frame. Assumption: 10 ms at 1 kHz."""
+    """Samples of a regular stream in a frame, or fewer where they take too long. Assumption: 10 ms at 1 kHz."""
     adc_bits: dict[str, int] = Field(default={"accelerometer": 16, "load_cell": 24})
     """Width of a stream's converter, sign included; 32 where none is named (assumption)."""
     tare_samples: int = Field(default=100, ge=1, le=10_000)
@@ -177,8 +181,9 @@ class EmulatedSensorBoard:
         counts = channel.convert(self._source.sample(channel.spec.name, times_s))
         channel.waiting = np.concatenate([channel.waiting, counts])
         channel.tick = int(ticks[-1]) + 1
-        while len(channel.waiting) >= self._settings.block_samples:
-            self._send_block(channel, clock, rate_hz, self._settings.block_samples)
+        samples = max(1, min(self._settings.block_samples, int(LONGEST_BLOCK_S * rate_hz)))
+        while len(channel.waiting) >= samples:
+            self._send_block(channel, clock, rate_hz, samples)
 
     def _send_block(self, channel: Channel, clock: BoardClock, rate_hz: float, samples: int) -> None:
         first_tick = channel.tick - len(channel.waiting)

@@ -1,0 +1,37 @@
+"""A3 and A4 over serial lines: the streams that the first experiment has not arrive, and are measured."""
+
+import numpy as np
+
+from config.script import run_trials
+from controller.campaign import EXIT_DONE
+
+QUICK = {"behavior.settle_s": "0.5", "detectors.ours.baseline_s": "1.5", "plant.noise_scale": "0.2"}
+
+
+def row_of(name, folder, trial, settings):
+    outcome, run = run_trials(
+        f"emulated/{name}", [trial], settings=settings, out=folder, say=lambda line: None
+    )
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    (row,) = run.trials
+    return row, run.recording(row["trial"])
+
+
+def test_the_tendon_is_moved_and_heard_over_the_wire(tmp_path):
+    sweep = {
+        "behavior.sweep_m_s": "0.01",
+        "behavior.flexing_s": "1.0",
+        "detectors.following.baseline_s": "3.0",
+    }
+    trial = {"location": "f", "speed_m_s": 0.006435, "tendon_m_s": 0.002}
+    row, recording = row_of("flexion", tmp_path, trial, QUICK | sweep)
+    assert row["free_rise_hz"] > 2.0, "V.C: flexing raises the resonance"
+    tendon_m = recording.stream("board.tendon").values
+    assert np.ptp(tendon_m) > 0.002, "the sweep, and 1 s of flexing at 2 mm/s"
+
+
+def test_the_link_that_was_touched_is_told_over_the_wire(tmp_path):
+    calm = QUICK | {"detectors.contact.baseline_s": "1.5", "detectors.contact.threshold_sigma": "8.0"}
+    row, recording = row_of("proximal", tmp_path, {"location": "f", "speed_m_s": 0.006435}, calm)
+    assert (row["outcome"], row["told"]) == ("contact", "distal")
+    assert not recording.stream("board.distal").gaps
