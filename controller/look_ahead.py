@@ -17,6 +17,9 @@ from drivers.settings import Settings
 MOST_TURNS = 512
 """Turns at once at the most. Assumption: the overhead of a span is spent by then, and little is lost in going back."""
 
+LONGEST_S = 2.0
+"""Longest span. Simulated benches remember four seconds of what devices may still ask for."""
+
 GROWTH = 4
 """How many times longer the next look is when nothing happened. Assumption: a look in vain costs about a turn."""
 

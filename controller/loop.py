@@ -16,7 +16,7 @@ from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector, Reading, reading_of
 from controller.fit import misfits
 from controller.guard import Guard
-from controller.look_ahead import Leashed, Reach, Snapshot, UnkeptError, turns_before
+from controller.look_ahead import LONGEST_S, Leashed, Reach, Snapshot, UnkeptError, turns_before
 from controller.rig import Rig
 from controller.signals.protocol import Signal, Signals
 from drivers.clock import rest
@@ -278,7 +278,7 @@ class Loop:
             return False
         first = self._next(self._turns)
         alone_s = min((each.alone_s for each in self._leashed), default=math.inf)
-        until_s = min(self._behavior.wake_s, self._clock.now() + alone_s)
+        until_s = min(self._behavior.wake_s, self._clock.now() + min(alone_s, LONGEST_S))
         turns = min(reach.turns, turns_before(until_s, first, stride, rate_hz))
         if turns < 2:
             return False

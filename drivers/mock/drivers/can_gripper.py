@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, valid
 from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
 from drivers.can_gripper.watch import Watch
-from drivers.can_gripper.words import DriveOrder, GripperState
-from drivers.clock import Clock, last_tick
+from drivers.can_gripper.words import DriveOrder, GripFinding, GripperState
+from drivers.clock import Clock
 from drivers.messages import (
     Applied,
     Command,
@@ -86,7 +87,6 @@ class MockCanGripper(MockDriver):
         super().__init__(name, clock, faults)
         self._settings = settings
         self._bench = bench
-        bench.jaws.ask = self._ask
         self._brackets = Brackets(bench.jaws.jaws.settings.closed_width_m)
         self._infos = {
             f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
@@ -101,7 +101,7 @@ class MockCanGripper(MockDriver):
         self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
         self._order = DriveOrder(0, 0, 0)
         self._heard: frozenset[str] = frozenset()
-        self._asked = 0
+        self._bench.jaws.ask(self._settings.poll_hz)
         self._samples: list[tuple[int, GripperState]] = []
         super().restart()
 
@@ -225,34 +225,46 @@ class MockCanGripper(MockDriver):
         self._bench.jaws.go(order.position / POSITION_COUNTS, speed_ticks_s(order.speed), order.current_ma)
 
     def _run(self, now_s: float) -> None:
-        self._ask(now_s)
+        """Let time pass, and hear the states that were due by now, each as it was when it was due."""
         self._bench.jaws.advance(now_s)
-
-    def _ask(self, until_s: float) -> None:
-        """Ask for the states that are due by then, each when it is due."""
-        silent = self._gone(self._clock.now())
-        last = last_tick(until_s, self._settings.poll_hz)
-        while self._asked < last:
-            self._asked += 1
-            t_s = self._asked / self._settings.poll_hz
-            self._bench.jaws.advance(t_s)
-            if silent:
-                continue
-            state = self._state()
-            self._statuses += self._watch.push(t_s, state, fault=False)
+        number, told = self._bench.jaws.take()
+        if not len(told) or self._gone(now_s):
+            return
+        for state in _states(told):
+            self._statuses += self._watch.push(number / self._settings.poll_hz, state, fault=False)
             if self._heard:
-                self._samples.append((self._asked, state))
+                self._samples.append((number, state))
+            number += 1
 
     def _state(self) -> GripperState:
         jaws = self._bench.jaws
-        return GripperState(
-            position=round(jaws.closed_share * POSITION_COUNTS),
-            current_ma=round(jaws.current_ma),
-            finding=jaws.finding,
-            activated=True,
-            going=True,
-            over_temperature=False,
-            watchdog=False,
-            estop=False,
-            calibrated=jaws.calibrated,
+        return _state(
+            round(jaws.closed_share * POSITION_COUNTS), jaws.current_ma, jaws.finding, jaws.calibrated
         )
+
+
+def _states(told: NDArray[np.float64]) -> Iterator[GripperState]:
+    """What the drive told, shape (m, 6), as the real one says it."""
+    ticks, current_ma, finding, opened, closed, calibrated = told.T
+    span = np.where(opened == closed, np.inf, opened - closed)
+    counts = np.rint(np.clip((opened - ticks) / span, 0.0, 1.0) * POSITION_COUNTS)
+    last: list[float] | None = None
+    state = _state(0, 0.0, GripFinding.MOVING, False)
+    for row in np.column_stack((counts, current_ma, finding, calibrated)).tolist():
+        if row != last:
+            last, state = row, _state(int(row[0]), row[1], GripFinding(int(row[2])), bool(row[3]))
+        yield state
+
+
+def _state(position: int, current_ma: float, finding: GripFinding, calibrated: bool) -> GripperState:
+    return GripperState(
+        position=position,
+        current_ma=round(current_ma),
+        finding=finding,
+        activated=True,
+        going=True,
+        over_temperature=False,
+        watchdog=False,
+        estop=False,
+        calibrated=calibrated,
+    )

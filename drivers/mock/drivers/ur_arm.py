@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -31,7 +32,7 @@ from drivers.messages import (
 from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.bench import Bench
-from drivers.mock.physics.tool_motion import ToolMotion
+from drivers.mock.physics.tool_motion import ToolMotion, repeats
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.guidance import CYCLE_S, leash_end, line_speed, travel_end
 from drivers.ur_arm.motion import STILL_S
@@ -270,8 +271,10 @@ class MockUrArm(MockDriver):
         poses[:, :3] = np.array(start[:3]) + self.axis.offsets(times_s)[:, :3]
         poses[:, 3:] = start[3:]
         turns = self.axis.turns(times_s)
-        for number in np.flatnonzero(turns.any(axis=1)):
-            poses[number, 3:] = turned(turns[number].tolist(), start[3:])
+        if turns.any():
+            firsts, run = repeats(turns)
+            there = [turned(turn, start[3:]) if any(turn) else start[3:] for turn in turns[firsts].tolist()]
+            poses[:, 3:] = np.array(there)[run]
         return poses
 
     def _wrench(self, ticks: NDArray[np.int64], times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -300,6 +303,11 @@ class MockUrArm(MockDriver):
             words = f"{self._halted}; look at the arm, then send it Home"
             self._say(Stalled(now_s, self.name, words, command_id=self._commanded))
         return super().poll()
+
+    @property
+    def alone_s(self) -> float:
+        """For how long nobody need look: then it says that a motion has ended."""
+        return math.inf if self._answer is None else self.axis.arrival_s + STILL_S - self._clock.now()
 
     def _cut_off(self, now_s: float) -> None:
         """The controller's watchdog: nobody is there any more who leads the arm."""

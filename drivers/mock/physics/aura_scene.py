@@ -12,6 +12,7 @@ from drivers.mock.physics import gripper_kernel as kernel
 from drivers.mock.physics.aura import ENVELOPE_HZ, AuraMotion
 from drivers.mock.physics.aura_objects import AuraObject
 from drivers.mock.physics.jaws import Jaws
+from drivers.mock.physics.jaws_kernel import SEEN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -101,21 +102,27 @@ class AuraScene:
         row = self._rows[tick % KEEP]
         row[TOOL], row[OBJECT], row[WIDTH] = tool_m, layout.place_m, width_m
 
-    def follow(self, tools_m: Floats, jaws: Jaws) -> None:
+    def follow(self, tools_m: Floats, jaws: Jaws, asked: Ints) -> Floats:
         """Follow tool and jaws.
 
         Args:
             tools_m: Displacement of the tool in the next milliseconds, shape (n, 3).
             jaws: Their drive goes along.
+            asked: Numbers of the milliseconds after which it is asked for its state, shape (m,).
+
+        Returns:
+            What it tells, shape (m, 6): see `jaws_kernel.look`.
         """
         made = np.empty((2 * len(tools_m), 3), dtype=np.int64)
         state = (jaws.x, jaws.flags, self._flags, self._lift, self._rows)
-        n = kernel.follow(self._thing, *state, self.tick, np.ascontiguousarray(tools_m), made)
+        seen = np.empty((len(asked), SEEN))
+        n = kernel.follow(self._thing, *state, self.tick, np.ascontiguousarray(tools_m), made, asked, seen)
         self.tick += len(tools_m)
         for tick, finger, touching in made[:n].tolist():
             event = (tick / ENVELOPE_HZ, bool(touching))
             self.contacts.append(event)
             self.finger_contacts[finger].append(event)
+        return seen
 
     def at(self, ticks: Ints) -> Floats:
         """Rows of some recent milliseconds, shape (n, columns)."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.compiled import compiled
 from drivers.mock.physics.aura_settings import PAD_LENGTH_M, PAD_WIDTH_M
-from drivers.mock.physics.jaws_kernel import PRESENT, RESTING, TICK_S
+from drivers.mock.physics.jaws_kernel import PRESENT, RESTING, TICK_S, look
 from drivers.mock.physics.jaws_kernel import RATE as JAWS_RATE
 from drivers.mock.physics.jaws_kernel import WIDTH as JAWS_WIDTH
 from drivers.mock.physics.jaws_kernel import advance as run_jaws
@@ -156,6 +156,8 @@ def follow(
     tick: int,
     tools_m: Floats,
     contacts: Ints,
+    asked: Ints,
+    seen: Floats,
 ) -> int:
     """Follow tool and jaws through milliseconds.
 
@@ -169,12 +171,17 @@ def follow(
         tick: Number of the last one that is known.
         tools_m: Displacement of the tool in those that follow, shape (n, 3).
         contacts: What touched and ceased to: number, finger, whether it touches; (2 n, 3), written from the first.
+        asked: After which milliseconds the drive is asked for its state, growing, shape (m,).
+        seen: What it tells then, shape (m, columns): see `jaws_kernel.look`.
 
     Returns:
         How many of the contacts were written.
     """
-    written = 0
+    written = looked = 0
     for number in range(len(tools_m)):
+        while looked < len(asked) and asked[looked] <= tick:
+            look(x, jaws_flags, seen[looked])
+            looked += 1
         last, tool_m = rows[tick % len(rows)], tools_m[number]
         meets(thing, flags, last, tool_m, x, jaws_flags)
         run_jaws(x, jaws_flags, tick * JAWS_TICKS, (tick + 1) * JAWS_TICKS)
@@ -198,4 +205,6 @@ def follow(
         if thing.mass_kg > 0.0:
             row[LOAD] = lifted(thing, lift, tool_m[2], row[FORCE] if flags[HELD] else 0.0)
             row[OBJECT + 2] = lift[HEIGHT]
+    for late in range(looked, len(asked)):
+        look(x, jaws_flags, seen[late])
     return written

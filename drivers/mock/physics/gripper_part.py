@@ -140,10 +140,11 @@ class GripperPart(BenchPart):
 
     def advance(self, t_s: float) -> None:
         """See `BenchPart`."""
-        self.jaws.ask(t_s)
         ticks = np.arange(self.track.tick + 1, last_tick(t_s, ENVELOPE_HZ) + 1)
-        if len(ticks):
-            self.track.follow(self.bench.places(ticks / ENVELOPE_HZ)[:, :3], self.jaws.jaws)
+        asked_s = self.jaws.asked_until(t_s)
+        if len(ticks) or len(asked_s):
+            tools_m = self.bench.places(ticks / ENVELOPE_HZ)[:, :3]
+            self.jaws.told.append(self.track.follow(tools_m, self.jaws.jaws, ticks_of(asked_s)))
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
         """See `Bench.wrench`: along the line on which the jaws close, and the weight that they hold."""

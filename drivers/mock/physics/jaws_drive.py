@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.can_gripper.units import MOST_MA, TICKS_PER_M
 from drivers.can_gripper.words import GripFinding
 from drivers.clock import last_tick
 from drivers.mock.physics import jaws_kernel as kernel
 from drivers.mock.physics.jaws import Jaws, JawsSettings
+
+Floats = NDArray[np.float64]
 
 RATE_HZ = 1.0 / kernel.TICK_S
 
@@ -21,14 +24,14 @@ class JawsDrive:
 
     Attributes:
         jaws: What it moves.
-        ask: Called with a time before the bench passes it: who asks for the jaws' state sees it when it asks.
+        told: What it told whenever it was asked, in order: parts of shape (m, 6), see `jaws_kernel.look`.
     """
 
     def __init__(self, settings: JawsSettings) -> None:
         self.jaws = Jaws(settings)
-        self.ask: Callable[[float], None] = _nobody
         self._x, self._flags = self.jaws.x, self.jaws.flags
         self._tick: int | None = None
+        self.ask(0.0)
         self.power_up()
 
     def power_up(self) -> None:
@@ -108,13 +111,33 @@ class JawsDrive:
         """Something in the scene has changed: an object came, went or let go."""
         self._flags[kernel.RESTING] = False
 
+    def ask(self, rate_hz: float) -> None:
+        """Ask the drive for its state so often, from time zero on, whoever lets time pass; 0 is never."""
+        self._asked_hz, self._asked = rate_hz, 0
+        self.told: list[Floats] = []
+
+    def asked_until(self, t_s: float) -> Floats:
+        """When it is to be asked as far as `t_s`; it is, then."""
+        first, hz = self._asked, self._asked_hz
+        self._asked = max(first, last_tick(t_s, hz)) if hz else first
+        return np.arange(first + 1, self._asked + 1) / (hz or 1.0)
+
+    def take(self) -> tuple[int, Floats]:
+        """Number of the first state that nobody has taken yet, and all of those, shape (m, 6)."""
+        told = np.concatenate([np.empty((0, kernel.SEEN)), *self.told])
+        self.told.clear()
+        return self._asked - len(told) + 1, told
+
     def advance(self, t_s: float) -> None:
         """Let time pass until `t_s`; it begins where it is first called."""
+        for asked_s in self.asked_until(t_s).tolist():
+            self._pass(asked_s)
+            self.told.append(np.empty((1, kernel.SEEN)))
+            kernel.look(self._x, self._flags, self.told[-1][0])
+        self._pass(t_s)
+
+    def _pass(self, t_s: float) -> None:
         last = last_tick(t_s, RATE_HZ)
         if self._tick is not None and self._tick < last:
             kernel.advance(self._x, self._flags, self._tick, last)
         self._tick = last if self._tick is None else max(self._tick, last)
-
-
-def _nobody(t_s: float) -> None:
-    """Nobody asks."""

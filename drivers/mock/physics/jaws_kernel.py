@@ -73,6 +73,9 @@ jaws; the object is between them."""
 ASLEEP, GOING, OPENING, CLOSING = range(4)
 """Modes; the last two are the calibration."""
 
+SEEN = 6
+"""Numbers that the drive tells when it is asked."""
+
 MOVING, OBJECT_CLOSING, OBJECT_OPENING, AT_POSITION = range(4)
 """Findings (`drivers.can_gripper.words.GripFinding`)."""
 
@@ -168,6 +171,13 @@ def calibrate(x: Floats, flags: Ints) -> None:
         flags[CALIBRATED] = 0
         sleep(x, flags)
         flags[RESTING] = 0
+
+
+@compiled()
+def look(x: Floats, flags: Ints, seen: Floats) -> None:
+    """Write down what the drive tells when it is asked: encoder, current (mA), finding, both ends, whether known."""
+    seen[0], seen[1], seen[2] = encoder(x), x[CURRENT], flags[FINDING]
+    seen[3], seen[4], seen[5] = flags[OPENED], flags[CLOSED], flags[CALIBRATED]
 
 
 @compiled("void(f8[::1], i8[::1], i8, i8)")

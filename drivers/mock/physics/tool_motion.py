@@ -160,10 +160,12 @@ class ToolTrack:
             return found
         legs, which = self._spans(times_s)
         straight = np.array([leg.turned is STRAIGHT for leg in legs])[which]
-        for number in np.flatnonzero(np.any(angles != 0.0, axis=1) | ~straight):
-            leg = legs[which[number]]
-            found[number] = rotation_vector(rotation(angles[number] - leg.place[ANGULAR]) @ leg.turned)
-        return found
+        firsts, run = repeats(np.column_stack((which, angles)))
+        for place, first in enumerate(firsts):
+            if angles[first].any() or not straight[first]:
+                leg = legs[which[first]]
+                found[place] = rotation_vector(rotation(angles[first] - leg.place[ANGULAR]) @ leg.turned)
+        return found[run]
 
     def split(self, six: Sequence[float] | Array) -> Array:
         """Seven coordinates of a displacement or twist (6,) along base axes."""
@@ -330,6 +332,12 @@ class ToolMotion(ToolTrack):
         axis = StageAxis(acceleration_m_s2=self._acceleration, max_speed_m_s=self._max_speed_m_s)
         axis.replace(piece.t_start_s, [piece])
         return axis
+
+
+def repeats(rows: Array) -> tuple[list[int], NDArray[np.int64]]:
+    """Where runs of equal rows begin, and which run each row, of shape (n, k), is in."""
+    begins = np.concatenate(([True], (rows[1:] != rows[:-1]).any(axis=1)))[: len(rows)]
+    return np.flatnonzero(begins).tolist(), np.cumsum(begins) - 1
 
 
 @compiled("void(f8[:,::1], f8[::1], f8[:,::1])")
