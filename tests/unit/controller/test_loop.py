@@ -293,6 +293,33 @@ def test_closing_waits_until_the_last_mover_stands(bench):
     assert bench.loop.account.unstill == []
 
 
+def test_closing_looks_for_the_standstill_at_every_turn(bench):
+    bench.other.brake_s = 101 * TURN_S
+    bench.run()
+    assert bench.clock.now() == pytest.approx(0.2 + bench.other.brake_s, abs=0.5 * TURN_S)
+
+
+def test_a_device_that_cannot_be_left_alone_hides_nothing_of_what_was_skipped(bench):
+    apply = bench.board.apply
+
+    def apply_but_the_last(command):
+        if isinstance(command, Listen) and not command.streams:
+            raise OSError("gone")
+        apply(command)
+
+    bench.board.apply = apply_but_the_last
+    bench.words = [("abort", 0.15)]
+    with pytest.raises(Aborted):
+        bench.run()
+    assert ("board.force", 0.0, 0.1) in bench.skipped
+
+
+def test_what_comes_before_anybody_asked_for_it_is_kept(bench):
+    bench.board.listening = frozenset({"board.force"})
+    bench.run()
+    assert bench.recorded[0].seq == 0
+
+
 def test_a_mover_that_is_not_seen_standing_is_named_after_two_seconds(bench):
     bench.stage.brake_s = None
     bench.run()
@@ -439,6 +466,15 @@ def test_a_motion_that_a_detector_ends_stops_where_the_detectors_stream_falls_si
     bench.board.read = lambda: [block for block in read() if block.stream != "board.force"]
     bench.run()
     assert bench.behavior.reason.startswith("board failed: board.force is silent for 0.1")
+
+
+def test_a_motion_that_ends_by_a_signal_stops_where_what_it_is_made_of_falls_silent(bench):
+    bench.guard.real, bench.stage.travel_s = True, 0.5
+    bench.signals, bench.ear = (Doubled(),), Ear("signals.double")
+    read = bench.board.read
+    bench.board.read = lambda: [block for block in read() if block.stream != "board.force"]
+    bench.run()
+    assert bench.behavior.reason.startswith("board failed: signals.double (of board.force) is silent for 0.1")
 
 
 def test_a_command_beyond_a_limit_is_refused_and_nothing_is_sent(bench):
@@ -623,6 +659,23 @@ def test_a_state_that_listens_turns_slowly_only_where_its_decisions_may_wait(pro
     assert np.diff(times) == pytest.approx(1.0 / rate_hz)
 
 
+def test_a_state_that_listens_turns_at_the_full_rate_where_the_idle_rate_is_no_lower():
+    bench = Bench(Approach(rest_s=1.0, resting=frozenset({"board.force"}), prompt=False))
+    bench.settings = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=RATE_HZ)
+    bench.run()
+    times = [t_s for t_s, *_ in bench.guard.seen if t_s < 0.99]
+    assert np.diff(times) == pytest.approx(TURN_S)
+
+
+def test_a_rest_without_a_deadline_is_turned_through_until_something_happens(bench):
+    bench.behavior = Approach(rest_s=float("inf"))
+    bench.stage.say(Failed, "the test says so", at_s=0.5)
+    bench.run()
+    assert bench.behavior.outcome == "fault"
+    assert np.diff([t_s for t_s, *_ in bench.guard.seen]) == pytest.approx(TURN_S)
+    assert bench.guard.seen[-1][0] == pytest.approx(0.5)
+
+
 class Late(VirtualClock):
     """A host that is held up once, at a given time."""
 
@@ -641,6 +694,29 @@ def test_a_late_turn_is_told_to_the_guard_and_counted(bench):
     bench.run()
     assert [round(late_s, 6) for *_, late_s, _ in bench.guard.seen if late_s > 1e-6] == [0.03]
     assert (bench.loop.account.overruns, bench.loop.account.worst_late_s) == (1, pytest.approx(0.03))
+
+
+class OftenLate(Late):
+    """A host that is held up at every turn in a span."""
+
+    def wait_until(self, t_s):
+        VirtualClock.wait_until(self, t_s + self.by_s if self.at_s <= t_s < self.at_s + 0.02 else t_s)
+
+
+def test_every_turn_that_is_late_by_more_than_a_period_is_counted(bench):
+    bench.clock = OftenLate(0.15, 1.5 * TURN_S)
+    bench.run()
+    late = [late_s for *_, late_s, _ in bench.guard.seen if late_s > 1e-6]
+    assert bench.loop.account.overruns == len(late) == 2
+    assert bench.loop.account.worst_late_s == pytest.approx(1.5 * TURN_S)
+
+
+def test_after_a_late_turn_the_slow_ones_are_where_they_would_have_been():
+    bench = Bench(Approach(rest_s=1.0, resting=frozenset({"board.force"}), prompt=False))
+    bench.clock = Late(0.5, 0.013)
+    bench.run()
+    times = np.array([t_s for t_s, *_ in bench.guard.seen if 0.52 < t_s < 0.99])
+    assert times * 50.0 == pytest.approx(np.round(times * 50.0))
 
 
 def test_turns_that_were_missed_are_not_made_up_for(bench):
