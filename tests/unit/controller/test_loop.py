@@ -5,9 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from behaviors.events import Contact, GuardStopped, Paused, Resumed
+from behaviors.events import Contact, GuardStopped, Paused, Resumed, Tick
 from behaviors.machine import Behavior, StatePlan, on, with_failures
 from controller import loop as loop_module
+from controller.detectors.protocol import Reading
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.rig import Rig
@@ -186,7 +187,7 @@ class Told(Guard):
                 travel_m=0.01, position_stream=None, force_stream="board.load", force_n=50.0, **limits
             )
         )
-        self.stop_s, self.seen, self.real = None, [], False
+        self.stop_s, self.seen, self.lates, self.real = None, [], [], False
 
     def watch(self, t_s, blocks, moving, late_s=0.0, saturated=()):
         blocks = list(blocks)
@@ -197,6 +198,10 @@ class Told(Guard):
             self.stop_s = None
             return "the test says so"
         return None
+
+    def missing(self, t_s, blocks, moving, late_s=0.0):
+        self.lates.append(late_s)
+        return super().missing(t_s, blocks, moving, late_s)
 
 
 class Bench:
@@ -210,7 +215,7 @@ class Bench:
         self.ear, self.guard = Ear(), Told(**limits)
         self.signals = ()
         self.words, self.shown, self.suspended = [], [], []
-        self.recorded, self.kept, self.skipped = [], [], []
+        self.recorded, self.kept, self.skipped, self.readings = [], [], [], []
         self.failure = None
         self.settings = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=50.0)
 
@@ -219,7 +224,8 @@ class Bench:
     def record(self, blocks):
         self.recorded += blocks
 
-    def reading(self, detector, reading): ...
+    def reading(self, detector, reading):
+        self.readings.append((detector, reading))
 
     def skip(self, stream, t0_s, t1_s):
         if t1_s > t0_s:
@@ -464,8 +470,12 @@ def test_a_motion_that_a_detector_ends_stops_where_the_detectors_stream_falls_si
     bench.guard.real, bench.stage.travel_s = True, 0.5
     read = bench.board.read
     bench.board.read = lambda: [block for block in read() if block.stream != "board.force"]
+    bench.board.say(Lost, "board.load", 1, at_s=0.208)
     bench.run()
     assert bench.behavior.reason.startswith("board failed: board.force is silent for 0.1")
+    assert bench.loop.account.missing.startswith("board.force is silent for 0.1")
+    last = [kind for kind, *_ in bench.kept if kind in ("Failed", "Lost")]
+    assert last == ["Failed", "Lost"], "what is missing is told before all else of its turn"
 
 
 def test_a_motion_that_ends_by_a_signal_stops_where_what_it_is_made_of_falls_silent(bench):
@@ -693,6 +703,7 @@ def test_a_late_turn_is_told_to_the_guard_and_counted(bench):
     bench.clock = Late(0.15, 0.03)
     bench.run()
     assert [round(late_s, 6) for *_, late_s, _ in bench.guard.seen if late_s > 1e-6] == [0.03]
+    assert [round(late_s, 6) for late_s in bench.guard.lates if late_s > 1e-6] == [0.03]
     assert (bench.loop.account.overruns, bench.loop.account.worst_late_s) == (1, pytest.approx(0.03))
 
 
@@ -752,6 +763,80 @@ def test_events_of_a_turn_are_told_in_the_order_of_their_times(bench, lost_s, or
     bench.board.say(Lost, "board.force", 1, at_s=lost_s)
     bench.run()
     assert [name for name, *_ in bench.kept if name in order] == order
+
+
+def hears(behavior):
+    """What the behavior is told from now on, and when it wakes at that moment."""
+    told, handle = [], behavior.handle
+
+    def handled(event):
+        told.append((event, behavior.wake_s))
+        return handle(event)
+
+    behavior.handle = handled
+    return told
+
+
+def test_a_behavior_is_told_the_time_from_when_it_wakes_on(bench):
+    bench.stage.travel_s = 5.0
+    told = hears(bench.behavior)
+    bench.run()
+    ticks = [(event.t_s, wake_s) for event, wake_s in told if isinstance(event, Tick)]
+    assert ticks == [(pytest.approx(0.1), 0.1), (pytest.approx(1.1), pytest.approx(1.1))]
+
+
+def test_commands_of_a_state_that_stays_are_sent(bench):
+    handle = bench.behavior.handle
+    bench.behavior.handle = lambda event: (
+        [Excite("board", True)] if isinstance(event, Lost) else handle(event)
+    )
+    bench.board.say(Lost, "board.force", 1, at_s=0.15)
+    bench.run()
+    assert bench.told(Excite) == [(0.15, Excite("board", True))]
+
+
+def test_an_answer_without_a_number_ends_no_motion_that_has_one(bench):
+    bench.stage.say(Reached, 0.0, at_s=0.15)
+    bench.run()
+    assert bench.shown[-1] == ("DONE", 0.2)
+
+
+def test_an_answer_without_a_number_is_told_where_nothing_was_commanded(bench):
+    told = hears(bench.behavior)
+    bench.stage.say(Reached, 0.0, at_s=0.05)
+    bench.run()
+    assert sum(isinstance(event, Reached) for event, _ in told) == 2
+
+
+def test_the_first_state_is_visited_from_the_start(bench):
+    bench.run()
+    assert bench.loop.visits[0] == ("REST", 0.0)
+
+
+def test_all_that_devices_send_in_a_turn_is_taken(bench):
+    extra = [SampleBlock("stage.extra", 0, 0.0, np.zeros((1, 1)), 1000.0, unit="m")]
+    bench.stage.read = lambda: extra
+    bench.run()
+    assert {block.stream for block in bench.recorded} >= {"stage.extra", "board.force"}
+
+
+def test_what_a_detector_finds_in_one_block_outlives_the_next_of_its_turn(bench):
+    bench.ear.inputs, push = ("board.force", "board.load"), bench.ear.push
+    bench.ear.push = lambda block: push(block) if block.stream == "board.force" else []
+    bench.ear.above = 0.15
+    bench.run()
+    assert ("Contact", "APPROACH", "STOPPING") in [kept[:3] for kept in bench.kept]
+
+
+def test_what_a_detector_holds_against_its_threshold_is_recorded_by_its_name(bench):
+    bench.ear.reading = Reading(0.12, 0.3, 0.5)
+    bench.run()
+    assert set(bench.readings) == {("contact", bench.ear.reading)}
+    bench.readings.clear()
+    del bench.ear.reading
+    bench.clock, bench.behavior = VirtualClock(), Approach()
+    bench.run()
+    assert bench.readings == []
 
 
 def test_an_event_is_kept_with_the_state_before_the_state_after_and_the_commands(bench):
@@ -989,5 +1074,5 @@ def test_a_pause_from_before_the_trial_is_kept_until_a_word_comes(bench, monkeyp
     else:
         bench.run()
         assert bench.shown[:2] == [("PAUSED", 0.0), ("REST", 0.0)]
-    assert len(rests) == 3
+    assert rests == [loop_module.KEY_INTERVAL_S] * 3
     assert bench.behavior.outcome == outcome
