@@ -254,6 +254,15 @@ class GripperContract:
         assert "\n" not in str(error.value)
         assert str(error.value).startswith("gripper: ")
 
+    @pytest.mark.parametrize("command", [Grip("gripper", 0.030, 1.0, 20.04), Release("gripper", 1.0)])
+    def test_too_great_a_speed_is_clamped_and_a_force_rounded_down(
+        self, bench: GripperBench, command: Grip | Release
+    ) -> None:
+        applied = bench.device.apply(command).command
+        assert applied.speed_m_s == pytest.approx(0.1, rel=0.01)
+        if isinstance(command, Grip):
+            assert 19.9 < applied.force_n <= 20.04
+
     def test_closing_twice_is_no_error_and_keeps_what_is_held(self, bench: GripperBench) -> None:
         bench.place("mug")
         bench.device.apply(GRIP)

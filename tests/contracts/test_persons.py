@@ -1,0 +1,132 @@
+"""The mock person and the real driver on the emulated one: the same refusals, limits and statuses, in virtual time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.errors import CommandError, RefusedError
+from drivers.messages import Answered, Ask, Command, Excite, Listen, Loaded, LoadWeight, Refused, Sent, Status
+from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.devices.memory_line import MemoryLine
+from drivers.mock.devices.operator import EmulatedPerson, EmulatedPersonSettings
+from drivers.mock.drivers.operator import MockPerson, MockPersonSettings
+from drivers.operator.driver import Person, PersonSettings
+from tests.contracts.crank import Crank
+
+
+class Fingertip:
+    """What hangs on it; it has no bridge y."""
+
+    key = (1, 0)
+
+    def __init__(self) -> None:
+        self.hangs: dict[str, float] = {}
+
+    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None: ...
+
+    def load(self, bridge: str, force_n: float) -> None:
+        if bridge == "y" and force_n:
+            raise RefusedError("bench", "hanging a weight", "there is no bridge y", "take another sensor")
+        self.hangs[bridge] = force_n
+
+
+def simulated(tip: Fingertip, faults: FaultSchedule) -> Any:
+    return MockPerson("operator", MockPersonSettings(weight_error=0.0), VirtualClock(), tip, faults)
+
+
+def emulated(tip: Fingertip, faults: FaultSchedule) -> Any:
+    clock = VirtualClock()
+    line = MemoryLine(EmulatedPerson(EmulatedPersonSettings(weight_error=0.0), tip), clock, faults)
+    return Person("operator", PersonSettings(port="-"), clock, line.connect)
+
+
+@pytest.fixture(params=[simulated, emulated])
+def opened(request: pytest.FixtureRequest) -> Any:
+    def made(*faults: Fault) -> tuple[Crank, Fingertip]:
+        tip = Fingertip()
+        device = request.param(tip, FaultSchedule(faults))
+        return Crank(device, device._clock), tip
+
+    return made
+
+
+def told(person: Crank, command: Command, seconds: float = 1.0) -> list[Status]:
+    person.statuses.clear()
+    person.device.apply(command)
+    person.turn(seconds)
+    return list(person.statuses)
+
+
+def test_a_request_is_sent_and_answered_under_its_number(opened: Any) -> None:
+    person, _ = opened()
+    sent, answered = told(person, Ask("operator", "wipe the tip", id=3))
+    assert (type(sent), sent.command_id) == (Sent, 3)
+    assert (type(answered), answered.command_id) == (Answered, 3)
+    assert answered.t_s - sent.t_s == pytest.approx(0.4, abs=0.005)
+
+
+def test_a_weight_hangs_alone_and_is_told_and_heard(opened: Any) -> None:
+    person, tip = opened()
+    person.device.apply(Listen("operator", frozenset({"operator.load"})))
+    for command, hangs in (
+        (LoadWeight("operator", "x", 2.0, id=4), {"x": 2.0, "y": 0.0, "t": 0.0}),
+        (LoadWeight("operator", "t", 1.5, id=5), {"x": 0.0, "y": 0.0, "t": 1.5}),
+    ):
+        sent, loaded = told(person, command)
+        assert (type(sent), type(loaded), loaded.command_id) == (Sent, Loaded, command.id)
+        assert tip.hangs == hangs
+    assert [block.values.tolist() for block in person.blocks] == [[[2.0, 0.0, 0.0]], [[0.0, 0.0, 1.5]]]
+    assert np.diff([block.seq for block in person.blocks]).tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Ask("operator", " "),
+        Ask("somebody", "wipe the tip"),
+        LoadWeight("operator", "z", 1.0),
+        LoadWeight("operator", "x", 10.1),
+        LoadWeight("operator", "y", -0.1),
+        LoadWeight("operator", "t", 1.6),
+        LoadWeight("operator", "t", math.nan),
+        Excite("operator", True),
+    ],
+)
+def test_what_makes_no_sense_is_an_error_in_one_line_and_nothing_hangs(opened: Any, command: Command) -> None:
+    person, tip = opened()
+    with pytest.raises(CommandError) as error:
+        person.device.apply(command)
+    assert "\n" not in str(error.value)
+    person.turn(1.0)
+    assert (person.statuses, tip.hangs) == ([], {})
+
+
+def test_a_newer_request_takes_an_older_one_s_place(opened: Any) -> None:
+    person, tip = opened()
+    person.device.apply(LoadWeight("operator", "x", 2.0, id=1))
+    person.turn(0.2)
+    answers = told(person, Ask("operator", "wait", id=2))
+    assert [(type(one), one.command_id) for one in answers][-1] == (Answered, 2)
+    assert not [one for one in answers if isinstance(one, Loaded)]
+    assert tip.hangs == {}
+
+
+def test_what_the_tip_does_not_bear_is_refused_with_the_reason(opened: Any) -> None:
+    person, _ = opened()
+    refused = told(person, LoadWeight("operator", "y", 1.0, id=7))[-1]
+    assert isinstance(refused, Refused)
+    assert (refused.command_id, refused.reason) == (7, "there is no bridge y; take another sensor")
+
+
+@pytest.mark.parametrize(
+    ("kind", "kinds"), [("refuse", [Sent, Refused]), ("silent", [Sent]), ("lose", [Sent])]
+)
+def test_a_person_who_will_not_or_says_nothing(opened: Any, kind: Any, kinds: list[type[Status]]) -> None:
+    person, _ = opened(Fault(device="operator", kind=kind, at_s=0.05))
+    person.turn(0.1)
+    assert [type(one) for one in told(person, Ask("operator", "wipe the tip"))] == kinds
