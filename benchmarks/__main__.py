@@ -7,6 +7,7 @@ BENCHMARKS = {
     "loop": "benchmarks.loop",
     "stop": "benchmarks.stop_latency",
     "page": "benchmarks.live_page",
+    "watched_run": "benchmarks.watched_run",
     "readers": "benchmarks.readers",
     "left_alone": "benchmarks.left_alone",
     "physics": "benchmarks.physics.run",
