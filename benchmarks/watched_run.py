@@ -76,7 +76,7 @@ def told(folder: Path) -> tuple[dict[str, Any], list[dict[str, str]]]:
 
 def quantiles(rows: list[dict[str, str]]) -> dict[str, float]:
     """Median and 90th percentile of some columns."""
-    found = {}
+    found: dict[str, float] = {}
     for name in COMPARED:
         known = [float(row[name]) for row in rows if row[name]]
         found |= {f"{name} p{part}": float(np.percentile(known, part)) for part in (50, 90)}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
@@ -22,6 +23,14 @@ Ito), by lightness and by marker as well."""
 TRUTH = FALSE
 
 INK, FAINT = "#1a1a1a", "#b9bcc2"
+
+LOOKS: Mapping[str, Mapping[str, Any]] = {
+    "ours": {"color": OURS, "marker": "o"},
+    "paper": {"color": PAPER, "marker": "s", "mfc": "white"},
+    "rival": {"color": RIVAL, "marker": "^"},
+    "truth": {"color": TRUTH, "marker": "x"},
+}
+"""How each is drawn, in reports, benchmarks and README alike."""
 
 _THEMED = {
     OURS: "ours",
@@ -143,7 +152,12 @@ class Drawing:
         self.axes = axes
 
     def save(self, name: str) -> str:
-        """Save it; returns the SVG element."""
+        """Save it, its panels with letters where there are several; returns the SVG element."""
+        if len(self.axes) > 1:
+            for letter, axes in zip(ascii_lowercase, self.axes, strict=False):
+                title = axes.get_title(loc="left") or axes.get_title()
+                axes.set_title("", loc="center")
+                axes.set_title(rf"$\bf{{{letter}}}$  {title}".rstrip(), loc="left")
         return self._figures.save(self.figure, name)
 
 

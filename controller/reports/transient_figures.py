@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from controller.recording.series import Series
 from controller.reports.approaches import NOISE, SAMPLE_HZ, ApproachedTrial, Row, StudyCell, figure_rows
-from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
+from controller.reports.figures import FAINT, FALSE, INK, OURS, PAPER, Figures
 from controller.reports.paper import TABLE_1, PaperRow
 from controller.reports.run_account import series_of
 
@@ -192,7 +192,7 @@ def _draw_pair(
         _draw_means(panel, mine, printed, measure, scale, shift=0.009 * (limits[1] - limits[0]))
         panel.set_ylabel(name)
         panel.set_xlim(limits)
-        panel.set_ylim(bottom=0.0)
+        panel.set_ylim(bottom=min(0.0, panel.get_ylim()[0]))
     handles, names = axes[0].get_legend_handles_labels()
     order = [names.index(name) for name in ("paper, mean ± σ", "ours, mean ± σ", "ours, single approaches")]
     axes[0].figure.legend(
@@ -243,7 +243,6 @@ def _name_places(axes: Axes, papers: Sequence[PaperRow], along: Callable[[PaperR
 def draw_study(figures: Figures, cells: Sequence[StudyCell]) -> str:
     """Delay and false contacts against noise, one line for each rate of frequency samples; all else alike."""
     rates = sorted({cell.varied[SAMPLE_HZ] for cell in cells})
-    colours = dict(zip(rates, (OURS, FALSE, GOOD, PAPER, INK), strict=False))
     with figures.figure(2.7, columns=2) as drawing:
         left, right = drawing.axes
         for index, rate in enumerate(rates):
@@ -253,7 +252,8 @@ def draw_study(figures: Figures, cells: Sequence[StudyCell]) -> str:
             )
             sigmas = np.nan_to_num([cell.delay_s.sigma for cell in mine])
             style: Any = {
-                "color": colours.get(rate, INK),
+                "color": OURS,
+                "alpha": 1.0 - 0.7 * index / len(rates),
                 "marker": "os^Dv"[index % 5],
                 "label": f"{rate:g} samples/s",
             }

@@ -125,6 +125,29 @@ def test_a_figure_of_a_simulated_bench_bears_the_word(tmp_path):
     assert drawn == {True: ["simulated"], False: []}
 
 
+def test_panels_bear_letters(campaign):
+    figure = (campaign[0].folder.path / "figures" / "fig_7_pad.svg").read_text("utf-8")
+    assert [letter for letter in "abc" if f">{letter}</tspan>" in figure] == ["a", "b"]
+
+
+def test_no_error_bar_is_cut_even_where_the_spread_is_larger_than_the_mean(tmp_path, monkeypatch):
+    inside = []
+
+    def look(self, figure, name):
+        for axes in figure.axes:
+            low, high = axes.get_ylim()
+            bars = [
+                path for container in axes.containers for bar in container[2] for path in bar.get_segments()
+            ]
+            inside.extend(low <= bar[:, 1].min() and bar[:, 1].max() <= high for bar in bars)
+        return "<svg></svg>"
+
+    monkeypatch.setattr(Figures, "save", look)
+    build_report([write_transient(tmp_path, [Given("d", 0.004487, 0.4, force) for force in (0.001, 0.2)])])
+    assert inside
+    assert all(inside)
+
+
 def test_figures_are_saved_for_print(campaign):
     names = {path.name for path in (campaign[0].folder.path / "figures").iterdir()}
     expected = ("fig_5_trial", "fig_7_pad", "fig_8_back", "fig_9_speed")
