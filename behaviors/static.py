@@ -6,33 +6,19 @@ from typing import Literal
 
 from pydantic import Field
 
-from behaviors.machine import Behavior, StatePlan, on, with_failures
-from drivers.messages import Excite, Home, MoveTo, Stop
-from drivers.settings import DeviceName, Settings, StreamName
+from behaviors.finger import FingerTrial, FingerTrialSettings
+from behaviors.machine import StatePlan, on, with_failures
+from drivers.messages import MoveTo
+from drivers.settings import Settings, StreamName
 
 Condition = Literal["none", "light", "full"]
 
 
-class StaticSettings(Settings):
+class StaticSettings(FingerTrialSettings):
     """How one static contact is recorded."""
-
-    mover: DeviceName = "stage"
-    """Device that carries the probe."""
-
-    exciter: DeviceName = "board"
-    """Device that switches the finger's excitation."""
 
     accelerometer_stream: StreamName = "board.accelerometer"
     """The finger's waveform (m/s2)."""
-
-    load_cell_stream: StreamName = "board.load_cell"
-    """Force behind the probe (N)."""
-
-    period_stream: StreamName = "board.period"
-    """Period counts of the excitation (s)."""
-
-    settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
-    """Wait after power-on (III.B: 90 s)."""
 
     none_m: float = Field(default=0.0, ge=-1.0, le=1.0)
     """Position without contact, on the mover's axis; where the trial starts and ends."""
@@ -52,12 +38,6 @@ class StaticSettings(Settings):
     record_s: float = Field(default=4.0, gt=0.0, le=600.0)
     """Length of the representative sample."""
 
-    motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
-    """Longest stay in any state that waits for the mover."""
-
-    home_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
-    """Longest homing."""
-
 
 class StaticFactors(Settings):
     """What a trial varies."""
@@ -69,7 +49,7 @@ class StaticFactors(Settings):
     """Where the probe touches (Fig. 6); set by hand on a real bench."""
 
 
-class Static(Behavior):
+class Static(FingerTrial):
     """Place the probe, wait for equilibrium, record.
 
     Args:
@@ -91,6 +71,8 @@ class Static(Behavior):
         on("resumed", ["PLACING", "RESTING", "RECORDING"], "PLACING"),
         on("resumed", "RETRACTING", "RETRACTING"),
     )
+
+    settings: StaticSettings
 
     def __init__(self, settings: StaticSettings, factors: StaticFactors, detectors: frozenset[str]) -> None:
         motion = settings.motion_timeout_s
@@ -115,11 +97,6 @@ class Static(Behavior):
             mover=settings.mover,
         )
 
-    def enter_HOMING(self) -> None:
-        """Know where the mover is, excite the finger."""
-        self.command(Excite(self.settings.exciter, True))
-        self.command(Home(self.settings.mover))
-
     def enter_STARTING(self) -> None:
         """Go to where nothing touches."""
         self.command(MoveTo(self.settings.mover, self.settings.none_m, self.settings.speed_m_s))
@@ -132,12 +109,3 @@ class Static(Behavior):
         """Take it away."""
         self.conclude("no_contact" if self.factors.condition == "none" else "contact")
         self.command(MoveTo(self.settings.mover, self.settings.none_m, self.settings.speed_m_s))
-
-    def enter_DONE(self) -> None:
-        """The finger rests."""
-        self.command(Excite(self.settings.exciter, False))
-
-    def enter_FAILED(self) -> None:
-        """Nothing moves after an error."""
-        self.command(Stop(self.settings.mover))
-        self.command(Excite(self.settings.exciter, False))

@@ -10,37 +10,23 @@ from pydantic import Field
 
 from behaviors.approach import Approach, Approaching, approaching
 from behaviors.events import Detected
+from behaviors.finger import FingerTrial, FingerTrialSettings
 from behaviors.machine import Row, StatePlan, on, with_failures
-from drivers.messages import Excite, Home, MoveTo, Stop
-from drivers.settings import DetectorName, DeviceName, Settings, StreamName
+from drivers.messages import MoveTo
+from drivers.settings import DetectorName, Settings, StreamName
 
 
-class TransientSettings(Settings):
+class TransientSettings(FingerTrialSettings):
     """How one approach is run."""
-
-    mover: DeviceName = "stage"
-    """Device that carries the probe."""
-
-    exciter: DeviceName = "board"
-    """Device that switches the finger's excitation."""
 
     detector: DetectorName = "contact"
     """Detector whose contact stops the approach; the profile's others are armed and recorded."""
-
-    load_cell_stream: StreamName = "board.load_cell"
-    """The reference: force behind the probe (N)."""
-
-    period_stream: StreamName = "board.period"
-    """Period counts of the excitation (s)."""
 
     position_stream: StreamName = "stage.position"
     """Where the mover is (m)."""
 
     waveform_streams: tuple[StreamName, ...] = ()
     """The finger's accelerometers (m/s2), where a measure needs them whoever listens: proximal link, then distal."""
-
-    settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
-    """Wait after power-on (III.B: 90 s)."""
 
     baseline_timeout_s: float = Field(default=30.0, gt=0.0, le=3600.0)
     """Longest wait for every detector's baseline."""
@@ -56,12 +42,6 @@ class TransientSettings(Settings):
 
     hold_s: float = Field(default=0.3, ge=0.0, le=60.0)
     """How long the contact is recorded after standstill, before the retraction."""
-
-    motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
-    """Longest stay in any state that waits for the mover."""
-
-    home_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
-    """Longest homing."""
 
 
 class TransientFactors(Settings):
@@ -108,7 +88,7 @@ def approaches(ready: str, *then: Row) -> Sequence[Row]:
     )
 
 
-class Transient(Approaching):
+class Transient(FingerTrial, Approaching):
     """Approach until contact.
 
     Args:
@@ -118,6 +98,8 @@ class Transient(Approaching):
     """
 
     table = with_failures(*approaches("APPROACH"))
+
+    settings: TransientSettings
 
     def __init__(
         self, settings: TransientSettings, factors: TransientFactors, detectors: frozenset[str]
@@ -179,11 +161,6 @@ class Transient(Approaching):
 
     # what is commanded on entry
 
-    def enter_HOMING(self) -> None:
-        """Know where the mover is, excite the finger."""
-        self.command(Excite(self.settings.exciter, True))
-        self.command(Home(self.settings.mover))
-
     def enter_STARTING(self) -> None:
         """Go to where approaches start."""
         self.command(MoveTo(self.settings.mover, self.settings.start_m, self.settings.position_speed_m_s))
@@ -200,12 +177,3 @@ class Transient(Approaching):
     def enter_RETRACTING(self) -> None:
         """Away from the finger."""
         self.command(MoveTo(self.settings.mover, self.settings.start_m, self.settings.position_speed_m_s))
-
-    def enter_DONE(self) -> None:
-        """The finger rests."""
-        self.command(Excite(self.settings.exciter, False))
-
-    def enter_FAILED(self) -> None:
-        """Nothing moves after an error."""
-        self.command(Stop(self.settings.mover))
-        self.command(Excite(self.settings.exciter, False))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -54,53 +53,39 @@ DETECTORS, SIGNALS, PLANTS = (
 )
 
 
-@dataclass(frozen=True)
+_NAMES: Mapping[str, Mapping[str, Any]] = {
+    "driver": DRIVERS,
+    "detector": DETECTORS,
+    "signal": SIGNALS,
+    "plant": PLANTS,
+    "experiment": EXPERIMENTS,
+}
+_MODELS = {
+    "limits": "controller.guard:GuardSettings",
+    "loop": "controller.loop:LoopSettings",
+    "faults": "drivers.mock.devices.faults:Fault",
+}
+
+
 class Table:
-    """The settings' side of the table, as `config.profile` asks for it."""
+    """The settings' side of the table, as `config.profile` asks for it; see `config.entries.SettingsTable`."""
 
-    drivers: Sequence[str] = tuple(DRIVERS)
-    detectors: Sequence[str] = tuple(DETECTORS)
-    signals: Sequence[str] = tuple(SIGNALS)
-    experiments: Sequence[str] = tuple(EXPERIMENTS)
-    plants: Sequence[str] = tuple(PLANTS)
+    def names(self, part: str) -> Collection[str]:
+        """What there is."""
+        return _NAMES[part]
 
-    def driver_settings(self, driver: str, port: str) -> type[Settings]:
-        """Settings of a driver: the mock one's where the port is "mock"."""
-        entry = _driver(driver)
-        made = entry.mock if port == "mock" else entry.wire
-        return settings_of(found(made)) if is_own(driver) else _model(f"{made}Settings")
-
-    def detector_settings(self, kind: str) -> type[Settings]:
-        """Settings of a kind of detector."""
-        return _settings(_kind(DETECTORS, kind))
-
-    def signal_settings(self, kind: str) -> type[Settings]:
-        """Settings of a kind of signal."""
-        return _settings(_kind(SIGNALS, kind))
-
-    def behavior_settings(self, experiment: str) -> type[Settings]:
-        """Settings of an experiment."""
-        return settings_of(found(experiment_of(experiment).behavior))
-
-    def factor_settings(self, experiment: str) -> type[Settings]:
-        """What an experiment's trials vary."""
-        return settings_of(found(experiment_of(experiment).behavior), "factors")
-
-    def guard_settings(self) -> type[Settings]:
-        """Settings of the guard."""
-        return _model("controller.guard:GuardSettings")
-
-    def loop_settings(self) -> type[Settings]:
-        """Settings of the loop."""
-        return _model("controller.loop:LoopSettings")
-
-    def plant_settings(self, kind: str) -> type[Settings]:
-        """Settings of a plant."""
-        return _settings(PLANTS[kind])
-
-    def fault_settings(self) -> type[Settings]:
-        """A fault that a simulated device shows."""
-        return _model("drivers.mock.devices.faults:Fault")
+    def settings(self, part: str, name: str = "", port: str = "") -> type[Settings]:
+        """Settings of a part, by name; of a driver the mock one's where the port is "mock"."""
+        if part in _MODELS:
+            return _model(_MODELS[part])
+        if part == "driver":
+            entry = _driver(name)
+            made = entry.mock if port == "mock" else entry.wire
+            return settings_of(found(made)) if is_own(name) else _model(f"{made}Settings")
+        if part in ("experiment", "factors"):
+            behavior = found(experiment_of(name).behavior)
+            return settings_of(behavior, "factors" if part == "factors" else "settings")
+        return _settings(_kind(_NAMES[part], name))
 
     def faults_of(self, driver: str, port: str) -> Collection[str]:
         """What a driver's mock, or its emulated twin, can show; a real device breaks by itself."""

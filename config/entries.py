@@ -10,57 +10,19 @@ from drivers.settings import Settings
 
 
 class SettingsTable(Protocol):
-    """Which settings class validates what: the side of `config.assemble` that a profile sees.
+    """Which settings class validates what: the side of `config.assemble` that a profile sees."""
 
-    The lookups are asked for names that the collections hold, and for no others.
-    """
+    def names(self, part: str) -> Collection[str]:
+        """What there is of a `driver`, `detector`, `signal`, `experiment` or `plant`."""
 
-    @property
-    def drivers(self) -> Collection[str]:
-        """Names of drivers."""
+    def settings(self, part: str, name: str = "", port: str = "") -> type[Settings]:
+        """Settings of one of these, of a trial's `factors` in an experiment, or of `limits`, `loop` or `faults`.
 
-    @property
-    def detectors(self) -> Collection[str]:
-        """Kinds of detectors."""
-
-    @property
-    def signals(self) -> Collection[str]:
-        """Kinds of signals."""
-
-    @property
-    def experiments(self) -> Collection[str]:
-        """Names of experiments."""
-
-    @property
-    def plants(self) -> Collection[str]:
-        """Kinds of plants."""
-
-    def driver_settings(self, driver: str, port: str) -> type[Settings]:
-        """Settings of a device; the port tells mock from wire."""
-
-    def detector_settings(self, kind: str) -> type[Settings]:
-        """Settings of a detector."""
-
-    def signal_settings(self, kind: str) -> type[Settings]:
-        """Settings of a signal."""
-
-    def behavior_settings(self, experiment: str) -> type[Settings]:
-        """Settings of an experiment's behavior."""
-
-    def factor_settings(self, experiment: str) -> type[Settings]:
-        """What a trial of an experiment varies."""
-
-    def guard_settings(self) -> type[Settings]:
-        """Settings of the guard."""
-
-    def loop_settings(self) -> type[Settings]:
-        """Settings of the loop."""
-
-    def plant_settings(self, kind: str) -> type[Settings]:
-        """Settings of a plant."""
-
-    def fault_settings(self) -> type[Settings]:
-        """A fault of a simulated device."""
+        Args:
+            part: Which.
+            name: One that `names` holds, or a class of the user's own.
+            port: Of a driver: tells mock from wire.
+        """
 
     def faults_of(self, driver: str, port: str) -> Collection[str]:
         """Kinds of faults that a driver's simulated device can show; the port tells mock from emulated."""
@@ -76,24 +38,8 @@ class DeviceEntry:
 
 
 @dataclass(frozen=True)
-class DetectorEntry:
-    """One detector: of which kind, with which settings."""
-
-    kind: str
-    settings: Settings
-
-
-@dataclass(frozen=True)
-class SignalEntry:
-    """One signal: of which kind, with which settings."""
-
-    kind: str
-    settings: Settings
-
-
-@dataclass(frozen=True)
-class PlantEntry:
-    """The physics of a simulated bench."""
+class Entry:
+    """A detector, a signal or the physics of a simulated bench: of which kind, with which settings."""
 
     kind: str
     settings: Settings

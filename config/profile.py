@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable, SignalEntry
+from config.entries import DeviceEntry, Entry, SettingsTable
 from config.hints import did_you_mean, near_or_all
 from config.sections import ADDRESS, Sections
 from config.source import Bench, KeyPath, ProfileError, Source, Table, nest, read_source
@@ -51,12 +51,12 @@ class Profile:
     experiment: str
     bench: Bench
     devices: Mapping[str, DeviceEntry]
-    signals: Mapping[str, SignalEntry]
-    detectors: Mapping[str, DetectorEntry]
+    signals: Mapping[str, Entry]
+    detectors: Mapping[str, Entry]
     behavior: Settings
     limits: Settings
     loop: Settings
-    plant: PlantEntry | None
+    plant: Entry | None
     faults: tuple[Any, ...]
     trial_settings: TrialsSettings
     source: Source = field(repr=False, compare=False)
@@ -114,7 +114,7 @@ class Profile:
         sections = Sections(source, self.table)
         signals, detectors = sections.signals(), sections.detectors()
         behavior = sections.behavior(self.experiment)
-        limits, plant = sections.limits(), sections.plant(self.bench)
+        limits, plant = sections.part("limits"), sections.plant(self.bench)
         sections.check_drive(behavior, signals, detectors)
         sections.check_home(self.devices, limits)
         if sections.problems or behavior is None or limits is None:
@@ -134,7 +134,7 @@ class Profile:
         def where(_: KeyPath, location: KeyPath) -> str:
             return self._where(trial, ".".join(location))
 
-        factors = validated(self.table.factor_settings(self.experiment), trial.own, (), where, problems)
+        factors = validated(self.table.settings("factors", self.experiment), trial.own, (), where, problems)
         if factors is None:
             raise ProfileError(problems)
         return factors
@@ -221,7 +221,7 @@ def _validated(source: Source, table: SettingsTable) -> Profile:
     bench = sections.bench()
     title, description = sections.text("title"), sections.text("description")
     devices, signals, detectors = sections.devices(), sections.signals(), sections.detectors()
-    limits, loop = sections.limits(), sections.loop()
+    limits, loop = sections.part("limits"), sections.part("loop")
     plant, faults = sections.plant(bench), sections.faults(bench, devices)
     trials = sections.trials()
     experiment = sections.experiment()

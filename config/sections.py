@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic.fields import FieldInfo
 
-from config.entries import DetectorEntry, DeviceEntry, PlantEntry, SettingsTable, SignalEntry
+from config.entries import DeviceEntry, Entry, SettingsTable
 from config.hints import did_you_mean, near_or_all
 from config.source import Bench, KeyPath, Source, Table, bench_of, flatten
 from config.trials import TrialsSettings, combinations
@@ -84,12 +84,12 @@ class Sections:
     def experiment(self) -> str | None:
         """Name of the behavior."""
         if "experiment" not in self._source.data:
-            names = ", ".join(sorted(self._table.experiments))
+            names = ", ".join(sorted(self._table.names("experiment")))
             self._complain(
                 (), "experiment", f" is missing: which of {names}? (a bench alone is there to be extended)"
             )
             return None
-        return self._kind((), self._source.data, "experiment", self._table.experiments)
+        return self._kind((), self._source.data, "experiment", self._table.names("experiment"))
 
     def bench(self) -> Bench:
         """What the ports make of the bench."""
@@ -118,7 +118,7 @@ class Sections:
                     path, "port", f" = {shown(port)}: {hint}" if "port" in table else f" is missing: {hint}"
                 )
             elif driver is not None:
-                model = self._table.driver_settings(driver, port)
+                model = self._table.settings("driver", driver, port)
                 settings = self._settings(model, self._with_address(model, table, path, port), path)
                 if settings:
                     entries[name] = DeviceEntry(driver, port, settings)
@@ -134,7 +134,7 @@ class Sections:
         """Name of a device's driver; one of the user's own on the mock bench is its mock."""
         name = table.get("driver")
         if not (isinstance(name, str) and is_own(name)):
-            return self._name(path, table, "driver", self._table.drivers)
+            return self._name(path, table, "driver", self._table.names("driver"))
         if port == "emulated":
             self._complain(
                 path, "port", f' = "emulated": {name} has no emulated device; write "mock" or a real port'
@@ -151,26 +151,21 @@ class Sections:
             self._complain(path, ADDRESS, f' = {shown(table[ADDRESS])}: goes into port = "…"')
         return {**table, ADDRESS: port}
 
-    def detectors(self) -> dict[str, DetectorEntry]:
+    def detectors(self) -> dict[str, Entry]:
         """The detectors that are sound."""
-        entries = {}
-        for name, table in self._tables("detectors"):
-            path = ("detectors", name)
-            kind = self._kind(path, table, "kind", self._table.detectors, "detector")
-            settings = kind and self._settings(self._table.detector_settings(kind), table, path)
-            if kind and settings:
-                entries[name] = DetectorEntry(kind, settings)
-        return entries
+        return dict(self._entries("detector"))
 
-    def signals(self) -> dict[str, SignalEntry]:
-        """The signals that are sound."""
-        entries = {}
-        for name, table in self._tables("signals"):
-            path = ("signals", name)
-            kind = self._kind(path, table, "kind", self._table.signals, "signal")
-            settings = kind and self._settings(self._table.signal_settings(kind), table, path)
+    def _entries(self, part: str) -> Iterator[tuple[str, Entry]]:
+        for name, table in self._tables(f"{part}s"):
+            path = (f"{part}s", name)
+            kind = self._kind(path, table, "kind", self._table.names(part), part)
+            settings = kind and self._settings(self._table.settings(part, kind), table, path)
             if kind and settings:
-                entries[name] = SignalEntry(kind, settings)
+                yield name, Entry(kind, settings)
+
+    def signals(self) -> dict[str, Entry]:
+        """The signals that are sound."""
+        entries = dict(self._entries("signal"))
         self._check_circles(entries)
         for name, entry in entries.items():
             misfit = getattr(entry.settings, "misfit", lambda: None)()
@@ -178,7 +173,7 @@ class Sections:
                 self._complain(("signals", name), *misfit)
         return entries
 
-    def _check_circles(self, entries: Mapping[str, SignalEntry]) -> None:
+    def _check_circles(self, entries: Mapping[str, Entry]) -> None:
         """A signal that is made of itself, however far round, is never made."""
         inputs = {name: getattr(entry.settings, "input", "") for name, entry in entries.items()}
         for first in entries:
@@ -196,14 +191,14 @@ class Sections:
 
     def behavior(self, experiment: str) -> Settings | None:
         """Settings of the experiment."""
-        model = self._table.behavior_settings(experiment)
+        model = self._table.settings("experiment", experiment)
         return self._settings(model, self._table_of("behavior"), ("behavior",))
 
     def check_drive(
         self,
         behavior: Settings | None,
-        signals: Mapping[str, SignalEntry],
-        detectors: Mapping[str, DetectorEntry],
+        signals: Mapping[str, Entry],
+        detectors: Mapping[str, Entry],
     ) -> None:
         """What demodulates the drive must have its frequency: at another one there is no signal."""
         driven_hz = getattr(behavior, DRIVE, None)
@@ -221,8 +216,8 @@ class Sections:
     def _check_rest(
         self,
         behavior: Settings | None,
-        signals: Mapping[str, SignalEntry],
-        detectors: Mapping[str, DetectorEntry],
+        signals: Mapping[str, Entry],
+        detectors: Mapping[str, Entry],
     ) -> None:
         """What learns at rest must have had enough samples when the rest is over, also of a signal that begins late."""
         baseline_s = getattr(behavior, REST, None)
@@ -253,15 +248,11 @@ class Sections:
                 said = f" = {shown(home_m_s)}: faster than [limits] speed_m_s = {shown(most_m_s)}; lower it to that"
                 self._complain(("devices", name), HOME_SPEED, said)
 
-    def limits(self) -> Settings | None:
-        """Settings of the guard."""
-        return self._settings(self._table.guard_settings(), self._table_of("limits"), ("limits",))
+    def part(self, name: str) -> Settings | None:
+        """Settings of the guard (`limits`) or of the `loop`."""
+        return self._settings(self._table.settings(name), self._table_of(name), (name,))
 
-    def loop(self) -> Settings | None:
-        """Settings of the loop."""
-        return self._settings(self._table.loop_settings(), self._table_of("loop"), ("loop",))
-
-    def plant(self, bench: Bench) -> PlantEntry | None:
+    def plant(self, bench: Bench) -> Entry | None:
         """The physics; a real bench has its own."""
         table = self._table_of("plant")
         kind = table.get("kind", NO_PLANT)
@@ -272,14 +263,14 @@ class Sections:
                 )
             return None
         if kind == NO_PLANT:
-            plants = ", ".join(sorted(self._table.plants))
+            plants = ", ".join(sorted(self._table.names("plant")))
             self._complain(
                 ("plant",), "kind", f" is missing: which physics does the {bench} bench have ({plants})?"
             )
             return None
-        named = self._name(("plant",), table, "kind", self._table.plants)
-        settings = named and self._settings(self._table.plant_settings(named), table, ("plant",))
-        return PlantEntry(named, settings) if named and settings else None
+        named = self._name(("plant",), table, "kind", self._table.names("plant"))
+        settings = named and self._settings(self._table.settings("plant", named), table, ("plant",))
+        return Entry(named, settings) if named and settings else None
 
     def faults(self, bench: Bench, devices: Mapping[str, DeviceEntry]) -> tuple[Any, ...]:
         """What goes wrong on purpose, on a simulated bench: each of a kind that its device can show."""
@@ -292,7 +283,7 @@ class Sections:
             return ()
         faults = []
         for number, table in enumerate(listed):
-            fault = self._settings(self._table.fault_settings(), table, ("faults", str(number)))
+            fault = self._settings(self._table.settings("faults"), table, ("faults", str(number)))
             if fault:
                 faults.append(fault)
                 self._check_shown(fault, devices, ("faults", str(number)))

@@ -1,7 +1,6 @@
 """A small table of settings classes: the profile code is tested without the program's own."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -63,42 +62,36 @@ class FaultSettings(Settings):
     at_s: float = Field(ge=0.0)
 
 
-@dataclass(frozen=True)
+NAMES = {
+    "driver": ("zaber_stage", "sensor_board", "ur_arm"),
+    "detector": ("resonance", "resonance.paper", "level"),
+    "signal": ("scaled",),
+    "experiment": ("touch",),
+    "plant": ("finger",),
+}
+MODELS: dict[str, type[Settings]] = {
+    "signal": LevelSettings,
+    "experiment": TouchSettings,
+    "factors": TouchFactors,
+    "limits": GuardSettings,
+    "loop": LoopSettings,
+    "plant": FingerSettings,
+    "faults": FaultSettings,
+}
+
+
 class FakeTable:
-    drivers: tuple[str, ...] = ("zaber_stage", "sensor_board", "ur_arm")
-    detectors: tuple[str, ...] = ("resonance", "resonance.paper", "level")
-    signals: tuple[str, ...] = ("scaled",)
-    experiments: tuple[str, ...] = ("touch",)
-    plants: tuple[str, ...] = ("finger",)
+    def names(self, part: str) -> tuple[str, ...]:
+        return NAMES[part]
 
-    def driver_settings(self, driver: str, port: str) -> type[Settings]:
-        if driver == "ur_arm":
+    def settings(self, part: str, name: str = "", port: str = "") -> type[Settings]:
+        if part == "driver" and name == "ur_arm":
             return NetworkSettings
-        return StageSettings if port == "mock" else WireSettings
-
-    def detector_settings(self, kind: str) -> type[Settings]:
-        return LevelSettings if kind == "level" else ResonanceSettings
-
-    def signal_settings(self, kind: str) -> type[Settings]:
-        return LevelSettings
-
-    def behavior_settings(self, experiment: str) -> type[Settings]:
-        return TouchSettings
-
-    def factor_settings(self, experiment: str) -> type[Settings]:
-        return TouchFactors
-
-    def guard_settings(self) -> type[Settings]:
-        return GuardSettings
-
-    def loop_settings(self) -> type[Settings]:
-        return LoopSettings
-
-    def plant_settings(self, kind: str) -> type[Settings]:
-        return FingerSettings
-
-    def fault_settings(self) -> type[Settings]:
-        return FaultSettings
+        if part == "driver":
+            return StageSettings if port == "mock" else WireSettings
+        if part == "detector":
+            return LevelSettings if name == "level" else ResonanceSettings
+        return MODELS[part]
 
     def faults_of(self, driver: str, port: str) -> tuple[str, ...]:
         return ("unplug", "stall") if port == "mock" and driver == "zaber_stage" else ("unplug",)
