@@ -11,7 +11,7 @@ run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches
 
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before
 	$(BIN)/python -m config.precompile
-	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder --durations=15
+	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations=15
 
 browser:                        ## the report is tested in one
 	@for b in chromium chromium-browser google-chrome; do command -v $$b && exit; done >/dev/null; { test "$$(id -u)" = 0 && apt-get update -qq && \

@@ -8,10 +8,7 @@ from typing import Any
 from config.assemble import build_rig, plan_campaign
 from controller.campaign import Campaign, Outcome
 
-QUICK = {
-    "behavior.settle_s": "1.0",
-    "detectors.contact.threshold_sigma": "8.0",  # the paper's three would end a third of the trials falsely
-}
+QUICK = {"behavior.settle_s": "1.0"}
 
 
 class Hand:
