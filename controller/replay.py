@@ -218,7 +218,7 @@ def read_trial(path: Path, trial: int | None) -> tuple[Mapping[str, Any], TrialR
     if chosen is None or chosen not in trials:
         known = f"{min(trials)} to {max(trials)}" if trials else "none"
         raise ReplayError(f"{path}: no recording of trial {trial}; recorded are {known}")
-    return run.manifest, run.recording(chosen)
+    return run.manifest, run.trial(chosen)
 
 
 def read_blocks(
@@ -355,17 +355,3 @@ def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) 
                 )
             )
     return kept
-
-
-__all__ = [
-    "ReplayError",
-    "as_line",
-    "between",
-    "calibration_line",
-    "enveloped",
-    "own_detectors",
-    "read_blocks",
-    "read_inputs",
-    "read_trial",
-    "replay",
-]

@@ -60,14 +60,7 @@ def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> 
     if ended_s is None:
         return outcome, row
     row["search_s"] = ended_s - begun_s
-    arrived = next(
-        (
-            event
-            for event in evidence.events
-            if isinstance(event, Reached) and event.device == settings.mover and event.t_s >= ended_s
-        ),
-        None,
-    )
+    arrived = evidence.first(Reached, ended_s, device=settings.mover)
     if arrived is not None:
         row["middle_m"] = arrived.position_m
         row["error_m"] = arrived.position_m - float(evidence.factors.get("object_x_m", 0.0))
@@ -81,26 +74,12 @@ def _seen_at(
     if since_s is None:
         return None
     detector = f"{finger}_{evidence.factors.get('method', 'ours')}"
-    seen = next(
-        (
-            event
-            for event in evidence.events
-            if isinstance(event, PreTouch) and event.detector == detector and event.t_s >= since_s
-        ),
-        None,
-    )
+    seen = evidence.first(PreTouch, since_s, detector=detector)
     if seen is None:
         return None
     if math.isfinite(seen.position_m):
         return seen.position_m
-    still = next(
-        (
-            event
-            for event in evidence.events
-            if isinstance(event, Standstill) and event.device == settings.mover and event.t_s >= seen.t_s
-        ),
-        None,
-    )
+    still = evidence.first(Standstill, seen.t_s, device=settings.mover)
     return None if still is None else still.position_m
 
 
@@ -116,26 +95,11 @@ def _grasp(evidence: TrialEvidence, settings: SearchSettings) -> Mapping[str, An
     closing_s = evidence.entered_s.get("CLOSING")
     if closing_s is None:
         return {}
-    found: dict[str, Any] = {
-        "gripped": int(
-            any(
-                isinstance(event, Gripped) and event.device == settings.gripper and event.object
-                for event in evidence.events
-            )
-        )
-    }
+    held = evidence.first(Gripped, device=settings.gripper, object=True)
+    found: dict[str, Any] = {"gripped": int(held is not None)}
     until_s = evidence.entered_s.get("RELEASING", math.inf)
     for finger in ("left", "right"):
         evidence.heard(f"{finger}_contact", closing_s, until_s)
-        felt = next(
-            (
-                event.t_s
-                for event in evidence.events
-                if isinstance(event, Contact)
-                and event.detector == f"{finger}_contact"
-                and closing_s <= event.t_s < until_s
-            ),
-            None,
-        )
-        found[f"contact_{finger}_s"] = None if felt is None else felt - closing_s
+        felt = evidence.first(Contact, closing_s, until_s, detector=f"{finger}_contact")
+        found[f"contact_{finger}_s"] = None if felt is None else felt.t_s - closing_s
     return found

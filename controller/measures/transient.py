@@ -136,14 +136,7 @@ def _certificate(
     evidence: TrialEvidence, settings: TransientSettings, position: str, detect_s: float
 ) -> Mapping[str, float | None]:
     """The stop certificate: when the command left, when the mover stood still, how far it went in between."""
-    still = next(
-        (
-            event
-            for event in evidence.events
-            if isinstance(event, Standstill) and event.device == settings.mover and event.t_s >= detect_s
-        ),
-        None,
-    )
+    still = evidence.first(Standstill, detect_s, device=settings.mover)
     travel_m = None
     if still is not None:
         at = _positions(evidence, position, (detect_s, still.t_s))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from behaviors.events import Event
 from controller.detectors.protocol import Detector
 from controller.recording.series import Series, Span, TrialRecording
 from drivers.messages import Sent, Stop, StreamInfo
+
+E = TypeVar("E", bound=Event)
 
 EDGE_S = 0.1
 """How late a stream may begin after it was subscribed, and how long before the end of a span its last sample may be:
@@ -123,20 +125,28 @@ class TrialEvidence:
     def stop_sent_s(self, mover: str, from_s: float) -> float | None:
         """When the first `Stop` from some time on left the host (its last byte), or None."""
         stops = (
-            event.t_s
-            for event in self.events
-            if isinstance(event, Sent) and isinstance(event.command, Stop) and event.device == mover
+            event for event in self.events if isinstance(event, Sent) and isinstance(event.command, Stop)
         )
-        return next((t_s for t_s in stops if t_s >= from_s), None)
+        return next((event.t_s for event in stops if event.device == mover and event.t_s >= from_s), None)
 
-    def last(self, kind: type[Event], **wanted: object) -> Any:
+    def first(
+        self, kind: type[E], since_s: float = -math.inf, until_s: float = math.inf, **wanted: object
+    ) -> E | None:
+        """First event of a kind in a span (since_s <= t < until_s) whose attributes are as wanted, or None."""
+        return next(_told(self.events, kind, since_s, until_s, wanted), None)
+
+    def last(self, kind: type[E], **wanted: object) -> E | None:
         """Last event of a kind whose attributes are as wanted, or None."""
-        for event in reversed(self.events):
-            if isinstance(event, kind) and all(
-                getattr(event, name) == value for name, value in wanted.items()
-            ):
-                return event
-        return None
+        return next(_told(reversed(self.events), kind, -math.inf, math.inf, wanted), None)
+
+
+def _told(
+    events: Iterable[Event], kind: type[E], since_s: float, until_s: float, wanted: Mapping[str, object]
+) -> Iterator[E]:
+    for event in events:
+        own = isinstance(event, kind) and since_s <= event.t_s < until_s
+        if own and all(getattr(event, name) == value for name, value in wanted.items()):
+            yield event  # type: ignore[misc]
 
 
 def _holes(series: Series, since_s: float, until_s: float, longest_s: float) -> Iterator[tuple[float, float]]:

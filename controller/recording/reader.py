@@ -84,15 +84,6 @@ class Run:
         settings = (name for row in self.trials for name in row if "." in name)
         return list(dict.fromkeys((*recorded, *settings)))
 
-    def recording(self, trial: int) -> TrialRecording:
-        """What was recorded of a trial.
-
-        Raises:
-            KeyError: nothing was.
-            RunFolderError: the recording is damaged.
-        """
-        return self._index.read(trial)
-
     def readable(self, trial: int) -> TrialRecording | None:
         """What was recorded of a trial; None where nothing was, or where it is damaged, which is then in `notes`."""
         if trial not in self._index.chunks:

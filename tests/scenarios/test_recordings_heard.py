@@ -162,7 +162,7 @@ def test_settings_of_another_version_are_refused_with_the_file_that_has_them(ver
 @pytest.fixture
 def approach(touched, tmp_path):
     """The first touch as a table: I, Q, and where the arm was at each sample."""
-    recording = touched.recording(1)
+    recording = touched.trial(1)
     fingers, arm = recording.stream("signals.right"), recording.stream("arm.pose")
     inside = (fingers.times_s >= arm.times_s[0]) & (fingers.times_s <= arm.times_s[-1])
     x_m = np.interp(fingers.times_s[inside], arm.times_s, arm.values[:, 0])

@@ -33,7 +33,7 @@ def csv_of(run):
 
 
 def stream_of(run, sensor, name):
-    return run.recording(row_of(run, sensor)["trial"]).stream(name)
+    return run.trial(row_of(run, sensor)["trial"]).stream(name)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -92,7 +92,7 @@ def test_only_the_sensor_at_the_tip_and_the_arm_are_recorded(every_sensor):
         "dsa": {"matrix.taxels"},
     }
     for sensor, streams in own.items():
-        recorded = every_sensor.recording(row_of(every_sensor, sensor)["trial"]).streams
+        recorded = every_sensor.trial(row_of(every_sensor, sensor)["trial"]).streams
         measured = {stream for stream in recorded if not stream.startswith("detector.")}
         assert measured == streams | {"arm.position", "arm.pose", "arm.force"}, sensor
 

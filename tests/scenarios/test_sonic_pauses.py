@@ -55,7 +55,7 @@ def test_a_touch_that_is_paused_everywhere_is_made_and_goes_no_deeper_than_its_p
     (measured,) = run.trials
     assert (measured["outcome"], measured["approaches"]) == ("contact", 2), measured
     assert measured["felt_ours"] == measured["touches"] >= 2, measured
-    assert run.recording(1).stream("arm.pose").values[:, 0].max() < START_X_M + 0.0565 + 1e-4
+    assert run.trial(1).stream("arm.pose").values[:, 0].max() < START_X_M + 0.0565 + 1e-4
 
 
 def test_a_search_that_is_paused_everywhere_finds_the_middle_and_touches_nothing(tmp_path, script):

@@ -69,7 +69,7 @@ def test_what_nobody_hears_is_neither_sent_nor_recorded(run_profile):
     bench = run_profile(trials=(1,), wrap=spy)
     streams = {stream for command in heard for stream in command.streams}
     assert streams == {"board.accelerometer", "board.load_cell", "board.period"}
-    recording = bench.run.recording(1)
+    recording = bench.run.trial(1)
     entered_s = dict(bench.script.seen)
     waveform = recording.stream("board.accelerometer")
     assert waveform.times_s[-1] < entered_s["STOPPING"] + 0.1, "no detector listens to a probe that stands"
@@ -107,7 +107,7 @@ def test_an_approach_that_meets_nothing_says_so(run_profile):
 def test_a_recording_holds_what_the_row_was_measured_from(run_profile):
     """The row again, from the file alone."""
     bench = run_profile(trials=(1,))
-    row, recording = row_of(bench), bench.run.recording(1)
+    row, recording = row_of(bench), bench.run.trial(1)
     force = recording.stream("board.load_cell")
     position = recording.stream("stage.position")
     begun_s = next(t_s for name, t_s in bench.script.seen if name == "APPROACH")

@@ -36,8 +36,8 @@ def test_a_trial_ends_by_contact_with_the_arms_stop_certificate(run_profile):
     assert row["stop_travel_m"] == pytest.approx(cruising_m + 0.003785**2 / (2 * 3.0), abs=1e-6)
     assert row["extent_m"] == pytest.approx(0.003785 * row["delay_s"], abs=1e-7)
     assert bench.run.manifest["roles"] == {"mover": "arm", "exciter": "board"}
-    assert "arm.position" in bench.run.recording(1).streams
-    assert "arm.force" not in bench.run.recording(1).streams, "nobody listens to it"
+    assert "arm.position" in bench.run.trial(1).streams
+    assert "arm.force" not in bench.run.trial(1).streams, "nobody listens to it"
 
 
 def test_one_seed_gives_one_file_to_the_last_byte_whatever_the_order(run_profile):

@@ -68,7 +68,7 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_let_go(centering):
     # the jaws are as open as they go, and the arm has left
     assert emulator.scene()["width_m"] == pytest.approx(0.063, abs=0.001)
     assert emulator.scene()["tool_z_m"] == pytest.approx(0.07, abs=0.001)
-    recording, manifest = done.recording(1), done.manifest
+    recording, manifest = done.trial(1), done.manifest
     assert {"arm.position", "gripper.width", "signals.left", "signals.right"} <= set(recording.streams)
     link = manifest["devices"]["audio"]["link"]
     assert link["frames"] > 96_000

@@ -50,7 +50,7 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
     run = open_run(next(tmp_path.iterdir()))
     assert run.cut_off
     assert [row["trial"] for row in run.trials] == [0]
-    last_s = run.recording(1).stream("board.load_cell").times_s[-1]
+    last_s = run.trial(1).stream("board.load_cell").times_s[-1]
     assert last_s > told_s - 1.0
     if lived_s < 2.0:
         return
@@ -68,5 +68,5 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
         assert sum(1 for _ in streamed) == counted
     closed = open_run(run.folder.path)
     assert closed.cut_off
-    assert closed.recording(1).stream("board.load_cell").times_s[-1] == last_s
+    assert closed.trial(1).stream("board.load_cell").times_s[-1] == last_s
     assert "The recording was cut off, and closed afterwards behind its last whole chunk." in closed.notes

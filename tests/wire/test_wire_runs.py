@@ -33,7 +33,7 @@ def test_an_approach_over_the_wire_ends_by_contact(emulated, tmp_path):
     assert row["onset_s"] < row["detect_s"] < row["command_s"] < row["standstill_s"]
     # 4.843 mm/s from the onset to the detection, through the stage's own positions and the board's own clock.
     assert row["extent_m"] == pytest.approx(0.004843 * row["delay_s"], abs=6e-5)
-    force = done.recording(2).stream("board.load_cell")
+    force = done.trial(2).stream("board.load_cell")
     assert not force.gaps
     assert done.manifest["bench"] == "emulated"
     assert done.manifest["clock"] == "wall"
@@ -52,7 +52,7 @@ def test_a_pulled_plug_stops_the_bench_and_says_which(emulated, tmp_path, device
     assert failed[0]["device"] == device
     if device == "board":
         assert emulator.scene()["probe_m_s"] == 0.0
-    assert len(done.recording(2).stream("board.load_cell")) > 500, "what was measured is kept"
+    assert len(done.trial(2).stream("board.load_cell")) > 500, "what was measured is kept"
 
 
 def test_a_board_that_falls_silent_stops_the_stage(emulated, tmp_path):

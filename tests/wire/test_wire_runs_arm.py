@@ -39,7 +39,7 @@ def test_an_approach_with_the_arm_ends_by_contact(emulated, tmp_path):
     assert row["onset_s"] < row["detect_s"] < row["command_s"] < row["standstill_s"]
     # 4.843 mm/s between the onset and the detection, through two devices' clocks, each known to a few milliseconds.
     assert row["extent_m"] == pytest.approx(0.004843 * row["delay_s"], abs=6e-5)
-    position = done.recording(2).stream("arm.position")
+    position = done.trial(2).stream("arm.position")
     at_m = float(np.interp(row["onset_s"], position.times_s, position.values[:, 0]))
     # The finger's surface is at 3 mm, and swings towards the probe by up to half a millimetre.
     assert 0.0024 < at_m < 0.0032

@@ -14,7 +14,7 @@ def row_of(name, folder, trial, settings):
     )
     assert outcome.exit_code == EXIT_DONE, outcome.line
     (row,) = run.trials
-    return row, run.recording(row["trial"])
+    return row, run.trial(row["trial"])
 
 
 def test_the_tendon_is_moved_and_heard_over_the_wire(tmp_path):

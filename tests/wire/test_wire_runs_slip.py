@@ -53,7 +53,7 @@ def test_the_arm_stops_on_slip_and_the_row_says_how_fast(slipped):
     told = [event for event in done.events if event["event"] == "SlipStarted"]
     assert told, "ours told slip"
     # 10 mm/s for a second were asked for
-    pose = done.recording(1).stream("arm.pose")
+    pose = done.trial(1).stream("arm.pose")
     after = pose.times_s > row["slide_s"]
     assert np.ptp(pose.values[after, 0]) < 0.009, "it was cut short"
 
@@ -61,7 +61,7 @@ def test_the_arm_stops_on_slip_and_the_row_says_how_fast(slipped):
 def test_every_device_talks_and_what_is_lost_is_counted(slipped):
     outcome, done, _ = slipped
     assert outcome.exit_code == EXIT_DONE, outcome.line
-    recording, manifest = done.recording(1), done.manifest
+    recording, manifest = done.trial(1), done.manifest
     assert {
         "arm.force",
         "arm.pose",

@@ -88,7 +88,7 @@ def test_what_is_read_again_is_what_the_trial_had_in_memory(folder):
     run = open_run(folder.path)
     assert list(run.recorded_trials) == [2, 4]
     for memory in kept:
-        disk = run.recording(memory.trial)
+        disk = run.trial(memory.trial)
         assert disk.factors == {"location": "f"}
         assert disk.streams == memory.streams == ["board.load_cell", "board.period"]
         for name in memory.streams:
@@ -102,7 +102,7 @@ def test_loss_is_seen_and_a_skipped_span_is_none(folder):
     recorder = recorder_in(folder)
     record_two_trials(recorder)
     recorder.close()
-    series = open_run(folder.path).recording(2).stream("board.load_cell")
+    series = open_run(folder.path).trial(2).stream("board.load_cell")
     assert series.gaps == (Gap(1.011, 1.022, 10),)
     assert series.skipped == (Span(0.0, 1.0),)
 
@@ -120,7 +120,7 @@ def test_raw_counts_device_time_and_arrival_are_kept(folder):
     recorder.begin_trial(1, {"location": "f"}, 0.0)
     recorder.record([load_cell(7)])
     recorder.close()
-    (block,) = open_run(folder.path).recording(1).blocks("board.load_cell")
+    (block,) = open_run(folder.path).trial(1).blocks("board.load_cell")
     assert block.values.dtype == np.int32
     assert block.values[:, 0].tolist() == [index**2 - 17 for index in range(7, 17)]
     assert (block.seq, block.scale, block.device_t0_s, block.arrival_s) == (7, 1e-5, 5.007, 0.027)
@@ -203,7 +203,7 @@ def test_a_recorder_that_is_never_closed_leaves_all_that_was_flushed(folder):
     run = open_run(folder.path)
     assert run.cut_off
     assert [row["trial"] for row in run.trials] == [4, 2]
-    assert len(run.recording(5).stream("board.load_cell")) == 10
+    assert len(run.trial(5).stream("board.load_cell")) == 10
     assert any("cut off" in note for note in run.notes)
     assert any("no footer" in note for note in run.notes)
     recorder.close()
@@ -218,7 +218,7 @@ def test_a_run_cut_off_in_every_file_is_read_and_says_so(folder):
     run = open_run(folder.path)
     assert [row["trial"] for row in run.trials] == [4]
     assert [event["trial"] for event in run.events] == [4]
-    assert len(run.recording(2).stream("board.load_cell")) == 20
+    assert len(run.trial(2).stream("board.load_cell")) == 20
     assert len(run.notes) == 4
 
 
@@ -239,13 +239,13 @@ def test_a_trial_that_runs_again_after_a_resume_replaces_its_first_attempt(folde
         recorder.begin_trial(1, {"location": "f"}, 0.0)
         recorder.record([load_cell(seq)])
         recorder.close()
-    assert [block.seq for block in open_run(folder.path).recording(1).blocks("board.load_cell")] == [500]
+    assert [block.seq for block in open_run(folder.path).trial(1).blocks("board.load_cell")] == [500]
 
 
 def test_nothing_recorded_of_a_trial_is_said(folder):
     recorder_in(folder).close()
     with pytest.raises(KeyError, match="trial 9"):
-        open_run(folder.path).recording(9)
+        open_run(folder.path).trial(9)
 
 
 def test_a_recording_that_cannot_be_begun_is_one_clear_line(tmp_path):
@@ -318,7 +318,7 @@ def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(fo
     assert closing.is_alive()
     free.set()
     closing.join(10.0)
-    found = open_run(folder.path).recording(1).stream("board.load_cell")
+    found = open_run(folder.path).trial(1).stream("board.load_cell")
     assert found.values.tolist() == kept.stream("board.load_cell").values.tolist()
 
 
@@ -338,7 +338,7 @@ def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(fol
     assert 0 < len(kept.stream("detector.near")) < len(told), "some at a time"
     recorder.end_trial("contact", {})
     recorder.close()
-    series = open_run(folder.path).recording(1).stream("detector.near")
+    series = open_run(folder.path).trial(1).stream("detector.near")
     assert [(t_s, *row) for t_s, row in zip(series.times_s, series.values, strict=True)] == told
     assert series.gaps == ()
     with folder.recordings[0].open("rb") as file:
