@@ -120,18 +120,25 @@ class WireDriver(Driver, Generic[LinkT]):
 
     Args:
         name: In the profile.
-        settings: Where the device is.
+        settings: Of the device, and where it is: `XSettings` beside `X`.
         clock: Gives bench time.
-        connect: Opens the link, with the same three; raises `PortError`.
+        connect: Opens the link, with the same three; raises `PortError`. None is the device's own way, `_opens`.
     """
 
+    _opens: staticmethod[[str, Any, Clock], Any]
+
     def __init__(
-        self, name: str, settings: Any, clock: Clock, connect: Callable[[str, Any, Clock], LinkT]
+        self,
+        name: str,
+        settings: Any,
+        clock: Clock,
+        connect: Callable[[str, Any, Clock], LinkT] | None = None,
     ) -> None:
         super().__init__(name, clock)
-        self._port = settings
-        self._connect = connect
+        self._settings = settings
+        self._connect = connect or self._opens
         self._link: LinkT | None = None
+        self._prepare()
 
     def open(self) -> DeviceInfo:
         """Connect, identify, set the device's own limits, move nothing.
@@ -145,7 +152,7 @@ class WireDriver(Driver, Generic[LinkT]):
         self.close()
         self._blocks, self._statuses = [], []  # what nobody took is of a session that has ended
         self._forget()
-        link = self._link = self._connect(self.name, self._port, self._clock)
+        link = self._link = self._connect(self.name, self._settings, self._clock)
         try:
             info = self._identify(link)
         except BaseException:
@@ -166,6 +173,9 @@ class WireDriver(Driver, Generic[LinkT]):
                 link.close()
 
     # what a device makes of it
+
+    def _prepare(self) -> None:
+        """Make what lasts from one `open` to the next."""
 
     def _forget(self) -> None:
         """Nothing is known of the device: it is being opened."""

@@ -21,7 +21,6 @@ from drivers.audio.source import (
     Swept,
     make_source,
 )
-from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import (
     Chirp,
@@ -59,17 +58,13 @@ class Audio(WireDriver[SoundSource]):
 
     A finger at full scale is told as `Saturated` at each excursion. Clipped, silent or 16-bit sound is refused at
     `open`; a finger that falls silent later, a recording that ends and a source that goes away have failed.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the audio.
-        clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: AudioSettings, clock: Clock) -> None:
-        super().__init__(name, settings, clock, make_source)
-        self._settings = settings
-        self._info = fingers_info(name)
+    _settings: AudioSettings
+    _opens = staticmethod(make_source)
+
+    def _prepare(self) -> None:
+        self._info = fingers_info(self.name)
         self._closed_account: Mapping[str, object] = {}
         self._forget()
 

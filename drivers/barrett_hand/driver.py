@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -11,7 +11,6 @@ from pydantic import Field, Strict
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.can_link import CanLink, CanPort, HeardFrame, PeriodicQuestion, open_can, strange_frames
-from drivers.clock import Clock
 from drivers.errors import CodecError, check_streams, wrong
 from drivers.messages import Command, DeviceInfo, Listen, Tare
 from drivers.numbering import Runs, StreamTrack, host_clock
@@ -54,28 +53,18 @@ class BarrettHand(WireDriver[CanLink]):
     reads its zero.
 
     Streams: `<name>.strain_<finger>` in N at the fingertip, from the maker's rough figure until calibrated.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the hand.
-        clock: Gives bench time.
-        connect: Opens the link.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: BarrettHandSettings,
-        clock: Clock,
-        connect: Callable[[str, CanPort, Clock], CanLink] = open_can,
-    ) -> None:
-        super().__init__(name, settings, clock, connect)
-        self._settings = settings
+    _settings: BarrettHandSettings
+    _opens = staticmethod(open_can)
+
+    def _prepare(self) -> None:
         gauge = FingerStrainSettings(
-            newton_per_count=settings.newton_per_count, zero_counts=settings.zero_counts
+            newton_per_count=self._settings.newton_per_count, zero_counts=self._settings.zero_counts
         )
         self._strains = {
-            finger: FingerStrain(name, finger, settings.poll_hz, gauge) for finger in settings.fingers
+            finger: FingerStrain(self.name, finger, self._settings.poll_hz, gauge)
+            for finger in self._settings.fingers
         }
         self._fingers = {strain.info.name: finger for finger, strain in self._strains.items()}
         self._missing = 0

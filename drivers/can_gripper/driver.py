@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +26,7 @@ from drivers.can_gripper.words import (
     Poll,
     Watchdog,
 )
-from drivers.can_link import CanLink, CanPort, HeardFrame, open_can
-from drivers.clock import Clock
+from drivers.can_link import CanLink, HeardFrame, open_can
 from drivers.messages import (
     Applied,
     Command,
@@ -65,27 +64,18 @@ class CanGripper(WireDriver[CanLink]):
     Streams, irregular, one sample for each answered question, at the middle of question and answer; a lost
     answer is a jump in the sequence: `<name>.width` in m, `<name>.force` in N, positive where the jaws press
     inwards.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the gripper.
-        clock: Gives bench time.
-        connect: Opens the link.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: CanGripperSettings,
-        clock: Clock,
-        connect: Callable[[str, CanPort, Clock], CanLink] = open_can,
-    ) -> None:
-        super().__init__(name, settings, clock, connect)
-        self._settings = settings
-        self._brackets = Brackets(settings.closed_width_m, settings.force_n_per_ma)
+    _settings: CanGripperSettings
+    _opens = staticmethod(open_can)
+
+    def _prepare(self) -> None:
+        self._brackets = Brackets(self._settings.closed_width_m, self._settings.force_n_per_ma)
         self._infos = (
-            StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
-            StreamInfo(f"{name}.force", ("force",), "N", settings.force_n_per_ma, longest_s=LONGEST_S),
+            StreamInfo(f"{self.name}.width", ("width",), "m", longest_s=LONGEST_S),
+            StreamInfo(
+                f"{self.name}.force", ("force",), "N", self._settings.force_n_per_ma, longest_s=LONGEST_S
+            ),
         )
         self._runs = Runs[_Sample]()
         self._seq = 0

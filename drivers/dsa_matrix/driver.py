@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pydantic import Field
 
-from drivers.clock import Clock
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.frames import MatrixFrames
 from drivers.dsa_matrix.identify import MatrixIdentity, identify
@@ -59,24 +58,13 @@ class DsaMatrix(WireDriver[SerialLink]):
     channel for each cell, `m<matrix>.r<row>.c<column>`, raw counts of about a millivolt; frame k stands on the
     controller's own clock (`numbering`), which counts milliseconds. A gap in it is loss, told as `Lost`: the
     controller drops the frames that the line is too slow for. A texel at its end is told as `Saturated`.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the matrices.
-        clock: Gives bench time.
-        connect: Opens the link.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: DsaMatrixSettings,
-        clock: Clock,
-        connect: Callable[[str, SerialPort, Clock], SerialLink] = open_serial,
-    ) -> None:
-        super().__init__(name, settings, clock, connect)
-        self._settings = settings
-        self._stream = f"{name}.taxels"
+    _settings: DsaMatrixSettings
+    _opens = staticmethod(open_serial)
+
+    def _prepare(self) -> None:
+        self._stream = f"{self.name}.taxels"
         self._frames: MatrixFrames | None = None
         self._forget()
 

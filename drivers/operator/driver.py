@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from pydantic import Field
 
@@ -76,24 +76,13 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
     It answers when the person does: how long that may take is for the behavior to say. A request that is not
     answered yet is replaced by the next. On the console the program's own keyboard hears the answer (`question`,
     `answer`), for there is but one Enter key.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the person.
-        clock: Gives bench time.
-        connect: Opens the link.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: PersonSettings,
-        clock: Clock,
-        connect: Callable[[str, PersonSettings, Clock], SerialLink | ConsolePerson] = open_person,
-    ) -> None:
-        super().__init__(name, settings, clock, connect)
-        self._settings = settings
-        self._loads = Loads(name)
+    _settings: PersonSettings
+    _opens = staticmethod(open_person)
+
+    def _prepare(self) -> None:
+        self._loads = Loads(self.name)
         self._number = 0
         self._forget()
 

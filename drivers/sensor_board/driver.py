@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 
 from pydantic import Field, model_validator
 
-from drivers.clock import Clock
 from drivers.errors import CodecError, PortError, ProtocolError
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
@@ -70,23 +69,12 @@ class SensorBoard(WireDriver[SerialLink]):
     A command without a reply is written once more; then the board has failed. The board's watchdog is fed
     from `read` and `poll`, by no thread: a host that hangs or dies loses the excitation. Where that has
     happened under way the device fails, rather than go on unexcited. A tendon position is rounded to the micrometre.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the board.
-        clock: Gives bench time.
-        connect: Opens the link.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: SensorBoardSettings,
-        clock: Clock,
-        connect: Callable[[str, SerialPort, Clock], SerialLink] = open_serial,
-    ) -> None:
-        super().__init__(name, settings, clock, connect)
-        self._settings = settings
+    _settings: SensorBoardSettings
+    _opens = staticmethod(open_serial)
+
+    def _prepare(self) -> None:
         self._numbers: Mapping[str, int] = {}
         self._forget()
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 import numpy as np
 
-from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
-from drivers.links import SerialLink, SerialPort, open_serial
+from drivers.links import SerialLink, open_serial
 from drivers.messages import (
     Applied,
     Command,
@@ -57,27 +56,16 @@ class ZaberStage(WireDriver[SerialLink]):
     The stream `<name>.position` (raw microsteps, irregular) has one sample for each question that was
     answered, at the middle of question and answer; one that was not is a jump in the sequence. Before
     homing the position is whatever the device takes it to be.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the stage.
-        clock: Gives bench time.
-        connect: Opens the link.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: ZaberStageSettings,
-        clock: Clock,
-        connect: Callable[[str, SerialPort, Clock], SerialLink] = open_serial,
-    ) -> None:
-        super().__init__(name, settings, clock, connect)
-        self._settings = settings
-        self._mounting = Mounting(settings)
-        self._procedures = Procedures(settings, self._mounting)
+    _settings: ZaberStageSettings
+    _opens = staticmethod(open_serial)
+
+    def _prepare(self) -> None:
+        self._mounting = Mounting(self._settings)
+        self._procedures = Procedures(self._settings, self._mounting)
         self._info = StreamInfo(
-            f"{name}.position", ("position",), "m", settings.microstep_m, longest_s=codec.LONGEST_S
+            f"{self.name}.position", ("position",), "m", self._settings.microstep_m, longest_s=codec.LONGEST_S
         )
         self._runs = Runs[int]()
         self._seq = 0

@@ -12,7 +12,7 @@ from pydantic import Field
 from drivers.audio.commands import checked, fingers_info
 from drivers.audio.quality import Excursions, clipped
 from drivers.audio.settings import FULL_SCALE, STREAM, UNIT
-from drivers.clock import Clock, last_tick
+from drivers.clock import last_tick
 from drivers.messages import (
     Applied,
     Chirp,
@@ -28,7 +28,6 @@ from drivers.messages import (
     Tone,
 )
 from drivers.mock.devices.audio import AudioBench
-from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.bench import part
 from drivers.settings import Settings
@@ -55,37 +54,21 @@ class MockAudio(MockDriver):
 
     At carrier level the stream is the real driver's. At envelope level it is baseband: 1 kHz, floats, full scale 1,
     channels `I0 Q0 I1 Q1`. Sample k is at k / rate in bench time, and k is its `seq`.
-
-    Args:
-        name: In the profile.
-        settings: Of the audio.
-        clock: Bench time.
-        bench: Whose fingers they are.
-        faults: What goes wrong, and when.
-
-    Raises:
-        RefusedError: the bench has no such fingers.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: MockAudioSettings,
-        clock: Clock,
-        bench: AudioBench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        part(bench, "carrier", name)
-        super().__init__(name, clock, faults)
-        self._settings = settings
-        self._bench = bench
-        self._envelope = bench.level == "envelope"
-        self._info = fingers_info(name)
+    _settings: MockAudioSettings
+    _bench: AudioBench
+
+    def _wire(self) -> None:
+        part(self._bench, "carrier", self.name)
+        self._envelope = self._bench.level == "envelope"
+        self._info = fingers_info(self.name)
         if self._envelope:
-            self._info = StreamInfo(f"{name}.{STREAM}", ENVELOPE, UNIT, 1.0, float(ENVELOPE_HZ), noisy=True)
+            self._info = StreamInfo(
+                f"{self.name}.{STREAM}", ENVELOPE, UNIT, 1.0, float(ENVELOPE_HZ), noisy=True
+            )
         assert self._info.rate_hz is not None
         self._rate_hz = self._info.rate_hz
-        self.restart()
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""

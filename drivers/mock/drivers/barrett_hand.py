@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
-from drivers.clock import Clock, last_tick
+from drivers.clock import last_tick
 from drivers.errors import check_streams, wrong
 from drivers.messages import (
     Applied,
@@ -20,18 +20,9 @@ from drivers.messages import (
     SampleBlock,
     Tare,
 )
-from drivers.mock.devices.barrett_hand import FingerForces, counts
-from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.devices.barrett_hand import counts
 from drivers.mock.drivers.base import MockSensor
 from drivers.mock.physics.bench import part
-
-
-class HandBench(Protocol):
-    """A bench with a hand's fingers on it."""
-
-    @property
-    def fingers(self) -> FingerForces:
-        """What they feel; its time is the bench's."""
 
 
 class MockBarrettHandSettings(FingerStrainSettings):
@@ -48,32 +39,12 @@ class MockBarrettHandSettings(FingerStrainSettings):
 
 
 class MockBarrettHand(MockSensor):
-    """Samples the fingers on its own grid (sample k at k / poll_hz), computing only what is listened to.
+    """Samples the fingers on its own grid (sample k at k / poll_hz), computing only what is listened to."""
 
-    Args:
-        name: In the profile.
-        settings: Of the hand.
-        clock: Bench time.
-        bench: Whose fingers they are.
-        faults: What goes wrong, and when.
+    _settings: MockBarrettHandSettings
 
-    Raises:
-        RefusedError: the bench has no fingers.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        settings: MockBarrettHandSettings,
-        clock: Clock,
-        bench: HandBench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        part(bench, "fingers", name)
-        super().__init__(name, clock, faults)
-        self._settings = settings
-        self._bench = bench
-        self.restart()
+    def _wire(self) -> None:
+        part(self._bench, "fingers", self.name)
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from drivers.clock import Clock
 from drivers.messages import SampleBlock, Status
@@ -15,13 +16,26 @@ class MockDriver(Driver):
 
     Args:
         name: In the profile.
+        settings: Of the device: `MockXSettings` beside `MockX`.
         clock: Bench time.
+        bench: What the device is wired to.
         faults: What goes wrong, and when.
+
+    Raises:
+        RefusedError: the bench has not what the device needs.
     """
 
-    def __init__(self, name: str, clock: Clock, faults: FaultSchedule | None) -> None:
+    def __init__(
+        self, name: str, settings: Any, clock: Clock, bench: Any, faults: FaultSchedule | None = None
+    ) -> None:
         super().__init__(name, clock)
+        self._settings, self._bench = settings, bench
         self._faults = faults or FaultSchedule()
+        self._wire()
+        self.restart()
+
+    def _wire(self) -> None:
+        """Be wired to the bench; raises `RefusedError`."""
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""

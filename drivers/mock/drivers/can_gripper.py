@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, v
 from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
 from drivers.can_gripper.watch import Watch
 from drivers.can_gripper.words import DriveOrder, GripFinding, GripperState
-from drivers.clock import Clock
 from drivers.messages import (
     Applied,
     Command,
@@ -27,19 +25,9 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockDriver
 from drivers.mock.physics.bench import part
-from drivers.mock.physics.jaws_drive import JawsDrive
 from drivers.settings import Settings
-
-
-class GripBench(Protocol):
-    """A bench with jaws on it."""
-
-    @property
-    def jaws(self) -> JawsDrive:
-        """Their drive; its time is the bench's."""
 
 
 class MockCanGripperSettings(Settings):
@@ -62,39 +50,19 @@ class MockCanGripperSettings(Settings):
 
 
 class MockCanGripper(MockDriver):
-    """Moves the bench's jaws through the counts of the real gripper; can be told to fail.
+    """Moves the bench's jaws through the counts of the real gripper; can be told to fail."""
 
-    Args:
-        name: In the profile.
-        settings: Of the gripper.
-        clock: Bench time.
-        bench: Whose jaws it moves.
-        faults: What goes wrong, and when.
+    _settings: MockCanGripperSettings
 
-    Raises:
-        RefusedError: the bench has no jaws.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        settings: MockCanGripperSettings,
-        clock: Clock,
-        bench: GripBench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        part(bench, "jaws", name)
-        super().__init__(name, clock, faults)
-        self._settings = settings
-        self._bench = bench
-        self._brackets = Brackets(bench.jaws.jaws.settings.closed_width_m)
+    def _wire(self) -> None:
+        name, jaws = self.name, part(self._bench, "jaws", self.name)
+        self._brackets = Brackets(jaws.jaws.settings.closed_width_m)
         self._infos = {
             f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
             f"{name}.force": StreamInfo(
                 f"{name}.force", ("force",), "N", FORCE_N_PER_MA, longest_s=LONGEST_S
             ),
         }
-        self.restart()
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
@@ -207,7 +175,7 @@ class MockCanGripper(MockDriver):
                 self._go(self._brackets.release(command, self._settings.release_force_n))
             case Stop() if not self._watch.resting:
                 self._hold()
-                return self._bench.jaws.calibrated
+                return bool(self._bench.jaws.calibrated)
             case Home() if not self._bench.jaws.calibrated:
                 self._bench.jaws.calibrate()
             case _:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from pydantic import Field
 
-from drivers.clock import Clock, last_tick
+from drivers.clock import last_tick
 from drivers.dsa_matrix import codec
 from drivers.errors import check_streams, wrong
 from drivers.messages import (
@@ -21,18 +20,9 @@ from drivers.messages import (
     StreamInfo,
 )
 from drivers.mock.devices.dsa_matrix import Texels, counts
-from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockSensor
 from drivers.mock.physics.bench import part
 from drivers.settings import Settings
-
-
-class MatrixBench(Protocol):
-    """A bench with tactile matrices on it."""
-
-    @property
-    def taxels(self) -> Texels:
-        """What their texels feel; its time is the bench's."""
 
 
 class MockDsaMatrixSettings(Settings):
@@ -46,35 +36,15 @@ class MockDsaMatrixSettings(Settings):
 
 
 class MockDsaMatrix(MockSensor):
-    """Samples the texels on its own grid (frame k at k / frame_hz), only while somebody listens.
+    """Samples the texels on its own grid (frame k at k / frame_hz), only while somebody listens."""
 
-    Args:
-        name: In the profile.
-        settings: Of the matrices.
-        clock: Bench time.
-        bench: Whose texels they are.
-        faults: What goes wrong, and when.
+    _settings: MockDsaMatrixSettings
 
-    Raises:
-        RefusedError: the bench has no taxels.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        settings: MockDsaMatrixSettings,
-        clock: Clock,
-        bench: MatrixBench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        part(bench, "taxels", name)
-        super().__init__(name, clock, faults)
-        self._settings = settings
-        self._bench = bench
-        stream = f"{name}.taxels"
-        channels = codec.channel_names((matrix.rows, matrix.columns) for matrix in bench.taxels.matrices())
-        self._info = StreamInfo(stream, channels, "V", codec.VOLT_PER_COUNT, float(settings.frame_hz))
-        self.restart()
+    def _wire(self) -> None:
+        taxels: Texels = part(self._bench, "taxels", self.name)
+        channels = codec.channel_names((matrix.rows, matrix.columns) for matrix in taxels.matrices())
+        rate_hz = float(self._settings.frame_hz)
+        self._info = StreamInfo(f"{self.name}.taxels", channels, "V", codec.VOLT_PER_COUNT, rate_hz)
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""

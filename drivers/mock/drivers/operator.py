@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from drivers.clock import Clock
 from drivers.errors import RefusedError
 from drivers.messages import (
     Answered,
@@ -19,9 +18,8 @@ from drivers.messages import (
     SampleBlock,
     Status,
 )
-from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockDriver
-from drivers.mock.physics.weight_set import Hands, HandSettings, WeightBench
+from drivers.mock.physics.weight_set import Hands, HandSettings
 from drivers.operator.requests import LoadLimits, Loads, load_stream, valid
 
 
@@ -33,27 +31,12 @@ class MockPerson(MockDriver):
     """Answers every request after a while, and hangs the weights on the bench.
 
     Its faults: "silent" and "lose" (no answer), "refuse" (it says no), "unplug" (it has left).
-
-    Args:
-        name: In the profile.
-        settings: Of the person.
-        clock: Bench time.
-        bench: Where the fingertip is.
-        faults: What goes wrong, and when.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: MockPersonSettings,
-        clock: Clock,
-        bench: WeightBench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        super().__init__(name, clock, faults)
-        self._settings = settings
-        self._hands = Hands(settings, bench)
-        self.restart()
+    _settings: MockPersonSettings
+
+    def _wire(self) -> None:
+        self._hands = Hands(self._settings, self._bench)
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""

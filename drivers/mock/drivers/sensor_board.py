@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.clock import Clock, last_tick
+from drivers.clock import last_tick
 from drivers.messages import (
     Applied,
     Command,
@@ -20,17 +19,11 @@ from drivers.messages import (
     SetTendon,
     Tare,
 )
-from drivers.mock.devices.board_channels import BoardSource
-from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockSensor
 from drivers.sensor_board.commands import BoardLimits, valid
 from drivers.sensor_board.streams import stream_info
 
 INT32 = np.iinfo(np.int32)
-
-
-class BoardBench(BoardSource, Protocol):
-    """A bench with a board's sensors on it."""
 
 
 class MockSensorBoardSettings(BoardLimits):
@@ -41,32 +34,17 @@ class MockSensorBoardSettings(BoardLimits):
 
 
 class MockSensorBoard(MockSensor):
-    """Samples the plant on the board's own grid (sample k at k / rate), computing only what is listened to.
+    """Samples the plant on the board's own grid (sample k at k / rate), computing only what is listened to."""
 
-    Args:
-        name: In the profile.
-        settings: Of the board.
-        clock: Bench time.
-        bench: What its sensors are on.
-        faults: What goes wrong, and when.
-    """
+    _settings: MockSensorBoardSettings
 
-    def __init__(
-        self,
-        name: str,
-        settings: MockSensorBoardSettings,
-        clock: Clock,
-        bench: BoardBench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        super().__init__(name, clock, faults)
-        self._settings = settings
-        self._bench = bench
+    def _wire(self) -> None:
         self._infos = {
-            spec.name: stream_info(f"{name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz)
-            for spec in bench.streams()
+            spec.name: stream_info(
+                f"{self.name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz
+            )
+            for spec in self._bench.streams()
         }
-        self.restart()
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""

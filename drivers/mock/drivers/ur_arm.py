@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.clock import Clock, last_tick
+from drivers.clock import last_tick
 from drivers.messages import (
     Applied,
     Command,
@@ -29,9 +29,7 @@ from drivers.messages import (
     Tare,
     Twist,
 )
-from drivers.mock.devices.faults import FaultSchedule
 from drivers.mock.drivers.base import MockDriver
-from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.tool_motion import ToolMotion, repeats
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.guidance import CYCLE_S, leash_end, line_speed, travel_end
@@ -62,39 +60,24 @@ class MockUrArm(MockDriver):
     newer motion takes over from the present velocity; a straight move brakes first, where it does not go on along the
     axis. A stall is a protective stop: motions are refused until `Home`.
 
-    Args:
-        name: In the profile.
-        settings: Of the arm.
-        clock: Bench time.
-        bench: Where what the tool carries is.
-        faults: What goes wrong, and when.
-
     Attributes:
         axis: Motion of the tool, along the approach axis and beside it.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: MockUrArmSettings,
-        clock: Clock,
-        bench: Bench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        super().__init__(name, clock, faults)
+    _settings: MockUrArmSettings
+
+    def _wire(self) -> None:
+        settings = self._settings
         self._towards = Axis(settings)
         self.axis = ToolMotion(
             self._towards.direction,
             acceleration_m_s2=settings.acceleration_m_s2,
             max_speed_m_s=settings.max_speed_m_s,
         )
-        self._settings = settings
-        self._bench = bench
-        bench.mount(self.axis)
-        self._infos = infos(name)
-        force = f"{name}.force"
+        self._bench.mount(self.axis)
+        self._infos = infos(self.name)
+        force = f"{self.name}.force"
         self._infos[force] = replace(self._infos[force], noisy=settings.force_noise_n > 0.0)
-        self.restart()
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""

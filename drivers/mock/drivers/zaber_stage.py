@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from drivers.clock import Clock, last_tick
+from drivers.clock import last_tick
 from drivers.messages import (
     Applied,
     Command,
@@ -26,9 +26,8 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.mock.devices.faults import Fault, FaultSchedule
+from drivers.mock.devices.faults import Fault
 from drivers.mock.drivers.base import MockDriver
-from drivers.mock.physics.bench import Bench
 from drivers.mock.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
 from drivers.zaber_stage.codec import LONGEST_S
 from drivers.zaber_stage.commands import NOT_HOMED, refusal, valid
@@ -51,36 +50,21 @@ class MockZaberStage(MockDriver):
     It is homed where it was once, in whichever trial. A motion that nobody looks at (`read`, `poll`) halts at the end
     of its command's `blind_travel_m` and goes on when it is looked at, as the real stage does.
 
-    Args:
-        name: In the profile.
-        settings: Of the stage.
-        clock: Bench time.
-        bench: Where the probe is that the axis carries.
-        faults: What goes wrong, and when.
-
     Attributes:
         axis: Its motion.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: MockZaberStageSettings,
-        clock: Clock,
-        bench: Bench,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        super().__init__(name, clock, faults)
-        self._settings = settings
+    _settings: MockZaberStageSettings
+
+    def _wire(self) -> None:
+        settings = self._settings
         self._mounting = Mounting(settings)
         self.axis = StageAxis(
             acceleration_m_s2=settings.acceleration_m_s2, max_speed_m_s=max(STAGE_M_S, settings.max_speed_m_s)
         )
-        self._bench = bench
-        bench.mount(self.axis)
-        self._stream = f"{name}.position"
+        self._bench.mount(self.axis)
+        self._stream = f"{self.name}.position"
         self._homed = False
-        self.restart()
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
