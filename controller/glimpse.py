@@ -14,8 +14,8 @@ from behaviors.events import Event
 from behaviors.machine import Behavior, sources
 from controller.detectors.protocol import Detector
 from controller.limits import GuardSettings, watched
-from controller.recording.event_log import describe_event
 from controller.recording.series import DETECTOR, TrialRecording
+from controller.wording import in_words
 
 BARS = "▁▂▃▄▅▆▇█"
 
@@ -138,15 +138,7 @@ class Glimpse:
 
     def events(self, first: int) -> list[tuple[float, str]]:
         """What happened, the first ones left out: when, and what in words."""
-        told = []
-        for event in self._events[first:]:
-            name, details = describe_event(event)
-            said = ", ".join(
-                f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"
-                for key, value in details.items()
-            )
-            told.append((event.t_s, f"{name} {said}".strip()))
-        return told
+        return [(event.t_s, in_words(event)) for event in self._events[first:]]
 
 
 def heard(stream: str, values: NDArray[np.float64], unit: str) -> tuple[NDArray[np.float64], str]:

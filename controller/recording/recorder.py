@@ -11,12 +11,13 @@ from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
 from controller.detectors.protocol import Reading
 from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
-from controller.recording.event_log import EventLog, describe_command, describe_event
+from controller.recording.event_log import EventLog
 from controller.recording.ledger import Ledger
 from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.recording.stream_writer import StreamWriter
+from controller.wording import in_words
 from drivers.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
 
 _ERRORS = (GuardStopped, Failed, Stalled)
@@ -177,12 +178,10 @@ class Recorder:
 
     def _log_event(self, event: Event, state: str, next_state: str, commands: Sequence[Command]) -> None:
         """An event as a line of the log panel."""
-        name, details = describe_event(event)
         level = (
             "ERROR" if isinstance(event, _ERRORS) else "WARNING" if isinstance(event, _WARNINGS) else "INFO"
         )
-        said = " ".join(f"{key}={value}" for key, value in details.items())
         change = f" → {next_state}" if next_state != state else ""
-        text = f"{name}{change} {said} {'; '.join(map(describe_command, commands))}".strip()
+        text = "; ".join([f"{in_words(event)}{change}", *map(in_words, commands)])
         self._streams.log(event.t_s, state, text, level)
         self._streams.state(event.t_s, state, next_state)

@@ -15,6 +15,7 @@ from controller.reports.counts import rate
 from controller.reports.figures import OURS, Figures
 from controller.reports.section import Block, Column, Figure, ReportTable, Result, Section, Text
 from controller.reports.text import NOTHING, title
+from controller.wording import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,29 +71,10 @@ def shown(value: object) -> str:
     return NOTHING if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def unit_of(name: str) -> tuple[str, str, float]:
-    """A column's name as words, with the unit that it is shown in, and the factor from SI to it.
-
-    The unit is in the name: `delay_s`, `speed_m_s`, `stop_travel_m`.
-    """
-    for ending, (unit, scale) in _UNITS.items():
-        if name.endswith(ending):
-            return f"{title(name.removesuffix(ending))}, {unit}", unit, scale
-    return title(name), "", 1.0
-
-
-_UNITS = {
-    "_m_s2": ("m/s²", 1.0),
-    "_m_s": ("mm/s", 1e3),
-    "_v_n": ("V/N", 1.0),
-    "_rad": ("rad", 1.0),
-    "_hz": ("Hz", 1.0),
-    "_db": ("dB", 1.0),
-    "_m": ("mm", 1e3),
-    "_n": ("N", 1.0),
-    "_v": ("V", 1.0),
-    "_s": ("s", 1.0),
-}
+def heading_of(name: str) -> tuple[str, str, float]:
+    """Heading of a column, its unit and its scale from SI: the unit is in the name, as in `stop_travel_m`."""
+    said, unit, scale = unit_of(name)
+    return f"{said}, {unit}" if unit else said, unit, scale
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -116,8 +98,8 @@ def _table(
     groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], factors: Sequence[str], numbers: Sequence[str]
 ) -> ReportTable:
     """One line a measured column, one column a set of factors, or the other way where there are more sets."""
-    units = {name: unit_of(name) for name in numbers}
-    columns = [*(Column(unit_of(name)[0], name) for name in factors), Column("n", "n")]
+    units = {name: heading_of(name) for name in numbers}
+    columns = [*(Column(heading_of(name)[0], name) for name in factors), Column("n", "n")]
     columns += [Column(units[name][0], name) for name in numbers]
     rows = [
         [*values, str(len(own)), *(_said(_mean(own, name), units[name][2]) for name in numbers)]
@@ -129,7 +111,9 @@ def _table(
 
 def _spreads(rows: Sequence[Row], numbers: Sequence[str]) -> list[Result]:
     first = [(name, _mean(rows, name)) for name in numbers[:3]]
-    return [Result(None, f"{unit_of(name)[0]}: {_said(mean, unit_of(name)[2])}.") for name, mean in first]
+    return [
+        Result(None, f"{heading_of(name)[0]}: {_said(mean, heading_of(name)[2])}.") for name, mean in first
+    ]
 
 
 def _caption(numbers: Sequence[str], groups: Sequence[Any]) -> str:
@@ -154,7 +138,7 @@ def _draw(
 
 
 def _draw_panel(axes: Axes, groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], name: str) -> None:
-    label, _, scale = unit_of(name)
+    label, _, scale = heading_of(name)
     for place, (_, own) in enumerate(groups, start=1):
         known = [float(row[name]) * scale for row in own if is_number(row.get(name))]
         axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0)

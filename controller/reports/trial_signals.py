@@ -14,6 +14,7 @@ from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.run_account import setting_of
 from controller.reports.text import title
+from controller.wording import spaced
 
 Floats = NDArray[np.float64]
 
@@ -130,7 +131,7 @@ def _marks(run: Run, events: Sequence[Mapping[str, Any]]) -> Iterator[list[Any]]
     for event in events:
         if event.get("detector") is not None and event["event"] != "BaselineReady":
             whose = "paper" if _kind(run, event["detector"]).endswith(".paper") else "ours"
-            yield [event["t_s"], f"{event['event']}, {event['detector']}", whose]
+            yield [event["t_s"], f"{event['detector']}: {spaced(event['event'])}", whose]
 
 
 def _thresholds(

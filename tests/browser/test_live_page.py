@@ -78,7 +78,7 @@ def test_it_tells_the_state_the_signals_the_margins_the_trials_and_the_events(wa
     assert "force 0.0" in page.locator("#margins").inner_text()
     assert "board.load_cell" in page.locator("#streams").inner_text()
     assert page.locator("#rows tr").inner_text().split() == ["2", "contact", "f", "0.003785", "0.212", "0.04"]
-    assert "Contact detector contact" in page.locator("#events").inner_text()
+    assert "contact: contact, value" in page.locator("#events").inner_text()
 
 
 def test_two_who_watch_see_the_same_and_each_can_pause_and_go_on(watching):

@@ -51,7 +51,7 @@ def test_the_signal_of_the_longest_delay_is_three_clicks_away(page):
     page.wait_for_selector(f'#signals-shown[data-ready="{key}"]')
     said = page.locator("#trial").inner_text()
     assert "Trial 2, location d" in said
-    assert "Contact, contact" in said
+    assert "contact: contact" in said
     assert "Threshold: contact" in said
     assert "APPROACH" in said
     assert "Truth:" in said

@@ -1,0 +1,72 @@
+"""Columns, commands and events in words, as page, report and recording show them; new ones need nothing here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+
+from behaviors.events import Event
+from drivers.messages import Command
+
+_UNITS = {
+    "_m_s2": ("m/s²", 1.0),
+    "_m_s": ("mm/s", 1e3),
+    "_v_n": ("V/N", 1.0),
+    "_rad": ("rad", 1.0),
+    "_hz": ("Hz", 1.0),
+    "_db": ("dB", 1.0),
+    "_m": ("mm", 1e3),
+    "_n": ("N", 1.0),
+    "_v": ("V", 1.0),
+    "_s": ("s", 1.0),
+}
+
+
+def unit_of(name: str) -> tuple[str, str, float]:
+    """Name in words, unit that it is shown in, and scale from SI, of a column or field: the unit is in the name."""
+    for ending, (unit, scale) in _UNITS.items():
+        if name.endswith(ending):
+            return name.removesuffix(ending).replace("_", " "), unit, scale
+    return name.replace("_", " "), "", 1.0
+
+
+def spaced(name: str) -> str:
+    """A class's name in words: `MoveTo` as `move to`."""
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", name).lower()
+
+
+def in_words(told: Command | Event) -> str:
+    """A command or an event: `stage: move to 3 mm, speed 5 mm/s`, `stage: sent “move to 3 mm, speed 5 mm/s”`."""
+    who = getattr(told, "device", None) or getattr(told, "detector", None)
+    return f"{who}: {_deed(told)}" if who else _deed(told)
+
+
+def _deed(told: Command | Event) -> str:
+    name = spaced(type(told).__name__)
+    parts = list(_parts(told, bare=name.endswith((" to", " at"))))
+    if parts and (parts[0].startswith("“") or name.endswith((" to", " at"))):
+        name = f"{name} {parts.pop(0)}"
+    return ", ".join([name, *parts])
+
+
+def _parts(told: Command | Event, bare: bool) -> Iterator[str]:
+    """What its fields hold; the first without its name where the verb wants that."""
+    for field in fields(told):
+        value = getattr(told, field.name)
+        if field.name in ("t_s", "device", "detector", "command_id") or not field.repr or value is None:
+            continue
+        if isinstance(value, Command):
+            yield f"“{_deed(value)}”"
+        elif isinstance(value, bool):
+            yield "off" if field.name == "on" and not value else f"{'' if value else 'no '}{field.name}"
+        elif isinstance(value, frozenset):
+            yield ", ".join(sorted(map(str, value))) or "nothing"
+        elif isinstance(value, str):
+            yield value if field.name in ("reason", "request", "stream") else f"{field.name} {value}"
+        elif isinstance(value, tuple):
+            yield f"{unit_of(field.name)[0]} ({', '.join(f'{each:.4g}' for each in value)})"
+        else:
+            shown, unit, scale = unit_of(field.name)
+            yield f"{'' if bare else shown} {value * scale:.4g} {unit}".strip()
+            bare = False
