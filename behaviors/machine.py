@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar
 
 from transitions import Machine
@@ -108,18 +109,7 @@ class Behavior:
         self._came: dict[str, None] = {}
         self._commands: list[Command] = []
         self._event: Event = Tick(0.0)
-        self._machine = Machine(
-            model=self,
-            states=list(self.states),
-            transitions=[self._wired(row) for row in self.table],
-            initial=self.state,
-            auto_transitions=False,
-            ignore_invalid_triggers=True,
-        )
-
-    def _wired(self, row: Row) -> dict[str, Any]:
-        wired = {key: value for key, value in row.items() if key != "label"} | {"source": sources(row)}
-        return wired if row["dest"] is None else {**wired, "after": self._entered}
+        self._machine = _machine(type(self))  # type: ignore[arg-type]  # mypy takes no class for hashable
 
     @property
     def event(self) -> Event:
@@ -234,6 +224,25 @@ class Behavior:
         return taken
 
 
+@cache
+def _machine(kind: type[Behavior]) -> Machine:
+    """The machine of a kind of behavior: one for all its trials, for making it takes a tenth of a short one."""
+    rows = [
+        {key: value for key, value in row.items() if key != "label"}
+        | {"source": sources(row)}
+        | ({} if row["dest"] is None else {"after": "_entered"})
+        for row in kind.table
+    ]
+    return Machine(
+        model=None,
+        states=list(kind.states),
+        transitions=rows,
+        initial=kind.states[0],
+        auto_transitions=False,
+        ignore_invalid_triggers=True,
+    )
+
+
 def with_failures(*rows: Row) -> Sequence[Row]:
     """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
 
@@ -277,7 +286,11 @@ def _described(event: Event) -> str:
 
 def trigger_of(event: Event) -> str:
     """Name of the trigger that an event pulls: its class in snake case."""
-    name = type(event).__name__
+    return _snake(type(event).__name__)
+
+
+@cache
+def _snake(name: str) -> str:
     return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")
 
 

@@ -1,14 +1,18 @@
 """What a trial of each shipped experiment costs on the mock bench: bench time, computing, disk; into config/costs.toml.
 
-python -m benchmarks.costs
+python -m benchmarks.costs [PROFILE...]: these alone; the others stay as they were measured.
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
+import tomllib
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from config.assemble import Table, build_rig, plan_campaign
 from config.costs import COSTS
@@ -21,23 +25,33 @@ TRIALS = 3
 """How many trials are run; the first one warms up, and is not counted."""
 
 
-def main(*, quick: bool = False) -> None:
-    """Run some trials of each mock profile that has an experiment, and write the table."""
+def main(names: Sequence[str] = ()) -> None:
+    """Run some trials of each profile that has an experiment on a simulated bench, and write the table."""
+    shipped = {
+        name: read_source(name).data for name in profile_names() if name.startswith(("mock/", "emulated/"))
+    }
+    table = {} if not names else tomllib.loads(COSTS.read_text("utf-8"))
+    for name in names or [name for name, data in shipped.items() if "experiment" in data]:
+        found = zip(
+            ("bench_s", "computing_s", "disk_bytes"), _cost(name, shipped[name]["devices"]), strict=True
+        )
+        table[name] = {"experiment": shipped[name]["experiment"], **dict(found)}
+        print(name, table[name], flush=True)
+        _write(table)
+
+
+def _write(table: dict[str, dict[str, Any]]) -> None:
     lines = ["# What a trial costs on the mock bench, by profile: python -m benchmarks.costs", ""]
-    for name in profile_names():
-        if name.startswith("mock/") and "experiment" in read_source(name).data:
-            bench_s, computing_s, disk_bytes = _cost(name, 2 if quick else TRIALS)
-            table = {"bench_s": bench_s, "computing_s": computing_s, "disk_bytes": disk_bytes}
-            experiment = read_source(name).data["experiment"]
-            lines += [f'["{name}"]', f'experiment = "{experiment}"']
-            lines += [*(f"{key} = {value:.3g}" for key, value in table.items()), ""]
-            print(name, table, flush=True)
+    for name, row in sorted(table.items(), key=lambda item: (not item[0].startswith("mock/"), item[0])):
+        lines += [f'["{name}"]', f'experiment = "{row["experiment"]}"']
+        lines += [*(f"{key} = {value:.3g}" for key, value in row.items() if key != "experiment"), ""]
     COSTS.write_text("\n".join(lines), encoding="utf-8")
 
 
-def _cost(name: str, trials: int) -> tuple[float, float, float]:
-    profile = load_profile(name, table=Table())
-    some = profile.trials(0)[:trials]
+def _cost(name: str, devices: Iterable[str]) -> tuple[float, float, float]:
+    """Of a profile's trials in virtual time, whichever bench it is for."""
+    profile = load_profile(name, {f"devices.{device}.port": "mock" for device in devices}, table=Table())
+    some = profile.trials(0)[:TRIALS]
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for part in (some[:1], some[1:] or some):
@@ -58,4 +72,4 @@ def _bench_s(folder: Path) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -34,7 +34,8 @@ class Cost(NamedTuple):
 def cost(profile: str, experiment: str, trials: int) -> Cost | None:
     """What trials of a profile take, by what it, or else its experiment, took when it was measured; None if unknown."""
     table = _table()
-    measured = table.get(profile.replace("emulated/", "mock/").replace("hardware/", "mock/"))
+    same = profile.replace("emulated/", "mock/").replace("hardware/", "mock/")
+    measured = table.get(profile) or table.get(same)
     measured = measured or next((row for row in table.values() if row["experiment"] == experiment), None)
     if measured is None:
         return None

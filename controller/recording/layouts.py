@@ -10,7 +10,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from mcap.reader import make_reader
+
+from controller.recording.mcap_file import topics_of
 
 PLOTS = 8
 """Most plots of a layout (assumption: what a screen holds one above the other)."""
@@ -38,14 +39,10 @@ def write_layouts(recording: Path) -> None:
 
 def plotted(recording: Path) -> Mapping[str, Sequence[str]]:
     """Topics to plot with their fields, what tells most first."""
-    with recording.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    if summary is None:
-        raise ValueError(f"{recording}: cut off")
     found = {}
-    for channel in summary.channels.values():
+    for channel, schema in topics_of(recording):
         if not channel.topic.startswith(_OTHERS):
-            described = FileDescriptorSet.FromString(summary.schemas[channel.schema_id].data)
+            described = FileDescriptorSet.FromString(schema.data)
             names = [field.name for field in described.file[-1].message_type[0].field]
             found[channel.topic] = [name for name in names if name != "t_s"]
     order = sorted(found, key=lambda topic: (not topic.startswith(_FIRST), topic))

@@ -38,6 +38,7 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
+from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -51,6 +52,9 @@ LARGEST_CHUNK_BYTES = 64 * CHUNK_BYTES
 
 RECORD = struct.Struct("<BQ")
 """Head of a record: opcode, length of what follows."""
+
+_FOOTER_BYTES = RECORD.size + 20 + len(MAGIC)
+"""Length of the last record, with what ends the file."""
 
 _MESSAGE_HEAD = [
     ("opcode", "u1"),
@@ -362,6 +366,30 @@ def records(path: Path) -> Iterator[Channel | Metadata | tuple[int, int] | Foote
                 kind: Any = {Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}.get(Opcode(opcode), Footer)
                 file.seek(body)
                 yield kind.read(ReadDataStream(BytesIO(file.read(length))))
+
+
+def topics_of(path: Path) -> list[tuple[Channel, Schema]]:
+    """The topics of a whole file and their schemas; of its summary the beginning alone is read.
+
+    Raises:
+        ValueError: it was cut off.
+    """
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _FOOTER_BYTES))
+        end = file.read()
+        if not end.endswith(MAGIC) or end[0] != Opcode.FOOTER:
+            raise ValueError(f"{path}: cut off")
+        file.seek(Footer.read(ReadDataStream(BytesIO(end[RECORD.size :]))).summary_start)
+        schemas: dict[int, Schema] = {}
+        found = []
+        for record in StreamReader(file, skip_magic=True).records:
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                found.append((record, schemas[record.schema_id]))
+            else:
+                break
+    return found
 
 
 def walk(path: Path) -> Iterator[tuple[int, int, int]]:
