@@ -76,6 +76,9 @@ class TrialRecording:
         self.factors = dict(factors or {})
         self._blocks: dict[str, list[SampleBlock]] = {}
         self._skipped: dict[str, list[Span]] = {}
+        self._joined: tuple[tuple[str, int, int], Series] | None = (
+            None  # the last, of so many blocks and skipped spans
+        )
 
     @property
     def streams(self) -> Sequence[str]:
@@ -107,19 +110,25 @@ class TrialRecording:
         return (np.concatenate(found) if found else np.empty((0, 1))), unit
 
     def stream(self, name: str) -> Series:
-        """One stream as arrays; without a sample where nothing of it was recorded."""
-        blocks = [block for block in self._blocks.get(name, ()) if len(block)]
-        skipped = tuple(self._skipped.get(name, ()))
-        if not blocks:
-            return Series(np.empty(0), np.empty((0, 1)), skipped=skipped)
-        times = [block.times for block in blocks]
-        return Series(
-            np.concatenate(times),
-            np.concatenate([block.physical for block in blocks]),
-            blocks[0].unit,
-            tuple(_gaps(blocks, times, skipped)),
-            skipped,
-        )
+        """One stream as arrays, not to be written to; without a sample where nothing of it was recorded."""
+        blocks, skipped = self._blocks.get(name, ()), self._skipped.get(name, ())
+        known = (name, len(blocks), len(skipped))
+        if self._joined is None or self._joined[0] != known:
+            self._joined = known, _joined([block for block in blocks if len(block)], tuple(skipped))
+        return self._joined[1]
+
+
+def _joined(blocks: Sequence[SampleBlock], skipped: tuple[Span, ...]) -> Series:
+    if not blocks:
+        return Series(np.empty(0), np.empty((0, 1)), skipped=skipped)
+    times = [block.times for block in blocks]
+    return Series(
+        np.concatenate(times),
+        np.concatenate([block.physical for block in blocks]),
+        blocks[0].unit,
+        tuple(_gaps(blocks, times, skipped)),
+        skipped,
+    )
 
 
 def _gaps(
