@@ -7,6 +7,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 from dataclasses import is_dataclass
 from enum import Enum
+from operator import is_
 from types import BuiltinFunctionType, FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any, Protocol, runtime_checkable
 
@@ -43,7 +44,9 @@ class UnkeptError(Exception):
 class Snapshot:
     """What some objects are now, down to the last array; they are put back in place.
 
-    Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which nobody changes.
+    Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which nobody changes;
+    neither is an array that nobody can write. A class names in `lasting` what need not be put back: a ring of the latest
+    samples that is longer than a look and that moment together, where what is after the moment is written anew.
 
     Args:
         roots: The objects. What they share is copied once.
@@ -95,10 +98,13 @@ def turns_before(t_s: float, first: int, stride: int, rate_hz: float) -> int:
 
 def _copy(thing: Any, memo: dict[int, Any]) -> Any:
     kind = type(thing)
+    if kind in _PLAIN:
+        return thing
     copier = _COPIERS.get(kind)
     if copier is None:
         copier = _COPIERS[kind] = _copier(kind)
     if copier is _same:
+        _PLAIN.add(kind)
         return thing
     known = memo.get(id(thing))
     return copier(thing, memo) if known is None else known
@@ -111,10 +117,20 @@ def _copier(kind: type) -> Copier:
     if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         return _same
     if issubclass(kind, tuple) and hasattr(kind, "_make"):
-        return lambda thing, memo: kind._make(_copy(each, memo) for each in thing)
+        return lambda thing, memo: _changed(thing, _each(thing, memo), kind._make)
     if all(base is object or base.__flags__ & _OF_PYTHON for base in kind.__mro__):
         return _object
     raise UnkeptError(f"{kind.__module__}.{kind.__qualname__}")
+
+
+def _each(things: Iterable[Any], memo: dict[int, Any]) -> list[Any]:
+    """Copies, in order. What is plain, most of a bench, is not asked about again: this is where the time goes."""
+    return [each if type(each) in _PLAIN else _copy(each, memo) for each in things]
+
+
+def _changed(thing: Any, parts: list[Any], made: Callable[[list[Any]], Any]) -> Any:
+    """A tuple of copies, or the tuple itself where there was nothing to copy."""
+    return thing if all(map(is_, thing, parts)) else made(parts)
 
 
 def _same(thing: Any, _: dict[int, Any]) -> Any:
@@ -124,6 +140,8 @@ def _same(thing: Any, _: dict[int, Any]) -> Any:
 def _object(thing: Any, memo: dict[int, Any]) -> Any:
     kind = type(thing)
     made = memo[id(thing)] = object.__new__(kind)
+    for name in getattr(kind, "lasting", ()):
+        memo[id(getattr(thing, name))] = getattr(thing, name)
     if hasattr(thing, "__dict__"):
         made.__dict__.update(_copy(thing.__dict__, memo))
     for base in kind.__mro__:
@@ -149,8 +167,7 @@ def _array(thing: Any, memo: dict[int, Any]) -> Any:
 
 def _dict(thing: Any, memo: dict[int, Any]) -> Any:
     made = memo[id(thing)] = {}
-    for key, value in thing.items():
-        made[_copy(key, memo)] = _copy(value, memo)
+    made.update(zip(_each(thing, memo), _each(thing.values(), memo), strict=True))
     return made
 
 
@@ -162,14 +179,14 @@ def _defaultdict(thing: Any, memo: dict[int, Any]) -> Any:
 def _list(thing: Any, memo: dict[int, Any]) -> Any:
     made: list[Any] = []
     memo[id(thing)] = made
-    made += [_copy(each, memo) for each in thing]
+    made += _each(thing, memo)
     return made
 
 
 def _deque(thing: Any, memo: dict[int, Any]) -> Any:
     made: deque[Any] = deque(maxlen=thing.maxlen)
     memo[id(thing)] = made
-    made += [_copy(each, memo) for each in thing]
+    made += _each(thing, memo)
     return made
 
 
@@ -178,12 +195,15 @@ _VALUES: tuple[type, ...] = (
     *(np.generic, np.dtype, np.ufunc, ModuleType, MappingProxyType),
 )
 
+_PLAIN: set[type] = set(_VALUES)
+"""Types whose things are values; those that are met are added."""
+
 _OF_PYTHON = 1 << 9
 """Flag of a class that is made by a class statement (CPython: Py_TPFLAGS_HEAPTYPE)."""
 
 _COPIERS: dict[type, Copier] = {
-    tuple: lambda thing, memo: tuple([_copy(each, memo) for each in thing]),
-    set: lambda thing, memo: {_copy(each, memo) for each in thing},
+    tuple: lambda thing, memo: _changed(thing, _each(thing, memo), tuple),
+    set: lambda thing, memo: set(_each(thing, memo)),
     FunctionType: _function,
     BuiltinFunctionType: _function,
     MethodType: lambda thing, memo: MethodType(thing.__func__, _copy(thing.__self__, memo)),

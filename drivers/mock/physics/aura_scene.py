@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 KEEP = 4096
-"""Milliseconds that are remembered: longer than an emulated bench falls behind (its backlog is 2 s)."""
+"""Milliseconds that are remembered: longer than an emulated bench falls behind (its backlog is 2 s), and than two looks."""
 
 TOOL, OBJECT, FORCE = (
     slice(kernel.TOOL, kernel.TOOL + 3),
@@ -88,6 +88,8 @@ class AuraScene:
         contacts: When a finger began (True) and ceased (False) to touch, both fingers together.
         finger_contacts: The same of the right finger and of the left.
     """
+
+    lasting = ("_rows",)
 
     def __init__(self, layout: Layout, fits: bool, tick: int, tool_m: Floats, width_m: float) -> None:
         self.layout = layout

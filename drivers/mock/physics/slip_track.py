@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 KEEP_S = 4.0
-"""How long samples are kept: longer than an emulated bench falls behind (its backlog is 2 s)."""
+"""How long samples are kept: longer than an emulated bench falls behind (its backlog is 2 s), and than two looks ahead."""
 
 PAUSE_S = 0.05
 """A contact that rests for longer than this has stopped slipping. Assumption: stick and slip on the study's structures
@@ -29,6 +29,8 @@ class Track:
     Attributes:
         count: Number of the last sample.
     """
+
+    lasting = ("_kept",)
 
     def __init__(self, rate_hz: float, width: int) -> None:
         self._rate_hz = rate_hz

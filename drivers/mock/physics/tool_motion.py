@@ -96,6 +96,9 @@ class ToolTrack:
         """Move by these legs from `t_s` on, where the first of them begins."""
         while self._legs and self._legs[-1].t_start_s >= t_s:
             self._legs.pop()
+        for leg in plan:
+            for part in leg[1:]:
+                part.setflags(write=False)
         self._legs.extend(plan)
         self._known: Array | None = None
         self._straight = all(leg.turned is STRAIGHT for leg in plan) and self._straight

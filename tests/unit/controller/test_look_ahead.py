@@ -71,3 +71,24 @@ def test_the_reach_grows_in_quiet_and_ends_before_what_happened():
     reach.turns = 16
     reach.happened(16, before=15)
     assert reach.turns == 8, "at the end: when is not known"
+
+
+class Ring:
+    """The latest samples, of which more are kept than are tried."""
+
+    lasting = ("rows",)
+
+    def __init__(self):
+        self.rows, self.count = np.zeros(8), 0
+
+
+def test_a_ring_is_not_put_back_and_what_nobody_can_write_is_not_copied():
+    ring, fixed = Ring(), np.arange(3.0)
+    fixed.setflags(write=False)
+    thing = SimpleNamespace(ring=ring, fixed=fixed, pair=(1, "a"))
+    pair = thing.pair
+    kept = Snapshot([thing])
+    ring.rows[1], ring.count = 1.0, 1
+    kept.restore()
+    assert thing.ring.count == 0 and thing.ring.rows is ring.rows
+    assert thing.fixed is fixed and thing.pair is pair
