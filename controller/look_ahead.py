@@ -21,8 +21,9 @@ MOST_TURNS = 512
 LONGEST_S = 2.0
 """Longest span. Simulated benches remember four seconds of what devices may still ask for."""
 
-GROWTH = 4
-"""How many times longer the next look is when nothing happened. Assumption: a look in vain costs about a turn."""
+GROWTH = 8
+"""How many times longer the next look is when nothing happened and detectors listen. Assumption: a look costs some ten
+turns' worth of samples, whether in vain or not."""
 
 Copier = Callable[[Any, dict[int, Any]], Any]
 
@@ -45,8 +46,8 @@ class Snapshot:
     """What some objects are now, down to the last array; they are put back in place.
 
     Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which nobody changes;
-    neither is an array that nobody can write. A class names in `lasting` what need not be put back: a ring of the latest
-    samples that is longer than a look and that moment together, where what is after the moment is written anew.
+    neither is an array that nobody can write. A class names in `lasting` what need not be put back: a ring of the
+    latest samples, twice as long as a look; what it holds of later ones is written anew.
 
     Args:
         roots: The objects. What they share is copied once.
@@ -74,9 +75,9 @@ class Reach:
         self.turns = 1
         self._known = False
 
-    def quiet(self) -> None:
-        """Nothing happened in as many turns."""
-        self.turns = 1 if self._known else min(GROWTH * self.turns, MOST_TURNS)
+    def quiet(self, heard: bool) -> None:
+        """Nothing happened in as many turns. Where no detector hears anything, little can happen in many."""
+        self.turns = 1 if self._known else min((GROWTH if heard else MOST_TURNS) * self.turns, MOST_TURNS)
         self._known = False
 
     def happened(self, turns: int, before: int) -> None:

@@ -296,7 +296,7 @@ class Loop:
             return self._pass_quietly()
         self._turns = last
         self.account.turns += turns
-        reach.quiet()
+        reach.quiet(bool(self._armed))
         self._attend(self._clock.now())
         return True
 
@@ -385,7 +385,7 @@ class Loop:
         if len(self.events) > before:
             self._reach.begin()
         else:
-            self._reach.quiet()
+            self._reach.quiet(bool(self._armed))
         while self._waits_for_a_word():
             # Virtual time stands still while a person thinks; the processor may as well rest.
             rest(KEY_INTERVAL_S)

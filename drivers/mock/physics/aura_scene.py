@@ -18,7 +18,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 KEEP = 4096
-"""Milliseconds that are remembered: longer than an emulated bench falls behind (its backlog is 2 s), and than two looks."""
+"""Milliseconds that are remembered: longer than an emulated bench falls behind, and twice as long as a look ahead (2 s
+both)."""
 
 TOOL, OBJECT, FORCE = (
     slice(kernel.TOOL, kernel.TOOL + 3),

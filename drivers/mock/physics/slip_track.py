@@ -12,7 +12,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 KEEP_S = 4.0
-"""How long samples are kept: longer than an emulated bench falls behind (its backlog is 2 s), and than two looks ahead."""
+"""How long samples are kept: longer than an emulated bench falls behind, and twice as long as the loop looks ahead (2 s
+both)."""
 
 PAUSE_S = 0.05
 """A contact that rests for longer than this has stopped slipping. Assumption: stick and slip on the study's structures

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.look_ahead import Reach, Snapshot, UnkeptError, turns_before
+from controller.look_ahead import MOST_TURNS, Reach, Snapshot, UnkeptError, turns_before
 
 
 class Thing:
@@ -61,13 +61,15 @@ def test_turns_before_an_event_are_those_in_which_it_is_not_seen():
 
 def test_the_reach_grows_in_quiet_and_ends_before_what_happened():
     reach = Reach()
-    reach.quiet()
-    reach.quiet()
-    assert reach.turns == 16
+    reach.quiet(heard=True)
+    reach.quiet(heard=True)
+    assert reach.turns == 64
     reach.happened(16, before=5)
     assert reach.turns == 5
-    reach.quiet()
+    reach.quiet(heard=True)
     assert reach.turns == 1, "the next turn sees it"
+    reach.quiet(heard=False)
+    assert reach.turns == MOST_TURNS, "nobody hears anything"
     reach.turns = 16
     reach.happened(16, before=15)
     assert reach.turns == 8, "at the end: when is not known"
