@@ -29,6 +29,22 @@ def test_a_sweep_in_kilohertz_without_names_gives_figures_and_a_picture(verb, pa
     assert (tmp_path / "pair.png").stat().st_size > 10_000
 
 
+PUBLIC_PAIR = """
+    39.0 1.6  39.2 2.2  39.5 3.8  39.7 5.8  39.8 7.0  39.9 8.2  40.0 9.3  40.1 10.1  40.2 10.7  40.3 11.3  40.4 11.6
+    40.5 11.6  40.6 10.9  40.7 9.6  40.8 8.2  40.9 6.9  41.0 5.8  41.2 4.3  41.5 3.1  41.7 2.7  42.0 2.3  42.5 1.3"""
+"""kHz and V of two cheap transducers, taped together (J. Desbonnet, LPC824_Ultrasonic_Ranger, 2017)."""
+
+
+def test_a_pair_that_was_measured_has_its_peak_its_sharpness_and_two_resonances(verb, tmp_path):
+    path = tmp_path / "public.dat"
+    np.savetxt(path, np.array(PUBLIC_PAIR.split(), float).reshape(22, 2))
+    _, out, _ = verb("sweep", path)
+    found = json.loads(out)
+    assert 40_400.0 <= found["peak_hz"] <= 40_500.0
+    assert found["q"] == pytest.approx(45.0, abs=1.0)
+    assert [one["frequency_hz"] for one in found["resonances"]] == pytest.approx([40_100, 40_600], abs=50.0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
