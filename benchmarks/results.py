@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import platform
+import time
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -28,6 +31,16 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "date": datetime.now(UTC).date().isoformat(),
     }
+
+
+def workers() -> ProcessPoolExecutor:
+    """A process a core, each a fresh interpreter: a fork of one that has loaded numba's threads may hang."""
+    return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
+
+
+def tell(what: str) -> None:
+    """Say how far a study is, with the time of day."""
+    print(f"{time.strftime('%H:%M:%S')}  {what}", flush=True)
 
 
 def save(name: str, result: Mapping[str, Any], *, quick: bool = False) -> None:

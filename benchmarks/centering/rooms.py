@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import multiprocessing
-import os
 import time
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -16,7 +14,7 @@ from benchmarks.centering.scenes import LEVEL, Place
 from benchmarks.centering.scoring import CenteringScore, score
 from benchmarks.centering.search import Found
 from benchmarks.centering.study import SEED_TUNE, SPEEDS_M_S, Method, eighty_five, gamma, made, methods
-from benchmarks.results import save
+from benchmarks.results import save, workers
 from config.assemble import Table
 from config.profile import load_profile
 from drivers.mock.physics.aura_settings import EchoSettings, RoomSettings
@@ -92,8 +90,7 @@ def main(quick: bool = False) -> None:
     """Run the study; writes results/centering_rooms.json."""
     started_s, every = time.perf_counter(), 17 if quick else 1
     profile = methods(load_profile("mock/centering", {}, table=Table()))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), context) as pool:
+    with workers() as pool:
         choices = papers_choices(profile["paper"], pool)
         best = {speed_m_s: _best(choices[speed_m_s]) for speed_m_s in SPEEDS_M_S}
         ours = profile["ours"]

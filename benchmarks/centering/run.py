@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -29,7 +27,7 @@ from benchmarks.centering.study import (
     papers_choices,
     with_object,
 )
-from benchmarks.results import save
+from benchmarks.results import save, tell, workers
 from config.assemble import Table
 from config.profile import load_profile
 from drivers.mock.physics.aura_objects import SIX
@@ -41,9 +39,7 @@ WAVES = ((0.125, 0.0125), (0.5, 0.015))
 def main(quick: bool = False) -> None:
     """Run the study, print the worst of the 85; writes results/centering.json."""
     started_s, size = time.perf_counter(), QUICK if quick else FULL
-    # a fresh interpreter each: a fork of one that has loaded numba's threads may hang
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), context) as pool:
+    with workers() as pool:
         study = _study(size, pool)
     study = replace(study, wall_s=time.perf_counter() - started_s)
     save("centering", numbers(study), quick=quick)
@@ -55,13 +51,13 @@ def _study(size: CenteringSize, pool: ProcessPoolExecutor) -> CenteringStudy:
     gains = gains_of(MISMATCH_DB, pipe["ours"])
     alike = gains_of(0.0, pipe["ours"])
     main_rows = _main(pipe, gains, size, pool)
-    _tell("the 85")
+    tell("the 85")
     aside = _aside(pipe, size, pool)
     scatter = {
         db: _eighty_fives(pipe["ours"], size.aside, pool, seed=SEED_SCATTER, finger_db=db)
         for db in SCATTERS_DB
     }
-    _tell("the 85 otherwise")
+    tell("the 85 otherwise")
     by_object = {
         (name, method, speed_m_s): made(
             [(place, objects[method]) for place in with_object(name, size.objects, speed_m_s)], pool
@@ -70,7 +66,7 @@ def _study(size: CenteringSize, pool: ProcessPoolExecutor) -> CenteringStudy:
         for method in ("paper", "ours")
         for speed_m_s in SPEEDS_M_S
     }
-    _tell("the six objects")
+    tell("the six objects")
     return CenteringStudy(
         size=size,
         tunings={name: method.tuning for name, method in pipe.items()},
@@ -103,7 +99,7 @@ def _main(
     for name, method, mismatch_db in rows:
         by_speed = _eighty_fives(method, size.repeats, pool, mismatch_db=mismatch_db)
         found |= {(name, mismatch_db, speed_m_s): repeats for speed_m_s, repeats in by_speed.items()}
-        _tell(f"{name}, {mismatch_db:g} dB")
+        tell(f"{name}, {mismatch_db:g} dB")
     return found
 
 
@@ -147,7 +143,3 @@ def _eighty_fives(
         outcomes = made([(place, method) for place in places], pool)
         found[speed_m_s] = [outcomes[first : first + 85] for first in range(0, len(outcomes), 85)]
     return found
-
-
-def _tell(what: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')}  {what}", flush=True)

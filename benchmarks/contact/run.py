@@ -5,11 +5,8 @@ What was computed is kept under runs/benchmarks, by what it was computed with: a
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +27,7 @@ from benchmarks.contact.study import (
     joined,
     swept,
 )
-from benchmarks.results import save
+from benchmarks.results import save, workers
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -141,8 +138,7 @@ def main(quick: bool = False) -> None:
     folder = ROOT / "runs" / "benchmarks" / f"contact_{code}"
     folder.mkdir(parents=True, exist_ok=True)
     wanted = list(tasks(quick))
-    # a fresh interpreter each: a fork of one that has loaded numba's threads may hang
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+    with workers() as pool:
         done = list(pool.map(_kept, wanted, [folder] * len(wanted)))
     found = figures(dict(zip(wanted_names(wanted), done, strict=True)))
     save("contact", found, quick=quick)

@@ -6,11 +6,8 @@ Thresholds are set on rooms drawn by chance, rates are of other rooms, one nuisa
 from __future__ import annotations
 
 import math
-import multiprocessing
-import os
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +16,7 @@ from numpy.typing import NDArray
 from benchmarks.pretouch.rooms import ROOMS, TRAINING, UNDULATION_M, HeardFinger, Passing, hear, passings
 from benchmarks.pretouch.scenes import RATE_HZ
 from benchmarks.pretouch.scoring import Rate, rate
-from benchmarks.results import save
+from benchmarks.results import save, workers
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 
@@ -203,8 +200,7 @@ def rows_of(
 def main(quick: bool = False) -> None:
     """Run the study; writes results/pretouch_rooms.json."""
     started_s, size = time.perf_counter(), QUICK if quick else FULL
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), context) as pool:
+    with workers() as pool:
         outcomes = list(pool.map(judged, work_of(size), chunksize=50))
     thresholds = thresholds_of(outcomes)
     rows = rows_of(outcomes, thresholds)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import resource
 import time
 from collections.abc import Sequence
@@ -38,7 +36,7 @@ from benchmarks.pretouch.study import (
     matched_db,
     pretouch_judges,
 )
-from benchmarks.results import save
+from benchmarks.results import save, tell, workers
 from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
 
 SWEEP_DB = (0, 5, 10, 15, 20, 25, 30, 35, 40)
@@ -48,9 +46,7 @@ AFAR_M = 0.12
 def main(quick: bool = False) -> None:
     """Run the study, print what was asked and found; writes results/pretouch.json."""
     started_s, size = time.perf_counter(), QUICK if quick else FULL
-    # a fresh interpreter each: a fork of one that has loaded numba's threads may hang
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), context) as pool:
+    with workers() as pool:
         study = _study(size, pool)
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = time.process_time() + children.ru_utime + children.ru_stime
@@ -60,13 +56,13 @@ def main(quick: bool = False) -> None:
 
 def _study(size: PretouchSize, pool: ProcessPoolExecutor) -> RatesStudy:
     plain_thresholds = calibrate(0.0, size, pool)
-    _tell("thresholds where the echo is as the plant believes")
+    tell("thresholds where the echo is as the plant believes")
     weaker_db, found_db = matched_db(plain_thresholds, size, pool)
-    _tell(f"the paper's own rate comes out of the paper's detector {weaker_db} dB below")
+    tell(f"the paper's own rate comes out of the paper's detector {weaker_db} dB below")
     thresholds = calibrate(float(weaker_db), size, pool)
     work = list(events(SEED_TEST, size.touches, size.nears, size.others, weaker_db=float(weaker_db)))
     matched = judged(work, thresholds, pool)
-    _tell(f"{len(work)} passages at that echo")
+    tell(f"{len(work)} passages at that echo")
     plain = judged(list(events(SEED_TEST + 1, *size.plain)), plain_thresholds, pool)
     soft = {
         db: judged(
@@ -78,10 +74,10 @@ def _study(size: PretouchSize, pool: ProcessPoolExecutor) -> RatesStudy:
     }
     sweep = {db: _sweep(db, size, plain_thresholds, pool) for db in SWEEP_DB}
     afar = judged(_from_afar(size), plain_thresholds, pool)
-    _tell("plain, soft, weaker and from afar")
+    tell("plain, soft, weaker and from afar")
     sampled = work[:: size.carrier]
     by_carrier = judged(sampled, thresholds, pool, carrier=True)
-    _tell(f"{len(sampled)} of them at carrier level")
+    tell(f"{len(sampled)} of them at carrier level")
     return RatesStudy(
         size=size,
         weaker_db=weaker_db,
@@ -97,10 +93,6 @@ def _study(size: PretouchSize, pool: ProcessPoolExecutor) -> RatesStudy:
         by_carrier=by_carrier,
         blind=blind_spots(),
     )
-
-
-def _tell(what: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')}  {what}", flush=True)
 
 
 def _sweep(
