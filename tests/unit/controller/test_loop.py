@@ -27,6 +27,7 @@ from drivers.messages import (
     Standstill,
     Stop,
     StreamInfo,
+    Tare,
 )
 
 RATE_HZ = 200.0
@@ -868,6 +869,17 @@ def test_what_comes_after_the_end_is_kept_and_moves_nothing(bench):
     assert ("Failed", "DONE", "DONE", []) in bench.kept
 
 
+def test_a_mover_counts_as_moving_while_it_moves_or_is_told_to_stop_and_not_for_another_command(bench):
+    bench.behavior.enter_APPROACH = lambda: bench.behavior.command(Tare("stage", "stage.force"))
+    bench.behavior.enter_STOPPING = lambda: bench.behavior.command(Stop("stage"))
+    bench.ear.above = 0.15
+    bench.run()
+    moving = [(round(t_s, 6), moves) for t_s, _, moves, *_ in bench.guard.seen]
+    assert [t_s for t_s, moves in moving if moves] == pytest.approx(
+        np.arange(bench.told(Stop)[0][0] + TURN_S, bench.told(Stop)[1][0], TURN_S)
+    )
+
+
 def test_a_stalled_mover_does_not_count_as_moving(bench):
     class Unaware(Deaf):
         table = tuple(row for row in Deaf.table if row["trigger"] != "stalled")
@@ -943,6 +955,7 @@ def test_a_paused_trial_goes_on_once_every_mover_stands_and_its_time_is_counted(
     assert resumed.t_s == pytest.approx(0.25)
     assert bench.loop.account.paused_s == pytest.approx(0.10)
     assert [event.t_s for event in bench.loop.events if isinstance(event, Paused)] == [pytest.approx(0.15)]
+    assert [kept[1:3] for kept in bench.kept if kept[0] == "Paused"] == [("APPROACH", "APPROACH")]
     assert ("APPROACH", pytest.approx(0.25)) in bench.shown
 
 
