@@ -99,8 +99,9 @@ def script():
 
 
 @pytest.fixture
-def verb(capsys):
-    """Calls the program as `run.py …` does; gives exit code, output and errors."""
+def verb(capsys, monkeypatch):
+    """Calls the program as `run.py …` does; gives exit code, output and errors. Figures are drawn elsewhere."""
+    monkeypatch.setattr("controller.reports.figures.Figures.save", lambda *_: "<svg/>")
 
     def call(*arguments):
         with pytest.raises(SystemExit) as ended:

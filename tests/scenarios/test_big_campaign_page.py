@@ -35,7 +35,6 @@ speed_m_s = [0.003, 0.006, 0.009]
 def carried_out(verb, tmp_path, monkeypatch):
     """Has bash run a text in an empty folder, and the program what bash would have had it run."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("controller.reports.figures.Figures.save", lambda *_: "<svg/>")
     (tmp_path / "my_campaign.toml").write_text(CAMPAIGN)
 
     def carried_out(text, **variables):
