@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.approach import Approach, Approaching, approaching
+from behaviors.approach import Approach, approaching
 from behaviors.events import BaselineReady
 from behaviors.machine import StatePlan, on, with_failures
-from drivers.messages import Home, MoveAt, Stop, Twist
-from drivers.settings import DetectorName, DeviceName, Settings, StreamName
+from behaviors.tip import TipTrial, TipTrialSettings
+from drivers.messages import Home, Stop
+from drivers.settings import DetectorName, Settings, StreamName
 
 Angle = Annotated[float, Field(ge=-1.57, le=1.57)]
 """The tip is a half cylinder: what touches beyond a quarter turn touches something else (section 2)."""
 
 
-class PointerSettings(Settings):
+class PointerSettings(TipTrialSettings):
     """How the angle of the contact is held against the arm's."""
-
-    mover: DeviceName = "arm"
-    """Device that carries and turns the tip."""
 
     detector: DetectorName = "touch"
     """Detector whose contact ends a descent; its threshold is the force of the touch."""
 
     forces_stream: StreamName = "signals.tip"
     """The fingertip's calibrated forces (N): Fx and Fy first."""
-
-    pose_stream: StreamName = "arm.pose"
-    """Where the tool is: the true angle (m, rotation vector in rad)."""
 
     angles_rad: tuple[Angle, ...] = tuple(round(-1.5 + 0.3 * i, 6) for i in range(11))
     """Angles at which it touches, rad, ascending: all of them up, then all of them down. Fig. 11 is drawn from -1.5 to
@@ -48,26 +42,11 @@ class PointerSettings(Settings):
     """Speed of turning, in the air. Assumption: slow enough that an arm of 0.5 rad/s2 is up to it within a step of the
     angles; one that is not turns less far."""
 
-    descend_m_s: float = Field(default=0.002, gt=0.0, le=0.05)
-    """Speed of descent. Assumption: the paper prints none."""
-
-    descend_limit_m: float = Field(default=0.006, gt=0.0, le=1.0)
-    """Where a descent without contact ends, on the approach axis."""
-
     rest_s: float = Field(default=0.3, ge=0.0, le=60.0)
     """Wait after standstill (assumption: the structure has stopped ringing)."""
 
     record_s: float = Field(default=0.4, gt=0.0, le=60.0)
     """How long each touch is recorded."""
-
-    lift_m_s: float = Field(default=0.01, gt=0.0, le=0.25)
-    """Speed of lifting off."""
-
-    motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
-    """Longest stay in any state that waits for the mover."""
-
-    home_timeout_s: float = Field(default=150.0, gt=0.0, le=600.0)
-    """Longest homing. An arm turns home as slowly as it moves home: 1.5 rad at 0.02 rad/s take 75 s."""
 
     @model_validator(mode="after")
     def _ascending(self) -> Self:
@@ -85,7 +64,7 @@ class PointerFactors(Settings):
     """What a trial varies: nothing of its own; the force is the detector's threshold."""
 
 
-class Pointer(Approaching):
+class Pointer(TipTrial):
     """Turn, touch, record, lift, until every angle has been touched in both directions.
 
     Args:
@@ -133,6 +112,8 @@ class Pointer(Approaching):
         on("resumed", ["UNTURNING", "RETURNING"], "RETURNING"),
         on("deadline", "WAITING", "FAILED", do="conclude_late"),
     )
+
+    settings: PointerSettings
 
     def __init__(self, settings: PointerSettings, factors: PointerFactors, detectors: frozenset[str]) -> None:
         motion = settings.motion_timeout_s
@@ -215,35 +196,17 @@ class Pointer(Approaching):
         """To the next angle, about the tip's own axis; the last angle upwards is the first one downwards."""
         self._turn(self.settings.turns_rad[self._recorded])
 
-    def enter_DESCENDING(self) -> None:
-        """Towards the table, bounded by the device."""
-        self.go_until_contact()
-
     def enter_STOPPING(self) -> None:
         """The table presses as hard as was asked for."""
         self.command(Stop(self.settings.mover))
 
-    def enter_LIFTING(self) -> None:
-        """Off the table, turned as it is."""
-        self.command(MoveAt(self.settings.mover, -self.settings.lift_m_s, 0.0))
-
     def enter_UNTURNING(self) -> None:
         """Turned back, for the way home is slow where it turns."""
         self._turn(0.0)
-
-    def enter_RETURNING(self) -> None:
-        """To where the next trial begins."""
-        self.command(Home(self.settings.mover))
-
-    def enter_FAILED(self) -> None:
-        """Nothing moves after an error."""
-        self.command(Stop(self.settings.mover))
 
     def _turn(self, angle_rad: float) -> None:
         turn_rad, self._turned_rad = angle_rad - self._turned_rad, angle_rad
         if turn_rad == 0.0:
             self.command(Stop(self.settings.mover))
             return
-        speed_rad_s = math.copysign(self.settings.turn_rad_s, turn_rad)
-        twist = (0.0, 0.0, 0.0, 0.0, speed_rad_s, 0.0)
-        self.command(Twist(self.settings.mover, twist, turn_rad / speed_rad_s))
+        self.turn(turn_rad, self.settings.turn_rad_s)

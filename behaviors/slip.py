@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from behaviors.approach import Approach, Approaching, approaching
+from behaviors.approach import Approach, approaching
 from behaviors.events import Detected
 from behaviors.machine import StatePlan, on, with_failures
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
+from behaviors.tip import TipTrial
 from drivers.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
 
 
@@ -31,7 +32,7 @@ def _following(source: str, trigger: str, steps: Sequence[str]) -> Sequence[Mapp
     ]
 
 
-class RollSlip(Approaching):
+class RollSlip(TipTrial):
     """Touch, press, then roll, slide and hold as the sensor's steps say; lift and go home.
 
     Args:
@@ -88,6 +89,8 @@ class RollSlip(Approaching):
         ),
         on("resumed", ["LIFTING", "LEVELLING", "RETURNING"], "LIFTING"),
     )
+
+    settings: RollSlipSettings
 
     def __init__(
         self, settings: RollSlipSettings, factors: RollSlipFactors, detectors: frozenset[str]
@@ -240,15 +243,8 @@ class RollSlip(Approaching):
         self._turn(-self._turned_rad)
 
     def _turn(self, turn_rad: float) -> None:
-        speed_rad_s = math.copysign(self.settings.tilt_rad_s, turn_rad)
-        # from rest, a tool goes as far as its twist times the duration: the ramp down comes after it
-        duration_s = turn_rad / speed_rad_s
-        self.command(Twist(self.settings.mover, (0.0, 0.0, 0.0, 0.0, speed_rad_s, 0.0), duration_s))
+        self.turn(turn_rad, self.settings.tilt_rad_s)
         self._turned_rad += turn_rad
-
-    def enter_DESCENDING(self) -> None:
-        """Towards the table, bounded by the device."""
-        self.go_until_contact()
 
     def enter_PRESSING(self) -> None:
         """From where the arm stood still after the touch, as far as the sensor is pressed in its trial."""
@@ -275,16 +271,4 @@ class RollSlip(Approaching):
 
     def enter_HALTING(self) -> None:
         """Slip: stop at once."""
-        self.command(Stop(self.settings.mover))
-
-    def enter_LIFTING(self) -> None:
-        """Off the table."""
-        self.command(MoveAt(self.settings.mover, -self.settings.lift_m_s, 0.0))
-
-    def enter_RETURNING(self) -> None:
-        """To where the next trial begins."""
-        self.command(Home(self.settings.mover))
-
-    def enter_FAILED(self) -> None:
-        """Nothing moves after an error."""
         self.command(Stop(self.settings.mover))

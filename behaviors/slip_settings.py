@@ -7,7 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
-from drivers.settings import DetectorName, DeviceName, Settings, StreamName
+from behaviors.tip import TipTrialSettings
+from drivers.settings import DetectorName, Settings, StreamName
 
 SensorName = Literal["fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa"]
 
@@ -76,17 +77,11 @@ class SensorRunSettings(Settings):
         return self
 
 
-class RollSlipSettings(Settings):
+class RollSlipSettings(TipTrialSettings):
     """How a trial is run."""
-
-    mover: DeviceName = "arm"
-    """Device that carries the tip."""
 
     position_stream: StreamName = "arm.position"
     """Where it is on the approach axis (m)."""
-
-    pose_stream: StreamName = "arm.pose"
-    """Where its tool is (m, rad)."""
 
     force_stream: StreamName = "arm.force"
     """What acts on its tool (N)."""
@@ -112,29 +107,14 @@ class RollSlipSettings(Settings):
     rest_s: float = Field(default=0.93, gt=0.0, le=600.0)
     """Wait before the descent; with a 3 mm gap at 2 mm/s the contact is at the paper's 2.43 s (Fig. 8)."""
 
-    descend_m_s: float = Field(default=0.002, gt=0.0, le=0.05)
-    """Speed of descent and of pressing. Assumption: the paper prints none."""
-
-    descend_limit_m: float = Field(default=0.006, gt=0.0, le=1.0)
-    """Where a descent without contact ends, on the approach axis."""
-
     tilt_rad_s: float = Field(default=0.2, gt=0.0, le=3.0)
     """Speed of tilting the tip in the air."""
-
-    lift_m_s: float = Field(default=0.01, gt=0.0, le=0.25)
-    """Speed of lifting off."""
 
     stopped_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """How long is recorded after a stop on slip."""
 
     missed_after_s: float = Field(default=0.75, gt=0.0, le=60.0)
     """A slip that is not detected by then is missed: the shortest that the paper shows lasts so long (Fig. 15)."""
-
-    motion_timeout_s: float = Field(default=30.0, gt=0.0, le=600.0)
-    """Longest stay in any state that waits for the mover, beyond what its motion takes."""
-
-    home_timeout_s: float = Field(default=150.0, gt=0.0, le=600.0)
-    """Longest homing. An arm turns home as slowly as it moves home: 1.5 rad at 0.02 rad/s take 75 s."""
 
 
 class RollSlipFactors(Settings):

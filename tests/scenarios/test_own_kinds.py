@@ -229,7 +229,8 @@ def test_an_experiment_of_the_users_own_is_checked_run_and_reported(verb, lab):
         check=False,
     )
     assert said.returncode == 0, said.stderr
-    assert "force" in (run / "report.html").read_text()
+    assert "Mean ± standard deviation" in (run / "report.html").read_text("utf-8")
+    assert "force, N" in (run / "figures" / "measured.svg").read_text("utf-8")
 
 
 def test_workers_find_what_the_profile_names(verb, lab):
