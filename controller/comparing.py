@@ -10,11 +10,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader
 from scipy import stats
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
+from controller.reports.generic import shown
+from controller.reports.pages import environment
+from controller.reports.section import Column, ReportTable
+
+SECOND = " (second)"
+"""Ends the names of the second run's columns."""
 
 CONFIDENCE = 0.95
 """Of the interval around a mean difference."""
@@ -35,21 +40,19 @@ def compared(first: Run, second: Run) -> Iterator[str]:
     for key in sorted(one.keys() | other.keys()):
         if one.get(key) != other.get(key) and not key.startswith("trials."):
             yield f"{key}: {one.get(key, 'absent')} → {other.get(key, 'absent')}"
-    pairs = first.table.merge(
-        second.table, on=["trial", *_factors(first, second)], suffixes=("", " (second)")
-    )
+    pairs = _pairs(first, second)
     yield f"{len(pairs)} pairs of trials, of {len(first.trials)} and {len(second.trials)}"
-    same = int((pairs["outcome"] == pairs["outcome (second)"]).sum()) if len(pairs) else 0
+    same = int((pairs["outcome"] == pairs[f"outcome{SECOND}"]).sum()) if len(pairs) else 0
     yield f"outcome: equal in {same}"
     for column in first.table.columns:
-        if f"{column} (second)" in pairs and column != "outcome":
-            line = _difference(column, pairs[column], pairs[f"{column} (second)"])
+        if f"{column}{SECOND}" in pairs and column != "outcome":
+            line = _difference(column, pairs[column], pairs[f"{column}{SECOND}"])
             if line:
                 yield line
 
 
 def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
-    """Write a page with the figures of both reports beside each other, into the second run's folder.
+    """Write a page with tables and figures of both runs beside each other, into the second run's folder.
 
     Args:
         first: A run with a report.
@@ -65,15 +68,50 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
         (name, [b64encode(each[name].read_bytes()).decode() if name in each else "" for each in drawn])
         for name in sorted(drawn[0].keys() | drawn[1].keys())
     ]
-    templates = FileSystemLoader(Path(__file__).parent / "reports" / "templates")
-    template = Environment(loader=templates, autoescape=True).get_template("compare.html.j2")
     names = [run.folder.path.name for run in (first, second)]
     path = second.folder.path / "compare.html"
+    tables = _tables(first, second) if first.trials and second.trials else []
+    page = environment().get_template("compare.html.j2")
     try:
-        path.write_text(template.render(names=names, lines=lines, figures=figures), "utf-8")
+        others = [line for line in lines if ", n = " not in line]  # what the table has is not said twice
+        told = page.render(names=names, lines=others, figures=figures, tables=tables, kind_of=None)
+        path.write_text(told, "utf-8")
     except OSError as error:
         raise RecordingError(path, "writing", error) from error
     return path
+
+
+def _pairs(first: Run, second: Run) -> pd.DataFrame:
+    """A row for each trial that both have, the second's columns behind the first's."""
+    return first.table.merge(second.table, on=["trial", *_factors(first, second)], suffixes=("", SECOND))
+
+
+def _tables(first: Run, second: Run) -> Iterator[ReportTable]:
+    """What was measured in each run and by how much it differs; and every pair of trials."""
+    pairs = _pairs(first, second)
+    columns = [name for name in first.table.columns if f"{name}{SECOND}" in pairs]
+    found = {
+        name: [pd.to_numeric(pairs[each], errors="coerce") for each in (name, f"{name}{SECOND}")]
+        for name in columns
+    }
+    numbers = [name for name in columns if all(values.notna().any() for values in found[name])]
+    rows = []
+    for name in numbers:
+        means = [f"{values.mean():.4g} ± {values.std():.2g} ({values.count()})" for values in found[name]]
+        rows.append([name, *means, _difference(name, *found[name]).removeprefix(f"{name}: ")])
+    heads = ("measured", "first: mean ± σ (n)", "second", "second less first, mean (95 %)")
+    yield ReportTable([Column(head, "") for head in heads], rows, "Over the pairs of trials.")
+    keys = ["trial", *_factors(first, second)]
+    both = [name for each in ("outcome", *numbers) for name in (each, f"{each}{SECOND}")]
+    shown_columns = [Column(name, "") for name in keys]
+    for name in both:
+        whose = "second" if name.endswith(SECOND) else "first"
+        shown_columns.append(Column(whose, "", group=name.removesuffix(SECOND)))
+    rows = [
+        ["" if pd.isna(cell) else shown(cell) for cell in row]
+        for row in pairs[[*keys, *both]].to_numpy(object)
+    ]
+    yield ReportTable(shown_columns, rows, "Every pair of trials.", folded="Every trial")
 
 
 def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:

@@ -124,7 +124,7 @@ def compare(first: str, second: str, out: Path) -> None:
     """Show which settings differ between two runs, and the mean difference of each result, second less first.
 
     Trials are paired by number and factors; behind a mean stands its 95 % interval (Student's). A page beside the
-    second run's report has the figures of both side by side.
+    second run's report has tables and figures of both side by side.
 
     \b
     Example:

@@ -1,6 +1,7 @@
 """A run in other programs' formats is the run, and two runs beside each other show what differs."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -122,7 +123,7 @@ def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, r
     assert delay.endswith("n = 2")
 
 
-def test_two_runs_figures_stand_side_by_side_on_one_page(run, run_profile):
+def test_two_runs_tables_and_figures_stand_side_by_side_on_one_page(run, run_profile):
     other = run_profile(trials=TRIALS, seed=2).run
     for one, names in ((run, ("fig_5", "fig_7")), (other, ("fig_5",))):
         for name in names:
@@ -133,3 +134,11 @@ def test_two_runs_figures_stand_side_by_side_on_one_page(run, run_profile):
     assert page.index("fig_5.svg") < page.index("fig_7.svg")
     assert page.count("<img") == 3
     assert page.count("not drawn") == 1
+    cells = [re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in page.split("<tr>")]
+    delays = [{row["trial"]: row["delay_s"] for row in each.trials} for each in (run, other)]
+    (means,) = [row for row in cells if row[:1] == ["delay_s"]]
+    assert [float(cell.split()[0]) for cell in means[1:3]] == pytest.approx(
+        [np.mean([*each.values()]) for each in delays], rel=1e-3
+    )
+    (pair,) = [row for row in cells if row[:1] == ["2"]]
+    assert [f"{each[2]:.4g}" in pair for each in delays] == [True, True]
