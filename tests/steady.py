@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mock.physics import finger_scene as scene
+from drivers.mock.physics.finger import FingerPlant
 from drivers.mock.physics.fingertip_settings import Matrix
 
 
@@ -50,3 +52,11 @@ class SteadyTexels:
     def texels_v(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """The same at all times."""
         return np.tile(self._texels_v, (len(times_s), 1))
+
+
+def energy_j(plant: FingerPlant) -> float:
+    """Mechanical energy of a finger now, the contact's spring left out."""
+    x, s = plant.state(), plant.settings
+    kinetic = s.inertia_kg_m2 * x[scene.OMEGA] ** 2 + s.base_inertia_kg_m2 * x[scene.BASE_RATE] ** 2
+    bent = plant._course.finger.joint * (x[scene.THETA] - x[scene.BASE]) ** 2
+    return float(0.5 * (kinetic + bent + s.base_n_m_rad * x[scene.BASE] ** 2))

@@ -31,7 +31,7 @@ WALL_FS = 1e-4
 """As a finger hears it."""
 
 
-class Room(NamedTuple):
+class CenteringRoom(NamedTuple):
     """What 85 searches meet.
 
     Attributes:
@@ -56,19 +56,19 @@ class Room(NamedTuple):
 BROKEN = (0.05, 0.1, 0.3)
 
 ROOMS = {
-    "empty": Room(),
-    "fingers scatter by 1 dB": Room(finger_db=1.0, repeats=3),
-    "wall 1e-4": Room(wall=True),
-    "all three": Room(wall=True, second_path=0.1, finger_db=1.0, repeats=3),
-    **{f"second path {share:.0%}": Room(second_path=share) for share in BROKEN},
-    **{f"one finger {share:.0%} more sensitive": Room(apart=1.0 + share) for share in BROKEN},
-    **{f"one finger fades by {share:.0%} in the turn": Room(fades=1.0 - share) for share in BROKEN},
-    **{f"wave {share:.0%} longer than believed": Room(wave=1.0 / (1.0 + share)) for share in BROKEN},
+    "empty": CenteringRoom(),
+    "fingers scatter by 1 dB": CenteringRoom(finger_db=1.0, repeats=3),
+    "wall 1e-4": CenteringRoom(wall=True),
+    "all three": CenteringRoom(wall=True, second_path=0.1, finger_db=1.0, repeats=3),
+    **{f"second path {share:.0%}": CenteringRoom(second_path=share) for share in BROKEN},
+    **{f"one finger {share:.0%} more sensitive": CenteringRoom(apart=1.0 + share) for share in BROKEN},
+    **{f"one finger fades by {share:.0%} in the turn": CenteringRoom(fades=1.0 - share) for share in BROKEN},
+    **{f"wave {share:.0%} longer than believed": CenteringRoom(wave=1.0 / (1.0 + share)) for share in BROKEN},
 }
 """`all three`: scatter, a second path of 10 % and the wall."""
 
 
-def places_in(room: Room, repeat: int, speed_m_s: float) -> list[Place]:
+def places_in(room: CenteringRoom, repeat: int, speed_m_s: float) -> list[Place]:
     """85 places in a room."""
     found = []
     for place in eighty_five(SEED, repeat, speed_m_s, 20.0 * math.log10(room.apart)):

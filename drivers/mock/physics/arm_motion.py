@@ -15,6 +15,7 @@ import numpy as np
 
 from drivers.mock.physics import arm
 from drivers.mock.physics.rigid import IDENTITY, Array, difference, displaced, pose
+from drivers.mock.physics.stage_axis import StageAxis
 
 TOOL_SPEED_M_S = 1.5
 """Fastest tool speed before the arm stops itself (default of the e-Series safety configuration)."""
@@ -70,35 +71,6 @@ class StiffPlane:
         """See `Surroundings.wrench`."""
         depth_m = max(0.0, self.height_m - float(np.dot(self.normal, pose[:3])))
         return np.concatenate((self.stiffness_n_m * depth_m * np.asarray(self.normal), np.zeros(3)))
-
-
-class Trapezoid:
-    """The fastest way along a distance that starts and ends at rest.
-
-    Args:
-        distance: What is to be travelled, at least 0, metres or radians.
-        speed: Never to be exceeded, per second.
-        acceleration: Never to be exceeded, per second squared.
-    """
-
-    def __init__(self, distance: float, speed: float, acceleration: float) -> None:
-        self._distance = distance
-        self._acceleration = acceleration
-        peak = min(speed, math.sqrt(distance * acceleration))
-        self._ramp_s = peak / acceleration
-        self._cruise_s = 0.0 if distance == 0.0 else distance / peak - self._ramp_s
-        self.duration_s = 2.0 * self._ramp_s + self._cruise_s
-
-    def at(self, t_s: float) -> float:
-        """What is travelled at `t_s` after the start."""
-        if t_s >= self.duration_s:
-            return self._distance
-        if t_s < self._ramp_s:
-            return 0.5 * self._acceleration * t_s**2
-        left_s = self.duration_s - t_s
-        if left_s < self._ramp_s:
-            return self._distance - 0.5 * self._acceleration * left_s**2
-        return self._acceleration * self._ramp_s * (t_s - 0.5 * self._ramp_s)
 
 
 class ArmMotion(ABC):
@@ -333,18 +305,19 @@ class _Travel(ArmMotion):
         self._speed = _positive("speed", speed)
         self._acceleration = _positive("acceleration", acceleration)
         self._elapsed_s = 0.0
-        self._profile: Trapezoid | None = None
+        self._profile: StageAxis | None = None
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
         """See `ArmMotion.advance`."""
         if self._profile is None:
             if not state.resting:
                 return self._brake(state, dt_s)
-            self._profile = Trapezoid(self._begin(state), self._speed, self._acceleration)
+            self._profile = StageAxis(acceleration_m_s2=self._acceleration, max_speed_m_s=self._speed)
+            self._profile.move_to(0.0, self._begin(state), self._speed)
         self._elapsed_s += dt_s
-        left_s = self._profile.duration_s - self._elapsed_s
+        left_s = self._profile.arrival_s - self._elapsed_s
         self.done = left_s <= -dt_s  # the step that ends at rest comes after the last one that moved
-        share = 1.0 if left_s <= 0.0 else self._profile.at(self._elapsed_s) / self._profile.at(math.inf)
+        share = 1.0 if left_s <= 0.0 else self._profile.position(self._elapsed_s) / self._profile.target_m
         return self._at(state, share)
 
     @abstractmethod

@@ -8,7 +8,9 @@ ones of the materials.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
@@ -54,55 +56,9 @@ class AuraObject(Settings):
         return float((1.0 - self.absorption) ** 0.5)
 
 
-FLAT_M = 10.0
-"""Radius of what is flat."""
-
 OBJECTS: Mapping[str, AuraObject] = {
-    "pipe": AuraObject(
-        width_m=0.01905, depth_m=0.01905, height_m=0.254, radius_m=0.009525, absorption=0.02, coupling=1.0
-    ),
-    "mug": AuraObject(
-        width_m=0.044, depth_m=0.044, height_m=0.09, radius_m=0.022, absorption=0.01, coupling=1.0
-    ),
-    "hand_sanitizer": AuraObject(
-        width_m=0.034, depth_m=0.05, height_m=0.12, radius_m=0.05, absorption=0.03, coupling=0.9
-    ),
-    "transparent_plastic": AuraObject(
-        width_m=0.03, depth_m=0.06, height_m=0.09, radius_m=FLAT_M, absorption=0.03, coupling=0.8
-    ),
-    "notebook": AuraObject(
-        width_m=0.018, depth_m=0.09, height_m=0.14, radius_m=FLAT_M, absorption=0.12, coupling=0.8
-    ),
-    "water_cup": AuraObject(
-        width_m=0.044, depth_m=0.044, height_m=0.1, radius_m=0.022, absorption=0.05, coupling=0.7
-    ),
-    "paper_cylinder": AuraObject(
-        width_m=0.04,
-        depth_m=0.04,
-        height_m=0.15,
-        radius_m=0.02,
-        absorption=0.15,
-        coupling=0.5,
-        stiffness_n_m=5e3,
-    ),
-    "sponge": AuraObject(
-        width_m=0.03,
-        depth_m=0.06,
-        height_m=0.09,
-        radius_m=FLAT_M,
-        absorption=0.9,
-        coupling=0.25,
-        stiffness_n_m=2e3,
-    ),
-    "cloth": AuraObject(
-        width_m=0.025,
-        depth_m=0.08,
-        height_m=0.08,
-        radius_m=FLAT_M,
-        absorption=0.8,
-        coupling=0.2,
-        stiffness_n_m=2e3,
-    ),
+    name: AuraObject.model_validate(row)
+    for name, row in tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8")).items()
 }
 """By the names that trials use."""
 

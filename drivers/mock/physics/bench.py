@@ -45,13 +45,6 @@ class Carrier(Protocol):
         """The motion along the axis from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
 
 
-class ToolCarrier(Carrier, Protocol):
-    """What carries a tool in all directions."""
-
-    def offsets(self, times_s: Floats) -> Floats:
-        """Displacement from the start pose along base axes, m, and integrated angular velocity, rad, (n, 6)."""
-
-
 class BenchPart:
     """A part of a bench. What is here is what a part does that has nothing of the kind.
 
@@ -148,7 +141,7 @@ class Bench:
             part.warm_up()
 
     def mount(self, carrier: Any) -> None:
-        """Fix the tool to what carries it: a `Carrier`, or a `ToolCarrier` where one axis will not do.
+        """Fix the tool to what carries it: a `Carrier`, with `ToolTrack.offsets` where one axis will not do.
 
         Raises:
             RefusedError: something carries it already, or the mover cannot do what this bench needs.

@@ -283,17 +283,6 @@ class FingerPlant:
         self._catch_up()
         return self._course.force_n(self._until_s)
 
-    @property
-    def energy_j(self) -> float:
-        """Mechanical energy of the finger now, the contact's spring left out."""
-        x, s = self.state(), self.settings
-        kinetic = s.inertia_kg_m2 * x[scene.OMEGA] ** 2 + s.base_inertia_kg_m2 * x[scene.BASE_RATE] ** 2
-        bent = (
-            self._course.finger.joint * (x[scene.THETA] - x[scene.BASE]) ** 2
-            + s.base_n_m_rad * x[scene.BASE] ** 2
-        )
-        return float(0.5 * (kinetic + bent))
-
 
 def _finite(name: str, number: float) -> float:
     if not math.isfinite(number):

@@ -54,12 +54,6 @@ _RESOLUTION = 32
 _DEGREES = _degrees(_RESOLUTION)
 
 
-def pace(matrix: Floats) -> tuple[float, float]:
-    """Spectral radius and largest angular frequency of a matrix, rad/s."""
-    eigenvalues = np.linalg.eigvals(matrix)
-    return float(np.max(np.abs(eigenvalues))), float(np.max(np.abs(eigenvalues.imag)))
-
-
 @compiled()
 def degree_for(reach: float) -> int:
     """Degree of the series for a piece whose length times the spectral radius is `reach`, at most `SPAN`."""

@@ -31,9 +31,9 @@ from drivers.mock.drivers.barrett_hand import MockBarrettHand, MockBarrettHandSe
 from drivers.mock.drivers.can_gripper import MockCanGripper, MockCanGripperSettings
 from drivers.mock.drivers.dsa_matrix import MockDsaMatrix, MockDsaMatrixSettings
 from drivers.mock.drivers.ur_arm import MockUrArm, MockUrArmSettings
-from drivers.mock.physics.bench import ToolCarrier
 from drivers.mock.physics.finger_part import FingerBenchSettings
 from drivers.mock.physics.rigid import rotation
+from drivers.mock.physics.tool_motion import ToolTrack
 from drivers.mock.wiring import benches
 
 START = (0.4, -0.1, 0.25, 0.0, 3.0, 0.5)
@@ -48,10 +48,10 @@ class SpringBench:
 
     def __init__(self) -> None:
         self.key, self.t_s = (1, 1), 0.0
-        self.carrier: ToolCarrier | None = None
+        self.carrier: ToolTrack | None = None
         self.plans_s: list[float] = []
 
-    def mount(self, carrier: ToolCarrier) -> None:
+    def mount(self, carrier: ToolTrack) -> None:
         self.carrier = carrier
 
     def on_plan(self, t_s: float) -> None:

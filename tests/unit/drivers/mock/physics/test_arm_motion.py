@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.mock.physics import rigid
 from drivers.mock.physics.arm_motion import (
@@ -18,7 +16,6 @@ from drivers.mock.physics.arm_motion import (
     StiffPlane,
     ToolMove,
     ToolSpeed,
-    Trapezoid,
 )
 
 DT_S = 0.002
@@ -33,29 +30,6 @@ def moved(arm: Arm, motion: ArmMotion, until: Callable[[], bool] | None = None) 
         if motion.done if until is None else until():
             return
     pytest.fail("the motion never ends")
-
-
-@given(st.floats(1e-6, 1.0), st.floats(1e-3, 1.0), st.floats(0.01, 5.0))
-def test_a_trapezoid_keeps_to_speed_and_acceleration(
-    distance: float, speed: float, acceleration: float
-) -> None:
-    profile = Trapezoid(distance, speed, acceleration)
-    step = profile.duration_s / 400
-    places = np.array([profile.at(i * step) for i in range(401)])
-    speeds = np.diff(places) / step
-    assert places[0] == 0.0
-    assert places[-1] == pytest.approx(distance)
-    assert speeds.max() <= speed * (1 + 1e-6)
-    assert np.abs(np.diff(speeds) / step).max() <= acceleration * (1 + 1e-3)
-    assert speeds.min() >= -1e-9
-
-
-def test_a_trapezoid_takes_the_time_of_school_physics() -> None:
-    # 0.1 m at 0.05 m/s with 0.5 m/s2: 0.1 s up, 0.1 s down, 0.095 m between in 1.9 s less a ramp's half each.
-    assert Trapezoid(0.1, 0.05, 0.5).duration_s == pytest.approx(2.1)
-    # Too short to reach its speed: up and down in sqrt(d / a) each.
-    assert Trapezoid(0.001, 1.0, 0.1).duration_s == pytest.approx(2 * math.sqrt(0.001 / 0.1))
-    assert Trapezoid(0.0, 1.0, 1.0).duration_s == 0.0
 
 
 def test_a_straight_move_stays_on_its_line_and_keeps_to_its_limits() -> None:

@@ -6,8 +6,9 @@ import pytest
 from drivers.mock.physics.fingertip_settings import SlipBenchSettings
 from drivers.mock.physics.slip import SlipPlant
 from drivers.mock.physics.slip_nuisances import SlipNuisances
-from drivers.mock.physics.slip_sensors import FINGERTIP
+from drivers.mock.physics.slip_sensors import SENSORS
 
+FINGERTIP = SENSORS["fingertip"]
 FT = FINGERTIP.model_copy(update={"bridges": FINGERTIP.bridges[-1:], "rolling_n": 0.0})
 NOISE_V = FT.bridges[0].noise
 
