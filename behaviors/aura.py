@@ -76,11 +76,6 @@ class Aura(SonicBehavior):
     Every detector is armed from the rest before the approach until the finger is back; the measure uses their events.
     An approach that is to touch is not begun while the detector that is to stop it reports a touch. Events of a pause
     are handled by nobody, so after one the detectors begin anew before the next approach.
-
-    Args:
-        settings: Of the experiment.
-        factors: Of the trial.
-        detectors: Names of all detectors.
     """
 
     table = with_failures(

@@ -23,8 +23,6 @@ class Centering(Search, Gripping):
     """Find the middle; close there, hold and let go.
 
     Args:
-        settings: Of the experiment.
-        factors: Of the trial.
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
     """
 

@@ -47,13 +47,7 @@ class ChirpFactors(Settings):
 
 
 class ChirpSweep(Behavior):
-    """Listen to silence, sweep, listen on.
-
-    Args:
-        settings: Of the experiment.
-        factors: Of the trial.
-        detectors: Unused: no state arms any.
-    """
+    """Listen to silence, sweep, listen on."""
 
     table = with_failures(
         on("deadline", "SILENT", "SWEEPING"),

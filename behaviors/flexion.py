@@ -48,8 +48,6 @@ class Flexion(Transient):
     """Learn while the tendon sweeps once, flex to and fro with nothing to touch, approach while it goes on.
 
     Args:
-        settings: Of the experiment.
-        factors: Of the trial.
         detectors: Names of all detectors that listen, the acting one among them.
     """
 

@@ -21,8 +21,6 @@ class Grasp(Search, Lifting):
     """A whole grasp, joined from its fragments.
 
     Args:
-        settings: Of the experiment.
-        factors: Of the trial.
         detectors: As of `Search`, and those of slip that the settings name.
     """
 

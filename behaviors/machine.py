@@ -72,6 +72,8 @@ class Behavior:
     event's class name in lower case with underscores (`Contact` → `contact`); an event that the present state has no
     transition for is ignored. Callbacks call `self.command(...)`, never a trigger.
 
+    What a profile names is made of the experiment's `settings`, the trial's `factors` and the names of all `detectors`.
+
     Args:
         plans: What each state needs; the final ones need nothing.
         mover: Device that `from_mover` asks for.

@@ -68,8 +68,6 @@ class Pointer(TipTrial):
     """Turn, touch, record, lift, until every angle has been touched in both directions.
 
     Args:
-        settings: Of the experiment.
-        factors: Of the trial.
         detectors: Names of all detectors there are; the touch's alone is armed.
     """
 

@@ -114,8 +114,6 @@ class Search(SonicBehavior):
     encoder, where the mover came to stand. Contact during the search ends it; a touch that stands lets none begin.
 
     Args:
-        settings: Of the experiment.
-        factors: Of the trial.
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
         plans: What the behavior's other states need.
         acting: Detectors that the behavior's other states act on.

@@ -36,8 +36,6 @@ class RollSlip(TipTrial):
     """Touch, press, then roll, slide and hold as the sensor's steps say; lift and go home.
 
     Args:
-        settings: Of the experiment.
-        factors: Of the trial.
         detectors: Names of all detectors there are; only the trial's sensor's are armed.
     """
 

@@ -78,7 +78,6 @@ class SonicBehavior(Behavior):
     """A trial of sonic fingers: what `coming_in` and `going_out` command, and who touches.
 
     Args:
-        settings: Of the experiment.
         place_m: Where the fingers rest before what is measured.
         contacts: Detectors whose contact counts.
         plans: What states need beyond the time for a motion.

@@ -50,13 +50,7 @@ class StaticFactors(Settings):
 
 
 class Static(FingerTrial):
-    """Place the probe, wait for equilibrium, record.
-
-    Args:
-        settings: Of the experiment.
-        factors: Of the trial.
-        detectors: Unused: no state arms any.
-    """
+    """Place the probe, wait for equilibrium, record."""
 
     table = with_failures(
         on("reached", "HOMING", "STARTING", "from_mover"),

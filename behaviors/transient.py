@@ -92,8 +92,6 @@ class Transient(FingerTrial, Approaching):
     """Approach until contact.
 
     Args:
-        settings: Of the experiment.
-        factors: Of the trial.
         detectors: Names of all detectors that listen, the acting one among them.
     """
 

@@ -97,13 +97,7 @@ class WeightsFactors(Settings):
 
 
 class Weights(Behavior):
-    """Load after load: ask for it, let it hang still, record.
-
-    Args:
-        settings: Of the experiment.
-        factors: Of the trial.
-        detectors: Unused: no state arms any.
-    """
+    """Load after load: ask for it, let it hang still, record."""
 
     table = with_failures(
         on("answered", "SETTING_UP", "HANGING", "from_operator"),

@@ -241,10 +241,6 @@ class LevelDetector:
     What it cannot see: a contact that comes more slowly than an undulation does, one that changes the level by less
     than braking does, and one that begins within a gap.
 
-    Args:
-        name: In the profile.
-        settings: Of the detector.
-
     Example:
         >>> detector = LevelDetector("touch", LevelSettings())
         >>> noise = 1e-5 * np.random.default_rng(1).standard_normal((3000, 2))

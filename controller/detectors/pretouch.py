@@ -118,10 +118,6 @@ class PreTouchDetector:
 
     It hears two streams, and speaks of a time when both have reached it.
 
-    Args:
-        name: In the profile.
-        settings: Of the detector.
-
     Example:
         >>> detector = PreTouchDetector("near", PreTouchSettings())
         >>> detector.inputs

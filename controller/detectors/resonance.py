@@ -109,10 +109,6 @@ class ResonanceDetector:
     `Contact`, `ContactHeld` once after `hold_s`, and `ContactLost`.
 
     Samples that are lost or not finite begin the memory anew: for some eight periods nothing is said.
-
-    Args:
-        name: In the profile.
-        settings: Of the detector.
     """
 
     def __init__(self, name: str, settings: ResonanceSettings) -> None:

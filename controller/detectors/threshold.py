@@ -58,10 +58,6 @@ class ForceThresholdDetector:
     could be taken from, then `Contact` and `ContactLost` in turn. A gap begins a new running mean; samples that are not
     finite are left out of it.
 
-    Args:
-        name: In the profile.
-        settings: Of the detector.
-
     Example:
         >>> detector = ForceThresholdDetector("touch", ForceThresholdSettings(baseline_s=0.1, threshold=0.3))
         >>> force_n = np.concatenate([np.zeros(200), np.ones(50)])[:, None]
