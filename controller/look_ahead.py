@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 from dataclasses import is_dataclass
@@ -15,11 +16,12 @@ import numpy as np
 
 from drivers.settings import Settings
 
-MOST_TURNS = 512
-"""Turns at once at the most. Assumption: the overhead of a span is spent by then, and little is lost in going back."""
+MOST_TURNS = 128
+"""Turns at once at the most where detectors listen. Assumption: the overhead of a span is spent by then, and little is
+lost in going back."""
 
 LONGEST_S = 2.0
-"""Longest span. Simulated benches remember four seconds of what devices may still ask for."""
+"""Longest span in any case. Simulated benches remember four seconds of what devices may still ask for."""
 
 GROWTH = 8
 """How many times longer the next look is when nothing happened and detectors listen. Assumption: a look costs some ten
@@ -29,13 +31,25 @@ Copier = Callable[[Any, dict[int, Any]], Any]
 
 
 @runtime_checkable
-class Leashed(Protocol):
-    """A simulated device to which something happens at the turn that looks at it: a mover that halts on its way where
-    nobody looks, a person who does what they were asked for."""
+class Acting(Protocol):
+    """A simulated device that acts or answers at the turn that looks at it: a person does what they were asked for, a
+    mover has arrived."""
 
     @property
     def alone_s(self) -> float:
-        """For how long nobody need look."""
+        """For how long nobody need look: then it acts."""
+
+
+@runtime_checkable
+class Leashed(Protocol):
+    """A simulated mover that halts on its way where nobody looks at it."""
+
+    watched_until_s: float
+    """Until when turns that come often enough are taken together."""
+
+    @property
+    def blind_s(self) -> float:
+        """How far apart turns may be."""
 
 
 class UnkeptError(Exception):
@@ -77,7 +91,7 @@ class Reach:
 
     def quiet(self, heard: bool) -> None:
         """Nothing happened in as many turns. Where no detector hears anything, little can happen in many."""
-        self.turns = 1 if self._known else min((GROWTH if heard else MOST_TURNS) * self.turns, MOST_TURNS)
+        self.turns = 1 if self._known else min(GROWTH * self.turns, MOST_TURNS) if heard else sys.maxsize
         self._known = False
 
     def happened(self, turns: int, before: int) -> None:
@@ -93,7 +107,7 @@ class Reach:
 def turns_before(t_s: float, first: int, stride: int, rate_hz: float) -> int:
     """How many turns from `first` on, one each `stride` periods, are before a time."""
     if not math.isfinite(t_s):
-        return MOST_TURNS if t_s > 0.0 else 0
+        return sys.maxsize if t_s > 0.0 else 0
     return max(0, (math.ceil(t_s * rate_hz - 1e-6) - 1 - first) // stride + 1)
 
 

@@ -16,7 +16,7 @@ from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector, Reading, reading_of
 from controller.fit import misfits
 from controller.guard import Guard
-from controller.look_ahead import LONGEST_S, Leashed, Reach, Snapshot, UnkeptError, turns_before
+from controller.look_ahead import LONGEST_S, Acting, Leashed, Reach, Snapshot, UnkeptError, turns_before
 from controller.rig import Rig
 from controller.signals.protocol import Signal, Signals
 from drivers.clock import rest
@@ -145,6 +145,7 @@ class Loop:
         self._clock = rig.clock
         self._movers = [name for name, info in infos.items() if info.mover]
         self._streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
+        self._acting = [device for device in rig.devices.values() if isinstance(device, Acting)]
         self._leashed = [device for device in rig.devices.values() if isinstance(device, Leashed)]
         self._guard = guard
         self._witness = witness
@@ -277,7 +278,9 @@ class Loop:
         if plants is None or not stride or self._paused_s is not None or reach.turns < 2 or self._guard.bears:
             return False
         first = self._next(self._turns)
-        alone_s = min((each.alone_s for each in self._leashed), default=math.inf)
+        if any(each.blind_s <= stride / rate_hz for each in self._leashed):
+            return False
+        alone_s = min((each.alone_s for each in self._acting), default=math.inf)
         until_s = min(self._behavior.wake_s, self._clock.now() + min(alone_s, LONGEST_S))
         turns = min(reach.turns, turns_before(until_s, first, stride, rate_hz))
         if turns < 2:
@@ -289,6 +292,8 @@ class Loop:
         except UnkeptError:
             return False
         last = first + (turns - 1) * stride
+        for each in self._leashed:
+            each.watched_until_s = last / rate_hz
         happened_s = self._try_until(last / rate_hz)
         if happened_s is not None:
             before.restore()

@@ -73,7 +73,7 @@ class MockZaberStage(MockDriver):
         self._seq = 0
         self._answer: type[Reached | Standstill] | None = None
         self._command: Command | None = None  # the last one that moves or stops
-        self._seen_s = 0.0
+        self._seen_s = self.watched_until_s = 0.0
         self._commanded_s = 0.0
         super().restart()
 
@@ -156,7 +156,11 @@ class MockZaberStage(MockDriver):
         gone = self._gone(now_s)
         if not gone:
             self._seen_s = now_s
-        if not isinstance(command, MoveAt | MoveTo) or not axis.moving(seen_s):
+        if (
+            not isinstance(command, MoveAt | MoveTo)
+            or not axis.moving(seen_s)
+            or now_s <= self.watched_until_s
+        ):
             return
         target_m, from_m = axis.target_m, axis.position(seen_s)
         braking_m = axis.velocity(now_s) ** 2 / (2.0 * axis.acceleration_m_s2)
@@ -167,7 +171,12 @@ class MockZaberStage(MockDriver):
 
     @property
     def alone_s(self) -> float:
-        """For how long nobody need look at it: then it halts on its way."""
+        """For how long nobody need look at it: then it says that a motion has ended."""
+        return math.inf if self._answer is None else self.axis.arrival_s - self._clock.now()
+
+    @property
+    def blind_s(self) -> float:
+        """How long it may be left alone: then it halts on its way."""
         command = self._command
         if not isinstance(command, MoveAt | MoveTo):
             return math.inf

@@ -69,7 +69,7 @@ def test_the_reach_grows_in_quiet_and_ends_before_what_happened():
     reach.quiet(heard=True)
     assert reach.turns == 1, "the next turn sees it"
     reach.quiet(heard=False)
-    assert reach.turns == MOST_TURNS, "nobody hears anything"
+    assert reach.turns > MOST_TURNS, "nobody hears anything"
     reach.turns = 16
     reach.happened(16, before=15)
     assert reach.turns == 8, "at the end: when is not known"
