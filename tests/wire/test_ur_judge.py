@@ -38,9 +38,13 @@ def height():
 def pace():
     return max(map(abs, receive.getActualQd()))
 
+def rests():
+    "Whether it comes to rest: what the receive interface has may be older than what the control interface was told."
+    return seen(lambda: pace() < 1e-9)
+
 def arrived():
-    "Where it stands: the client's last state may be older than the end of the move."
-    assert seen(lambda: pace() == 0.0)
+    "Where it stands."
+    assert rests()
     return height()
 
 def seen(what, limit_s=20.0):
@@ -112,32 +116,33 @@ said["back"] = control.moveJ(home, 1.0, 2.0)
 before = control.getAsyncOperationProgressEx().operationId()
 said["begun"] = control.moveL(down(0.015), 0.01, 0.5, True)
 seen(lambda: height() < -0.001)
-during = control.getAsyncOperationProgressEx()
-said["during"] = during.isAsyncOperationRunning(), during.operationId() - before
+said["during"] = seen(lambda: control.getAsyncOperationProgressEx().isAsyncOperationRunning())
+said["number"] = control.getAsyncOperationProgressEx().operationId() - before
 control.stopL(2.0, True)
 said["ended"] = seen(lambda: not control.getAsyncOperationProgressEx().isAsyncOperationRunning())
-said["after"] = control.isSteady(), height()
+said["after"] = control.isSteady(), arrived()
 control.moveL(start, 0.2, 1.0)
 
 for _ in range(20):
     control.speedL([0, 0, -0.01, 0, 0, 0], 0.5, 0.002)
     time.sleep(0.008)
-said["speed"] = receive.getActualTCPSpeed()[2]
+sinks = lambda: abs(receive.getActualTCPSpeed()[2] + 0.01) < 1e-6
+said["speed"] = seen(sinks)
 time.sleep(0.2)
-said["speed_alone"] = receive.getActualTCPSpeed()[2]
-said["speed_stop"] = control.speedStop(2.0), pace()
+said["speed_alone"] = sinks()
+said["speed_stop"] = control.speedStop(2.0), rests()
 
 control.speedJ([0.1, 0, 0, 0, 0, 0], 0.05, 0.002)  # for two seconds
 seen(lambda: said.update(acceleration=receive.getTargetQdd()[0]) or said["acceleration"] > 0.04)
 control.speedJ([0.1, 0, 0, 0, 0, 0], 1.0, 0.002)
 seen(lambda: receive.getActualQd()[0] > 0.0999)
 said["joint_speed"] = receive.getActualQd()
-said["joint_stop"] = control.speedStop(2.0), pace()
+said["joint_stop"] = control.speedStop(2.0), rests()
 control.moveJ(home, 1.0, 2.0)
 
 control.servoJ(turned(0.1), 0.0, 0.0, 0.002, 0.1, 300)
 said["servo"] = seen(lambda: abs(receive.getActualQ()[0] - home[0] - 0.1) < 1e-4)
-said["servo_stop"] = control.servoStop(10.0), pace()
+said["servo_stop"] = control.servoStop(10.0), rests()
 """,
     )
 
@@ -153,7 +158,7 @@ def test_moves_arrive_where_the_client_sends_them(moves: dict[str, Any]) -> None
 
 def test_an_asynchronous_move_runs_and_stops_as_the_client_is_told(moves: dict[str, Any]) -> None:
     assert moves["begun"] is True
-    assert moves["during"] == [True, 1]
+    assert (moves["during"], moves["number"]) == (True, 1)
     assert moves["ended"] is True
     steady, height_m = moves["after"]
     assert steady is True
@@ -161,17 +166,16 @@ def test_an_asynchronous_move_runs_and_stops_as_the_client_is_told(moves: dict[s
 
 
 def test_speeds_are_kept_without_anyone_and_stopped(moves: dict[str, Any]) -> None:
-    assert moves["speed"] == pytest.approx(-0.01, abs=1e-6)
-    assert moves["speed_alone"] == pytest.approx(-0.01, abs=1e-6)
-    assert moves["speed_stop"] == [True, pytest.approx(0.0, abs=1e-9)]
+    assert (moves["speed"], moves["speed_alone"]) == (True, True)
+    assert moves["speed_stop"] == [True, True]
     assert moves["acceleration"] == pytest.approx(0.05, rel=1e-6)
     assert moves["joint_speed"] == [pytest.approx(0.1, abs=1e-4), *[pytest.approx(0.0, abs=1e-6)] * 5]
-    assert moves["joint_stop"] == [True, 0.0]
+    assert moves["joint_stop"] == [True, True]
 
 
 def test_a_servo_target_is_followed(moves: dict[str, Any]) -> None:
     assert moves["servo"] is True
-    assert moves["servo_stop"] == [True, pytest.approx(0.0, abs=1e-9)]
+    assert moves["servo_stop"] == [True, True]
 
 
 @pytest.fixture(scope="module")
@@ -180,20 +184,20 @@ def touches(emulated: EmulatedUr) -> dict[str, Any]:
         emulated,
         """
 force = lambda: receive.getActualTCPForce()[2]
-said["contact"] = control.moveUntilContact([0, 0, -0.05, 0, 0, 0]), receive.getActualTCPPose()[2]
+said["contact"] = control.moveUntilContact([0, 0, -0.05, 0, 0, 0]), start[2] + arrived()
 control.moveL(down(0.0201), 0.01, 0.5)
-said["pressed"] = force()
+said["pressed"] = seen(lambda: force() > 0.5)
 said["zeroed"] = control.zeroFtSensor(), seen(lambda: max(map(abs, receive.getActualTCPForce())) < 1e-9)
 control.moveL(down(0.015), 0.05, 0.5)
 control.zeroFtSensor()
 
 control.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -12, 0, 0, 0], 2, [0.1, 0.1, 0.05, 1, 1, 1])
 said["pushes"] = seen(lambda: abs(force() - 12.0) < 0.05)
-said["force_stop"] = control.forceModeStop(), pace()
+said["force_stop"] = control.forceModeStop(), rests()
 
 said["freedrive"] = control.freedriveMode([1] * 6), control.getFreedriveStatus()
 said["led"] = seen(lambda: abs(force()) < 0.05)
-said["freedrive_end"] = control.endFreedriveMode(), pace()
+said["freedrive_end"] = control.endFreedriveMode(), rests()
 
 control.moveL(down(0.01), 0.05, 0.5)
 said["watching"] = control.startContactDetection()
@@ -207,19 +211,19 @@ said["found"] = control.readContactDetection(), control.stopContactDetection()
 
 def test_moving_until_contact_and_zeroing_work_as_the_client_means_them(touches: dict[str, Any]) -> None:
     assert touches["contact"] == [True, pytest.approx(PLANE_M, abs=1e-4)]
-    assert touches["pressed"] > 0.5
+    assert touches["pressed"] is True
     assert touches["zeroed"] == [True, True]
 
 
 def test_force_mode_pushes_as_hard_as_it_is_told(touches: dict[str, Any]) -> None:
     assert touches["pushes"] is True
-    assert touches["force_stop"] == [True, pytest.approx(0.0, abs=1e-9)]
+    assert touches["force_stop"] == [True, True]
 
 
 def test_an_arm_in_freedrive_gives_way(touches: dict[str, Any]) -> None:
     assert touches["freedrive"] == [True, 0]
     assert touches["led"] is True
-    assert touches["freedrive_end"] == [True, pytest.approx(0.0, abs=1e-9)]
+    assert touches["freedrive_end"] == [True, True]
 
 
 def test_contact_detection_ends_a_move_where_it_touched(touches: dict[str, Any]) -> None:
@@ -250,7 +254,7 @@ for name, call in {MOTIONS!r}.items():
     eval(call)
     moves = name == "freedrive" or seen(lambda: max(abs(a - b) for a, b in zip(receive.getActualQ(), before)) > 1e-4)
     control.triggerProtectiveStop()
-    stopped = seen(receive.isProtectiveStopped) and seen(lambda: pace() == 0.0)
+    stopped = seen(receive.isProtectiveStopped) and rests()
     where = receive.getActualQ()
     refused = control.moveL(start, 0.05, 0.5)
     said[name] = moves, stopped, receive.getActualQ() == where, refused, again()
@@ -341,7 +345,7 @@ for name, call in {
 
 said["set"] = control.setWatchdog(10.0)
 control.speedL([0, 0, -0.01, 0, 0, 0], 0.5, 0.002)
-said["tripped"] = seen(lambda: not control.isProgramRunning()) and seen(lambda: pace() == 0.0)
+said["tripped"] = seen(lambda: not control.isProgramRunning()) and rests()
 said["again"] = again(), control.moveL(start, 0.2, 1.0)
 """,
     )
