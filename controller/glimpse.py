@@ -63,19 +63,19 @@ class Glimpse:
 
     # on the terminal
 
-    def lines(self) -> list[str]:
-        """The signal's line and the margins'; nothing for what has not been heard."""
+    def lines(self, width: int = 80) -> list[str]:
+        """The signal's line, no wider than that, and the margins'; nothing for what has not been heard."""
         margins = (f"{name} {value:.2f} of {limit:.1f} {unit}" for name, value, limit, unit in self.margins())
-        return [line for line in (self._signal_or_why_not(), "  ".join(margins)) if line]
+        return [line for line in (self._signal_or_why_not(width), "  ".join(margins)) if line]
 
-    def _signal_or_why_not(self) -> str:
+    def _signal_or_why_not(self, width: int) -> str:
         name, detector = next(iter(self._detectors.items()), ("", None))
         try:
-            return self._signal(name, detector)
+            return self._signal(name, detector, width)
         except Exception as error:
             return f"{type(detector).__name__} cannot be shown: {type(error).__name__}: {error}"
 
-    def _signal(self, name: str, detector: Detector | None) -> str:
+    def _signal(self, name: str, detector: Detector | None, width: int) -> str:
         if detector is None or not detector.inputs:
             return ""
         stream = detector.inputs[0]
@@ -86,7 +86,9 @@ class Glimpse:
         told, _ = self.recording.latest(f"{DETECTOR}{name}", 1)
         known = len(told) and math.isfinite(told[-1, 1])
         beside = f"  {name} {told[-1, 0]:.4g} of {told[-1, 1]:.4g}" if known else ""
-        return f"{stream}  {sparkline(shown)}  {shown[-1]:.4g} {unit}".rstrip() + beside
+        said = f"  {shown[-1]:.4g} {unit}".rstrip() + beside
+        room = max(1, width - len(f"{stream}  {said}"))
+        return f"{stream}  {sparkline(shown[-room:])}{said}"
 
     # on both
 

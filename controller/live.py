@@ -211,7 +211,9 @@ class LiveConsole:
         now = Text.assemble(
             (f"trial {self._trial}", "bold"), "  ", (name, "cyan"), (stay, "dim"), f"  {factors}"
         )
-        seen = [Text(line, "dim") for line in self._glimpse.lines()] if self._glimpse else []
+        seen = (
+            [Text(line, "dim") for line in self._glimpse.lines(self._terminal.width)] if self._glimpse else []
+        )
         if name == PAUSED:
             hint = "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
         elif (question := self._operator.question) is not None:
