@@ -146,7 +146,7 @@ class RoomsSize(NamedTuple):
     objects: int
 
 
-FULL, QUICK = RoomsSize(400, 50, 50), RoomsSize(60, 10, 10)
+FULL, QUICK = RoomsSize(600, 80, 80), RoomsSize(60, 10, 10)
 
 
 def work_of(size: RoomsSize) -> list[Passing]:
