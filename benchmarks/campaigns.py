@@ -5,6 +5,8 @@ Rows are the same to the byte whoever ran them, and however often they were kill
 
 from __future__ import annotations
 
+import hashlib
+import json
 import multiprocessing
 import os
 import random
@@ -14,35 +16,87 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from concurrent.futures import Executor, Future
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results import save
+from config.assemble import Table, plan_campaign
+from config.jobs import Crew, Order, Silent, cores, in_parts
+from config.profile import load_profile
+from controller.parts import RunPart
 from run import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 
 KILLS = 100
-WORKERS = (1, 2)
-REPEATS = (7, 70, 700)
-"""Of 14 approaches each: about 1e2, 1e3 and 1e4 trials."""
+SIZES = (100, 1_000, 10_000)
+WORKERS = (1, 2, 4)
+LARGEST = (2, 100_000)
+"""Workers and trials of the longest campaign; a run has no more trials (`config.trials`)."""
 
-SHORT = ("--set", "behavior.settle_s=1.0", "--set", "behavior.hold_s=0.05", "--no-report")
-"""A short trial: the loop just locks, and nothing is held."""
+PART = 256
+"""Trials of a part that the writer alone takes over again and again: as many as one has at the most."""
+
+FOURTEEN = (
+    *("run", "mock/transient", "--no-report", "--set", "trials.repeats=1"),
+    *("--set", "behavior.settle_s=1.0", "--set", "behavior.hold_s=0.05"),
+)
+"""A run that is killed: the loop just locks, and nothing is held."""
+
+SHORT = {
+    "behavior.settle_s": "0.2",
+    "behavior.rest_s": "0.02",
+    "behavior.record_s": "0.05",
+}
+"""A short trial of mock/static: home, start, excite, settle, rest, record without contact, retract."""
 
 
 def main(*, quick: bool = False) -> None:
     """Kill, resume and compare, then run ever longer campaigns; write results/campaigns.json."""
     kills = killed(5 if quick else KILLS)
-    save("campaigns", {"kills": kills, "runs": (runs := [])})
-    for repeats in REPEATS[:1] if quick else REPEATS:
-        rows = set()
-        for workers in WORKERS:
-            measured, written = _campaign(repeats, workers)
-            rows.add(written)
-            runs.append({**measured, "same_rows": len(rows) == 1})
-            print(runs[-1], flush=True)
-            save("campaigns", {"kills": kills, "runs": runs})
+    scaled({"kills": kills}, quick=quick)
+
+
+def scaled(known: dict[str, Any], *, quick: bool = False) -> None:
+    """Measure what is not among the rows that are known, the shortest first."""
+    from benchmarks.results import save  # pandas: 60 MB, where the writer's memory is measured
+
+    runs, alone = known.setdefault("runs", []), known.setdefault("writer_alone", [])
+    for trials in (*SIZES[: 1 if quick else None], *(() if quick else LARGEST[1:])):
+        if trials not in [row["asked"] for row in alone]:
+            alone.append({"asked": trials, **_measured(_WRITER, str(trials))})
+            save("campaigns", known, quick=quick)
+    pairs = [(workers, trials) for trials in SIZES[: 1 if quick else None] for workers in WORKERS]
+    for workers, trials in (*pairs, *(() if quick else (LARGEST,))):
+        if (workers, trials) not in [(row["workers"], row["trials"]) for row in runs]:
+            with tempfile.TemporaryDirectory() as out:
+                asked = (
+                    "run",
+                    "mock/static",
+                    *_sets(trials),
+                    "--no-report",
+                    "--jobs",
+                    str(workers),
+                    "--out",
+                    out,
+                )
+                measured = _measured(_RUN, *asked)
+                digest = hashlib.sha256(_rows(Path(out))).hexdigest()[:12]
+            runs.append({"workers": workers, "trials": trials, **measured, "rows_sha256": digest})
+            save("campaigns", known, quick=quick)
+
+
+def _short(trials: int) -> dict[str, str]:
+    """Settings of a campaign of so many short trials."""
+    rows = -(-trials // 10_000)
+    listed = ", ".join(['{ condition = "none" }'] * rows)
+    return {**SHORT, "trials.list": f"[{listed}]", "trials.repeats": str(trials // rows)}
+
+
+def _sets(trials: int) -> list[str]:
+    return [f"--set={key}={value}" for key, value in _short(trials).items()]
 
 
 # --- killed --------------------------------------------------------------------------------------
@@ -54,9 +108,9 @@ def killed(count: int, seed: int = 1) -> dict[str, int]:
     found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        _verb(*_asked(1), "--out", str(folder / "first"))  # loads and compiles here, for all that are forked
+        _verb(*FOURTEEN, "--out", str(folder / "first"))  # loads and compiles here, for all that are forked
         begun_s = time.monotonic()
-        _forked(*_asked(1), "--out", str(folder / "whole")).join()
+        _forked(*FOURTEEN, "--out", str(folder / "whole")).join()
         length_s, expected = time.monotonic() - begun_s, _rows(folder / "whole")
         number = 0
         while found.total() - found["had_ended"] < count:
@@ -67,7 +121,7 @@ def killed(count: int, seed: int = 1) -> dict[str, int]:
 
 
 def _killed(out: Path, after_s: float, expected: bytes) -> str:
-    process = _forked(*_asked(1), "--out", str(out))
+    process = _forked(*FOURTEEN, "--out", str(out))
     process.join(after_s)
     process.kill()
     process.join()
@@ -100,44 +154,69 @@ def _verb(*arguments: str) -> None:
             sys.stdout = kept
 
 
-def _asked(repeats: int) -> tuple[str, ...]:
-    return ("run", "mock/transient", *SHORT, "--set", f"trials.repeats={repeats}")
-
-
 def _rows(out: Path) -> bytes:
     return next(out.glob("*/trials.csv")).read_bytes()
 
 
 # --- long ----------------------------------------------------------------------------------------
 
-_RUN = """
-import resource, sys
-from run import cli
-try:
-    cli(sys.argv[1:])
-finally:
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, file=sys.stderr)
+_TOLD = """
+import atexit, resource, sys
+def told():
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    print(used.ru_maxrss / 1024, used.ru_utime + used.ru_stime, file=sys.stderr)
+atexit.register(told)
 """
+"""A program says at its end what it has taken: largest memory, MB, and processor time, s."""
+
+_RUN = f"{_TOLD}from run import cli\ncli(sys.argv[1:])"
+_WRITER = f"{_TOLD}from benchmarks.campaigns import write\nwrite(int(sys.argv[1]))"
 
 
-def _campaign(repeats: int, workers: int) -> tuple[dict[str, float], bytes]:
-    """A program of its own, its wall and processor time (s), and how much memory (MB) the one that writes took."""
-    with tempfile.TemporaryDirectory() as out:
-        command = [sys.executable, "-c", _RUN, *_asked(repeats), "--jobs", str(workers), "--out", out]
-        begun_s, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run(
-            command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=True
-        )
-        wall_s, after = time.monotonic() - begun_s, resource.getrusage(resource.RUSAGE_CHILDREN)
-        rows = _rows(Path(out))
-    trials = 14 * repeats
-    processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+def _measured(program: str, *arguments: str) -> dict[str, float]:
+    """What a program of its own takes, with its workers."""
+    begun_s, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-c", program, *arguments]
+    done = subprocess.run(
+        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=True
+    )
+    wall_s, after = time.monotonic() - begun_s, resource.getrusage(resource.RUSAGE_CHILDREN)
+    memory_mb, writer_s = map(float, done.stderr.split()[-2:])
     return {
-        "workers": workers,
-        "trials": trials,
-        "trials_a_second": trials / wall_s,
         "wall_s": wall_s,
-        "processor_ms_a_trial": 1e3 * processor_s / trials,
-        "peak_memory_of_the_writer_mb": float(done.stderr.split()[-1]),
+        "processor_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+        "writer_processor_s": writer_s,
+        "writer_peak_mb": memory_mb,
         "load": os.getloadavg()[0],
-    }, rows
+    }
+
+
+class Again(Executor):
+    """Has run a part before it is asked, and gives the same one each time."""
+
+    def __init__(self, part: RunPart) -> None:
+        self._part = part
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        """That part."""
+        future: Future[RunPart] = Future()
+        future.set_result(self._part)
+        return future
+
+
+def write(trials: int) -> None:
+    """Take over so many trials, or a few more, in this process: one part again and again, for nothing is computed."""
+    profile = load_profile("mock/static", _short(trials), table=Table())
+    listed = profile.trials(0)
+    plan = plan_campaign(profile, listed, 0)
+    with closing(cores(1)) as crew:
+        order = Order.of(profile, listed, plan.factors, 0)
+        part = replace(crew.submit(order, listed[:PART]).result(), took_s=0.0)
+    with tempfile.TemporaryDirectory() as out:
+        in_parts(Crew(1, lambda: Again(part), lambda _: None), profile, plan, Silent(), Path(out)).run()
+
+
+if __name__ == "__main__":
+    from benchmarks.results import FOLDER
+
+    scaled(json.loads((FOLDER / "campaigns.json").read_text("utf-8")))

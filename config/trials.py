@@ -62,7 +62,7 @@ class TrialsSettings(Settings):
         return self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Trial:
     """One run of the experiment.
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import cache
 from importlib import metadata
 from itertools import chain
 from pathlib import Path
@@ -541,8 +542,12 @@ def program(packages: Collection[str] | None = None) -> dict[str, Any]:
     return {"versions": versions, "commit": _commit()}
 
 
+@cache
 def _commit() -> str:
-    """The program's own commit, with "+" where files were changed since; "" where that is not known."""
+    """The program's own commit, with "+" where files were changed since; "" where that is not known.
+
+    Asked once: what is committed while a run goes on is not what runs.
+    """
     here = Path(__file__).resolve().parent.parent
     try:
         said = subprocess.run(

@@ -222,6 +222,18 @@ def test_a_killed_worker_costs_no_trial_and_doubles_none(one, tmp_path):
     assert not multiprocessing.active_children()
 
 
+def test_a_commit_while_a_campaign_runs_does_not_end_it(tmp_path, monkeypatch):
+    class Committer(Script):
+        def trial_ended(self, trial, outcome, row):
+            monkeypatch.setattr(
+                "controller.campaign.subprocess.run", lambda *_, **__: SimpleNamespace(stdout="0" * 12)
+            )
+            super().trial_ended(trial, outcome, row)
+
+    outcome = in_two(tmp_path, console := Committer())
+    assert (outcome.exit_code, len(console.rows)) == (0, 14), outcome.line
+
+
 def test_the_guard_ends_a_campaign_in_parts_where_it_ends_one_on_one_core(run_profile, tmp_path):
     whole = run_profile(trials=(), seed=0, **SETS, **{"limits.force_n": "0.3"})
     outcome = in_two(tmp_path, Script(), **{"limits.force_n": "0.3"})
