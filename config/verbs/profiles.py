@@ -7,27 +7,13 @@ import sys
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from config.verbs import (
-    DEVICE,
-    DONE,
-    USAGE,
-    Verb,
-    complain,
-    loaded_profile,
-    realtime_option,
-    set_option,
-    sets,
-)
-
-if TYPE_CHECKING:
-    pass
+from config import verbs
 
 
-@click.command("list", cls=Verb, short_help="Show profiles, detectors, signals or drivers.")
+@click.command("list", cls=verbs.Verb, short_help="Show profiles, detectors, signals or drivers.")
 @click.option("--detectors", "shown", flag_value="detectors", help="List kinds of detectors instead.")
 @click.option("--signals", "shown", flag_value="signals", help="List kinds of signals instead.")
 @click.option("--drivers", "shown", flag_value="drivers", help="List drivers instead.")
@@ -51,9 +37,9 @@ def list_(shown: str | None) -> None:
     click.echo("\n".join(lines))
 
 
-@click.command(cls=Verb, short_help="Validate a profile, print its settings, try its bench.")
+@click.command(cls=verbs.Verb, short_help="Validate a profile, print its settings, try its bench.")
 @click.argument("profile")
-@set_option
+@verbs.set_option
 @click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
 @click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
 def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect: bool) -> int:
@@ -70,13 +56,13 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
     from config.parts import parts_of
 
     if parts := parts_of(profile):
-        common = [*sets(overrides), *(["--connect"] if connect else [])]
+        common = [*verbs.sets(overrides), *(["--connect"] if connect else [])]
         return max(int(check.main([*part, *common], standalone_mode=False)) for part in parts.runs)
     from config.assemble import plan_campaign
     from config.toml_text import to_toml
     from config.trials import distinct
 
-    loaded = loaded_profile(profile, overrides, csv)
+    loaded = verbs.loaded_profile(profile, overrides, csv)
     origins = loaded.source.origins
     click.echo(
         f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {len(loaded.trials(0))} trials"
@@ -85,7 +71,7 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
     click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
     trials = plan_campaign(loaded, distinct(loaded.trials(0)), 0).trials
     if not connect and loaded.bench != "mock":  # what a bench on the wire sends, it says when it is connected
-        return DONE
+        return verbs.DONE
     from config.assemble import build_rig
     from controller.doctor import compare, examine
     from controller.rig import TrialScene
@@ -94,20 +80,20 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
     with closing(build_rig(loaded)) as rig:
         if not connect:
             for finding in compare(rig, trials):
-                complain(finding.line)
+                verbs.complain(finding.line)
                 sound = False
-            return DONE if sound else USAGE
+            return verbs.DONE if sound else verbs.USAGE
         click.echo()
         plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
         for finding in examine(rig, TrialScene(0, 0, {}, plant), trials):
             click.echo(finding.line)
             sound &= finding.sound
-    return DONE if sound else DEVICE
+    return verbs.DONE if sound else verbs.DEVICE
 
 
-@click.command(cls=Verb, short_help="Say what a run would take, move and compute.")
+@click.command(cls=verbs.Verb, short_help="Say what a run would take, move and compute.")
 @click.argument("profile")
-@set_option
+@verbs.set_option
 @click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
 def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
     """Say what running a PROFILE would take: time, disk, travel, force, and what each state computes.
@@ -123,22 +109,22 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
 
     if parts := parts_of(profile):
         for part in parts.runs:
-            plan.main([*part, *sets(overrides)], standalone_mode=False)
+            plan.main([*part, *verbs.sets(overrides)], standalone_mode=False)
         return
     from config.assemble import plan_campaign
     from config.costs import planned
     from config.jobs import jobs_for
 
-    loaded = loaded_profile(profile, overrides, csv)
+    loaded = verbs.loaded_profile(profile, overrides, csv)
     trials = loaded.trials(0)
     whole = plan_campaign(loaded, trials, 0)
     click.echo("\n".join(planned(loaded, trials, next(iter(whole.trials)), jobs_for(loaded, whole, None))))
 
 
-@click.command(cls=Verb, short_help="Serve a profile's emulated devices.")
+@click.command(cls=verbs.Verb, short_help="Serve a profile's emulated devices.")
 @click.argument("profile")
-@set_option
-@realtime_option
+@verbs.set_option
+@verbs.realtime_option
 def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
     """Start the emulated devices of a PROFILE and say in one JSON line where they are.
 
@@ -157,7 +143,7 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    with closing(start_emulator(loaded_profile(profile, overrides), realtime)) as emulator:
+    with closing(start_emulator(verbs.loaded_profile(profile, overrides), realtime)) as emulator:
         click.echo(json.dumps(emulator.endpoints))
         sys.stdout.flush()
         ended.wait()

@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from config.verbs import (
-    PLOT_HELP,
-    Verb,
-    all_spans,
-    complain,
-    recording_options,
-    span,
-)
-
-if TYPE_CHECKING:
-    pass
+from config import verbs
 
 
-@click.command(cls=Verb, short_help="Feed a recording to a detector.")
-@recording_options
+@click.command(cls=verbs.Verb, short_help="Feed a recording to a detector.")
+@verbs.recording_options
 @click.argument("recording", type=click.Path(path_type=Path))
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help=PLOT_HELP)
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help=verbs.PLOT_HELP)
 def replay(detector: str, plot: Path | None, **given: Any) -> None:
     """Feed a RECORDING to a detector and print one JSON line an event.
 
@@ -47,20 +37,20 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
 
     made, blocks, notes = load(detector, **given)
     events = list(replayed(blocks, made))
-    complain("\n".join(notes))
+    verbs.complain("\n".join(notes))
     for event in events:
         click.echo(json.dumps(as_line(event, detector)))
     if not events:
         samples = sum(len(block) for block in blocks if block.stream == made.inputs[0])
-        complain(f"{detector} found nothing in {samples} samples")
+        verbs.complain(f"{detector} found nothing in {samples} samples")
     if plot is not None:
         from controller.replay_plot import draw
 
         draw(plot, blocks, made, events)
 
 
-@click.command(cls=Verb, short_help="Find the threshold that a recording without events asks for.")
-@recording_options
+@click.command(cls=verbs.Verb, short_help="Find the threshold that a recording without events asks for.")
+@verbs.recording_options
 @click.argument(
     "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
 )
@@ -68,7 +58,7 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
     "--span",
     "spans",
     multiple=True,
-    callback=all_spans,
+    callback=verbs.all_spans,
     metavar="T0:T1",
     help="Seconds of each recording that are quiet; all of it otherwise. May be given several times.",
 )
@@ -106,17 +96,20 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
             f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
         )
     line = calibration_line(pieces, detector, interval_s)
-    complain("\n".join(dict.fromkeys(note for one in loaded for note in one.notes)))
+    verbs.complain("\n".join(dict.fromkeys(note for one in loaded for note in one.notes)))
     click.echo(json.dumps(line))
 
 
-@click.command(cls=Verb, short_help="Find the resonance in a transducer's frequency sweep.")
+@click.command(cls=verbs.Verb, short_help="Find the resonance in a transducer's frequency sweep.")
 @click.argument("table", type=click.Path(path_type=Path), metavar="FILE")
 @click.option(
     "--column", metavar="F,A", help="Columns of frequency and response, where there are more than two."
 )
 @click.option(
-    "--span", callback=span, metavar="LOW:HIGH", help="Frequencies that count, Hz; all of them otherwise."
+    "--span",
+    callback=verbs.span,
+    metavar="LOW:HIGH",
+    help="Frequencies that count, Hz; all of them otherwise.",
 )
 @click.option("--conductance", is_flag=True, help="The response is a conductance, not an amplitude.")
 @click.option(
@@ -140,7 +133,7 @@ def sweep(
 
     measured = read_sweep(table, column, span, "conductance" if conductance else "amplitude")
     found = analysed(table, measured)
-    complain(measured.note)
+    verbs.complain(measured.note)
     click.echo(json.dumps(sweep_line(found)))
     if plot is not None:
         draw_sweep(plot, measured, found)

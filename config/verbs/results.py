@@ -5,24 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from config.verbs import (
-    Verb,
-    browse,
-    out_option,
-    report_on,
-)
-
-if TYPE_CHECKING:
-    pass
+from config import verbs
 
 
-@click.command(cls=Verb, short_help="Write the report of one or more runs.")
+@click.command(cls=verbs.Verb, short_help="Write the report of one or more runs.")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
-@out_option
+@verbs.out_option
 def report(runs: Sequence[str], out: Path) -> None:
     """Write the report of a RUN, or of several together, from the recordings alone.
 
@@ -40,12 +31,12 @@ def report(runs: Sequence[str], out: Path) -> None:
     folders = [RunFolder.find(name, out) for name in runs]
     for run in (run for folder in folders for run in folder.runs):
         close_recordings(run)
-    report_on(folders)
+    verbs.report_on(folders)
 
 
-@click.command(cls=Verb, short_help="Watch a run that goes on, in the browser.")
+@click.command(cls=verbs.Verb, short_help="Watch a run that goes on, in the browser.")
 @click.argument("name", metavar="RUN")
-@out_option
+@verbs.out_option
 def watch(name: str, out: Path) -> None:
     """Serve the live page of a RUN that goes on, and print its link; it ends with the run, or by Ctrl+C.
 
@@ -65,12 +56,12 @@ def watch(name: str, out: Path) -> None:
     door = Door.open()
     click.echo(door.link)
     sys.stdout.flush()
-    serve(folder, door, lambda: browse(door.link))
+    serve(folder, door, lambda: verbs.browse(door.link))
 
 
-@click.command("open", cls=Verb, short_help="Open the report of a run in the browser.")
+@click.command("open", cls=verbs.Verb, short_help="Open the report of a run in the browser.")
 @click.argument("name", metavar="RUN")
-@out_option
+@verbs.out_option
 def open_(name: str, out: Path) -> None:
     """Open the report of a RUN in the browser, and print where it is; it is written where there is none yet.
 
@@ -85,18 +76,18 @@ def open_(name: str, out: Path) -> None:
     folder = RunFolder.find(name, out)
     page = folder.path / "report.html"
     if not page.is_file():
-        report_on([folder])
+        verbs.report_on([folder])
     click.echo(page)
-    browse(page.resolve().as_uri())
+    verbs.browse(page.resolve().as_uri())
 
 
-@click.command(cls=Verb, short_help="Write a run in the formats of other programs.")
+@click.command(cls=verbs.Verb, short_help="Write a run in the formats of other programs.")
 @click.argument("run", metavar="RUN")
 @click.option(
     "--to", type=click.Choice(["csv", "lerobot", "parquet", "rosbag2"]), required=True, help="Which format."
 )
 @click.option("--into", type=click.Path(path_type=Path), help="Folder to write into; RUN/FORMAT otherwise.")
-@out_option
+@verbs.out_option
 def export(run: str, to: str, into: Path | None, out: Path) -> None:
     """Write a RUN's trials and samples for other programs, and print the files.
 
@@ -116,10 +107,10 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
         click.echo(path)
 
 
-@click.command(cls=Verb, short_help="Show what differs between two runs.")
+@click.command(cls=verbs.Verb, short_help="Show what differs between two runs.")
 @click.argument("first", metavar="RUN")
 @click.argument("second", metavar="RUN")
-@out_option
+@verbs.out_option
 def compare(first: str, second: str, out: Path) -> None:
     """Show which settings differ between two runs, and the mean difference of each result, second less first.
 

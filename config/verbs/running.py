@@ -12,26 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from config.verbs import (
-    DONE,
-    Verb,
-    browse,
-    complain,
-    endpoints_option,
-    explained,
-    jobs_options,
-    loaded_profile,
-    out_option,
-    realtime_option,
-    report_on,
-    report_option,
-    say,
-    say_at_once,
-    set_option,
-    sets,
-    shard,
-    watch_option,
-)
+from config import verbs
 
 if TYPE_CHECKING:
     from config.jobs import Crew
@@ -45,9 +26,9 @@ if TYPE_CHECKING:
     from controller.watching.page import PageProcess
 
 
-@click.command(cls=Verb, short_help="Run an experiment, write a run folder and its report.")
+@click.command(cls=verbs.Verb, short_help="Run an experiment, write a run folder and its report.")
 @click.argument("profile")
-@set_option
+@verbs.set_option
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Of order and noise."
 )
@@ -57,16 +38,16 @@ if TYPE_CHECKING:
 @click.option(
     "--only", "numbers", type=int, multiple=True, metavar="TRIAL", help="This trial alone; repeatable."
 )
-@out_option
-@report_option
-@endpoints_option
-@realtime_option
-@jobs_options
-@watch_option
+@verbs.out_option
+@verbs.report_option
+@verbs.endpoints_option
+@verbs.realtime_option
+@verbs.jobs_options
+@verbs.watch_option
 @click.option("--foxglove", is_flag=True, help="Stream what is recorded to Foxglove as well, read-only.")
 @click.option(
     "--shard",
-    callback=shard,
+    callback=verbs.shard,
     metavar="I/N",
     help="Every N-th trial from the I-th on alone; `merge` joins all N.",
 )
@@ -108,9 +89,9 @@ def run(
     if parts := parts_of(profile):
         if csv or numbers or endpoints or realtime or shard or watched or foxglove:
             raise click.UsageError(f"{profile} has parts; run one of them with this option: see run.py list")
-        folder = begin(profile, parts, ["--seed", str(seed), *sets(overrides)], out)
+        folder = begin(profile, parts, ["--seed", str(seed), *verbs.sets(overrides)], out)
         return _in_turn(folder, jobs, scheduler, reported)
-    loaded = loaded_profile(profile, overrides, csv)
+    loaded = verbs.loaded_profile(profile, overrides, csv)
     if realtime and (loaded.bench != "emulated" or endpoints is not None):
         reason = "an emulator that runs has its own time" if endpoints else f"{loaded.name} is not emulated"
         raise click.BadParameter(reason, param_hint="--realtime")
@@ -133,13 +114,13 @@ def run(
         )
 
 
-@click.command(cls=Verb, short_help="Go on with a run that broke off.")
+@click.command(cls=verbs.Verb, short_help="Go on with a run that broke off.")
 @click.argument("run", metavar="RUN")
-@out_option
-@report_option
-@endpoints_option
-@jobs_options
-@watch_option
+@verbs.out_option
+@verbs.report_option
+@verbs.endpoints_option
+@verbs.jobs_options
+@verbs.watch_option
 def resume(
     run: str,
     out: Path,
@@ -176,17 +157,17 @@ def resume(
     seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
     plan = plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked)
     if plan.count == 0:
-        say(
+        verbs.say(
             f"{resumed.folder.path.name}: all {len(trials)} trials are done; `run.py report {run}` shows them"
         )
-        return DONE
+        return verbs.DONE
     with _crew(loaded, plan, jobs, scheduler) as crew:
         return _carried_out(loaded, plan, out, endpoints, reported, crew, resumed, watched=watched)
 
 
-@click.command(cls=Verb, short_help="Join the shards of a run.")
+@click.command(cls=verbs.Verb, short_help="Join the shards of a run.")
 @click.argument("shards", nargs=-1, required=True, metavar="RUN...")
-@out_option
+@verbs.out_option
 def merge(shards: Sequence[str], out: Path) -> None:
     """Join runs that were made with --shard into the run folder that one run would have written.
 
@@ -199,7 +180,7 @@ def merge(shards: Sequence[str], out: Path) -> None:
     """
     from config.merging import merged
 
-    say(f"{merged(shards, out).path}")
+    verbs.say(f"{merged(shards, out).path}")
 
 
 def _carried_out(
@@ -233,14 +214,14 @@ def _carried_out(
             operator = stack.enter_context(ConsoleOperator(asking=rig.asking))
             outcome = Campaign(plan, rig, _console(operator, page), out, resumed, mirror).run()
     if outcome.error is None:
-        (complain if outcome.exit_code else say)(outcome.line)
+        (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:
         if reported:
-            report_on([RunFolder(outcome.folder)])
+            verbs.report_on([RunFolder(outcome.folder)])
     except Exception as error:
         if not outcome.exit_code:
             raise
-        complain(f"no report: {explained(error)[1]}")
+        verbs.complain(f"no report: {verbs.explained(error)[1]}")
     if outcome.error is not None:
         raise outcome.error
     return outcome.exit_code
@@ -256,9 +237,9 @@ def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reporte
         *(["--scheduler", scheduler] if scheduler else []),
     ]
     with closing(cluster(scheduler) if scheduler else cores(jobs)) as crew:
-        code = carry_on(folder, run, resume, workers, crew, say)
+        code = carry_on(folder, run, resume, workers, crew, verbs.say)
     if reported and folder.runs:
-        report_on([folder])
+        verbs.report_on([folder])
     return code
 
 
@@ -273,7 +254,7 @@ def _crew(
     if scheduler is None:
         count = jobs_for(loaded, plan, jobs)
         if count > 1:
-            say(f"{duration(loaded.name, loaded.experiment, loaded.bench, plan.count, count)}")
+            verbs.say(f"{duration(loaded.name, loaded.experiment, loaded.bench, plan.count, count)}")
             return nullcontext(kept) if kept else closing(cores(count))
         return nullcontext()
     jobs_for(loaded, plan, 2)
@@ -303,7 +284,7 @@ def _console(operator: ConsoleOperator, page: PageProcess | None) -> Console:
 
     began = None if page is None else page.began
     if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return Watched(PlainConsole(operator, say_at_once), operator, began)
+        return Watched(PlainConsole(operator, verbs.say_at_once), operator, began)
     from rich.console import Console as Terminal
 
     from controller.live import LiveConsole
@@ -317,9 +298,9 @@ def _page() -> PageProcess:
 
     door = Door.open()
     link = door.link
-    say(f"watch it: {link}")
+    verbs.say(f"watch it: {link}")
     page = PageProcess(door)
-    browse(link)
+    verbs.browse(link)
     return page
 
 
@@ -333,7 +314,7 @@ def _foxglove() -> FoxgloveStream:
         raise click.UsageError("--foxglove needs its SDK: pip install foxglove-sdk") from None
     except RuntimeError as error:
         raise click.UsageError(f"--foxglove: {error}") from None
-    say(f"Foxglove: {stream.address}")
+    verbs.say(f"Foxglove: {stream.address}")
     return stream
 
 
