@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -53,10 +53,15 @@ def foxglove(topics: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     """A layout of Foxglove: plots one above the other, the states below, events beside them."""
     panels: dict[str, Any] = {
         f"Plot!{topic[1:].replace('/', '_')}": {
-            "title": topic,
+            "foxglovePanelTitle": topic,
             "paths": [
-                {"value": f"{topic}.{field}", "enabled": True, "timestampMethod": "receiveTime"}
-                for field in fields
+                {
+                    "value": f"{topic}.{field}",
+                    "enabled": True,
+                    "timestampMethod": "receiveTime",
+                    "color": colour,
+                }
+                for field, colour in zip(fields, cycle(COLOURS), strict=False)
             ],
             "showLegend": True,
             "isSynced": True,
@@ -103,9 +108,7 @@ def plotjuggler(topics: Mapping[str, Sequence[str]]) -> str:
     for topic, fields in topics.items():
         area = ElementTree.SubElement(split, "DockArea", name=topic)
         plot = ElementTree.SubElement(area, "plot", mode="TimeSeries", style="Lines")
-        for place, field in enumerate(fields):
-            ElementTree.SubElement(
-                plot, "curve", name=f"{topic}/{field}", color=COLOURS[place % len(COLOURS)]
-            )
+        for field, colour in zip(fields, cycle(COLOURS), strict=False):
+            ElementTree.SubElement(plot, "curve", name=f"{topic}/{field}", color=colour)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -4,13 +4,17 @@ import asyncio
 import json
 import struct
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
+from foxglove import layouts as sdk
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
+from controller.recording import layouts
 from controller.recording.stream_writer import StreamWriter
+from controller.reports import figures
 from controller.watching.foxglove import FoxgloveStream
 from drivers.messages import SampleBlock, StreamInfo
 
@@ -69,3 +73,32 @@ def test_a_viewer_hears_what_is_recorded_and_can_call_nothing(stream, tmp_path):
     assert (code, subscription) == (1, 7)
     message = writer._topics[INFO.name][0].message.FromString(frame[13:])
     assert message.force_n in (0.25, 0.5)
+
+
+def test_a_layout_is_made_of_what_the_sdk_knows_of_its_panels():
+    topics = {"/detector/contact": ["statistic", "threshold"], "/board/frequency": ["frequency_hz"]}
+    panels = layouts.foxglove(topics)["configById"]
+    known = {
+        "Plot": known_of(sdk.PlotConfig(paths=[sdk.PlotSeries(value="")])),
+        "StateTransitions": known_of(
+            sdk.StateTransitionsConfig(paths=[sdk.StateTransitionsSeries(value="")])
+        ),
+        "RosOut": known_of(sdk.LogConfig()),  # as Foxglove calls its log panel
+    }
+    for name, config in panels.items():
+        keys, of_paths = known[name.partition("!")[0]]
+        assert config.keys() - {"foxglovePanelTitle"} <= keys, name
+        assert all(path.keys() <= of_paths for path in config.get("paths", ())), name
+
+
+def known_of(config):
+    """Keys of a panel's configuration and of its paths."""
+    told = config._to_dict()
+    return told.keys(), {key for path in told.get("paths", ()) for key in path._to_dict()}
+
+
+def test_curves_have_the_reports_colours():
+    assert layouts.COLOURS == (figures.OURS, figures.FALSE, figures.PAPER, figures.RIVAL)
+    light = (Path(figures.__file__).with_name("templates") / "style.css").read_text("utf-8")
+    for name in ("OURS", "PAPER", "TRUTH", "RIVAL", "FAINT"):
+        assert getattr(figures, name) in light
