@@ -6,7 +6,7 @@ BIN := .venv/bin
 
 .PHONY: run test browser mutants check format bench recordings soak-test fuzz lerobot lock diagrams clean
 
-run: .venv/run.stamp            ## the main job on the mock bench: 42 approaches, from nothing to a report
+run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
 
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before
