@@ -303,6 +303,8 @@ def report_on(folders: Sequence[RunFolder]) -> None:
     from controller.recording.reader import open_run
     from controller.reports.report import tell
 
+    if sys.stdout.isatty():
+        say("writing the report")
     runs = [open_run(run.path) for folder in folders for run in folder.runs]
     for run in runs:
         tidy(run)
