@@ -1,8 +1,8 @@
 """Public recordings with truth: `make recordings`, or `python -m benchmarks.recordings [NAME=GIT_DIR ...]`.
 
-They are fetched by git into build/recordings and never committed: neither repository states a licence. A local copy of
-a repository may be named in the place of the network, as in `biotac=/data/BioTac_slide_20_50`. Studies run without
-them and say which rows are missing.
+They are fetched by git into build/recordings and never committed: none of the repositories states a licence. A local
+copy of a repository may be named in the place of the network, as in `biotac=/data/BioTac_slide_20_50`. Studies run
+without them and say which rows are missing.
 """
 
 from __future__ import annotations
@@ -70,12 +70,36 @@ def tribometer(show: Callable[[str], bytes]) -> dict[str, Floats]:
     return {"run": loadmat(stored)["dataQ"]}  # type: ignore[arg-type] # an open file is as good
 
 
+def blows(show: Callable[[str], bytes]) -> dict[str, Floats]:
+    """Single blows to a tribometer's lateral force sensor, its impulse calibration: three runs of 20 s. Nothing slides.
+
+    Recorded at 100 kHz; here at 10 kHz, behind a causal filter.
+
+    R. Grigorii et al., Comparison of Wideband Vibrotactile and Friction Modulation Surface Gratings, IEEE Trans.
+    Haptics 2021.
+    """
+    from scipy.io import loadmat
+    from scipy.signal import decimate
+
+    found = {}
+    for name in ("data", "data2", "data3"):
+        stored = BytesIO(show(f"Matlab/calibration lateral/{name}.mat"))
+        run = loadmat(stored)["out"][:, 0]  # type: ignore[arg-type] # an open file is as good
+        found[name] = decimate(run - run[0], 10, ftype="fir", zero_phase=False)
+    return found
+
+
 SOURCES = {
     "biotac": RecordingSource("dexrob/BioTac_slide_20_50", "c19638b", biotac),
     "tribometer": RecordingSource(
         "romangrigorii/data-driven-playback-of-natural-tactile-texture",
         "58cd7fcdec94f82f504bb17b2e547ee64c70bde9",
         tribometer,
+    ),
+    "blows": RecordingSource(
+        "romangrigorii/comparison-of-wideband-viborotactile-and-friction-modulation-surface-gratings",
+        "e19fed0d9dae8c0034e8eb1b8b3374c9d34ce561",
+        blows,
     ),
 }
 
