@@ -75,20 +75,38 @@ def test_more_frames_than_a_header_can_count_are_not_written() -> None:
 
 
 @pytest.mark.parametrize(
-    "data",
+    ("data", "why"),
     [
-        b"HTTP/1.1 400",
-        SOUND[:4] + b"\x03" + SOUND[5:],  # kind 3
-        SOUND[:5] + b"\x00" + SOUND[6:],  # no channel
-        SOUND[:6] + b"\x00\x00" + SOUND[8:],  # no frame
-        SOUND + b"\x00" + WORDS,  # out of step
-        WORDS[:-1] + b"]",
-        WORDS[:6] + b"\x02\x00" + WORDS[8:16] + b"[]",
+        (b"HTTP/1.1 400", "begins with b'TBA1', not with b'HTTP'"),
+        (SOUND[:4] + b"\x03" + SOUND[5:], "kind 3 with 2 channels and a length of 2"),
+        (SOUND[:4] + b"\x03\x00" + SOUND[6:], "kind 3 with 0 channels"),
+        (SOUND[:5] + b"\x00" + SOUND[6:], "0 channels"),
+        (SOUND[:6] + b"\x00\x00" + SOUND[8:], "a length of 0"),
+        (SOUND + b"\x00" + WORDS, "begins with"),  # out of step
+        (WORDS[:-1] + b"]", "no JSON: Expecting"),
+        (WORDS[:6] + b"\x02\x00" + WORDS[8:16] + b"[]", "^no JSON object$"),
     ],
 )
-def test_what_is_no_recorders_is_not_read(data: bytes) -> None:
-    with pytest.raises(CodecError):
+def test_what_is_no_recorders_is_not_read(data: bytes, why: str) -> None:
+    with pytest.raises(CodecError, match=why):
         FrameDecoder().feed(data)
+
+
+def test_a_frame_of_nothing_but_its_header_is_read_at_once() -> None:
+    nothing = b"{}"
+    with pytest.raises(CodecError, match="no JSON: Expecting value"):
+        FrameDecoder().feed(WORDS[:6] + b"\x00\x00" + WORDS[8:16])
+    assert told(FrameDecoder().feed(WORDS[:6] + b"\x02\x00" + WORDS[8:16] + nothing)) == [(258, {})]
+
+
+def test_words_of_two_keys_are_written_without_blanks() -> None:
+    assert encode(SoundWords(0, {"a": 1, "b": 2})).endswith(b'{"a":1,"b":2}')
+
+
+def test_counts_of_any_type_and_shape_are_packed_and_come_back_in_32_bits() -> None:
+    packed = pack24(np.array([[1, -1], [2, -2]], np.int64))  # type: ignore[arg-type]
+    assert packed == bytes.fromhex("01 00 00 ff ff ff 02 00 00 fe ff ff")
+    assert unpack24(packed).dtype == np.int32
 
 
 def test_half_a_sample_is_none() -> None:

@@ -33,6 +33,10 @@ REPLIES = [
     (HandReply(13, Property.MODE, 0), "5A6", "88 00 00 00"),
     (HandReply(14, Property.POSITION, -3), "5C6", "B0 00 FD FF"),
     (HandReply(11, Property.POSITION, 66_000), "566", "B0 00 D0 01 01 00"),
+    (HandReply(11, Property.POSITION, 32_767), "566", "B0 00 FF 7F"),
+    (HandReply(11, Property.POSITION, 32_768), "566", "B0 00 00 80 00 00"),
+    (HandReply(11, Property.POSITION, -32_768), "566", "B0 00 00 80"),
+    (HandReply(11, Property.POSITION, -32_769), "566", "B0 00 FF 7F FF FF"),
 ]
 
 
@@ -68,7 +72,7 @@ def test_a_reply_of_four_bytes_may_stand_for_a_small_value() -> None:
     ],
 )
 def test_what_is_no_reply_is_refused(frame: CanFrame) -> None:
-    with pytest.raises(CodecError):
+    with pytest.raises(CodecError, match="no reply: CanFrame"):
         decode_reply(frame)
 
 
@@ -78,9 +82,10 @@ def test_what_is_no_reply_is_refused(frame: CanFrame) -> None:
         CanFrame(0x00B),
         CanFrame(0x00B, b"\x88\x00\x05"),
         CanFrame(0x00B, b"\x99"),
+        CanFrame(0x00B, b"\x08\x00\x05\x00\x00\x00"),  # a question with a value
         CanFrame(0x00B, remote=True),
     ],
 )
 def test_what_is_no_request_is_refused(frame: CanFrame) -> None:
-    with pytest.raises(CodecError):
+    with pytest.raises(CodecError, match="no request: CanFrame"):
         decode_request(frame)

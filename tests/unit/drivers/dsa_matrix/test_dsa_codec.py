@@ -19,7 +19,9 @@ REQUESTS = [
     (codec.Acquire(run=True, rle=True, frames_per_s=100), 0x03, "81 64 00"),
     (codec.Acquire(run=True, rle=False, frames_per_s=300), 0x03, "80 2C 01"),
     (codec.Acquire(run=False, rle=True, frames_per_s=0), 0x03, "01 00 00"),
+    (codec.Acquire(run=True, rle=True, frames_per_s=40_000), 0x03, "81 40 9C"),
     (codec.SetThreshold(150), 0x13, "02 00 96 00"),
+    (codec.SetThreshold(40_000), 0x13, "02 00 40 9C"),
     (codec.AskMatrix(codec.Id.THRESHOLD, 0), 0x14, "00"),
 ]
 
@@ -35,7 +37,9 @@ ANSWERS = [
     (codec.SensorInfo(0, 1, 0x10, 3210), 0x02, SENSOR),
     (codec.Done(codec.Id.ACQUIRE, 0), 0x03, "00 00"),
     (codec.Done(codec.Id.SET_THRESHOLD, 5), 0x13, "05 00"),
+    (codec.Done(codec.Id.ACQUIRE, 0x8001), 0x03, "01 80"),
     (codec.Threshold(0, 150), 0x14, "00 00 96 00"),
+    (codec.Threshold(0x8001, 40_000), 0x14, "01 80 40 9C"),
 ]
 
 
@@ -72,6 +76,16 @@ def test_a_raw_frame_is_time_flags_and_texels() -> None:
     assert isinstance(answer, codec.Frame)
     assert (answer.time_ms, answer.rle) == (1000, False)
     assert answer.texels.tolist() == [1, 4095, 0], "the upper four bits are none of the texel's"
+    assert answer.texels.dtype == np.uint16
+
+
+def test_a_frame_of_a_controller_that_has_run_for_25_days_keeps_its_time() -> None:
+    frame = codec.Frame(0x8000_0001, True, np.array([3], np.uint16))
+    packet = codec.encode_answer(frame)
+    assert packet.payload[:5] == bytes.fromhex("01 00 00 80 01")
+    answer = codec.decode_answer(packet)
+    assert isinstance(answer, codec.Frame)
+    assert answer.time_ms == frame.time_ms
 
 
 def test_a_run_length_unit_is_a_count_above_a_value() -> None:
@@ -110,21 +124,30 @@ def test_frames_come_back_as_they_were(texels: np.ndarray, rle: bool) -> None:
     ],
 )
 def test_what_is_no_answer_is_refused(packet: MatrixPacket) -> None:
-    with pytest.raises(CodecError):
+    with pytest.raises(CodecError, match=f"packet {packet.id:#04x} |bytes of texels"):
         codec.decode_answer(packet)
 
 
 @pytest.mark.parametrize(
-    "packet", [MatrixPacket(0x01, b"\0"), MatrixPacket(0x03, b"\0"), MatrixPacket(0x55), MatrixPacket(0x0B)]
+    "packet",
+    [
+        MatrixPacket(0x01, b"\0"),
+        MatrixPacket(0x03, b"\0"),
+        MatrixPacket(0x55),
+        MatrixPacket(0x0B),
+        MatrixPacket(0x13, b"\0"),
+        MatrixPacket(0x55, bytes(4)),
+    ],
 )
 def test_what_is_no_request_is_refused(packet: MatrixPacket) -> None:
-    with pytest.raises(CodecError):
+    with pytest.raises(CodecError, match="no request: MatrixPacket"):
         codec.decode_request(packet)
 
 
 def test_errors_are_named() -> None:
     assert codec.meaning(2) == "no sensor"
     assert codec.meaning(99) == "error 99"
+    assert codec.meaning(len(codec.ERRORS)) == f"error {len(codec.ERRORS)}"
 
 
 def test_cells_are_named_by_matrix_row_and_column() -> None:
