@@ -205,7 +205,7 @@ def test_a_damaged_chunk_costs_its_figure_alone_and_the_page_says_so_in_one_line
     }
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_one_flipped_bit_leaves_a_page_or_the_readers_own_error(small_runs, undrawn, data):
     run = data.draw(st.sampled_from(small_runs))
