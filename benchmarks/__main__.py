@@ -20,6 +20,7 @@ BENCHMARKS = {
     "centering_rooms": "benchmarks.centering.rooms",
     "contact": "benchmarks.contact.run",
     "campaigns": "benchmarks.campaigns",
+    "costs": "benchmarks.costs",
 }
 
 

@@ -1,5 +1,7 @@
 """What a trial of each shipped experiment costs on the mock bench: bench time, computing, disk; into config/costs.toml.
 
+Beside each stands what it cost before, which is what that file said.
+
 python -m benchmarks.costs [PROFILE...]: these alone; the others stay as they were measured.
 """
 
@@ -25,19 +27,23 @@ TRIALS = 3
 """How many trials are run; the first one warms up, and is not counted."""
 
 
-def main(names: Sequence[str] = ()) -> None:
+def main(names: Sequence[str] = (), *, quick: bool = False) -> None:
     """Run some trials of each profile that has an experiment on a simulated bench, and write the table."""
+    names = names or (("mock/transient",) if quick else ())
     shipped = {
         name: read_source(name).data for name in profile_names() if name.startswith(("mock/", "emulated/"))
     }
-    table = {} if not names else tomllib.loads(COSTS.read_text("utf-8"))
+    before = tomllib.loads(COSTS.read_text("utf-8"))
+    table = {} if not names else dict(before)
     for name in names or [name for name, data in shipped.items() if "experiment" in data]:
         found = zip(
             ("bench_s", "computing_s", "disk_bytes"), _cost(name, shipped[name]["devices"]), strict=True
         )
         table[name] = {"experiment": shipped[name]["experiment"], **dict(found)}
-        print(name, table[name], flush=True)
         _write(table)
+        was_s, is_s = before.get(name, {}).get("computing_s"), table[name]["computing_s"]
+        ratio = "" if was_s is None else f"  before {was_s:.3g}, ratio {is_s / was_s:.2f}"
+        print(f"{name:30} {is_s:.3g} s a trial{ratio}", flush=True)
 
 
 def _write(table: dict[str, dict[str, Any]]) -> None:

@@ -100,16 +100,7 @@ class Loads:
             values = np.array([[force_n if name == bridge else 0.0 for name in BRIDGES]])
             times_s = np.array([t_s])
             self._blocks.append(
-                SampleBlock(
-                    self._info.name,
-                    self._seq,
-                    t_s,
-                    values,
-                    times_s=times_s,
-                    unit=self._info.unit,
-                    device_t0_s=t_s,
-                    arrival_s=t_s,
-                )
+                self._info.block(self._seq, t_s, values, times_s=times_s, device_t0_s=t_s, arrival_s=t_s)
             )
         self._seq += 1
 

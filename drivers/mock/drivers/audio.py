@@ -174,17 +174,7 @@ class MockAudio(MockDriver):
             value = float(values[place, column]) * self._info.scale
             t_s = (first + place) / self._rate_hz
             self._say(Saturated(t_s, self.name, self._info.name, value))
-        return SampleBlock(
-            self._info.name,
-            first,
-            t0_s,
-            values,
-            rate_hz=self._rate_hz,
-            unit=self._info.unit,
-            scale=self._info.scale,
-            device_t0_s=t0_s,
-            arrival_s=now_s,
-        )
+        return self._info.block(first, t0_s, values, device_t0_s=t0_s, arrival_s=now_s)
 
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""

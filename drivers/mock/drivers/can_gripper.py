@@ -133,16 +133,10 @@ class MockCanGripper(MockDriver):
         widths_m = [self._brackets.width_m(state.position) for _, state in samples]
         closing_ma = [-state.current_ma for _, state in samples]
         columns = {f"{self.name}.width": np.array(widths_m), f"{self.name}.force": np.array(closing_ma)}
+        t0_s = float(times_s[0])
         return [
-            SampleBlock(
-                stream,
-                samples[0][0],
-                float(times_s[0]),
-                columns[stream][:, None],
-                times_s=times_s,
-                unit=self._infos[stream].unit,
-                scale=self._infos[stream].scale,
-                arrival_s=now_s,
+            self._infos[stream].block(
+                samples[0][0], t0_s, columns[stream][:, None], times_s=times_s, arrival_s=now_s
             )
             for stream in sorted(self._heard)
         ]

@@ -235,16 +235,8 @@ class MockUrArm(MockDriver):
     ) -> SampleBlock:
         short = stream.rpartition(".")[2]
         values = self._wrench(ticks, times_s) if short == "force" else self._places(short, times_s)
-        return SampleBlock(
-            stream,
-            self._seq,
-            float(times_s[0]),
-            values,
-            rate_hz=RATE_HZ,
-            unit=self._infos[stream].unit,
-            device_t0_s=float(times_s[0]),
-            arrival_s=now_s,
-        )
+        t0_s = float(times_s[0])
+        return self._infos[stream].block(self._seq, t0_s, values, device_t0_s=t0_s, arrival_s=now_s)
 
     def _places(self, short: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         if short == "position":

@@ -63,7 +63,9 @@ class MockZaberStage(MockDriver):
             acceleration_m_s2=settings.acceleration_m_s2, max_speed_m_s=max(STAGE_M_S, settings.max_speed_m_s)
         )
         self._bench.mount(self.axis)
-        self._stream = f"{self.name}.position"
+        self._info = StreamInfo(
+            f"{self.name}.position", ("position",), "m", settings.microstep_m, longest_s=LONGEST_S
+        )
         self._homed = False
 
     def restart(self) -> None:
@@ -79,11 +81,10 @@ class MockZaberStage(MockDriver):
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
-        stream = StreamInfo(self._stream, ("position",), "m", self._settings.microstep_m, longest_s=LONGEST_S)
         return DeviceInfo(
             self.name,
             model="simulated stage",
-            streams={self._stream: stream},
+            streams={self._info.name: self._info},
             mover=True,
             clock="bench",
             details={"travel_m": (self._settings.travel_min_m, self._settings.travel_max_m)},
@@ -216,19 +217,11 @@ class MockZaberStage(MockDriver):
             return ()
         times_s = np.arange(self._next_sample, last + 1) / rate_hz
         self._next_sample = last + 1
-        microstep_m = self._settings.microstep_m
-        counts = [round(self.axis.position(t_s) / microstep_m) for t_s in times_s.tolist()]
-        block = SampleBlock(
-            self._stream,
-            self._seq,
-            float(times_s[0]),
-            np.array(counts, dtype=np.int64)[:, None],
-            times_s=times_s,
-            unit="m",
-            scale=microstep_m,
-            device_t0_s=float(times_s[0]),
-            arrival_s=now_s,
+        t0_s, microstep_m = float(times_s[0]), self._settings.microstep_m
+        counts = np.array(
+            [[round(self.axis.position(t_s) / microstep_m)] for t_s in times_s.tolist()], np.int64
         )
+        block = self._info.block(self._seq, t0_s, counts, times_s=times_s, device_t0_s=t0_s, arrival_s=now_s)
         self._seq += len(counts)
         return (block,)
 
