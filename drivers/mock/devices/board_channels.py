@@ -10,39 +10,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mock.physics.bench import StreamSpec
 from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS
 
 INT32 = np.iinfo(np.int32)
 
 
-class SourceStream(Protocol):
-    """What the board has of one stream: one raw count is `scale` times `unit`."""
-
-    @property
-    def name(self) -> str:
-        """Its name in the hello."""
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of its channels."""
-
-    @property
-    def unit(self) -> str:
-        """SI unit."""
-
-    @property
-    def scale(self) -> float:
-        """Units per raw count."""
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Sample rate, or None where it comes as events."""
-
-
 class BoardSource(Protocol):
     """What the board is wired to. Its time is the one that is handed to the board."""
 
-    def streams(self) -> Sequence[SourceStream]:
+    def streams(self) -> Sequence[StreamSpec]:
         """What can be observed, in the order of the board's stream ids."""
 
     def advance(self, t_s: float, observe: frozenset[str]) -> None:
@@ -107,7 +84,7 @@ class Channel:
         tare_samples: Samples that a new zero is the mean of.
     """
 
-    def __init__(self, number: int, spec: SourceStream, bits: int, tare_samples: int) -> None:
+    def __init__(self, number: int, spec: StreamSpec, bits: int, tare_samples: int) -> None:
         self.number = number
         self.spec = spec
         self.on = False

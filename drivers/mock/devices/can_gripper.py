@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 from pydantic import Field
 
@@ -16,7 +16,6 @@ from drivers.can_gripper.words import (
     AskState,
     DriveOrder,
     Encoder,
-    GripFinding,
     GripperCode,
     GripperErrors,
     GripperInfo,
@@ -32,47 +31,10 @@ from drivers.can_gripper.words import (
 from drivers.errors import CodecError
 from drivers.mock.devices.slcan import EmulatedSlcan
 from drivers.mock.physics.bench import part
+from drivers.mock.physics.jaws_drive import JawsDrive
 from drivers.settings import Settings
 
 Fault = Literal["stall", "overheat", "reboot", "silent"]
-
-
-class JawsSource(Protocol):
-    """The drive and jaws that the gripper moves. Its time is the one that is handed to the gripper."""
-
-    finding: GripFinding
-    calibrated: bool
-    current_ma: float
-
-    @property
-    def ticks(self) -> int:
-        """What the encoder reads; it grows as the jaws open."""
-
-    @property
-    def ticks_s(self) -> float:
-        """How fast the encoder turns."""
-
-    @property
-    def closed_share(self) -> float:
-        """Where the jaws are: 0 open to 1 closed."""
-
-    def advance(self, t_s: float) -> None:
-        """Let time pass until `t_s`."""
-
-    def go(self, closed_share: float, speed_ticks_s: float, current_ma: float) -> None:
-        """Go to a position, at a speed, within a current, from the present time on."""
-
-    def calibrate(self) -> None:
-        """Find the ends, from the present time on."""
-
-    def sleep(self) -> None:
-        """Let go."""
-
-    def power_up(self) -> None:
-        """Let go, and forget the ends."""
-
-    def jam(self) -> None:
-        """Hold the jaws fast, whatever drives them, until the next calibration."""
 
 
 class EmulatedCanGripperSettings(Settings):
@@ -105,10 +67,10 @@ class EmulatedCanGripper:
 
     Args:
         settings: What it is.
-        source: What it moves.
+        source: The drive and jaws that it moves; its time is the one that is handed to the gripper.
     """
 
-    def __init__(self, settings: EmulatedCanGripperSettings, source: JawsSource) -> None:
+    def __init__(self, settings: EmulatedCanGripperSettings, source: JawsDrive) -> None:
         self._settings = settings
         self._source = source
         self._power_up()

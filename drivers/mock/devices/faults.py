@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -97,6 +98,14 @@ class FaultSchedule:
         if fault is None:
             return None
         return Failed(t_s, device, f"the link is gone ({fault.kind} injected at {fault.at_s:g} s)")
+
+
+def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float) -> None:
+    """Let a device stall or refuse at `t_s` where that has begun by `trial_s`; one that cannot does not."""
+    for kind in ("stall", "refuse"):
+        if faults.begun(trial_s, kind) is not None:
+            with suppress(ValueError):
+                device.inject(kind, t_s)
 
 
 def corrupted(faults: FaultSchedule, out: bytes, t_s: float) -> bytes:

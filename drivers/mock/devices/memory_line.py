@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import Any
 
 from drivers.clock import Clock
-from drivers.mock.devices.faults import FaultSchedule, corrupted
+from drivers.mock.devices.faults import FaultSchedule, corrupted, inject_begun
 
 
 class MemoryLine:
@@ -60,10 +59,7 @@ class MemoryLine:
         t_s = self._clock.now()
         if self._faults.begun(t_s, "unplug"):
             self.fault = "the port was taken away"
-        for kind in ("stall", "refuse"):
-            if self._faults.begun(t_s, kind) is not None:
-                with suppress(ValueError):  # a board that cannot stall does not
-                    self._device.inject(kind, t_s)
+        inject_begun(self._faults, self._device, t_s, t_s)
         return t_s
 
     def _take(self, data: bytes, t_s: float) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.errors import RefusedError
 from drivers.mock.physics.bench import Bench, part
-from drivers.mock.physics.weight_set import Hands, HandSettings, WeightBench
+from drivers.mock.physics.weight_set import Hands, HandSettings
 from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, PersonRequest, encode
 
 
@@ -23,7 +23,7 @@ class EmulatedPerson:
         bench: Where the fingertip is.
     """
 
-    def __init__(self, settings: EmulatedPersonSettings, bench: WeightBench) -> None:
+    def __init__(self, settings: EmulatedPersonSettings, bench: Bench) -> None:
         self._settings = settings
         self._hands = Hands(settings, bench)
         self._decoder = LineDecoder()

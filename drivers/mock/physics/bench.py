@@ -20,7 +20,8 @@ Floats = NDArray[np.float64]
 
 
 class StreamSpec(NamedTuple):
-    """What the sensor board of a bench has of one stream."""
+    """What a bench's sensor board has of one stream: one raw count is `scale` times `unit`; without a rate it comes as
+    events."""
 
     name: str
     channels: tuple[str, ...]

@@ -2,32 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from pydantic import Field
 
+from drivers.mock.physics.bench import Bench
 from drivers.settings import Settings
 
 STREAM_WEIGHTS = 64
 """Number of the weights' errors among the bench's counter-based streams; plant, arm and idle sensors are below."""
-
-
-class WeightBench(Protocol):
-    """A bench with a fingertip on which weights can hang."""
-
-    key: tuple[int, int]
-    """Seed of the run and number of the trial."""
-
-    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
-        """Let time pass until `t_s`."""
-
-    def load(self, bridge: str, force_n: float) -> None:
-        """Let this force hang on a bridge from the present time on.
-
-        Raises:
-            RefusedError: the tip carries another sensor.
-        """
 
 
 class HandSettings(Settings):
@@ -51,7 +33,7 @@ class Hands:
         bench: With the fingertip.
     """
 
-    def __init__(self, settings: HandSettings, bench: WeightBench) -> None:
+    def __init__(self, settings: HandSettings, bench: Bench) -> None:
         self._settings = settings
         self._bench = bench
 

@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
 from drivers.clock import Clock
-from drivers.mock.devices.faults import FaultSchedule, corrupted
+from drivers.mock.devices.faults import FaultSchedule, corrupted, inject_begun
 from drivers.mock.devices.ur_controller.server import UrServer
 
 READ_BYTES = 4096
@@ -132,10 +132,7 @@ class Line:
     def _fail(self, t_s: float, trial_s: float) -> None:
         if self._faults.begun(trial_s, "unplug"):
             self.unplug()
-        for kind in ("stall", "refuse"):
-            if self._faults.begun(trial_s, kind) is not None:
-                with contextlib.suppress(ValueError):  # a board that cannot stall does not
-                    self._device.inject(kind, t_s)
+        inject_begun(self._faults, self._device, trial_s, t_s)
 
     def _write(self, out: bytes) -> None:
         try:

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
 from drivers.clock import Clock
-from drivers.mock.devices.faults import FaultSchedule
+from drivers.mock.devices.faults import FaultSchedule, inject_begun
 from drivers.mock.devices.tcp_clients import TcpClients
 
 WAITING_BYTES = 1 << 19
@@ -84,9 +84,7 @@ class TcpLine:
         self._t_s = t_s
         if self._faults.begun(trial_s, "unplug"):
             self.unplug()
-        if self._faults.begun(trial_s, "refuse") is not None:
-            with contextlib.suppress(ValueError):
-                self._device.inject("refuse", t_s)
+        inject_begun(self._faults, self._device, trial_s, t_s)
         out = b""
         for host in [host for host in self._clients.unsent if host in ready]:
             if data := self._clients.receive(host):
