@@ -66,18 +66,20 @@ def statistics(heard: HeardFinger) -> dict[str, Floats]:
         found[f"paper, {window_s:g} s"] = paper.statistic(values[:, :1], RATE_HZ)
     for turns in TURNS:
         found[f"I and Q at the commanded speed, {turns}"] = commanded(heard, turns)
+    waves = [commanded(heard, TURNS[0], share) for share in OWN[OURS].obliquity]
+    found[f"I and Q at the commanded speed, {TURNS[0]}, seven waves"] = np.fmax.reduce(waves)
     for name, settings in OWN.items():
         found[name] = PreTouchDetector(name, settings).statistic(values, RATE_HZ)
     return found
 
 
-def commanded(heard: HeardFinger, turns: int) -> Floats:
-    """Power of the wave that an object ahead or behind makes at the commanded speed, over so many undulations.
+def commanded(heard: HeardFinger, turns: int, share: float = 1.0) -> Floats:
+    """Power of the wave that an object makes at the commanded speed times `share`, over so many undulations.
 
     A rival: it hears I and Q, knows the speed that was asked for and needs no encoder. The window's level drops out,
     for it holds whole turns; a slope is taken off as its halves show it. Shape (n,).
     """
-    n = round(turns * UNDULATION_M / heard.speed_m_s * RATE_HZ)
+    n = round(turns * UNDULATION_M / (share * heard.speed_m_s) * RATE_HZ)
     rate_rad = 2.0 * math.pi * turns / n
     ends = np.arange(n, len(heard.z) + 1, EVERY)
     found = np.full(len(heard.z), np.nan)
