@@ -8,7 +8,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -289,12 +289,15 @@ class Campaign:
                 self._close()
             finally:  # last: a device may have to be let go of in time, a disk may take long
                 if recorder is not None:
-                    recorder.attach(*self._attached())
+                    for attached in self._attached():
+                        recorder.attach(*attached)
                     recorder.close()
 
-    def _attached(self) -> tuple[str, bytes]:
-        """The manifest with the whole profile, as it is before the run's end is known, for the recording."""
-        return "manifest.json", json.dumps(self._manifest, indent=2, default=str).encode()
+    def _attached(self) -> Iterator[tuple[str, bytes]]:
+        """For the recording: the profile as it is resolved, and the manifest as it is before the run's end is known."""
+        profile = self._manifest["profile"]["resolved"]
+        for name, told in (("profile.json", profile), ("manifest.json", self._manifest)):
+            yield name, json.dumps(told, indent=2, default=str).encode()
 
     def _close(self) -> None:
         """Let go of every device, then of the bench; each whatever became of the others."""

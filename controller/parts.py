@@ -81,7 +81,8 @@ class CampaignInParts(Campaign):
                         break
         finally:
             with suppress(OSError):  # a full disk is told by what closes it
-                joiner.attach(*self._attached())
+                for attached in self._attached():
+                    joiner.attach(*attached)
             joiner.close()
         return ended
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from mcap.reader import make_reader
 
 from controller.comparing import compared, side_by_side
 from controller.export import export, tidy
@@ -142,3 +143,10 @@ def test_two_runs_tables_and_figures_stand_side_by_side_on_one_page(run, run_pro
     )
     (pair,) = [row for row in cells if row[:1] == ["2"]]
     assert [f"{each[2]:.4g}" in pair for each in delays] == [True, True]
+
+
+def test_a_recording_bears_its_profile_and_its_manifest(run):
+    with run.folder.recordings[0].open("rb") as file:
+        attached = {each.name: json.loads(each.data) for each in make_reader(file).iter_attachments()}
+    assert attached["profile.json"] == run.manifest["profile"]["resolved"]
+    assert attached["manifest.json"]["profile"] == run.manifest["profile"]
