@@ -9,16 +9,10 @@ from config.profile import load_profile
 from controller.doctor import examine
 from controller.rig import TrialScene
 
-PROFILE = os.environ.get("TOUCHBENCH_PROFILE")
 
-pytestmark = [
-    pytest.mark.hardware,
-    pytest.mark.skipif(PROFILE is None, reason="set TOUCHBENCH_PROFILE to a profile of a real bench"),
-]
-
-
+@pytest.mark.hardware
 def test_every_device_of_the_bench_answers_and_every_sensor_sends():
-    rig = build_rig(load_profile(PROFILE, {}, table=Table()))
+    rig = build_rig(load_profile(os.environ["TOUCHBENCH_PROFILE"], {}, table=Table()))
     try:
         findings = list(examine(rig, TrialScene(0, 0, {})))
     finally:
