@@ -190,12 +190,13 @@ class ForceThresholdDetector:
         times_s = times_s[len(times_s) - len(distances) :]
         self.reading = largest(times_s, distances, self._threshold)
         events: list[Detected] = []
-        deciding = (distances > self._threshold) | (distances <= settings.release_ratio * self._threshold)
-        for i in np.flatnonzero(deciding):
-            if (distances[i] > self._threshold) != self._touching:
-                self._touching = not self._touching
-                kind = Contact if self._touching else ContactLost
-                events.append(kind(float(times_s[i]), self.name, float(distances[i]), self._threshold))
+        above = distances > self._threshold
+        deciding = np.flatnonzero(above | (distances <= settings.release_ratio * self._threshold))
+        changes = deciding[np.diff(above[deciding], prepend=self._touching)]
+        for i in changes.tolist():
+            self._touching = not self._touching
+            kind = Contact if self._touching else ContactLost
+            events.append(kind(float(times_s[i]), self.name, float(distances[i]), self._threshold))
         return events
 
     def _size(self, rate_hz: float) -> int:

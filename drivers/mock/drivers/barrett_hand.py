@@ -34,7 +34,7 @@ class MockBarrettHandSettings(FingerStrainSettings):
     poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
     """How often the gauges are asked for, as in the real driver."""
 
-    block_samples: int = Field(default=64, ge=1, le=65536)
+    block_samples: int = Field(default=4096, ge=1, le=65536)
     """Longest block that `read` hands out."""
 
 

@@ -29,7 +29,7 @@ INT32 = np.iinfo(np.int32)
 class MockSensorBoardSettings(BoardLimits):
     """The mock board: the real one's limits, without its link."""
 
-    block_samples: int = Field(default=64, ge=1, le=65536)
+    block_samples: int = Field(default=4096, ge=1, le=65536)
     """Longest block that `read` hands out; what has arrived is cut into blocks of at most this length."""
 
 
