@@ -183,6 +183,13 @@ def test_an_object_beside_the_way_is_found_by_whoever_looks_there():
     assert said(ours(obliquity=(1.0, 0.5)), *blocks)[0].position_m < 0.02
 
 
+@pytest.mark.parametrize("share", [0.7, 1.0, 1.15, 1.3, 1.42])
+def test_an_object_that_moves_by_itself_or_a_wave_of_another_length_is_seen_as_far(share):
+    """By default, in a room that is not told to be empty."""
+    blocks = heard(trip((0.01, 5.0)), undulation_m=UNDULATION_M / share)
+    assert said(PreTouchDetector("near", PreTouchSettings()), *blocks)[0].position_m < 0.026
+
+
 def test_it_can_be_calibrated_with_the_position_as_third_column_and_not_without():
     back_and_forth_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
     signal, _ = heard(back_and_forth_m, size=0.0)

@@ -137,6 +137,12 @@ def test_events_are_sent_at_once_each_with_its_own_time() -> None:
     assert {int(message.values[0]) for message in heard} == {357_143}
 
 
+def test_no_frame_waits_longer_than_half_of_what_makes_a_stream_stale() -> None:
+    line = Line(drift_ppm=0.0, block_samples=100)  # as ten of a stream at 100 Hz
+    line.status(BoardCode.START, 1 << FORCE)
+    assert samples(line.run(0.06), FORCE).size == 50
+
+
 def test_the_last_shorter_block_is_sent_when_a_stream_stops() -> None:
     line = Line(drift_ppm=0.0)
     line.status(BoardCode.START, 1 << FORCE)
