@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +12,11 @@ from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
-from controller.detectors.protocol import Detector
+from controller.detectors.protocol import Detector, Reading, reading_of
+from controller.glimpse import heard
 from controller.replay import ReplayError
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
+from controller.wording import spaced
 from drivers.messages import SampleBlock
 
 if TYPE_CHECKING:
@@ -25,6 +28,9 @@ FORMATS = (".png", ".svg", ".pdf")
 
 COLUMNS = 2000
 """Points in a row of the picture: as many as it has dots at 300 dpi. What is denser is drawn from least to largest."""
+
+READING_S = 0.01
+"""How often a detector's number is read where it has no course, s."""
 
 HEIGHT_IN = 1.9
 """Of each panel, inches."""
@@ -46,18 +52,27 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
     courses: Sequence[StatisticCourse] = ()
     if isinstance(detector, Statistic) and named[detector.inputs[0]][0].rate_hz is not None:
         courses = courses_of(detector, blocks)
-    panels = len(named) + bool(courses)
+    shown = [] if courses else _readings(detector, blocks)
+    panels = len(named) + bool(courses or shown)
     with Figures(path.parent, simulated=False).figure(
         HEIGHT_IN * panels, rows=panels, sharex=True
     ) as drawing:
-        for axes, (stream, heard) in zip(drawing.axes, named.items(), strict=False):
-            _signal(axes, stream, heard)
-        if courses:
+        for axes, (stream, own) in zip(drawing.axes, named.items(), strict=False):
+            _signal(axes, stream, own)
+        if courses or shown:
             axes = drawing.axes[-1]
             for course in courses:
                 _line(axes, course.times_s, course.statistic, INK)
+            if shown:
+                _line(
+                    axes,
+                    np.array([each.t_s for each in shown]),
+                    np.array([each.statistic for each in shown]),
+                    INK,
+                )
             axes.set_ylabel(f"{detector.name}: statistic")
-        threshold = next((event.threshold for event in events if np.isfinite(event.threshold)), None)
+        told = [*(each.threshold for each in reversed(shown)), *(event.threshold for event in events)]
+        threshold = next((each for each in told if np.isfinite(each)), None)
         if threshold is not None:
             drawing.axes[-1].axhline(
                 threshold, color=FALSE, linestyle="--", label=f"threshold {threshold:.4g}"
@@ -68,6 +83,26 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
         if handles:
             drawing.figure.legend(handles, labels, loc="outside upper right", ncols=4)
         save(drawing, path)
+
+
+def _readings(detector: Detector, blocks: Sequence[SampleBlock]) -> list[Reading]:
+    """What a detector without a course holds against its threshold, some hundred times a second."""
+    detector.reset()
+    found: list[Reading] = []
+    for block in blocks:
+        step = max(1, round((block.rate_hz or 0.0) * READING_S))
+        for first in range(0, len(block), step):
+            detector.push(_cut(block, first, first + step))
+            reading = reading_of(detector)
+            if reading is not None and (not found or found[-1] != reading):
+                found.append(reading)
+    return found
+
+
+def _cut(block: SampleBlock, first: int, last: int) -> SampleBlock:
+    times_s = None if block.times_s is None else block.times_s[first:last]
+    t0_s = float(block.times[first])
+    return replace(block, seq=block.seq + first, t0_s=t0_s, values=block.values[first:last], times_s=times_s)
 
 
 def save(drawing: Drawing, path: Path) -> None:
@@ -85,10 +120,22 @@ def save(drawing: Drawing, path: Path) -> None:
 
 
 def _signal(axes: Axes, stream: str, blocks: Sequence[SampleBlock]) -> None:
+    """A stream as it is shown elsewhere: one curve, however it was cut, with a break where samples were lost."""
+    parts: list[list[SampleBlock]] = []
     for block in blocks:
-        for channel in range(block.values.shape[1]):
-            _line(axes, block.times, block.physical[:, channel], OURS if channel == 0 else FAINT)
+        if parts and parts[-1][-1].seq + len(parts[-1][-1]) == block.seq:
+            parts[-1].append(block)
+        else:
+            parts.append([block])
+    curves = [
+        (np.concatenate([b.times for b in part]), np.concatenate([b.physical for b in part]))
+        for part in parts
+    ]
     unit = blocks[0].unit if blocks else ""
+    for times_s, values in curves:
+        for channel in range(values.shape[1]):
+            shown, unit = heard(stream, values[:, channel], blocks[0].unit)
+            _line(axes, times_s, shown, OURS if channel == 0 else FAINT)
     axes.set_ylabel(f"{stream}, {unit}" if unit else stream)
 
 
@@ -114,4 +161,4 @@ def _mark(panels: Sequence[Axes], events: Sequence[Detected]) -> None:
             axes.axvline(event.t_s, color=colour, linestyle=style, linewidth=0.8)
     for place, kind in enumerate(kinds):
         colour, style = styles[place % len(styles)]
-        panels[-1].plot([], [], color=colour, linestyle=style, linewidth=0.8, label=kind)
+        panels[-1].plot([], [], color=colour, linestyle=style, linewidth=0.8, label=spaced(kind))

@@ -13,6 +13,7 @@ from scipy.io import savemat, wavfile
 
 from behaviors.events import BaselineReady, SlipStarted
 from controller.detectors.calibration import calibrate
+from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.recording.tables import TableError, read_columns
 from controller.replay import ReplayError, between, calibration_line, read_blocks, replay
@@ -459,3 +460,20 @@ def test_a_picture_shows_signal_statistic_threshold_and_events(tmp_path):
         draw(tmp_path / "drag.gif", blocks, detector, events)
     picture = (tmp_path / "drag.svg").read_text("utf-8")
     assert picture.count('<g id="axes_') == 2
+
+
+def test_a_picture_of_periods_shows_the_frequency_and_what_is_held_against_the_threshold(tmp_path):
+    from controller.replay_plot import draw
+
+    periods_s = 1.0 / np.concatenate([28.0 + 0.05 * np.sin(np.arange(60)), np.full(20, 30.0)])
+    times_s = np.cumsum(periods_s)
+    blocks = [
+        SampleBlock("board.period", n, t_s, periods_s[n : n + 1, None], None, times_s[n : n + 1], "s")
+        for n, t_s in enumerate(times_s)
+    ]
+    detector = ResonancePaperDetector("contact", ResonancePaperSettings(sample_hz=15.0))
+    draw(tmp_path / "contact.svg", blocks, detector, list(replay(blocks, detector)))
+    picture = (tmp_path / "contact.svg").read_text("utf-8")
+    assert picture.count('<g id="axes_') == 2
+    assert "board.period, Hz" in picture
+    assert "contact: statistic" in picture
