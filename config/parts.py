@@ -29,7 +29,7 @@ class Shown(Settings):
     part: str = ""
     """The profile among the parts that repeats it; "" where none does."""
 
-    differs: str = ""
+    differs: str = Field(min_length=1)
     """Why ours comes out otherwise, or is not there."""
 
 

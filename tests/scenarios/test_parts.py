@@ -29,6 +29,7 @@ differs = "one condition of three"
 [[paper]]
 item = "Fig. 1"
 shows = "a drawing"
+differs = "nothing is measured in it"
 """
 
 
@@ -110,6 +111,7 @@ def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_
         ('title = "x"\nparts = []', "parts"),
         ('title = "x"\nparts = ["mock/static"]\nspeed = 1', "unknown key"),
         (TWO.replace('part = "mock/static"', 'part = "mock/slip"'), "none of the parts"),
+        (TWO.replace('differs = "one condition of three"\n', ""), "differs"),
     ],
 )
 def test_a_mistake_in_a_profile_of_parts_is_said_with_its_place(text, said, tmp_path):
