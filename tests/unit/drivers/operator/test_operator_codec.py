@@ -47,7 +47,7 @@ def test_messages_are_the_lines_of_the_page_both_ways(message, line):
     ],
 )
 def test_what_is_no_message_is_an_error(line):
-    with pytest.raises(CodecError):
+    with pytest.raises(CodecError, match=r"^no message: b'"):
         decode(line)
 
 
@@ -58,12 +58,19 @@ def test_the_decoder_puts_lines_together_and_goes_on_after_noise():
     assert heard == [message for message, _ in GOLDEN]
     assert decoder.feed(b"noise\n\r\n" + GOLDEN[3][1]) == [PersonAnswer(4, True)]
     assert decoder.malformed == 1
+    assert decoder.feed(b"noise\nnoise\n") == []
+    assert decoder.malformed == 3
 
 
 def test_a_line_without_end_does_not_fill_the_memory():
     decoder = LineDecoder()
     assert decoder.feed(b"x" * (LINE_MAX + 1)) == []
     assert decoder.malformed == 1
+    assert decoder.feed(b"x" * (LINE_MAX + 1)) == []
+    assert decoder.malformed == 2
+    assert decoder.feed(b"x" * LINE_MAX) == []
+    assert decoder.malformed == 2, "its end may come"
+    assert decoder.feed(b"\n") == []
     assert decoder.feed(GOLDEN[3][1]) == [PersonAnswer(4, True)]
 
 
@@ -78,4 +85,10 @@ def test_a_line_without_end_does_not_fill_the_memory():
     ],
 )
 def test_a_request_is_put_into_words(command, says):
-    assert request_of(1, command).says == says
+    load = (command.bridge, command.force_n) if isinstance(command, LoadWeight) else ()
+    assert request_of(7, command) == PersonRequest(7, says, *load)
+
+
+def test_a_number_that_json_has_not_is_not_written():
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        encode(PersonRequest(1, "hang it", "x", float("nan")))
