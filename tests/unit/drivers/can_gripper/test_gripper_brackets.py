@@ -83,6 +83,39 @@ def test_what_makes_no_sense_is_refused_in_one_line(command: Command, reason: st
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (
+            replace(GRIP, width_m=0.019),
+            "its brackets let it open 20 to 68 mm while gripping at 19 mm with 20 N; choose a width inside that",
+        ),
+        (
+            replace(GRIP, force_n=5.0),
+            "5 N is out of range while gripping at 30 mm with 5 N;"
+            f" choose from {FORCE_MIN_N:.3g} to {FORCE_MAX_N:.3g} N",
+        ),
+        (Release("gripper", -1.0), "-1 m/s is no speed while opening; choose one above zero"),
+        (
+            Excite("gripper", on=True),
+            "it has no such command while applying Excite; a gripper can Home, Grip, Release, Stop and Listen",
+        ),
+    ],
+)
+def test_a_refusal_says_who_what_why_and_what_to_do(command: Command, line: str) -> None:
+    with pytest.raises(CommandError) as error:
+        checked(command)
+    assert str(error.value) == f"gripper: {line}"
+
+
+def test_a_grip_as_sent_asks_for_the_counts_of_the_grip_itself() -> None:
+    sent = BRACKETS.as_sent(GRIP)
+    assert (sent.width_m, sent.speed_m_s, sent.force_n) != (GRIP.width_m, GRIP.speed_m_s, GRIP.force_n)
+    assert sent.width_m == pytest.approx(GRIP.width_m, abs=0.1e-3)
+    assert sent.speed_m_s == pytest.approx(GRIP.speed_m_s, rel=0.1)
+    assert BRACKETS.grip(sent) == BRACKETS.grip(GRIP)
+
+
 def test_brackets_that_reach_too_far_are_refused() -> None:
     with pytest.raises(ValidationError):
         CanGripperSettings(port="can0", closed_width_m=0.0375)
