@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import random
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -56,7 +57,7 @@ SHORT = {
 def main(*, quick: bool = False) -> None:
     """Kill, resume and compare, then run ever longer campaigns; write results/campaigns.json."""
     kills = killed(5 if quick else KILLS)
-    scaled({"kills": kills}, quick=quick)
+    scaled({"kills": kills, "equal_rows": equal()}, quick=quick)
 
 
 def scaled(known: dict[str, Any], *, quick: bool = False) -> None:
@@ -156,6 +157,40 @@ def _verb(*arguments: str) -> None:
 
 def _rows(out: Path) -> bytes:
     return next(out.glob("*/trials.csv")).read_bytes()
+
+
+def equal() -> dict[str, bool]:
+    """Whether the main job, 42 approaches, comes to the rows of one core: in each other way of running it."""
+    from distributed import LocalCluster
+
+    run = ("run", "mock/transient", "--no-report")
+    with tempfile.TemporaryDirectory() as text:
+        out = Path(text)
+        _verb(*run, "--jobs", "1", "--out", str(out / "one core"))
+        _verb(*run, "--jobs", "2", "--out", str(out / "two cores"))
+        with LocalCluster(2, threads_per_worker=1, dashboard_address=None) as dask:  # type: ignore[no-untyped-call]
+            _verb(*run, "--scheduler", dask.scheduler_address, "--out", str(out / "Dask"))
+        for number in range(1, 8):
+            _verb(*run, "--jobs", "1", "--shard", f"{number}/7", "--out", str(out / "shards" / str(number)))
+        shards = map(str, (out / "shards").glob("*/*"))
+        _verb("merge", *shards, "--out", str(out / "seven shards"))
+        _with_a_worker_killed(*run, "--jobs", "2", "--out", str(out / "worker killed"))
+        expected = _rows(out / "one core")
+        return {way.name: _rows(way) == expected for way in sorted(out.iterdir()) if way.name != "shards"}
+
+
+def _with_a_worker_killed(*arguments: str) -> None:
+    """Run a verb, and kill one of its workers when some rows are there."""
+    process = subprocess.Popen(
+        [sys.executable, "run.py", *arguments], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    assert process.stdout is not None
+    lines = iter(process.stdout.readline, b"")
+    next(line for line in lines if line.startswith(b"[5/"))
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text("utf-8").split()
+    os.kill(int(children[-1]), signal.SIGKILL)
+    said = process.stdout.read()
+    assert process.wait() == 0, said
 
 
 # --- long ----------------------------------------------------------------------------------------

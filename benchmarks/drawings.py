@@ -35,11 +35,11 @@ SEED = 7
 
 def main(names: Sequence[str]) -> None:
     """Draw those of these names, or all."""
-    for figure in (physics, objects, strengths, centering, sides, undulations, touch):
+    for figure in (physics, objects, strengths, centering, sides, undulations, touch, campaigns):
         if names and figure.__name__ not in names:
             continue
         with TemporaryDirectory() as folder:
-            figures = Figures(Path(folder), simulated=figure is not physics)
+            figures = Figures(Path(folder), simulated=figure not in (physics, campaigns))
             name = figure(figures)
             (OUT / f"{name}.png").write_bytes((Path(folder) / f"{name}.png").read_bytes())
 
@@ -164,6 +164,30 @@ def centering(figures: Figures) -> str:
         worst.set_xlabel(f"worst of 85 (mm), mean of {n // 85}, 95 % interval")
         worst.set_xlim(left=0.0)
         return saved(drawing, "centering")
+
+
+def campaigns(figures: Figures) -> str:
+    """Trials a second of processor time, and the writer's largest memory, against the number of trials."""
+    found = results("campaigns")
+    with figures.figure(2.9, columns=2, sharex=True) as drawing:
+        rate, memory = drawing.axes
+        looks = {1: LOOKS["paper"], 2: LOOKS["ours"], 4: LOOKS["rival"]}
+        for workers, look in looks.items():
+            rows = sorted((row["trials"], row) for row in found["runs"] if row["workers"] == workers)
+            sizes = [trials for trials, _ in rows]
+            label = f"{workers} worker{'s' * (workers > 1)}"
+            rate.plot(sizes, [trials / row["processor_s"] for trials, row in rows], label=label, **look)
+            if workers > 1:
+                memory.plot(sizes, [row["writer_peak_mb"] for _, row in rows], ls="", **look)
+        alone = [(row["asked"], row["writer_peak_mb"]) for row in found["writer_alone"]]
+        memory.plot(*zip(*sorted(alone), strict=True), **LOOKS["truth"], label="writer alone")
+        rate.set(xscale="log", xlabel="trials", ylabel="trials a second of processor time")
+        memory.set(xlabel="trials", ylabel="writer's largest memory (MB)")
+        for axes in drawing.axes:
+            axes.set_ylim(0.0, 1.2 * axes.get_ylim()[1])
+        memory.legend()
+        rate.legend()
+        return saved(drawing, "campaigns")
 
 
 def change(heard: HeardPassage) -> Any:
