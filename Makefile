@@ -28,7 +28,7 @@ check: .venv/dev.stamp          ## format, lint, types, import layers; about a m
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'benchmarks|config|controller|behaviors|drivers|tests|mutants' \
-		|| { echo "a new room: give it a place in the layers in pyproject.toml, and here"; exit 1; }
+		|| { echo "a new package: give it a place in the layers in pyproject.toml, and here"; exit 1; }
 
 format: .venv/dev.stamp         ## put code into its format
 	$(BIN)/ruff format .

@@ -75,7 +75,7 @@ GOING_OUT: Sequence[Row] = (
 
 
 class SonicBehavior(Behavior):
-    """A trial of sonic fingers: what `coming_in` and `going_out` command, and who touches.
+    """A trial of sonic fingers: what `COMING_IN` and `GOING_OUT` need commanded, and who touches.
 
     Args:
         place_m: Where the fingers rest before what is measured.

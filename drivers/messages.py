@@ -1,4 +1,4 @@
-"""What travels between the rooms: sample blocks up, commands down, statuses back.
+"""What travels between the packages: sample blocks up, commands down, statuses back.
 
 All times are bench time: seconds since the present trial began, on the clock that the loop runs on.
 Lengths are metres, forces newtons; the unit stands in the name of every scalar.

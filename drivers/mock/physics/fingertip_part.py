@@ -233,7 +233,7 @@ _BEHIND = ("tangential_n", "normal_n", "roll_rad")
 
 
 class Fingers:
-    """The hand's side of the bench: see `drivers.mock.devices.barrett_hand.Source`."""
+    """The hand's side of the bench: see `drivers.mock.devices.barrett_hand.FingerForces`."""
 
     def __init__(self, tip: FingertipPart) -> None:
         self._tip = tip
@@ -248,7 +248,7 @@ class Fingers:
 
 
 class Taxels:
-    """The matrices' side of the bench: see `drivers.mock.devices.dsa_matrix.Source`."""
+    """The matrices' side of the bench: see `drivers.mock.devices.dsa_matrix.Texels`."""
 
     def __init__(self, tip: FingertipPart) -> None:
         self._tip = tip
