@@ -274,8 +274,15 @@ class _Printer:
                 self._say(line)
 
 
+LINES = 24
+"""About so many trials of a campaign have a line off a terminal: as many as one screen has."""
+
+INTERRUPTED = ("guard", "fault", "aborted")
+"""Outcomes that always have a line."""
+
+
 class PlainConsole:
-    """A line for each trial, for files and pipes.
+    """A line for each trial, of a long campaign for every so many, for files and pipes.
 
     Args:
         operator: Who may interrupt.
@@ -320,7 +327,10 @@ class PlainConsole:
             self._say("paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts")
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
-        """Says what came out."""
+        """Says what came out, where it is this trial's turn."""
+        shown = self._begun in (1, self._trials) or self._begun % -(-self._trials // LINES or 1) == 0
+        if not shown and outcome not in INTERRUPTED:
+            return
         results = " ".join(f"{name}={figure(value)}" for name, value in telling(row).items())
         place = f"[{self._begun}/{self._trials}]"
         self._say(f"{place} trial {trial} {self._factors}: {outcome.replace('_', ' ')} {results}".rstrip())

@@ -301,6 +301,17 @@ def test_off_a_terminal_each_trial_is_one_line(keyboard):
     ]
 
 
+def test_off_a_terminal_a_long_campaign_has_a_screen_of_lines_and_one_for_each_trial_that_broke_off(keyboard):
+    lines = []
+    console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
+    console.campaign_started("mock/transient", 132, Path("runs/x"))
+    for trial in range(1, 133):
+        console.trial_started(trial, {})
+        console.trial_ended(trial, "fault" if trial == 7 else "contact", {})
+    console.campaign_ended("")
+    assert [int(line[1:].partition("/")[0]) for line in lines[1:]] == [1, 6, 7, *range(12, 133, 6)]
+
+
 def test_a_pause_is_told_with_the_way_out(keyboard):
     lines = []
     console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
