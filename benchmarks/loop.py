@@ -1,14 +1,16 @@
-"""What the loop costs: virtual seconds a second, turns, time a turn by part, start-up of `run.py list`."""
+"""What a campaign costs, layer by layer: processor time, one core, the program warm; ten campaigns, all simulated.
+
+`python -m benchmarks loop [--quick]`. A trial or a few of each profile; start of Python and compiling are left out.
+"""
 
 from __future__ import annotations
 
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,34 +20,71 @@ from config.jobs import Silent
 from config.profile import load_profile
 from controller.campaign import Campaign
 from controller.guard import Guard
+from controller.look_ahead import Snapshot
 from controller.loop import Loop
+from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
-from drivers.mock.physics.finger import FingerPlant
+from controller.reports.report import build_report
+from controller.signals.protocol import Signals
+from drivers.mock.drivers.base import MockDriver
+from drivers.mock.physics.aura_part import AuraPart
+from drivers.mock.physics.bench import Bench
+from drivers.mock.physics.finger_part import FingerPart
+from drivers.mock.physics.fingertip_part import FingertipPart
 
-ROOT = Path(__file__).resolve().parent.parent
-STARTS = 15
-"""Starts of `run.py list`; the median is told."""
+CAMPAIGNS = {
+    "transient": (42, 3000),
+    "static": (3, 500),
+    "weights": (1, 500),
+    "pretouch": (4, 100),
+    "touch": (4, 100),
+    "objects": (2, 100),
+    "centering": (4, 100),
+    "slip": (3, 50),
+    "pointer": (1, 50),
+    "chirp": (2, 20),
+}
+"""Trials of each profile (the first of seed 1), and virtual seconds a second of processor time that are wanted."""
+
+REPEATS = 3
+"""Runs without the stopwatch; the median is told."""
+
+PARTS: tuple[tuple[str, type[Any], tuple[str, ...]], ...] = (
+    ("physics", Bench, ("advance", "wrench", "places", "on_plan")),
+    ("physics", FingerPart, ("sample", "events")),
+    ("physics", FingertipPart, ("sample", "finger_n", "texels_v")),
+    ("physics", AuraPart, ("baseband", "carrier")),
+    ("signals", Signals, ("push",)),
+    ("detectors", Loop, ("_detect",)),
+    ("guard", Guard, ("watch", "missing", "whole_until_s")),
+    ("keeping", Snapshot, ("__init__", "restore")),
+    ("behavior", Loop, ("_handle",)),
+    ("recorder", Recorder, ("record", "reading", "event", "begin_trial", "end_trial", "flush", "close")),
+    ("loop", Loop, ("run",)),
+    ("campaign", Campaign, ("run",)),
+)
+"""Methods whose time is told, of whom, and as which part; what they call of other parts is not theirs."""
 
 
 class Stopwatch:
-    """Adds up the time spent in methods, exclusive of the watched methods that they call."""
+    """Adds up the processor time spent in methods, exclusive of the watched methods that they call."""
 
     def __init__(self) -> None:
         self.spent_s: dict[str, float] = defaultdict(float)
         self._running: list[float] = []
 
-    def watch(self, owner: type, method: str, part: str) -> Callable[[], None]:
-        """Time a method under a name; returns what undoes it."""
+    def watch(self, owner: type[Any], method: str, part: str) -> Callable[[], None]:
+        """Time a method as a part; returns what undoes it."""
         original = getattr(owner, method)
 
         def timed(*args: Any, **kwargs: Any) -> Any:
-            begun_s = time.perf_counter()
+            begun_s = time.process_time()
             self._running.append(0.0)
             try:
                 return original(*args, **kwargs)
             finally:
-                whole_s = time.perf_counter() - begun_s
+                whole_s = time.process_time() - begun_s
                 self.spent_s[part] += whole_s - self._running.pop()
                 if self._running:
                     self._running[-1] += whole_s
@@ -54,78 +93,73 @@ class Stopwatch:
         return lambda: setattr(owner, method, original)
 
 
-PARTS = (
-    (FingerPlant, "advance", "physics"),
-    (FingerPlant, "sample", "physics"),
-    (FingerPlant, "periods", "physics"),
-    (FingerPlant, "begin", "physics"),
-    (Loop, "_gather", "drivers (mock)"),
-    (Guard, "watch", "guard"),
-    (Loop, "_detect", "detectors"),
-    (Loop, "_handle", "behavior and commands"),
-    (Recorder, "record", "recorder"),
-    (Recorder, "event", "recorder"),
-    (Recorder, "flush", "recorder"),
-    (Recorder, "begin_trial", "recorder"),
-    (Recorder, "end_trial", "recorder"),
-    (Recorder, "close", "recorder"),
-    (Loop, "_turn", "loop"),
-    (Loop, "run", "loop"),
-    (Campaign, "run", "campaign: manifest, building, measuring"),
-)
-
-
-def campaign(watch: bool) -> tuple[float, dict[str, float], dict[str, Any]]:
-    """Run the 42 approaches of the transient profile; returns seconds, seconds by part and the manifest."""
-    profile = load_profile("mock/transient", {}, table=assemble.Table())
+@contextmanager
+def watched() -> Iterator[Stopwatch]:
+    """Watch every part."""
     stopwatch = Stopwatch()
-    undo = [stopwatch.watch(*part) for part in PARTS] if watch else []
+    kinds: list[type[Any]] = [MockDriver, *_heirs(MockDriver)]
+    drivers = [
+        ("drivers", kind, tuple(name for name in ("read", "poll", "apply") if name in vars(kind)))
+        for kind in kinds
+    ]
+    undo = [
+        stopwatch.watch(owner, method, part)
+        for part, owner, methods in (*PARTS, *drivers)
+        for method in methods
+    ]
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            plan = assemble.plan_campaign(profile, profile.trials(1), 1)
-            begun_s = time.perf_counter()
-            outcome = Campaign(plan, assemble.build_rig(profile), Silent(), Path(folder)).run()
-            whole_s = time.perf_counter() - begun_s
-            manifest = RunFolder(outcome.folder).read_manifest()
+        yield stopwatch
     finally:
         for restore in reversed(undo):
             restore()
-    return whole_s, dict(stopwatch.spent_s), manifest
 
 
-def start_up() -> float:
-    """Median wall time of `run.py list` in seconds."""
-    times_s = []
-    for _ in range(STARTS):
-        begun_s = time.perf_counter()
-        subprocess.run([sys.executable, "run.py", "list"], cwd=ROOT, check=True, capture_output=True)
-        times_s.append(time.perf_counter() - begun_s)
-    return statistics.median(times_s)
+def _heirs(kind: type[Any]) -> Iterator[type[Any]]:
+    for heir in kind.__subclasses__():
+        yield heir
+        yield from _heirs(heir)
+
+
+def campaign(name: str, trials: int, *, report: bool = False) -> tuple[float, float, dict[str, Any]]:
+    """Run some trials of a mock profile; returns processor time of the run and of its report, s, and what the loop
+    did."""
+    profile = load_profile(f"mock/{name}", {}, table=assemble.Table())
+    with tempfile.TemporaryDirectory() as folder:
+        plan = assemble.plan_campaign(profile, profile.trials(1)[:trials], 1)
+        begun_s = time.process_time()
+        outcome = Campaign(plan, assemble.build_rig(profile), Silent(), Path(folder)).run()
+        ran_s = time.process_time()
+        if report:
+            build_report([open_run(outcome.folder)])
+        return ran_s - begun_s, time.process_time() - ran_s, RunFolder(outcome.folder).read_manifest()["loop"]
+
+
+def measured(name: str, trials: int, goal: float, repeats: int) -> dict[str, Any]:
+    """One row of the table."""
+    campaign(name, trials, report=True)  # compiled code loads, files are read once
+    plain_s = statistics.median(campaign(name, trials)[0] for _ in range(repeats))
+    report_s = campaign(name, trials, report=True)[1]
+    with watched() as stopwatch:
+        _, _, loop = campaign(name, trials)
+    virtual_s, spent_s = loop["bench_s"], sum(stopwatch.spent_s.values())
+    return {
+        "trials": trials,
+        "virtual_s": virtual_s,
+        "turns": loop["turns"],
+        "processor_s": plain_s,
+        "virtual_s_per_s": virtual_s / plain_s,
+        "goal": goal,
+        "report_s": report_s,
+        **{
+            part: stopwatch.spent_s[part] / spent_s
+            for part in dict.fromkeys(("drivers", *(p[0] for p in PARTS)))
+        },
+    }
 
 
 def main(quick: bool = False) -> None:
     """Measure, print, save."""
-    campaign(watch=False)  # compiled code loads, files are read once
-    plain_s = statistics.median(campaign(watch=False)[0] for _ in range(1 if quick else 5))
-    watched_s, parts, manifest = campaign(watch=True)
-    loop = manifest["loop"]
-    turns = loop["turns"]
-    save(
-        "loop",
-        {
-            "trials": 42,
-            "virtual_s": loop["bench_s"],
-            "turns": turns,
-            "wall_s": plain_s,
-            "virtual_s_per_s": loop["bench_s"] / plain_s,
-            "wall_watched_s": watched_s,
-            "parts_s": parts,
-            "parts_us_a_turn": {part: spent_s / turns * 1e6 for part, spent_s in parts.items()},
-            "run_py_list_s": start_up(),
-        },
-        quick=quick,
-    )
-
-
-if __name__ == "__main__":
-    main("--quick" in sys.argv)
+    found = {}
+    for name, (trials, goal) in CAMPAIGNS.items():
+        found[name] = measured(name, min(trials, 2) if quick else trials, goal, 1 if quick else REPEATS)
+        save("loop", {"campaigns": found}, quick=quick)

@@ -128,9 +128,13 @@ class Arrivals:
         info = self._infos.get(block.stream)
         if self._stuck_s is None or info is None or not info.noisy:
             return None
-        times_s, values, before = block.times, block.values, self._held.get(block.stream)
+        values, before = block.values, self._held.get(block.stream)
         changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1)) + 1
         same = before is not None and not (values[0] != before[0]).any()
+        if not same and len(changes) == len(values) - 1:
+            self._held[block.stream] = values[-1], last_s
+            return None
+        times_s = block.times
         starts_s = np.concatenate(
             ([before[1] if before is not None and same else times_s[0]], times_s[changes])
         )

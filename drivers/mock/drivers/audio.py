@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -180,6 +181,11 @@ class MockAudio(MockDriver):
         """What became of the commands."""
         self._tell_sweep(self._clock.now())
         return super().poll()
+
+    @property
+    def alone_s(self) -> float:
+        """For how long nobody need look: then it says that a sweep has ended."""
+        return math.inf if self._sweep_s is None else self._sweep_s - self._clock.now()
 
     def _tell_sweep(self, now_s: float) -> None:
         if self._sweep_s is not None and self._sweep_s <= now_s:
