@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -58,7 +58,8 @@ def planned(profile: Profile, trials: Sequence[Trial], first: TrialPlan, workers
     limits: Any = profile.limits
     speed_m_s = _fastest(profile, trials)
     travel = f"{limits.travel_min_m:g} to {limits.travel_m:g} m of travel"
-    yield f"motion    {travel}, at {speed_m_s:g} m/s; the guard stops beyond {limits.speed_m_s:g} m/s"
+    speed = f"at {speed_m_s:g} m/s" if speed_m_s else "no speed is set in m/s"
+    yield f"motion    {travel}, {speed}; the guard stops beyond {limits.speed_m_s:g} m/s"
     yield f"force     {_force(profile, speed_m_s)}"
     heard: set[str] = set()
     for state in (state for state in first.behavior.states if state not in first.behavior.final):
@@ -91,9 +92,19 @@ def duration(name: str, experiment: str, bench: str, trials: int, workers: int =
 
 def _fastest(profile: Profile, trials: Sequence[Trial]) -> float:
     """The greatest speed that trials or behavior ask for, m/s."""
-    asked = [value for trial in trials for name, value in trial.own.items() if name.endswith("speed_m_s")]
-    asked += [value for name, value in profile.behavior if name.endswith("speed_m_s") and value is not None]
-    return max(map(float, asked), default=0.0)
+    told = [profile.behavior.model_dump(), *(trial.own for trial in trials)]
+    return max(_speeds(told), default=0.0)
+
+
+def _speeds(told: Any) -> Iterator[float]:
+    """All speeds that are named in settings, however deep, m/s."""
+    if isinstance(told, Mapping):
+        yield from (
+            abs(value) for key, value in told.items() if key.endswith("speed_m_s") and value is not None
+        )
+    if isinstance(told, Mapping | list | tuple):
+        for value in told.values() if isinstance(told, Mapping) else told:
+            yield from _speeds(value)
 
 
 def _force(profile: Profile, speed_m_s: float) -> str:

@@ -36,7 +36,11 @@ def compared(first: Run, second: Run) -> Iterator[str]:
     for run in (first, second):
         if not run.trials:
             raise RunFolderError(f"{run.folder.path}: no trial has ended, so there is nothing to compare")
-    one, other = (dict(_leaves(run.manifest["profile"]["resolved"])) for run in (first, second))
+    one, other = (
+        dict(_leaves(run.manifest["profile"]["resolved"]))
+        | {key: run.manifest[key] for key in ("commit", "seed")}
+        for run in (first, second)
+    )
     for key in sorted(one.keys() | other.keys()):
         if one.get(key) != other.get(key) and not key.startswith("trials."):
             yield f"{key}: {one.get(key, 'absent')} → {other.get(key, 'absent')}"

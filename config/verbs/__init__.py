@@ -183,6 +183,10 @@ set_option = click.option(
     callback=_overrides,
     help="Another value for one setting, for example limits.force_n=1.5; may be given several times.",
 )
+only_option = click.option(
+    "--only", "numbers", type=int, multiple=True, metavar="TRIAL", help="This trial alone; repeatable."
+)
+
 out_option = click.option(
     "--out",
     type=click.Path(path_type=Path),

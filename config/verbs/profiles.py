@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -41,8 +41,11 @@ def list_(shown: str | None) -> None:
 @click.argument("profile")
 @verbs.set_option
 @click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
+@verbs.only_option
 @click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
-def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect: bool) -> int:
+def check(
+    profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int], connect: bool
+) -> int:
     """Validate a PROFILE and print every setting with the file that gave it.
 
     PROFILE is a name that `run.py list` shows, or the path of a TOML file. What is printed is a profile too. With
@@ -59,17 +62,16 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
         common = [*verbs.sets(overrides), *(["--connect"] if connect else [])]
         return max(int(check.main([*part, *common], standalone_mode=False)) for part in parts.runs)
     from config.assemble import plan_campaign
+    from config.costs import counted
     from config.toml_text import to_toml
-    from config.trials import distinct
+    from config.trials import chosen, distinct
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
-    origins = loaded.source.origins
-    click.echo(
-        f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {len(loaded.trials(0))} trials"
-    )
+    origins, asked = loaded.source.origins, chosen(loaded.trials(0), numbers, None)
+    click.echo(f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {counted(len(asked))}")
     click.echo(f"# sha256 {loaded.hash}\n")
     click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
-    trials = plan_campaign(loaded, distinct(loaded.trials(0)), 0).trials
+    trials = plan_campaign(loaded, distinct(asked), 0).trials
     if not connect and loaded.bench != "mock":  # what a bench on the wire sends, it says when it is connected
         return verbs.DONE
     from config.assemble import build_rig
@@ -95,7 +97,8 @@ def check(profile: str, overrides: Mapping[str, str], csv: Path | None, connect:
 @click.argument("profile")
 @verbs.set_option
 @click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
-def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
+@verbs.only_option
+def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int]) -> None:
     """Say what running a PROFILE would take: time, disk, travel, force, and what each state computes.
 
     Nothing is opened or computed. Times and sizes are those that were measured with the experiment's shipped profile.
@@ -114,9 +117,10 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None) -> None:
     from config.assemble import plan_campaign
     from config.costs import planned
     from config.jobs import jobs_for
+    from config.trials import chosen
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
-    trials = loaded.trials(0)
+    trials = chosen(loaded.trials(0), numbers, None)
     whole = plan_campaign(loaded, trials, 0)
     click.echo("\n".join(planned(loaded, trials, next(iter(whole.trials)), jobs_for(loaded, whole, None))))
 

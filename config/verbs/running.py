@@ -35,9 +35,7 @@ if TYPE_CHECKING:
 @click.option(
     "--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file: a factor a column."
 )
-@click.option(
-    "--only", "numbers", type=int, multiple=True, metavar="TRIAL", help="This trial alone; repeatable."
-)
+@verbs.only_option
 @verbs.out_option
 @verbs.report_option
 @verbs.endpoints_option

@@ -115,7 +115,7 @@ def test_an_acceleration_is_an_imu(tmp_path):
 def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, run):
     other = run_profile(trials=(*TRIALS, 30), seed=2, behavior__hold_s="0.2").run
     lines = list(compared(run, open_run(other.folder.path)))
-    assert "behavior.hold_s: 0.3 → 0.2" in lines
+    assert lines[:2] == ["behavior.hold_s: 0.3 → 0.2", "seed: 1 → 2"]
     assert "2 pairs of trials, of 2 and 3" in lines
     assert "outcome: equal in 2" in lines
     (delay,) = [line for line in lines if line.startswith("delay_s: ")]

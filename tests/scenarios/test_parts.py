@@ -96,6 +96,14 @@ def test_an_option_that_one_part_alone_could_take_is_refused(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("verb", ["plan", "check"])
+def test_what_a_part_is_run_with_is_planned_and_checked_with_it(verb, tmp_path):
+    (tmp_path / "two.toml").write_text(TWO)
+    with pytest.raises(SystemExit) as ended:
+        cli.main([verb, str(tmp_path / "two.toml")])
+    assert not ended.value.code
+
+
 @pytest.mark.parametrize("name", PAPERS)
 def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_valid(name):
     for arguments in parts_of(name).runs:

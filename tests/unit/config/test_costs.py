@@ -55,3 +55,7 @@ def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):
     assert count("mock/centering") == 4
     assert count("mock/centering", 2) == 2
     assert count("hardware/transient") == 1
+
+
+def test_a_speed_that_stands_deep_in_the_settings_is_planned():
+    assert any("of travel, at 0.01 m/s" in line for line in lines_of("mock/slip"))
