@@ -168,7 +168,7 @@ def equal() -> dict[str, bool]:
         out = Path(text)
         _verb(*run, "--jobs", "1", "--out", str(out / "one core"))
         _verb(*run, "--jobs", "2", "--out", str(out / "two cores"))
-        with LocalCluster(2, threads_per_worker=1, dashboard_address=None) as dask:  # type: ignore[no-untyped-call]
+        with LocalCluster(2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as dask:  # type: ignore[no-untyped-call]
             _verb(*run, "--scheduler", dask.scheduler_address, "--out", str(out / "Dask"))
         for number in range(1, 8):
             _verb(*run, "--jobs", "1", "--shard", f"{number}/7", "--out", str(out / "shards" / str(number)))
