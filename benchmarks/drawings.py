@@ -167,7 +167,7 @@ def centering(figures: Figures) -> str:
 
 
 def campaigns(figures: Figures) -> str:
-    """Trials a second of processor time, and the writer's largest memory, against the number of trials."""
+    """Trials a second of wall time, and the writer's largest memory, against the number of trials."""
     found = results("campaigns")
     with figures.figure(2.9, columns=2, sharex=True) as drawing:
         rate, memory = drawing.axes
@@ -176,12 +176,10 @@ def campaigns(figures: Figures) -> str:
             rows = sorted((row["trials"], row) for row in found["runs"] if row["workers"] == workers)
             sizes = [trials for trials, _ in rows]
             label = f"{workers} worker{'s' * (workers > 1)}"
-            rate.plot(sizes, [trials / row["processor_s"] for trials, row in rows], label=label, **look)
-            if workers > 1:
-                memory.plot(sizes, [row["writer_peak_mb"] for _, row in rows], ls="", **look)
+            rate.plot(sizes, [trials / row["wall_s"] for trials, row in rows], label=label, **look)
         alone = [(row["asked"], row["writer_peak_mb"]) for row in found["writer_alone"]]
         memory.plot(*zip(*sorted(alone), strict=True), **LOOKS["truth"], label="writer alone")
-        rate.set(xscale="log", xlabel="trials", ylabel="trials a second of processor time")
+        rate.set(xscale="log", xlabel="trials", ylabel="trials a second")
         memory.set(xlabel="trials", ylabel="writer's largest memory (MB)")
         for axes in drawing.axes:
             axes.set_ylim(0.0, 1.2 * axes.get_ylim()[1])
