@@ -108,12 +108,29 @@ def test_a_refusal_says_who_what_why_and_what_to_do(command: Command, line: str)
     assert str(error.value) == f"gripper: {line}"
 
 
-def test_a_grip_as_sent_asks_for_the_counts_of_the_grip_itself() -> None:
-    sent = BRACKETS.as_sent(GRIP)
-    assert (sent.width_m, sent.speed_m_s, sent.force_n) != (GRIP.width_m, GRIP.speed_m_s, GRIP.force_n)
-    assert sent.width_m == pytest.approx(GRIP.width_m, abs=0.1e-3)
-    assert sent.speed_m_s == pytest.approx(GRIP.speed_m_s, rel=0.1)
-    assert BRACKETS.grip(sent) == BRACKETS.grip(GRIP)
+def test_a_grip_as_sent_is_in_the_grippers_own_counts() -> None:
+    order, sent = BRACKETS.grip(GRIP), BRACKETS.as_sent(GRIP)
+    assert sent.width_m == BRACKETS.width_m(order.position) != GRIP.width_m
+    assert sent.speed_m_s == units.speed_m_s(order.speed) != GRIP.speed_m_s
+    assert sent.force_n == BRACKETS.force_n(order.current_ma) != GRIP.force_n
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        replace(GRIP, width_m=0.020),
+        replace(GRIP, width_m=0.068),
+        replace(GRIP, force_n=FORCE_MIN_N),
+        replace(GRIP, force_n=FORCE_MAX_N),
+    ],
+)
+def test_both_ends_of_a_range_may_be_asked_for(command: Grip) -> None:
+    assert checked(command) == BRACKETS.as_sent(command)
+
+
+def test_the_jaws_open_no_faster_than_they_may() -> None:
+    assert checked(Release("gripper", 9.0)) == checked(Release("gripper", 0.1))
+    assert checked(Release("gripper", 0.05)) == Release("gripper", units.speed_m_s(units.speed_count(0.05)))
 
 
 def test_brackets_that_reach_too_far_are_refused() -> None:

@@ -40,6 +40,50 @@ def test_alerts_and_info_lines_are_told_from_replies() -> None:
     assert codec.decode_message(b"#01 0 09 hello:92") == codec.StageInfo(1, 0, 9, "hello")
 
 
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        (codec.Alert(1, 1, busy=False, flag="FS", data=""), b"!01 1 IDLE FS"),
+        (codec.Alert(1, 1, busy=True, flag="--", data="7"), b"!01 1 BUSY -- 7"),
+        (codec.StageInfo(1, 0, 9, "hello"), b"#01 0 09 hello"),
+        (codec.StageInfo(1, 0, None, "hello"), b"#01 0 hello"),
+        (codec.StageReply(1, 1, None, True, False, "--", "0"), b"@01 1 OK IDLE -- 0"),
+    ],
+)
+def test_what_a_stage_says_goes_there_and_back(message: codec.Message, line: bytes) -> None:
+    checked = line + f":{-sum(line[1:]) & 0xFF:02X}".encode()
+    assert codec.encode_message(message, checksum=False) == line + b"\r\n"
+    assert codec.encode_message(message) == checked + b"\r\n"
+    assert codec.decode_message(line, checksum=False) == message
+    assert codec.decode_message(checked) == message
+
+
+@pytest.mark.parametrize(
+    ("line", "request_"),
+    [
+        (b"/stop", codec.StageRequest(0, 0, None, "stop")),
+        (b"/", codec.StageRequest(0, 0, None, "")),
+        (b"/2 stop", codec.StageRequest(2, 0, None, "stop")),
+        (b"/2 1 stop", codec.StageRequest(2, 1, None, "stop")),
+        (b"/2 1 7 5 set", codec.StageRequest(2, 1, 7, "5 set")),
+    ],
+)
+def test_numbers_that_a_request_leaves_out_are_zero(line: bytes, request_: codec.StageRequest) -> None:
+    assert codec.decode_request(line) == request_
+
+
+def test_a_request_without_a_number_has_none_on_the_wire() -> None:
+    assert codec.encode_request(codec.StageRequest(2, 1, None, "stop"), checksum=False) == b"/2 1 stop\n"
+
+
+def test_a_line_of_the_greatest_length_is_heard_and_no_longer_one() -> None:
+    buffer = codec.LineBuffer()
+    assert buffer.feed(b"x" * codec.MAX_LINE) == []
+    assert buffer.feed(b"\r\n") == [b"x" * codec.MAX_LINE]
+    assert buffer.feed(b"x" * (codec.MAX_LINE + 1)) == []
+    assert buffer.feed(b"\r\none\r\ntwo\r\n") == [b"one", b"two"]
+
+
 def test_a_line_with_a_wrong_checksum_is_refused() -> None:
     with pytest.raises(codec.ChecksumError):
         codec.decode_message(b"@01 1 04 OK IDLE -- 24188:32")
