@@ -28,7 +28,8 @@ REPEATS, RUN_S = 38, 1200.0
 QUICK_REPEATS, QUICK_RUN_S = 1, 36.0
 
 SIGMA = 6.0
-"""Threshold, standard deviations: at the paper's 3 noise stops one approach in seven, each time another one."""
+"""Threshold of the paper's detector, which stops the stage here, in standard deviations: at the paper's 3 noise stops
+one approach in seven, each time another one."""
 
 COMPARED = ("delay_s", "force_n", "stop_travel_m")
 """Columns whose quantiles are told: each run decides on other samples, by when the finger was switched on."""
@@ -36,7 +37,11 @@ COMPARED = ("delay_s", "force_n", "stop_travel_m")
 
 def begun(folder: Path, repeats: int, *more: str) -> subprocess.Popen[str]:
     """A run of the emulated bench."""
-    sets = (f"trials.repeats={repeats}", f"detectors.contact.threshold_sigma={SIGMA}")
+    sets = (
+        f"trials.repeats={repeats}",
+        "behavior.detector=contact",
+        f"detectors.contact.threshold_sigma={SIGMA}",
+    )
     command = [
         sys.executable,
         str(ROOT / "run.py"),

@@ -27,7 +27,6 @@ GAIN, HISTORY, PROTECTIVE_STOP, STOP_L, STOP_J, FREEDRIVE, END_FREEDRIVE = 21, 2
 PLANE_M = 0.17
 """A centimetre under the tool where it starts."""
 
-DOWNWARD = (0.0, 0.0, -20.0, 0.0, 0.0, 0.0)
 LIMITS = (0.1, 0.1, 0.05, 1.0, 1.0, 1.0)
 
 
