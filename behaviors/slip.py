@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partialmethod
 from typing import Any
 
 from behaviors.approach import Approach, approaching
@@ -13,6 +14,9 @@ from behaviors.machine import StatePlan, on, with_failures
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from behaviors.tip import TipTrial
 from drivers.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
+
+_STATES = {"hold": "HOLDING", "load": "LOADING", "roll": "ROLLING", "slip": "SLIPPING"}
+"""In which state the arm does a step."""
 
 
 def _following(source: str, trigger: str, steps: Sequence[str]) -> Sequence[Mapping[str, Any]]:
@@ -39,7 +43,7 @@ class RollSlip(TipTrial):
         detectors: Names of all detectors there are; only the trial's sensor's are armed.
     """
 
-    _pressed = ("HOLDING", "LOADING", "ROLLING", "SLIPPING")
+    _pressed = tuple(_STATES.values())
     table = with_failures(
         on("reached", "HOMING", "ZEROING", "from_mover"),
         on("deadline", "ZEROING", "TILTING", "tilted", label="tilted touch"),
@@ -171,25 +175,15 @@ class RollSlip(TipTrial):
         event = self.event
         return self.settings.stop_on_slip and isinstance(event, Detected) and event.detector == self._reflex
 
-    def next_is_holding(self) -> bool:
-        """Whether a hold comes next."""
-        return self._next_is("hold")
-
-    def next_is_loading(self) -> bool:
-        """Whether a load comes next."""
-        return self._next_is("load")
-
-    def next_is_rolling(self) -> bool:
-        """Whether a roll comes next."""
-        return self._next_is("roll")
-
-    def next_is_slipping(self) -> bool:
-        """Whether a slip comes next."""
-        return self._next_is("slip")
-
     def _next_is(self, what: str) -> bool:
+        """Whether such a step comes next."""
         following = self._step + 1
         return following < len(self.run.steps) and self.run.steps[following].do == what
+
+    next_is_holding = partialmethod(_next_is, "hold")
+    next_is_loading = partialmethod(_next_is, "load")
+    next_is_rolling = partialmethod(_next_is, "roll")
+    next_is_slipping = partialmethod(_next_is, "slip")
 
     # before transitions
 
@@ -197,7 +191,7 @@ class RollSlip(TipTrial):
         """The next step is the present one; its state ends with it."""
         self._step += 1
         step = self.run.steps[self._step]
-        state = dict(zip(("hold", "load", "roll", "slip"), self._pressed, strict=True))[step.do]
+        state = _STATES[step.do]
         more_s = 0.0 if step.do == "hold" else self.settings.motion_timeout_s
         self._listening = self._listening or step.do != "hold"
         self.plans[state] = replace(

@@ -1,6 +1,6 @@
 """BarrettHand: CAN frames ⇄ questions, settings and replies. No I/O.
 
-Source: the bench's interface page. An identifier is `sender << 5 | receiver`, with bit 0x400 where the receiver
+Source: docs/reference/barrett_hand.md. An identifier is `sender << 5 | receiver`, with bit 0x400 where the receiver
 is a group. A question is `[property]`, a setting `[0x80 | property, 0, i32]`, a reply, which goes to group 6,
 `[0x80 | property, 0, i16 or i32]`; numbers are little-endian.
 """
@@ -16,34 +16,34 @@ from drivers.can_frame import CanFrame
 from drivers.errors import CodecError
 
 HOST: Final = 0
-"""Node of the host (interface page: a finger's reply is to a group, so it need not be said)."""
+"""Node of the host (docs/reference/barrett_hand.md: a finger's reply is to a group, so it need not be said)."""
 
 FINGERS: Final = (11, 12, 13)
 SPREAD: Final = 14
-"""Nodes of the hand (interface page)."""
+"""Nodes of the hand (docs/reference/barrett_hand.md)."""
 
 HAND: Final = 5
 REPLIES: Final = 6
-"""Groups: all of the hand, and those who hear replies (interface page)."""
+"""Groups: all of the hand, and those who hear replies (docs/reference/barrett_hand.md)."""
 
 GROUP_BIT: Final = 0x400
 REPLY_BIT: Final = 0x80
 
 COUNTS_MAX: Final = 4095
-"""Strain gauges are read with 12 bits (interface page)."""
+"""Strain gauges are read with 12 bits (docs/reference/barrett_hand.md)."""
 
 UNLOADED_COUNTS: Final = 2000
-"""About what an unloaded finger reads (interface page)."""
+"""About what an unloaded finger reads (docs/reference/barrett_hand.md)."""
 
 NEWTON_PER_COUNT: Final = 2.0 * 9.80665 / 2048.0
-"""Force at the fingertip for each count: "roughly +-2 kg" over the range (interface page)."""
+"""Force at the fingertip for each count: "roughly +-2 kg" over the range (docs/reference/barrett_hand.md)."""
 
 SAFE_COUNTS: Final = (667, 3460)
-"""Outside these the hand protects itself (interface page)."""
+"""Outside these the hand protects itself (docs/reference/barrett_hand.md)."""
 
 
 class Property(IntEnum):
-    """What a node has (interface page)."""
+    """What a node has (docs/reference/barrett_hand.md)."""
 
     MODE = 8
     STRAIN = 25

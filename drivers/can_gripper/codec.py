@@ -1,9 +1,9 @@
 """SSG-48: CAN frames ⇄ words, no I/O.
 
-Source: the gripper's interface page and its firmware's behaviour (both public). An identifier is
+Source: docs/reference/can_gripper.md, and the firmware's behaviour. An identifier is
 `node << 7 | command << 1 | fault`; numbers are big-endian.
 
-The two object bits: the page numbers bits from the left and the firmware writes the low bit of the verdict
+The two object bits: the maker's page numbers bits from the left and the firmware writes the low bit of the verdict
 first, so that bit 5 of the byte is the low one; the vendor's own client takes it for the high one. Nobody
 should tell 1 from 2 by these bits: `GripperState.object` is true for both, and the direction is the command's.
 """
@@ -37,7 +37,7 @@ from drivers.can_gripper.words import (
 from drivers.errors import CodecError
 
 NODES: Final = 16
-"""Node numbers are 0 to 15 (interface page)."""
+"""Node numbers are 0 to 15 (docs/reference/can_gripper.md)."""
 
 ERROR_BITS: Final = (
     "over temperature",
@@ -48,11 +48,11 @@ ERROR_BITS: Final = (
     "overcurrent",
     "emergency stop",
 )
-"""Bits 6 to 0 of the first byte of `GripperErrors`; bit 7 is any of them (interface page)."""
+"""Bits 6 to 0 of the first byte of `GripperErrors`; bit 7 is any of them (docs/reference/can_gripper.md)."""
 
 WATCHDOG_BIT: Final = 0x20
 MOTOR_BIT: Final = 0x80
-"""In the second byte of `GripperErrors` (interface page)."""
+"""In the second byte of `GripperErrors` (docs/reference/can_gripper.md)."""
 
 
 def encode_order(node: int, order: Order) -> CanFrame:

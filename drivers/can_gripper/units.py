@@ -12,7 +12,7 @@ STROKE_M: Final = 0.048
 """Travel of the opening (data sheet)."""
 
 POSITION_COUNTS: Final = 255
-"""Positions run from 0, open, to this, closed: 0.19 mm a count (interface page)."""
+"""Positions run from 0, open, to this, closed: 0.19 mm a count (docs/reference/can_gripper.md)."""
 
 PINION_M: Final = 0.006
 """Radius of the pinion between the two racks (data sheet, "Gripper linear speed")."""

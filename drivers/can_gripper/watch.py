@@ -9,7 +9,7 @@ from drivers.can_gripper.words import GripFinding, GripperState
 from drivers.messages import Command, Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
 
 CALIBRATION_S = 32.0
-"""Longest calibration: the gripper itself gives up after 30 s (interface page)."""
+"""Longest calibration: the gripper itself gives up after 30 s (docs/reference/can_gripper.md)."""
 
 STILL_S = 0.05
 """A position that does not change for this long stands still, where no finding says so (assumption)."""

@@ -8,7 +8,7 @@ from typing import Final
 
 
 class GripperCode(IntEnum):
-    """Command numbers, 6 bits (interface page)."""
+    """Command numbers, 6 bits (docs/reference/can_gripper.md)."""
 
     ESTOP = 0
     CLEAR_ERROR = 1

@@ -1,6 +1,6 @@
 """What controller and host say to each other: payloads ⇄ values. No I/O.
 
-Source: the bench's interface page; the layout of the infos is that of the maker's public library.
+Source: docs/reference/dsa_matrix.md; the layout of the infos is that of the maker's public library.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from drivers.dsa_matrix.packets import MatrixPacket
 from drivers.errors import CodecError
 
 TEXEL_MAX: Final = 0xFFF
-"""Texels have 12 bits (interface page)."""
+"""Texels have 12 bits (docs/reference/dsa_matrix.md)."""
 
 VOLT_PER_COUNT: Final = 1e-3
 """Texels are read in millivolts, roughly (the maker's public library; the paper's figures are in mV)."""
 
 TIME_MODULUS: Final = 2**32
-"""Frames bear a u32 of milliseconds (interface page)."""
+"""Frames bear a u32 of milliseconds (docs/reference/dsa_matrix.md)."""
 
 POWER_UP_NOISE: Final = b"\x1b[5n"
-"""Sent three times at power-up (interface page)."""
+"""Sent three times at power-up (docs/reference/dsa_matrix.md)."""
 
 RUN_BIT: Final = 0x80
 RLE_BIT: Final = 0x01
 ALL_MATRICES_BIT: Final = 0x02
 
 RUN_MAX: Final = 15
-"""Longest run of a run-length unit: its four upper bits (interface page)."""
+"""Longest run of a run-length unit: its four upper bits (docs/reference/dsa_matrix.md)."""
 
 ERRORS: Final = (
     "success",
@@ -58,7 +58,7 @@ ERRORS: Final = (
 
 
 class Id(IntEnum):
-    """Packet ids (interface page)."""
+    """Packet ids (docs/reference/dsa_matrix.md)."""
 
     FRAME = 0x00
     CONTROLLER = 0x01

@@ -1,9 +1,9 @@
-"""The mock person and the real driver on the emulated one: the same refusals, limits and statuses, in virtual time."""
+"""The real driver on the emulated person, in virtual time: refusals, limits and statuses."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,10 +12,7 @@ from drivers.clock import VirtualClock
 from drivers.errors import CommandError, RefusedError
 from drivers.messages import Answered, Ask, Command, Excite, Listen, Loaded, LoadWeight, Refused, Sent, Status
 from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.devices.memory_line import MemoryLine
-from drivers.mock.devices.operator import EmulatedPerson, EmulatedPersonSettings
 from drivers.mock.drivers.operator import MockPerson, MockPersonSettings
-from drivers.operator.driver import Person, PersonSettings
 from tests.contracts.crank import Crank
 
 
@@ -35,21 +32,12 @@ class Fingertip:
         self.hangs[bridge] = force_n
 
 
-def simulated(tip: Fingertip, faults: FaultSchedule) -> Any:
-    return MockPerson("operator", MockPersonSettings(weight_error=0.0), VirtualClock(), tip, faults)
-
-
-def emulated(tip: Fingertip, faults: FaultSchedule) -> Any:
-    clock = VirtualClock()
-    line = MemoryLine(EmulatedPerson(EmulatedPersonSettings(weight_error=0.0), tip), clock, faults)
-    return Person("operator", PersonSettings(port="-"), clock, line.connect)
-
-
-@pytest.fixture(params=[simulated, emulated])
-def opened(request: pytest.FixtureRequest) -> Any:
+@pytest.fixture
+def opened() -> Any:
     def made(*faults: Fault) -> tuple[Crank, Fingertip]:
         tip = Fingertip()
-        device = request.param(tip, FaultSchedule(faults))
+        settings = MockPersonSettings(weight_error=0.0)
+        device = MockPerson("operator", settings, VirtualClock(), cast(Any, tip), FaultSchedule(faults))
         return Crank(device, device._clock), tip
 
     return made

@@ -9,7 +9,8 @@ import pytest
 from drivers.clock import WallClock
 from drivers.errors import PortError, SilentError
 from drivers.messages import Ask, Failed, Listen, Loaded, LoadWeight, Refused, Sent
-from drivers.mock.devices.operator import EmulatedPerson, EmulatedPersonSettings
+from drivers.mock.devices.operator import EmulatedPerson
+from drivers.mock.physics.weight_set import HandSettings
 from drivers.operator.driver import Person, PersonSettings
 
 
@@ -54,7 +55,7 @@ def until(person, kind, clock, seconds=5.0):
 @pytest.fixture
 def line(serve):
     bench = Bench()
-    device = EmulatedPerson(EmulatedPersonSettings(answer_s=0.05, weight_error=0.0), bench)
+    device = EmulatedPerson(HandSettings(answer_s=0.05, weight_error=0.0), bench)
     port = serve(device)
     clock = serve.clock
     person = Person("operator", PersonSettings(port=port), clock)

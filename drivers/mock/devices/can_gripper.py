@@ -49,7 +49,7 @@ class EmulatedCanGripperSettings(Settings):
     serial: int = Field(default=4848, ge=0, lt=2**31)
     """Serial number that it reports (assumption)."""
     heartbeat_s: float = Field(default=1.0, ge=0.0, le=60.0)
-    """Period of the heartbeat; 0 is none (interface page)."""
+    """Period of the heartbeat; 0 is none (docs/reference/can_gripper.md)."""
     temperature_c: int = Field(default=31, ge=-20, le=75)
     """Temperature that it reports while nothing is wrong (assumption)."""
     supply_mv: int = Field(default=24_000, ge=9_000, le=29_500)

@@ -11,24 +11,27 @@ from drivers.mock.physics.weight_set import Hands, HandSettings
 from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, PersonRequest, encode
 
 
-class EmulatedPersonSettings(HandSettings):
-    """The emulated person."""
-
-
 class EmulatedPerson:
     """Does what the latest request asks for.
 
     Args:
         settings: Of the person.
         bench: Where the fingertip is.
+
+    Attributes:
+        due_s: When it has done what it was last asked for.
     """
 
-    def __init__(self, settings: EmulatedPersonSettings, bench: Bench) -> None:
+    def __init__(self, settings: HandSettings, bench: Bench) -> None:
         self._settings = settings
         self._hands = Hands(settings, bench)
         self._decoder = LineDecoder()
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a trial: nothing is asked for, and nothing refused."""
         self._asked: PersonRequest | None = None
-        self._due_s = 0.0
+        self.due_s = 0.0
         self._unwilling = False
 
     def receive(self, data: bytes, t_s: float) -> bytes:
@@ -39,12 +42,12 @@ class EmulatedPerson:
                 self._asked = None
                 out += encode(PersonHello("emulated person"))
             elif isinstance(message, PersonRequest):
-                self._asked, self._due_s = message, t_s + self._settings.answer_s
+                self._asked, self.due_s = message, t_s + self._settings.answer_s
         return out
 
     def step(self, t_s: float) -> bytes:
         """The answer, once its time has come."""
-        if self._asked is None or t_s < self._due_s:
+        if self._asked is None or t_s < self.due_s:
             return b""
         asked, self._asked = self._asked, None
         if self._unwilling:
@@ -74,4 +77,4 @@ def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedPerson:
         RefusedError: the bench has none.
     """
     part(bench, "load", "operator")
-    return EmulatedPerson(EmulatedPersonSettings(), bench)
+    return EmulatedPerson(HandSettings(), bench)

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TICK_S = 2e-4
-"""Step of the integration: the period of the gripper's own loops (5 kHz, its interface page)."""
+"""Step of the integration: the period of the gripper's own loops (5 kHz: docs/reference/can_gripper.md)."""
 
 SPEED_MA = 0.03
 """Current for each tick/s of error in speed (the firmware's default gain)."""
@@ -24,27 +24,27 @@ POSITION_PER_S = 8.0
 """Speed for each tick of error in position (the firmware's default gain)."""
 
 NEAR_TICKS = 5
-"""Less than this from its target the drive is at its position, until the next order (interface page)."""
+"""Less than this from its target the drive is at its position, until the next order (docs/reference/can_gripper.md)."""
 
 SLOW_TICKS_S = 500.0
-"""An object is felt below this speed … (interface page)"""
+"""An object is felt below this speed … (docs/reference/can_gripper.md)"""
 
 OBJECT_SHARE = 0.8
-"""… and above this share of the current limit (interface page)."""
+"""… and above this share of the current limit (docs/reference/can_gripper.md)."""
 
 CALIBRATION_MA = 500.0
 CALIBRATION_TICKS_S = 12_583.0
-"""Limit and speed of a calibration (interface page; speed 40 of the firmware)."""
+"""Limit and speed of a calibration (docs/reference/can_gripper.md; speed 40 of the firmware)."""
 
 CALIBRATION_HOLD = 3200
-"""Ticks at each stop: 0.64 s (interface page)."""
+"""Ticks at each stop: 0.64 s (docs/reference/can_gripper.md)."""
 
 CALIBRATION_NEAR_MA = 90.0
 CALIBRATION_SLOW_TICKS_S = 700.0
 """What counts as standing at a stop: so near to the limit, so slow (firmware)."""
 
 CALIBRATION_MOST = 150_000
-"""Ticks after which a calibration is given up: 30 s (interface page)."""
+"""Ticks after which a calibration is given up: 30 s (docs/reference/can_gripper.md)."""
 
 HUNT_TICKS = 50
 HUNT_SHARE = 0.5

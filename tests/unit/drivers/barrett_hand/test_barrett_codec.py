@@ -1,4 +1,4 @@
-"""Frames of the BarrettHand against bytes written by hand from its interface page."""
+"""Frames of the BarrettHand against bytes written by hand from docs/reference/barrett_hand.md."""
 
 from __future__ import annotations
 

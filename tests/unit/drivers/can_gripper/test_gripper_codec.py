@@ -1,4 +1,4 @@
-"""Frames of the SSG-48 against bytes written by hand from its interface page."""
+"""Frames of the SSG-48 against bytes written by hand from docs/reference/can_gripper.md."""
 
 from __future__ import annotations
 

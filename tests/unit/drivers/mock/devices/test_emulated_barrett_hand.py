@@ -1,4 +1,4 @@
-"""The emulated hand, in the bytes of its interface page."""
+"""The emulated hand, in the bytes of docs/reference/barrett_hand.md."""
 
 from __future__ import annotations
 

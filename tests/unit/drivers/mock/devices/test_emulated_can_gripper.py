@@ -1,4 +1,4 @@
-"""The emulated gripper's habits, in the bytes of its interface page."""
+"""The emulated gripper's habits, in the bytes of docs/reference/can_gripper.md."""
 
 from __future__ import annotations
 

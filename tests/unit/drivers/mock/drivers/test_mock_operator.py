@@ -1,15 +1,17 @@
-"""The simulated person, in the process and at the far end of a line: both hang the same weights."""
+"""The simulated person at the far end of a line, and the real driver on it in one process."""
 
 import json
+import math
 
 import pytest
 
 from drivers.clock import VirtualClock
 from drivers.errors import RefusedError
-from drivers.messages import Answered, Ask, Listen, Loaded, LoadWeight, Refused, Sent
+from drivers.messages import Answered, Ask, Listen, Loaded, LoadWeight, Sent
 from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.devices.operator import EmulatedPerson, EmulatedPersonSettings
+from drivers.mock.devices.operator import EmulatedPerson
 from drivers.mock.drivers.operator import MockPerson, MockPersonSettings
+from drivers.mock.physics.weight_set import HandSettings
 
 
 class Bench:
@@ -32,20 +34,17 @@ class Bench:
         self.loads[bridge] = force_n
 
 
-def mock(bench, fault=None, **settings):
-    clock = VirtualClock()
-    faults = FaultSchedule([Fault(device="operator", kind=fault, at_s=0.0)] if fault else [])
-    person = MockPerson("operator", MockPersonSettings(weight_error=0.0, **settings), clock, bench, faults)
-    person.open()
-    person.apply(Listen("operator", frozenset({"operator.load"})))
-    return person, clock
-
-
 def test_the_weight_hangs_when_the_person_has_had_their_time():
     bench = Bench()
-    person, clock = mock(bench, answer_s=2.0)
+    clock = VirtualClock()
+    settings = MockPersonSettings(weight_error=0.0, answer_s=2.0)
+    person = MockPerson("operator", settings, clock, bench)
+    person.open()
+    assert person.alone_s == math.inf
+    person.apply(Listen("operator", frozenset({"operator.load"})))
     command = LoadWeight("operator", "y", 3.0)
     person.apply(command)
+    assert person.alone_s == 2.0
     clock.wait_until(1.9)
     assert (person.read(), person.poll(), bench.loads["y"]) == ([], [Sent(0.0, "operator", command)], 0.0)
     clock.wait_until(2.0)
@@ -55,39 +54,23 @@ def test_the_weight_hangs_when_the_person_has_had_their_time():
     assert (bench.loads, bench.advanced_s) == ({"x": 0.0, "y": 3.0, "t": 0.0}, 2.0)
 
 
-def test_the_next_weight_takes_the_last_one_off():
+def test_what_was_asked_for_in_one_trial_is_not_done_in_the_next():
     bench = Bench()
-    person, _ = mock(bench, answer_s=0.0)
-    for bridge in ("x", "t"):
-        person.apply(LoadWeight("operator", bridge, 1.0))
-        person.poll()
-    assert bench.loads == {"x": 0.0, "y": 0.0, "t": 1.0}
-
-
-def test_other_requests_are_answered():
-    person, _ = mock(Bench(), answer_s=0.0)
+    clock = VirtualClock()
+    refuses = FaultSchedule([Fault(device="operator", kind="refuse", at_s=0.0, trial=1)])
+    person = MockPerson("operator", MockPersonSettings(answer_s=1.0), clock, bench, refuses)
+    person.open()
+    refuses.restart(1)
+    person.apply(LoadWeight("operator", "x", 2.0))
+    clock.restart()
+    person.restart()
+    refuses.restart(2)
+    clock.wait_until(5.0)
+    person.poll()
+    assert bench.loads["x"] == 0.0
     person.apply(Ask("operator", "shut the door"))
-    assert person.poll()[-1] == Answered(0.0, "operator", "shut the door")
-
-
-def test_a_person_who_says_nothing_or_no_leaves_no_weight_hanging():
-    for fault, kinds in (("silent", [Sent]), ("refuse", [Sent, Refused])):
-        bench = Bench()
-        person, clock = mock(bench, fault, answer_s=0.0)
-        person.apply(LoadWeight("operator", "x", 1.0))
-        clock.wait_until(60.0)
-        assert [type(status) for status in person.poll()] == kinds
-        assert bench.loads["x"] == 0.0
-
-
-def test_a_tip_without_bridges_cannot_be_loaded_and_that_is_said():
-    bench = Bench()
-    bench.carries = "wrist"
-    person, _ = mock(bench, answer_s=0.0)
-    person.apply(LoadWeight("operator", "x", 1.0))
-    refused = person.poll()[-1]
-    assert isinstance(refused, Refused)
-    assert refused.reason == "the tip carries wrist; run the fingertip"
+    clock.wait_until(7.0)
+    assert person.poll()[-1] == Answered(7.0, "operator", "shut the door")
 
 
 def test_a_weight_has_one_error_all_through_a_run_and_another_run_has_other_weights():
@@ -98,6 +81,7 @@ def test_a_weight_has_one_error_all_through_a_run_and_another_run_has_other_weig
         person = MockPerson(
             "operator", MockPersonSettings(answer_s=0.0, weight_error=0.01), VirtualClock(), bench
         )
+        person.open()
         person.apply(LoadWeight("operator", "x", 2.0))
         person.poll()
         pulls[seed, trial] = bench.loads["x"]
@@ -114,7 +98,7 @@ def told(line):
 
 def test_the_emulated_person_says_hello_hangs_the_weight_and_answers_once():
     bench = Bench()
-    person = EmulatedPerson(EmulatedPersonSettings(answer_s=0.5, weight_error=0.0), bench)
+    person = EmulatedPerson(HandSettings(answer_s=0.5, weight_error=0.0), bench)
     assert told(person.receive(b'{"hello": "touchbench"}\n', 0.0)) == [{"hello": "emulated person"}]
     request = b'{"ask": 9, "says": "hang 1.00 N on bridge Ft", "load": {"bridge": "t", "force_n": 1.0}}\n'
     assert person.receive(request, 1.0) == b""
@@ -125,7 +109,7 @@ def test_the_emulated_person_says_hello_hangs_the_weight_and_answers_once():
 
 
 def test_the_emulated_person_answers_the_latest_question_alone():
-    person = EmulatedPerson(EmulatedPersonSettings(answer_s=0.5), Bench())
+    person = EmulatedPerson(HandSettings(answer_s=0.5), Bench())
     person.receive(b'{"ask": 1, "says": "shut the door"}\nwhat?\n{"ask": 2, "says": "open it"}\n', 0.0)
     assert told(person.step(5.0)) == [{"answer": 2, "done": True}]
 
@@ -133,7 +117,7 @@ def test_the_emulated_person_answers_the_latest_question_alone():
 def test_the_emulated_person_gives_a_reason_for_no():
     bench = Bench()
     bench.carries = "wrist"
-    person = EmulatedPerson(EmulatedPersonSettings(answer_s=0.0), bench)
+    person = EmulatedPerson(HandSettings(answer_s=0.0), bench)
     load = b'{"ask": 1, "says": "hang it", "load": {"bridge": "x", "force_n": 1.0}}\n'
     person.receive(load, 0.0)
     assert told(person.step(0.0))[0] == {
