@@ -232,8 +232,8 @@ class Trend:
     """Does force grow with something? Ours over rows and over single trials, and the paper's own rows."""
 
     name: str
-    ours: Correlation
-    ours_trials: Correlation
+    here: Correlation
+    here_trials: Correlation
     paper: Correlation
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 
 def environment() -> Environment:
     """The templates; what is put into them is text, and bears a typesetter's apostrophes."""
-    return Environment(
+    templates = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=select_autoescape(default=True, default_for_string=True),
         undefined=StrictUndefined,
@@ -18,6 +18,8 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    templates.filters["breakable"] = _breakable
+    return templates
 
 
 def library() -> list[Markup]:
@@ -26,6 +28,11 @@ def library() -> list[Markup]:
 
     texts = Resources(mode="inline", components=["bokeh", "bokeh-api"]).js_raw
     return [Markup(text.replace("</script", "<\\/script")) for text in texts]
+
+
+def _breakable(name: str) -> Markup:
+    """A column's name, such as a setting's path, that may go on in the next line after each of its parts."""
+    return Markup(str(escape(_typographic(name))).replace(".", ".<wbr>").replace("_", "_<wbr>"))
 
 
 def _typographic(value: object) -> object:

@@ -98,7 +98,7 @@ class _Beside:
         """`delay` is what is printed of it: `delay_s` with its spread, or `mean_s`."""
         heads = (("n", "true", None), ("false", "false", None), ("s", delay, 2)) if self.name else ()
         return [
-            Column(head, f"beside.{of}", decimals, group=f"{self.name}, beside")
+            Column(head, f"beside.{of}", decimals, group=f"detector {self.name}")
             for head, of, decimals in heads
         ]
 
@@ -148,7 +148,7 @@ def _beside_the_paper(
     more = [
         Column(head, f"{each.name}.{whose}", look=look, group=f"{each.title}, {each.unit}")
         for each in COLUMNS
-        for head, whose, look in (("ours", "ours", "mine"), ("paper", "paper", "theirs"), ("Δ", "off", ""))
+        for head, whose, look in (("here", "here", "mine"), ("paper", "paper", "theirs"), ("Δ", "off", ""))
     ]
     star = any(fitted(row, column) for row in rows for column in COLUMNS)
     asterisk = " An asterisk marks what the simulated finger was fitted to." if star else ""
@@ -249,16 +249,16 @@ def _table_row(row: Row) -> dict[str, Any]:
         "false_contacts": row.false_contacts,
     }
     for column in COLUMNS:
-        ours, shape = row.mean(column.name), (column.decimals, column.scale)
+        here, shape = row.mean(column.name), (column.decimals, column.scale)
         theirs = getattr(paper, column.name) if paper else None
         printed = NOTHING if theirs is None else spread(Mean(theirs[0], theirs[1], 0), *shape)
-        off = NOTHING if theirs is None else signed(ours.mean - theirs[0], *shape)
+        off = NOTHING if theirs is None else signed(here.mean - theirs[0], *shape)
         told: dict[str, Any] = {
-            "ours": spread(ours, *shape),
+            "here": spread(here, *shape),
             "paper": printed,
             "off": off + " *" * fitted(row, column),
         }
-        means = {"mean": ours.mean, "printed": theirs[0] if theirs else None}
+        means = {"mean": here.mean, "printed": theirs[0] if theirs else None}
         cells |= {f"{column.name}.{whose}": value for whose, value in (told | means).items()}
     return cells
 

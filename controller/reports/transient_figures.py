@@ -194,7 +194,9 @@ def _draw_pair(
         panel.set_xlim(limits)
         panel.set_ylim(bottom=min(0.0, panel.get_ylim()[0]))
     handles, names = axes[0].get_legend_handles_labels()
-    order = [names.index(name) for name in ("paper, mean ± σ", "ours, mean ± σ", "ours, single approaches")]
+    order = [
+        names.index(name) for name in ("paper, mean ± σ", "this run, mean ± σ", "this run, single approaches")
+    ]
     axes[0].figure.legend(
         [handles[index] for index in order],
         [names[index] for index in order],
@@ -212,18 +214,24 @@ def _draw_means(
     scale: float,
     shift: float,
 ) -> None:
-    """The paper's means a little to the left of their place, ours to the right, single approaches beside them."""
+    """The paper's means a little to the left of their place, this run's to the right, single approaches beside them."""
     theirs = np.array([getattr(paper, measure) for _, paper in printed]) * scale
     style: Any = {"fmt": "s", "mfc": "white", "color": PAPER, "lw": 0.8, "label": "paper, mean ± σ"}
     panel.errorbar([x - shift for x, _ in printed], theirs[:, 0], theirs[:, 1], **style)
     means = [row.mean(measure) for _, row in mine]
     sigmas = [0.0 if math.isnan(mean.sigma) else mean.sigma * scale for mean in means]
-    style = {"fmt": "o", "color": OURS, "lw": 1.0, "label": "ours, mean ± σ"}
+    style = {"fmt": "o", "color": OURS, "lw": 1.0, "label": "this run, mean ± σ"}
     panel.errorbar([x + shift for x, _ in mine], [mean.mean * scale for mean in means], sigmas, **style)
     single = [(x + 3.0 * shift, getattr(each, measure)) for x, row in mine for each in row.contacts]
     known = [(x, value * scale) for x, value in single if value is not None]
     panel.plot(
-        *zip(*known, strict=True), ".", color=OURS, alpha=0.45, ms=4.5, mew=0, label="ours, single approaches"
+        *zip(*known, strict=True),
+        ".",
+        color=OURS,
+        alpha=0.45,
+        ms=4.5,
+        mew=0,
+        label="this run, single approaches",
     )
 
 

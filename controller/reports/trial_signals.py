@@ -101,8 +101,10 @@ def _trial(
             values, unit = 1.0 / values, "Hz"
         elif unit == "m":
             values, unit = 1e3 * values, "mm"
-        label = f"{stream.removeprefix(DETECTOR)}, statistic" if stream.startswith(DETECTOR) else stream
-        panel = panels.setdefault(stream, {"label": f"{label}, {unit}" if unit else label, "curves": []})
+        detector = stream.removeprefix(DETECTOR) if stream.startswith(DETECTOR) else ""
+        label = f"{detector}, statistic" if detector else stream
+        told = {"label": f"{label}, {unit}" if unit else label, "whose": _whose(run, detector), "curves": []}
+        panel = panels.setdefault(stream, told)
         panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points)})
     factors = ", ".join(f"{name} {row[name]}" for name in run.factors if row.get(name) is not None)
     return {
@@ -122,16 +124,17 @@ def _trial(
     }
 
 
-def _kind(run: Run, detector: object) -> str:
-    return str(setting_of(run, "detectors", str(detector), "kind") or "")
+def _whose(run: Run, detector: object) -> str:
+    kind = setting_of(run, "detectors", str(detector), "kind")
+    return "paper" if str(kind).endswith(".paper") else "ours"
 
 
 def _marks(run: Run, events: Sequence[Mapping[str, Any]]) -> Iterator[list[Any]]:
     """What detectors said: when, what, whose method."""
     for event in events:
         if event.get("detector") is not None and event["event"] != "BaselineReady":
-            whose = "paper" if _kind(run, event["detector"]).endswith(".paper") else "ours"
-            yield [event["t_s"], f"{event['detector']}: {spaced(event['event'])}", whose]
+            said = f"{event['detector']}: {spaced(event['event'])}"
+            yield [event["t_s"], said, _whose(run, event["detector"])]
 
 
 def _thresholds(

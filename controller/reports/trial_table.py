@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from controller.recording.reader import Run
 from controller.reports.generic import is_number, shown
 from controller.reports.trial_signals import key_of
+
+_DATE = re.compile(r"^\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ_")
+"""What a run folder's name begins with; the rest tells it apart."""
 
 
 class Trials(NamedTuple):
@@ -25,13 +29,14 @@ class Trials(NamedTuple):
 def trial_table(runs: Sequence[Run]) -> Trials:
     """The trials of some runs, run by run."""
     names = list(dict.fromkeys(name for run in runs for row in run.trials for name in row)) or ["trial"]
+    names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
     rows = []
     for run in runs:
         for row in run.trials:
             cells = [
                 ("" if row.get(name) is None else shown(row[name]), _exact(row.get(name))) for name in names
             ]
-            cells[1:1] = [(run.folder.path.name, "")] if len(runs) > 1 else []
+            cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
             rows.append((key_of(runs, run, int(row["trial"] or 0)), cells))
     names[1:1] = ["run"] if len(runs) > 1 else []
     return Trials(names, rows)

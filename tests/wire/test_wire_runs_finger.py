@@ -1,4 +1,4 @@
-"""A3 and A4 over serial lines: the streams that the first experiment has not arrive, and are measured."""
+"""A3, A4 and A5 over serial lines: the streams that the first experiment has not arrive, and are measured."""
 
 import numpy as np
 
@@ -35,3 +35,11 @@ def test_the_link_that_was_touched_is_told_over_the_wire(tmp_path):
     row, recording = row_of("proximal", tmp_path, {"location": "f", "speed_m_s": 0.006435}, calm)
     assert (row["outcome"], row["told"]) == ("contact", "distal")
     assert not recording.stream("board.distal").gaps
+
+
+def test_each_threshold_is_judged_on_what_was_heard_over_the_wire(tmp_path):
+    short = QUICK | {"detectors.contact.baseline_s": "1.5"}
+    row, recording = row_of("tradeoff", tmp_path, {"location": "f", "speed_m_s": 0.011997}, short)
+    for sense in ("frequency", "amplitude", "phase", "all"):
+        assert row[f"{sense}_before"] < row[f"{sense}_later"], sense
+    assert not recording.stream("board.accelerometer").gaps

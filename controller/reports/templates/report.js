@@ -73,12 +73,13 @@
     };
   };
   const figure_of = (trial, number, x_range, ink) => {
-    const {label, curves} = trial.panels[number];
+    const {label, whose, curves} = trial.panels[number];
     const plot = chart(ink, {
       height: 170, x_range, y_axis_label: label, tools: "box_zoom,xpan,xwheel_zoom,reset,save", toolbar_location: number ? null : "above",
     });
     for (const axis of plot.xaxes) Object.assign(axis, {visible: number === trial.panels.length - 1, axis_label: "time since the trial began (s)"});
-    const lines = [ink.ours, ink.rival, ink["paper-s"]];
+    const of = (method) => (method === "paper" ? ink["paper-s"] : ink.ours);
+    const lines = [of(whose), ink.rival, ink["paper-s"]];
     const seen = curves.map((curve, place) => {
       const data = unpacked(curve);
       const source = new Bokeh.ColumnDataSource({data});
@@ -89,7 +90,7 @@
     for (const [place, , threshold] of trial.thresholds)
       if (place === number) across("width", threshold, {line_color: ink.truth, line_dash: [6, 4]});
     for (const [t] of trial.states) across("height", t, {line_color: ink.rule, line_width: 1});
-    for (const [t, , whose] of trial.marks) across("height", t, {line_color: whose === "paper" ? ink["paper-s"] : ink.ours, line_width: 1.5});
+    for (const [t, , whose] of trial.marks) across("height", t, {line_color: of(whose), line_width: 1.5});
     for (const [, t] of trial.truths) across("height", t, {line_color: ink.truth, line_dash: [2, 3], line_width: 1.5});
     return plot;
   };

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -192,3 +193,11 @@ def write_static(root: Path, frequencies_hz: dict[str, float], *, bench: str = "
         recorder.end_trial("no_contact" if condition == "none" else "contact", row)
     recorder.close()
     return open_run(folder.path)
+
+
+def text_of(path):
+    """The page's words, without figures and markup."""
+    page = re.sub(
+        r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8").replace("<wbr>", ""), flags=re.DOTALL
+    )
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")

@@ -134,8 +134,8 @@ def test_our_trend_follows_our_forces_and_not_the_papers(approaches_of):
     speeds = sorted({row.speed_m_s[0] for row in TABLE_1 if row.location == "f"})
     falling = [Given("f", speed, force_n=0.1 - 5 * speed) for speed in speeds]
     trend = trends(table_rows(approaches_of(*falling)))[0]
-    assert trend.ours.rho == pytest.approx(-1.0)
-    assert trend.ours_trials.rho == pytest.approx(-1.0)
+    assert trend.here.rho == pytest.approx(-1.0)
+    assert trend.here_trials.rho == pytest.approx(-1.0)
 
 
 def test_trials_with_other_noise_stay_out_of_table_and_bounds(approaches_of):

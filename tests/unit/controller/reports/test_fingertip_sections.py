@@ -18,6 +18,7 @@ from controller.reports.pointer import read_sweeps
 from controller.reports.report import build_report
 from controller.reports.weights import read_bridges
 from drivers.messages import Loaded, SampleBlock, StreamInfo
+from tests.unit.controller.reports.synthetic_runs import text_of
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 STREAMS = {
@@ -34,11 +35,6 @@ TOPS_N = {"x": 6.0, "y": 6.0, "t": 1.0}
 def undrawn(monkeypatch):
     """For tests that read the page's words alone: drawing every figure thrice takes seconds."""
     monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
-
-
-def text_of(path):
-    page = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
 
 
 def opened(root, experiment, bench, settings, factors):

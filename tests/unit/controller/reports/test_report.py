@@ -19,7 +19,13 @@ from controller.reports.report import build_report, tell
 from controller.reports.static import read_conditions
 from controller.reports.transient_figures import moving_average, representative, trace_of
 from drivers.messages import SampleBlock
-from tests.unit.controller.reports.synthetic_runs import ONSET_S, Given, write_static, write_transient
+from tests.unit.controller.reports.synthetic_runs import (
+    ONSET_S,
+    Given,
+    text_of,
+    write_static,
+    write_transient,
+)
 
 CAMPAIGN = (
     Given("a", 0.003785, 0.33, 0.111),
@@ -30,12 +36,6 @@ CAMPAIGN = (
     Given("f", 0.004843, outcome="false_contact"),
     Given("f", 0.011997, None, None, "guard"),
 )
-
-
-def text_of(path):
-    """The page's words, without figures and markup."""
-    page = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_a_terminal_of_80_columns_has_table_1_for_both_detectors_beside_the_pape
     head, row = (
         next(n for n, line in enumerate(lines) if line.startswith(word)) for word in ("where", "pad f")
     )
-    assert lines[head - 1].split("  ")[-1].strip() == "listener, beside"
+    assert lines[head - 1].split("  ")[-1].strip() == "detector listener"
     assert " ".join(lines[row].split()) == "pad f 4.84 2 0 0.30 0.17 1.45 0.83 0.050 0.050 1 0 0.10"
     assert max(map(len, lines[head - 1 : row + 1])) <= 80
 

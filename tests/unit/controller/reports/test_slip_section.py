@@ -1,6 +1,5 @@
 """The section on B1 to B5 and B8, from rows written by hand."""
 
-import re
 from datetime import UTC, datetime
 
 import pytest
@@ -15,6 +14,7 @@ from controller.reports.slip import interval
 from controller.reports.slip_scores import PLAIN, PLANT, TABLE_1, condition_of, read_scores
 from controller.reports.slip_verdicts import NOT_JUDGED, verdict_of
 from drivers.mock.physics.fingertip_settings import SlipBenchSettings
+from tests.unit.controller.reports.synthetic_runs import text_of
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 
@@ -24,11 +24,6 @@ NEVER = float("inf")
 @pytest.fixture
 def undrawn(monkeypatch):
     monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
-
-
-def text_of(path):
-    page = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
 
 
 def trial(sensor="fingertip", outcome="contact", slips=1, **more):

@@ -16,6 +16,7 @@ from controller.reports.counts import missing
 from controller.reports.figures import Figures
 from controller.reports.report import build_report
 from controller.reports.section import Kind, ReportTable, Result
+from tests.unit.controller.reports.synthetic_runs import text_of
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 CAPTIONS = {
@@ -78,11 +79,6 @@ def table(section, name):
 
 def tables(section):
     return [each for each in section.body if isinstance(each, ReportTable)]
-
-
-def text_of(path):
-    page = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8"), flags=re.DOTALL)
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")
 
 
 # --- C2, C4, C5 --------------------------------------------------------------------------------------
