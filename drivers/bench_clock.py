@@ -24,8 +24,9 @@ SLACK_S = 0.004
 than a turn of a loop of 200 Hz, more than a thread needs to wake up on a machine that is not busy."""
 
 PATIENCE_S = 1.0
-"""How long of the wall's time the bench waits for one that does not turn. Assumption: longer than a busy machine holds
-a process up, and short enough for a person who watches."""
+"""How long of the wall's time the bench waits for one that does not turn; what passes while the emulator itself is held
+up does not count, for then the machine is to blame. Assumption: longer than a busy machine holds one process up and
+serves another, and short enough for a person who watches."""
 
 PREPARING_S = 20.0
 """How long it waits for a trial that is being prepared (assumption: nothing moves, and a plant may have to be made)."""
@@ -46,7 +47,8 @@ SPEAK_S = 0.25
 PLACES = 32
 """How many threads may take part (assumption: four times what the largest profile has)."""
 
-_FIRST = 8  # doubles before the first place: count, then two copies of (bench time, wall time, limit)
+_AWAY, _FIRST = 7, 8
+# Doubles before the first place: count, two copies of (bench time, wall time, limit), how long the emulator was away.
 
 
 class ClockPage:
@@ -98,11 +100,20 @@ class ClockPage:
         words[at], words[at + 1], words[at + 2] = t_s, wall_s, limit_s
         words[0] = count
 
+    def served_s(self, wall_s: float) -> float:
+        """The wall's time without what passed while the emulator was held up: in it patience is counted."""
+        return wall_s - self._words[_AWAY]
+
+    def away(self, seconds: float) -> None:
+        """The emulator was held up for so long."""
+        self._words[_AWAY] += seconds
+
     def limit_s(self, wall_s: float) -> float:
         """How far everybody who takes part lets bench time go; infinity where nobody does."""
+        served_s = self.served_s(wall_s)
         said = self._words[_FIRST : _FIRST + 2 * PLACES].tolist()
         return min(
-            (said[k] for k in range(0, 2 * PLACES, 2) if said[k] < math.inf and said[k + 1] > wall_s),
+            (said[k] for k in range(0, 2 * PLACES, 2) if said[k] < math.inf and said[k + 1] > served_s),
             default=math.inf,
         )
 
@@ -110,11 +121,11 @@ class ClockPage:
         """A place of one's own."""
         fcntl.flock(self._file, fcntl.LOCK_EX)
         try:
-            wall_s = monotonic_s()
+            served_s = self.served_s(monotonic_s())
             for place in range(PLACES):
                 at = _FIRST + 2 * place
-                if self._words[at] == math.inf or self._words[at + 1] < wall_s - FORGOTTEN_S:
-                    self.say(place, wall_s)
+                if self._words[at] == math.inf or self._words[at + 1] < served_s - FORGOTTEN_S:
+                    self.say(place, served_s)
                     return place
         finally:
             fcntl.flock(self._file, fcntl.LOCK_UN)
@@ -123,7 +134,7 @@ class ClockPage:
     def say(self, place: int, horizon_s: float, patience_s: float = PATIENCE_S) -> None:
         """Let bench time go as far as `horizon_s`, and no further before the next word; infinity leaves the place."""
         at = _FIRST + 2 * place
-        self._words[at + 1] = monotonic_s() + patience_s
+        self._words[at + 1] = self.served_s(monotonic_s()) + patience_s
         self._words[at] = horizon_s
 
 

@@ -23,7 +23,7 @@ from drivers.bench_clock import LOOK_S as BENCH_LOOK_S
 from drivers.bench_clock import BenchClock, ClockPage
 from drivers.clock import Clock, WallClock, rest
 from drivers.messages import Command, Home, Status, Stop
-from drivers.ur_arm.client import CALLS_S, CONTROL_GONE, RtdeClient
+from drivers.ur_arm.client import CALLS_S, CONTROL_GONE, Link, RtdeClient
 from drivers.ur_arm.controller import PLAYING, Seen, still, trouble
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.guidance import CYCLE_S
@@ -121,7 +121,7 @@ class ArmProcess:
             pose=self._row.pose,
             details={"client": f"ur_rtde {version('ur_rtde')}", "realtime": realtime},
         )
-        client = RtdeClient(settings, dashboard, self._clock, lambda: self._row)
+        client = RtdeClient(settings, dashboard, self._clock, lambda: self._row, self._link)
         self._await_row(lambda row: row.runtime == PLAYING)
         self._beat_s = self._clock.monotonic_s()
         threading.Thread(target=self._listen, args=(client,), name="listener", daemon=True).start()
@@ -214,6 +214,7 @@ class ArmProcess:
                 f"no data come from {host}",
                 "is the controller up, and RTDE switched on at the pendant?",
             )
+        self._link = Link()
         self._await_row(lambda row: True)
 
     def _check_readiness(self, dashboard: Dashboard, again: bool) -> None:
@@ -283,7 +284,7 @@ class ArmProcess:
         return True
 
     def _check_progress(self, client: RtdeClient) -> None:
-        receiving = self._receive.isConnected()
+        receiving = self._link.stands() and self._receive.isConnected()
         if not (receiving and client.connected()):
             reason = CONTROL_GONE if receiving else "the receive link is gone"
             raise BrokenError("silent", reason, "is the cable in, and the controller up?")

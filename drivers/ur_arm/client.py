@@ -6,7 +6,11 @@ Only calls that come back within a few cycles are made: tool speeds, asynchronou
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import socket
+import stat
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from drivers.clock import Clock, rest
 from drivers.ur_arm.controller import PLAYING, PROTECTIVE_STOP, trouble
@@ -30,6 +34,46 @@ controller's cycles (`zeroFtSensor` 20 ms, measured), less than half of the watc
 
 CONTROL_GONE = "the control link is gone"
 
+RTDE_PORT = 30004
+"""Where a controller serves RTDE (RTDE guide)."""
+
+
+class Link:
+    """This process's connections to an RTDE port, known by their sockets.
+
+    The client connects again by itself within milliseconds, and may crash at it. A busy machine can hide those
+    milliseconds from whoever asks the client; a new connection has a new socket for good.
+
+    Args:
+        others: Whose connections these are not.
+    """
+
+    def __init__(self, *others: Link) -> None:
+        theirs = {number for other in others for number, _ in other._sockets}
+        self._sockets: list[tuple[int, int]] = [one for one in _rtde_sockets() if one[0] not in theirs]
+
+    def stands(self) -> bool:
+        """Whether all of them are the ones of the start. Cheap: a system call for each."""
+        try:
+            return all(os.fstat(number).st_ino == inode for number, inode in self._sockets)
+        except OSError:
+            return False
+
+
+def _rtde_sockets() -> Iterator[tuple[int, int]]:
+    """Each connection's file descriptor and inode."""
+    for number in [int(entry.name) for entry in Path("/proc/self/fd").iterdir()]:
+        try:
+            status = os.fstat(number)
+            if not stat.S_ISSOCK(status.st_mode):
+                continue
+            with socket.socket(fileno=os.dup(number)) as one:
+                peer = one.getpeername()
+        except OSError:  # it has gone meanwhile, or is not connected
+            continue
+        if one.family == socket.AF_INET and peer[1] == RTDE_PORT:
+            yield number, status.st_ino
+
 
 class RtdeClient:
     """The control interface of one arm; see `drivers.ur_arm.controller.Client`.
@@ -39,13 +83,19 @@ class RtdeClient:
         dashboard: A connection of our own.
         clock: For what takes too long.
         latest: The latest row of the receive interface.
+        receiving: The receive interface's link.
 
     Raises:
         BrokenError: the client does not connect, or the controller does not run its script.
     """
 
     def __init__(
-        self, settings: UrArmSettings, dashboard: Dashboard, clock: Clock, latest: Callable[[], ArmRow]
+        self,
+        settings: UrArmSettings,
+        dashboard: Dashboard,
+        clock: Clock,
+        latest: Callable[[], ArmRow],
+        receiving: Link,
     ) -> None:
         from rtde_control import RTDEControlInterface
 
@@ -58,6 +108,7 @@ class RtdeClient:
             self._control = RTDEControlInterface(settings.host)
         except (RuntimeError, ValueError) as error:
             raise BrokenError("refused", f"the client says: {error}", _advice(str(error))) from error
+        self._link = Link(receiving)
         self._watch()
 
     def speed(self, twist: Pose, acceleration_m_s2: float) -> bool:
@@ -125,12 +176,8 @@ class RtdeClient:
         return ""
 
     def connected(self) -> bool:
-        """Whether the control link stands; the one call that another thread may make too.
-
-        The client connects again by itself within milliseconds, and may crash at it: who would know of it has to
-        look often. A True of the client's says little, a False of this one is to be believed.
-        """
-        return bool(self._control.isConnected())
+        """Whether the control link stands; the one call that another thread may make too."""
+        return self._link.stands() and bool(self._control.isConnected())
 
     def leave(self) -> None:
         """End the controller's program; the client's sockets end with the process."""

@@ -100,6 +100,19 @@ def test_a_loop_that_hangs_is_waited_for_no_longer_than_a_second(wall: Wall, emu
     assert clock.now() == pytest.approx(held_s), "and waits again for one that turns again"
 
 
+def test_a_machine_that_stands_still_costs_nobody_his_patience(wall: Wall, emulator: Pace) -> None:
+    clock = joined(emulator)
+    clock.wait_until(0.1)
+    for asked in (False, True, False):
+        wall.now_s += 3.0  # emulator and loop alike
+        if asked:
+            emulator.wait_s(clock.monotonic_s())  # held up just before it asked
+        wall.rest(0.2)  # the emulator is served again before the loop
+        assert clock.now() == pytest.approx(0.1 + SLACK_S)
+    wall.rest(PATIENCE_S)
+    assert clock.now() > 0.1 + SLACK_S, "a loop that hangs is one that is served"
+
+
 def test_an_emulator_that_is_gone_holds_nobody_for_ever(wall: Wall, emulator: Pace) -> None:
     clock = joined(emulator)
     wall.now_s += ABSENCE_S + 2.0

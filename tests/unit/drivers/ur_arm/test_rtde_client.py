@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 from types import SimpleNamespace
 
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.ur_arm.client import RtdeClient
+from drivers.ur_arm.client import Link, RtdeClient
 from drivers.ur_arm.controller import PLAYING
 from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import UrArmSettings
@@ -44,9 +45,30 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
     dashboard = SimpleNamespace(ask=lambda question: "true")
     row = ArmRow(0.0, 0.0, SETTINGS.start_pose, (0.0,) * 6, (0.0,) * 6, 1, PLAYING)
 
-    client = RtdeClient(SETTINGS, dashboard, Heard(done), lambda: row)
+    client = RtdeClient(SETTINGS, dashboard, Heard(done), lambda: row, Link())
     assert done == ["hold", "setWatchdog"]
     done.clear()
     assert client.recover() == ""
     assert done[-2:] == ["hold", "setWatchdog"]
     assert "leave" in done
+
+
+def test_a_connection_that_was_made_again_is_another_link_however_quickly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        where = server.getsockname()
+        monkeypatch.setattr("drivers.ur_arm.client.RTDE_PORT", where[1])
+        with socket.create_connection(where) as receiving:
+            first = Link()
+            controlling = socket.create_connection(where)
+            second = Link(first)
+            assert first.stands() and second.stands()
+            number = controlling.fileno()
+            controlling.close()
+            assert not second.stands()
+            with socket.create_connection(where) as again:
+                assert again.fileno() == number, "the number says nothing"
+                assert first.stands() and not second.stands()
+            receiving.close()
+            assert not first.stands()
