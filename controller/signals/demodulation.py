@@ -1,4 +1,4 @@
-"""From the counts of one finger to I and Q: mixed, low-passed and thinned in one go, in whole numbers.
+"""From the counts of fingers to I and Q: mixed, low-passed and thinned in one go, in whole numbers.
 
 A fused filter: the mixer's wave is in the taps, so that a window of frames gives I and Q by two sums of products, once
 an output sample. Counts and taps are whole numbers whose sums stay below 2^53: in float64 every sum is exact, in
@@ -7,6 +7,7 @@ whatever order it is added, so that blocks and processors change nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -28,7 +29,7 @@ TAP_BITS: Final = 30
 full-scale noise."""
 
 CHUNK: Final = 4800
-"""Frames that are taken at once: 38 kB of work, within the first cache."""
+"""Frames that are taken at once: 38 kB of work a finger, within the caches of a core."""
 
 
 class Thinned(NamedTuple):
@@ -36,7 +37,7 @@ class Thinned(NamedTuple):
 
     Attributes:
         first: Number of the first: output m ends with frame (m + 1) decimation - 1.
-        values: I and Q, shape (n, 2), float64, or int64 counts of the demodulator's `scale`.
+        values: I and Q of each finger, shape (n, 2 fingers), float64, or int64 counts of the demodulator's `scale`.
     """
 
     first: int
@@ -44,7 +45,7 @@ class Thinned(NamedTuple):
 
 
 class Demodulator(Protocol):
-    """Turns frames of one finger into I and Q at a lower rate.
+    """Turns frames of fingers into I and Q at a lower rate.
 
     Where the tone is a cos(phase + p) and the drive cos(phase), I is a cos p and Q is a sin p.
     """
@@ -72,7 +73,7 @@ class Fused:
     """A FIR of 6 periods of the output, 576 taps at 96 kHz and 1 kHz; see `lowpass.cosine_taps` for its response.
 
     Args:
-        channel: Of the finger, from 0.
+        channels: Of the fingers, from 0; all are heard in one pass.
         oscillator: The drive.
         decimation: Frames an output.
         quadrature: False gives I alone, and Q as 0: the paper's chain (Rupavatharam et al., III.B).
@@ -81,9 +82,9 @@ class Fused:
     scale = 1.0
 
     def __init__(
-        self, channel: int, oscillator: Oscillator, decimation: int, quadrature: bool = True
+        self, channels: Sequence[int], oscillator: Oscillator, decimation: int, quadrature: bool = True
     ) -> None:
-        self._channel = channel
+        self._channels = np.array(channels, np.int64)
         self._decimation = decimation
         self._step, self._whole = oscillator.step, oscillator.whole
         self._jump = oscillator.step * decimation % oscillator.whole
@@ -100,7 +101,7 @@ class Fused:
             self._q_taps = np.empty(0)
         self.delay_frames = 0.5 * (len(low_pass) - 1)
         self._size = len(low_pass)
-        self._work = np.empty(len(low_pass) + CHUNK)
+        self._work = np.empty((len(channels), len(low_pass) + CHUNK))
         self._next = self._first = self._fill = 0
 
     def reset(self) -> None:
@@ -117,12 +118,12 @@ class Fused:
         decimation, whole = self._decimation, self._whole
         first = (self._first + self._size) // decimation - 1
         self._fill += len(counts) - start
-        out = np.zeros((max(0, (self._fill - self._size) // decimation + 1), 2))
+        out = np.empty((max(0, (self._fill - self._size) // decimation + 1), 2 * len(self._channels)))
         hear = fused_packed if counts.dtype == np.uint8 else fused_counts
         hear(
             counts,
             start,
-            self._channel,
+            self._channels,
             self._work,
             self._fill - (len(counts) - start),
             self._i_taps,
@@ -137,7 +138,7 @@ class Fused:
         self._first += len(out) * decimation
         self._fill -= len(out) * decimation
         if not self._quadrature:
-            out[:, 1] = 0.0
+            out[:, 1::2] = 0.0
         return Thinned(first, out)
 
     def _begin(self, frame: int) -> None:

@@ -32,6 +32,33 @@ def take_packed(packed, start, n, channel, work, fill):  # type: ignore[no-untyp
 
 
 @compiled(nogil=True)
+def take_packed_pair(packed, start, n, work, fill):  # type: ignore[no-untyped-def]
+    """The same of both channels of two, to `work`, shape (2, frames)."""
+    fours = n // 4
+    done, end = 4 * fours, fill + 4 * fours
+    words = packed[start : start + done].reshape(-1).view(np.int64)
+    _take_words(words, fours, work[0, fill:end], work[1, fill:end])
+    for row in range(2):
+        take_packed(packed, start + done, n - done, row, work[row], end)
+
+
+@compiled(nogil=True)
+def _take_words(words, fours, right, left):  # type: ignore[no-untyped-def]
+    """Counts of both channels: four frames are three words of 64 bits."""
+    for i in range(fours):
+        first, second, third = words[3 * i], words[3 * i + 1], words[3 * i + 2]
+        # each count comes to the highest bytes of 32 bits, and down again with its sign
+        right[4 * i] = np.int32(first << 8) >> 8
+        left[4 * i] = np.int32(first >> 16) >> 8
+        right[4 * i + 1] = np.int32(((first >> 40) & 0xFFFF00) | (second << 24)) >> 8
+        left[4 * i + 1] = np.int32(second) >> 8
+        right[4 * i + 2] = np.int32(second >> 24) >> 8
+        left[4 * i + 2] = np.int32(((second >> 48) & 0xFF00) | (third << 16)) >> 8
+        right[4 * i + 3] = np.int32(third >> 8) >> 8
+        left[4 * i + 3] = np.int32(third >> 32) >> 8
+
+
+@compiled(nogil=True)
 def peak(counts, channel):  # type: ignore[no-untyped-def]
     """Farthest count of one channel from zero, negative ones less by one: 2^23 - 1 is full scale either way."""
     farthest = 0
@@ -53,24 +80,38 @@ def sums(work, i_taps, q_taps, decimation, out):  # type: ignore[no-untyped-def]
         out: Written, shape (windows, 2).
     """
     size, windows = i_taps.size, out.shape[0]
-    # two windows at a time share the taps' way from memory
-    for m in range(0, windows, 2):
-        first = work[m * decimation : m * decimation + size]
-        last = min(m + 1, windows - 1)
-        second = work[last * decimation : last * decimation + size]
-        i0, q0, i1, q1 = 0.0, 0.0, 0.0, 0.0
+    # five windows at a time share the taps' way from memory: a block of 5 or 10 ms has no others; at the end of others
+    # some are the last one again
+    for m in range(0, windows, 5):
+        m1, m2 = min(m + 1, windows - 1), min(m + 2, windows - 1)
+        m3, m4 = min(m + 3, windows - 1), min(m + 4, windows - 1)
+        x0 = work[m * decimation : m * decimation + size]
+        x1 = work[m1 * decimation : m1 * decimation + size]
+        x2 = work[m2 * decimation : m2 * decimation + size]
+        x3 = work[m3 * decimation : m3 * decimation + size]
+        x4 = work[m4 * decimation : m4 * decimation + size]
+        i0, i1, i2, i3, i4, q0, q1, q2, q3, q4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         if q_taps.size == 0:
             for k in range(size):
-                i0 += i_taps[k] * first[k]
-                i1 += i_taps[k] * second[k]
+                i0 += i_taps[k] * x0[k]
+                i1 += i_taps[k] * x1[k]
+                i2 += i_taps[k] * x2[k]
+                i3 += i_taps[k] * x3[k]
+                i4 += i_taps[k] * x4[k]
         else:
             for k in range(size):
-                i0 += i_taps[k] * first[k]
-                q0 += q_taps[k] * first[k]
-                i1 += i_taps[k] * second[k]
-                q1 += q_taps[k] * second[k]
-        out[m, 0], out[m, 1] = i0, q0
-        out[last, 0], out[last, 1] = i1, q1
+                i0 += i_taps[k] * x0[k]
+                q0 += q_taps[k] * x0[k]
+                i1 += i_taps[k] * x1[k]
+                q1 += q_taps[k] * x1[k]
+                i2 += i_taps[k] * x2[k]
+                q2 += q_taps[k] * x2[k]
+                i3 += i_taps[k] * x3[k]
+                q3 += q_taps[k] * x3[k]
+                i4 += i_taps[k] * x4[k]
+                q4 += q_taps[k] * x4[k]
+        out[m, 0], out[m1, 0], out[m2, 0], out[m3, 0], out[m4, 0] = i0, i1, i2, i3, i4
+        out[m, 1], out[m1, 1], out[m2, 1], out[m3, 1], out[m4, 1] = q0, q1, q2, q3, q4
 
 
 @compiled(nogil=True)
@@ -175,13 +216,14 @@ def cascade(mixed, n, state, place, decimation, out):  # type: ignore[no-untyped
 
 @compiled(nogil=True)
 def fused_counts(  # type: ignore[no-untyped-def]
-    counts, start, channel, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
+    counts, start, channels, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
 ):
     """Hear int32 frames from `start` on: see `_fused`, `take_counts`, `sums` and `turn` for what the names mean."""
     done = 0
     while start < counts.shape[0]:
-        taken = min(work.size - fill, counts.shape[0] - start)
-        take_counts(counts, start, taken, channel, work, fill)
+        taken = min(work.shape[1] - fill, counts.shape[0] - start)
+        for row in range(channels.size):
+            take_counts(counts, start, taken, channels[row], work[row], fill)
         start += taken
         done, fill = _fused(
             work, fill + taken, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done
@@ -190,13 +232,18 @@ def fused_counts(  # type: ignore[no-untyped-def]
 
 @compiled(nogil=True)
 def fused_packed(  # type: ignore[no-untyped-def]
-    counts, start, channel, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
+    counts, start, channels, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
 ):
     """The same of packed frames."""
+    pair = counts.shape[1] == 6 and channels.size == 2 and channels[0] == 0 and channels[1] == 1
     done = 0
     while start < counts.shape[0]:
-        taken = min(work.size - fill, counts.shape[0] - start)
-        take_packed(counts, start, taken, channel, work, fill)
+        taken = min(work.shape[1] - fill, counts.shape[0] - start)
+        if pair:
+            take_packed_pair(counts, start, taken, work, fill)
+        else:
+            for row in range(channels.size):
+                take_packed(counts, start, taken, channels[row], work[row], fill)
         start += taken
         done, fill = _fused(
             work, fill + taken, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done
@@ -207,19 +254,22 @@ def fused_packed(  # type: ignore[no-untyped-def]
 def _fused(work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done):  # type: ignore[no-untyped-def]
     """Fill the outputs that are ready after the first `done`, and move what they leave to the beginning of `work`.
 
+    Args:
+        work: Counts, a row for each finger; `out` has two columns for each.
+
     Returns:
         Outputs done, and frames that are left.
     """
     ready = max(0, (fill - i_taps.size) // decimation + 1)
+    passed = ready * decimation
     if ready:
-        part = out[done : done + ready]
-        sums(work, i_taps, q_taps, decimation, part)
-        turn(part, (steps + done * jump) % whole, jump, whole, unit)
-        passed = ready * decimation
-        for k in range(fill - passed):
-            work[k] = work[passed + k]
-        fill -= passed
-    return done + ready, fill
+        for row in range(work.shape[0]):
+            part = out[done : done + ready, 2 * row : 2 * row + 2]
+            sums(work[row], i_taps, q_taps, decimation, part)
+            turn(part, (steps + done * jump) % whole, jump, whole, unit)
+            for k in range(fill - passed):
+                work[row, k] = work[row, passed + k]
+    return done + ready, fill - passed
 
 
 @compiled(nogil=True)

@@ -237,7 +237,7 @@ class Iq:
         oscillator = Oscillator(settings.drive_hz, rate_hz)
         if settings.variant == "cic":
             return Cic(settings.channel, oscillator, decimation)
-        return Fused(settings.channel, oscillator, decimation, settings.variant == "fused")
+        return Fused((settings.channel,), oscillator, decimation, settings.variant == "fused")
 
     def _excursions(self, block: SampleBlock, frame: int, counts: NDArray[np.int32]) -> Iterator[Saturated]:
         from controller.signals.demodulation_kernel import peak

@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ def made(kind, drive_hz=40_000.0, channel=0):
     oscillator = Oscillator(drive_hz, RATE_HZ)
     if kind == "cic":
         return Cic(channel, oscillator, DECIMATION)
-    return Fused(channel, oscillator, DECIMATION, quadrature=kind == "fused")
+    return Fused((channel,), oscillator, DECIMATION, quadrature=kind == "fused")
 
 
 def noise(n, seed=1):
@@ -82,6 +83,18 @@ def test_packed_bytes_and_counts_give_the_same(kind):
         a, b = (made(kind, channel=channel).push(one, 3) for one in (counts, packed))
         assert np.array_equal(a.values, b.values)
         assert a.first == b.first
+
+
+@pytest.mark.parametrize("fingers", [(0, 1), (1, 0)])
+def test_both_fingers_in_one_pass_give_what_each_gives_alone_to_the_bit(fingers):
+    counts, oscillator = noise(2 * CHUNK + 7), Oscillator(40_123.457, RATE_HZ)
+    packed = counts.astype("<i4").view(np.uint8).reshape(-1, 2, 4)[:, :, :3].reshape(-1, 6)
+    alone = np.hstack([Fused((finger,), oscillator, DECIMATION).push(counts, 3).values for finger in fingers])
+    for sound in (counts, packed):
+        both = Fused(fingers, oscillator, DECIMATION)
+        # cuts that leave one, two and three frames beside the fours
+        parts = [both.push(sound[a:b], 3 + a) for a, b in pairwise((0, 2001, 4003, 6006, len(sound)))]
+        assert np.array_equal(np.concatenate([part.values for part in parts]), alone)
 
 
 @pytest.mark.parametrize("drive_hz", DRIVES_HZ)
