@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
+from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
+
 Floats = NDArray[np.float64]
 Rival = Callable[[Floats, float], Floats]
 """From samples, shape (n,), and their rate to the number that is held against a threshold, shape (n,)."""
 
 LEARN_S = 1.0
+OURS = "slip"
 ORDER = 16
 """Past values that the prediction uses, as ours."""
 
@@ -127,3 +130,18 @@ RIVALS: Mapping[str, Rival] = {
     "AR(16) residual, CUSUM": residual_cusum,
     "whitened knocks, Poisson CUSUM": knock_cusum,
 }
+
+
+def _paper(block_s: float) -> Rival:
+    detector = SlipPaperDetector("paper", SlipPaperSettings(block_s=block_s))
+    return lambda values, rate_hz: _armed(detector.statistic(values[:, None], rate_hz), rate_hz)
+
+
+def _ours() -> Rival:
+    detector = SlipDetector("ours", SlipSettings())
+    return lambda values, rate_hz: detector.statistic(values[:, None], rate_hz)
+
+
+def judges() -> Mapping[str, Rival]:
+    """Every detector, as a function."""
+    return {OURS: _ours(), "slip.paper, 64 ms": _paper(0.064), "slip.paper, 32 ms": _paper(0.032), **RIVALS}

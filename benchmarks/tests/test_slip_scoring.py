@@ -1,10 +1,11 @@
-"""What the slip study counts: false alarms in the first seconds after a reset, and slips of tips that had moved."""
+"""What the slip study counts: false alarms in the first seconds after a reset, time called slip, and slips of tips that
+had moved."""
 
 import numpy as np
 import pytest
 
 from benchmarks.slip import scenes
-from benchmarks.slip.scoring import first_maxima, fresh
+from benchmarks.slip.scoring import called, first_maxima, fresh, refusals
 
 RATE_HZ = 100.0
 
@@ -49,3 +50,23 @@ def test_tips_that_a_load_step_moved_slip_as_well(sensor):
     trials = list(scenes.slips(scenes.sensor(sensor, "loads"), 20, 5))
     assert all(trial.onset is not None and trial.onset >= trial.start for trial in trials)
     assert 0 < sum(trial.moved_before for trial in trials) < 20
+
+
+def test_a_rival_says_slip_until_its_number_has_been_low_for_as_long_as_ours_holds():
+    # at 100 Hz ours holds for five samples; a number at the end of a block stands until the next
+    statistic = np.array([np.nan, 0.0, 2.0, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    says = called("a rival", np.zeros(11), statistic, RATE_HZ, 1.0)
+    assert np.flatnonzero(says).tolist() == [2, 3, 4, 5, 6, 7, 8]
+
+
+def test_what_a_cusum_was_sure_of_long_ago_does_not_delay_its_end():
+    total = np.concatenate([np.arange(100.0), 99.0 - np.arange(100.0)])
+    says = called("a CUSUM", np.zeros(200), total, RATE_HZ, 10.0)
+    # over with the first sample down, but for the hold
+    assert np.flatnonzero(says)[[0, -1]].tolist() == [11, 105]
+
+
+def test_a_slip_at_reset_is_refused_where_the_quiet_is_known():
+    quiet = np.random.default_rng(1).normal(0.0, 1.0, (2, 3000))
+    found = refusals(list(quiet), [quiet[0], 30.0 * quiet[1]], 1000.0)
+    assert (found["slips"], found["told"], found["something_said"]) == (2, 1, 2)
