@@ -19,8 +19,8 @@ browser:                        ## the report is tested in one
 		|| { echo "the report is tested in a browser: install chromium (apt-get install chromium)"; exit 2; }
 
 mutants: .venv/dev.stamp        ## what small changes the unit tests let pass: guard, loop, stop paths, codecs; goes on where it was
-	nice -n 15 $(BIN)/mutmut run
-	$(BIN)/mutmut results
+	nice -n 15 $(BIN)/python -m mutmut run
+	$(BIN)/python -m mutmut results
 
 check: .venv/dev.stamp          ## format, lint, types, import layers; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .

@@ -250,16 +250,14 @@ class Guard:
             return ()
         windows = np.lib.stride_tricks.sliding_window_view(joined, keep + 1)
         medians_n = np.abs(np.median(windows, axis=1))
-        worst_n = float(medians_n.max())
-        if worst_n <= limit_n:
-            self._borne_n = 0.0
-            return ()
-        if self._borne_n > 0.0 and worst_n <= self._borne_n + RELIEF * limit_n:
-            least_n = min(self._borne_n, float(medians_n.min()))
-            self._borne_n = least_n if least_n > limit_n else 0.0
+        # Each window is held against the least before it: a rise is seen however the samples are cut.
+        least_n = np.minimum.accumulate(np.append(self._borne_n, medians_n))
+        allowed_n = np.where(least_n > limit_n, least_n + RELIEF * limit_n, limit_n)
+        if (medians_n <= allowed_n[:-1]).all():
+            self._borne_n = float(least_n[-1]) if least_n[-1] > limit_n else 0.0
             return ()
         return (
-            f"{block.stream} is at {worst_n:.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
+            f"{block.stream} is at {medians_n.max():.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
             f" beyond limits.force_n = {limit_n:g}",
         )
 

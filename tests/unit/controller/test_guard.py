@@ -539,6 +539,16 @@ def test_what_pressed_at_the_start_may_not_grow():
     assert "6.210 N" in pressed().watch(0.04, [force(np.full(20, 6.21), 20)], moving=True)
 
 
+@pytest.mark.parametrize("block", [1, 7, 100])
+def test_what_pressed_at_the_start_may_not_grow_however_the_samples_are_cut(block):
+    """It grows from 6 N to 6.3 N and is below the limit of 2 N at the end."""
+    force_n = np.concatenate([np.full(20, 6.0), np.full(20, 6.3), np.full(60, 1.0)])
+    watched = guard(quiet=False)
+    blocks = [force(force_n[begin : begin + block], begin) for begin in range(0, 100, block)]
+    reasons = [reason for each in blocks if (reason := watched.watch(0.1, [each], moving=False))]
+    assert "6.300 N" in reasons[0]
+
+
 def test_the_limit_follows_the_force_down_and_is_the_settings_again_below_it():
     watched = pressed()
     assert watched.watch(0.04, [force(np.full(20, 3.0), 20)], moving=True) is None

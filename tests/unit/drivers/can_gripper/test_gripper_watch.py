@@ -9,7 +9,18 @@ import pytest
 from drivers.can_gripper.brackets import Brackets
 from drivers.can_gripper.watch import Watch
 from drivers.can_gripper.words import GripFinding, GripperState
-from drivers.messages import Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
+from drivers.messages import (
+    Command,
+    Grip,
+    Gripped,
+    Home,
+    Reached,
+    Release,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+)
 
 GRIP = Grip("gripper", 0.02, 0.1, 20.0)
 MOVING = GripperState(100, -400, GripFinding.MOVING, True, True, False, False, False, True)
@@ -115,3 +126,80 @@ def test_release_is_held_up_by_an_object(watch: Watch) -> None:
     (stalled,) = pushed(watch, *[OPENING] * 6)
     assert isinstance(stalled, Stalled)
     assert "39.2 mm" in stalled.reason, "10 mm and 155 of 255 counts of 48 mm"
+
+
+LOOKING = replace(MOVING, calibrated=False)
+WIDTH_M = Brackets(0.010).width_m(100)
+
+
+def after(number: int) -> float:
+    """When the state of this number was asked for."""
+    return 1.01 + 0.01 * number
+
+
+@pytest.mark.parametrize(
+    ("command", "states", "told"),
+    [
+        (GRIP, [CLOSING] * 4, Gripped(after(3), "gripper", True, WIDTH_M, 400 * 0.0462, command_id=7)),
+        (GRIP, [MOVING, THERE], Gripped(after(1), "gripper", False, WIDTH_M, 400 * 0.0462, command_id=7)),
+        (Release("gripper", 0.1), [MOVING, THERE], Reached(after(1), "gripper", WIDTH_M, command_id=7)),
+        (
+            Release("gripper", 0.1),
+            [OPENING] * 4,
+            Stalled(after(3), "gripper", "something holds its jaws at 39.2 mm", command_id=7),
+        ),
+        (Home("gripper"), [LOOKING, MOVING], Reached(after(1), "gripper", WIDTH_M, command_id=7)),
+        (Stop("gripper"), [MOVING] * 6, Standstill(after(5), "gripper", WIDTH_M, command_id=7)),
+        (Stop("gripper"), [MOVING, THERE], Standstill(after(1), "gripper", WIDTH_M, command_id=7)),
+    ],
+)
+def test_each_command_is_answered_once_under_its_number(
+    watch: Watch, command: Command, states: list[GripperState], told: Status
+) -> None:
+    watch.begin(replace(command, id=7), 1.0, drives=True)
+    assert pushed(watch, *states[:-1]) == []
+    assert watch.busy is True
+    assert watch.resting is False
+    assert watch.push(after(len(states) - 1), states[-1], False) == [told]
+    assert watch.busy is False
+    assert pushed(watch, *states[-1:] * 3, begin_s=after(len(states))) == []
+    assert watch.resting is isinstance(command, Stop | Home) or states[-1].finding is not GripFinding.MOVING
+
+
+def test_nothing_is_due_or_to_stop_before_the_first_command() -> None:
+    watch = Watch("gripper", Brackets(0.010), hold_s=0.03)
+    assert (watch.busy, watch.faulty, watch.resting) == (False, False, True)
+    assert pushed(watch, MOVING, THERE) == []
+
+
+def test_what_holds_jaws_that_look_for_their_ends_is_an_end(watch: Watch) -> None:
+    watch.begin(Home("gripper"), 1.0, drives=True)
+    assert pushed(watch, *[replace(CLOSING, calibrated=False)] * 6) == []
+    assert not watch.resting
+    assert len(pushed(watch, THERE, begin_s=2.0)) == 1
+    assert watch.resting
+
+
+def test_a_calibration_is_given_up_after_32_seconds(watch: Watch) -> None:
+    watch.begin(replace(Home("gripper"), id=7), 1.0, drives=True)
+    assert watch.push(33.0, LOOKING, False) == []
+    reason = "it gave up its calibration; are its jaws free, and is it supplied with 24 V?"
+    assert watch.push(33.5, LOOKING, False) == [Stalled(33.5, "gripper", reason, command_id=7)]
+    assert not watch.busy
+    assert watch.resting
+    assert watch.push(34.0, LOOKING, False) == []
+
+
+@pytest.mark.parametrize(
+    ("faults", "words"),
+    [
+        ({"over_temperature": True, "estop": True}, "it is too hot and its emergency stop is up"),
+        ({}, "it reports a fault of its motor or supply"),
+    ],
+)
+def test_a_fault_is_told_in_words_under_the_commands_number(
+    watch: Watch, faults: dict[str, bool], words: str
+) -> None:
+    watch.begin(replace(GRIP, id=7), 1.0, drives=True)
+    reason = f"{words}, and whatever it held is loose; send Home"
+    assert watch.push(1.1, replace(MOVING, **faults), True) == [Stalled(1.1, "gripper", reason, command_id=7)]

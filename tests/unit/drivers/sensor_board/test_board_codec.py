@@ -181,6 +181,23 @@ def test_a_body_of_a_wrong_kind_or_length_is_refused(body: str) -> None:
         decode(bytes.fromhex(body))
 
 
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("", "no kind of message begins with nothing"),
+        ("7f 01 02", "no kind of message begins with 7f"),
+        ("01 00 02 01 40 42 0f 00", "kind 0x01 with 8 bytes: a frame without samples"),
+        ("81 04 07", "kind 0x81 with 3 bytes: "),
+        (hello_body(stream(id=-1)).hex(), "hello (streams.0.id): "),
+        (hello_body(stream(scale=0)).hex(), "hello: "),
+    ],
+)
+def test_a_refused_body_is_told_by_its_kind_and_place(body: str, words: str) -> None:
+    with pytest.raises(CodecError) as error:
+        decode(bytes.fromhex(body))
+    assert str(error.value).startswith(words)
+
+
 def test_a_command_that_is_not_known_keeps_its_code_and_tag_for_the_answer() -> None:
     assert decode(bytes.fromhex("80 63 05 aa bb")) == CommandFrame(0x63, 5)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -106,7 +107,9 @@ def test_every_flipped_bit_is_noticed() -> None:
         spoilt[place // 8] ^= 1 << place % 8
         decoder = BoardFrameDecoder()
         assert decoder.feed(b"\0" + bytes(spoilt) + frame(b"next")) == [b"next"], place
-        assert decoder.counts.bad_crc + decoder.counts.bad_cobs >= 1
+        assert decoder.counts.bad_crc + decoder.counts.bad_cobs in (1, 2), (
+            "two where a delimiter came into being"
+        )
 
 
 def test_a_lost_delimiter_takes_its_neighbour_along() -> None:
@@ -129,3 +132,27 @@ def test_a_frame_that_never_ends_is_given_up_once_and_its_memory_with_it() -> No
 def test_a_frame_longer_than_any_that_is_read_is_not_written() -> None:
     with pytest.raises(ValueError, match="longer than 8192"):
         frame(b"\x01" * 8200)
+
+
+def test_the_longest_frame_is_written_and_read() -> None:
+    body = b"\x01" * (MAX_ENCODED_BYTES - 35)
+    whole = frame(body)
+    assert len(whole) == MAX_ENCODED_BYTES + 1, "and its delimiter"
+    assert heard(whole) == [body]
+    with pytest.raises(ValueError, match="longer than 8192"):
+        frame(body + b"\x01")
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "counted"),
+    [
+        (b"\x05\x01", "bad_cobs"),
+        (bytes([*frame(b"x")[:-2], frame(b"x")[-2] ^ 1]), "bad_crc"),
+        (b"\x01" * (MAX_ENCODED_BYTES + 1), "overlong"),
+    ],
+)
+def test_each_spoilt_frame_is_counted_once(spoilt: bytes, counted: str) -> None:
+    decoder = BoardFrameDecoder()
+    assert decoder.feed(b"\0" + (spoilt + b"\0") * 3) == []
+    counts = dataclasses.asdict(decoder.counts)
+    assert counts == {**dict.fromkeys(counts, 0), counted: 3}
