@@ -127,7 +127,7 @@ def _copy(thing: Any, memo: dict[int, Any]) -> Any:
 
 def _copier(kind: type) -> Copier:
     """How things of this type are copied."""
-    if issubclass(kind, (*_VALUES, Settings)) or kind.__module__.startswith("numba."):
+    if issubclass(kind, (*_VALUES, Settings)) or kind.__module__.partition(".")[0] in ("numba", "typing"):
         return _same
     if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         return _same

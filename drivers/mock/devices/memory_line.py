@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from drivers.clock import Clock
@@ -11,7 +12,9 @@ from drivers.mock.devices.faults import FaultSchedule, corrupted, inject_begun
 class MemoryLine:
     """What `drivers.links.SerialLink` is, to an emulated device without a port.
 
-    The device lives in bench time, which begins anew with every trial; what it says arrives in monotonic time.
+    The device lives in bench time, which begins anew with every trial; what it says arrives in monotonic time: when it
+    is looked for, or where the device has a `due_s`, the time at which it speaks next by itself, at that time, however
+    seldom it is looked for.
 
     Args:
         device: The far end: `receive(data, t_s)` and `step(t_s)`, both bytes out, and `inject(kind, t_s)`.
@@ -19,6 +22,7 @@ class MemoryLine:
         faults: What goes wrong with the device and its line, and when.
 
     Attributes:
+        faults: The same.
         fault: Why the line is gone, or None.
     """
 
@@ -26,7 +30,7 @@ class MemoryLine:
         self.fault: str | None = None
         self._device = device
         self._clock = clock
-        self._faults = faults or FaultSchedule()
+        self.faults = faults or FaultSchedule()
         self._arrived: list[tuple[float, bytes]] = []
 
     def connect(self, *_: object) -> Any:
@@ -40,6 +44,7 @@ class MemoryLine:
         t_s = self._fail()
         if self.fault is not None:
             return None
+        self._catch_up(t_s)
         self._take(self._device.receive(data, t_s), t_s)
         return self._clock.monotonic_s()
 
@@ -47,6 +52,7 @@ class MemoryLine:
         """See `SerialLink.receive`."""
         t_s = self._fail()
         if self.fault is None:
+            self._catch_up(t_s)
             self._take(self._device.step(t_s), t_s)
         taken, self._arrived = self._arrived, []
         return taken
@@ -57,12 +63,17 @@ class MemoryLine:
     def _fail(self) -> float:
         """Let the faults happen that have begun; what time it is."""
         t_s = self._clock.now()
-        if self._faults.begun(t_s, "unplug"):
+        if self.faults.begun(t_s, "unplug"):
             self.fault = "the port was taken away"
-        inject_begun(self._faults, self._device, t_s, t_s)
+        inject_begun(self.faults, self._device, t_s, t_s)
         return t_s
 
+    def _catch_up(self, t_s: float) -> None:
+        """Hear what was said before `t_s`, each when it was."""
+        while (due_s := getattr(self._device, "due_s", math.inf)) < t_s:
+            self._take(self._device.step(due_s), due_s)
+
     def _take(self, data: bytes, t_s: float) -> None:
-        data = corrupted(self._faults, data, t_s)
+        data = corrupted(self.faults, data, t_s)
         if data:
-            self._arrived.append((self._clock.monotonic_s(), data))
+            self._arrived.append((self._clock.monotonic_s() - (self._clock.now() - t_s), data))

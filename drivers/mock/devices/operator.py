@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,19 +20,15 @@ class EmulatedPerson:
         bench: Where the fingertip is.
 
     Attributes:
-        due_s: When it has done what it was last asked for.
+        ready_s: When it will have done what it was asked for.
     """
 
     def __init__(self, settings: HandSettings, bench: Bench) -> None:
         self._settings = settings
         self._hands = Hands(settings, bench)
         self._decoder = LineDecoder()
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin a trial: nothing is asked for, and nothing refused."""
         self._asked: PersonRequest | None = None
-        self.due_s = 0.0
+        self.ready_s = math.inf
         self._unwilling = False
 
     def receive(self, data: bytes, t_s: float) -> bytes:
@@ -39,17 +36,17 @@ class EmulatedPerson:
         out = b""
         for message in self._decoder.feed(data):
             if isinstance(message, PersonHello):
-                self._asked = None
+                self._asked, self.ready_s = None, math.inf
                 out += encode(PersonHello("emulated person"))
             elif isinstance(message, PersonRequest):
-                self._asked, self.due_s = message, t_s + self._settings.answer_s
+                self._asked, self.ready_s = message, t_s + self._settings.answer_s
         return out
 
     def step(self, t_s: float) -> bytes:
         """The answer, once its time has come."""
-        if self._asked is None or t_s < self.due_s:
+        if self._asked is None or t_s < self.ready_s:
             return b""
-        asked, self._asked = self._asked, None
+        asked, self._asked, self.ready_s = self._asked, None, math.inf
         if self._unwilling:
             return encode(PersonAnswer(asked.number, False, "that cannot be done"))
         if asked.bridge is not None:

@@ -1,14 +1,51 @@
-"""What mock drivers share: commands are carried out at once, and faults begin when the scene says."""
+"""What mock drivers share, those over a line in memory and those by hand; faults begin when the scene says."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from drivers.clock import Clock
 from drivers.messages import SampleBlock, Status
 from drivers.mock.devices.faults import FaultSchedule
-from drivers.wire import Driver
+from drivers.mock.devices.memory_line import MemoryLine
+from drivers.wire import Driver, WireDriver
+
+
+class OverMemory(WireDriver[Any]):
+    """A real driver as the mock of its device, over a line in memory: `class MockX(OverMemory, X)`.
+
+    Its far end is switched on anew at each trial, and the driver opened. That takes none of the trial's time where the
+    far end answers at once. Faults begin after it.
+
+    Args:
+        name: In the profile.
+        settings: `MockXSettings`: the real one's, without a port.
+        clock: Bench time.
+        bench: What the far end is wired to.
+        faults: What goes wrong, and when.
+    """
+
+    _far_end: Callable[[Any, Any], Any]
+    """Makes the far end of the settings and the bench."""
+
+    def __init__(
+        self, name: str, settings: Any, clock: Clock, bench: Any, faults: FaultSchedule | None = None
+    ) -> None:
+        self._bench = bench
+        self._faults = faults or FaultSchedule()
+        super().__init__(name, settings, clock, self._switch_on)
+
+    def _switch_on(self, *_: object) -> MemoryLine:
+        self._twin = type(self)._far_end(self._settings, self._bench)
+        return MemoryLine(self._twin, self._clock, self._faults)
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        if self._link is not None:
+            faults, self._faults = self._faults, FaultSchedule()
+            self.open()
+            self._faults = self._link.faults = faults
 
 
 class MockDriver(Driver):

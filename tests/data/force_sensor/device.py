@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from drivers.clock import Clock
-from drivers.mock.devices.faults import FaultSchedule
-from drivers.mock.devices.memory_line import MemoryLine
+from drivers.mock.drivers.base import OverMemory
 from tests.data.force_sensor import codec
 from tests.data.force_sensor.driver import ForceSensor, ForceSensorSettings
 
@@ -19,10 +17,15 @@ NEWTON_PER_COUNT = 0.001
 class EmulatedForceSensor:
     """Answers as the sensor does: bytes in, bytes out, and time from outside. It feels `bench.force_n`."""
 
-    def __init__(self, bench: Any) -> None:
+    def __init__(self, settings: object, bench: Any) -> None:
         self._bench = bench
         self._lines = codec.Lines()
         self._next: int | None = None
+
+    @property
+    def due_s(self) -> float:
+        """When it speaks next by itself."""
+        return math.inf if self._next is None else self._next / RATE_HZ
 
     def receive(self, data: bytes, t_s: float) -> bytes:
         """Take bytes from the host at `t_s`; returns what it answers at once."""
@@ -39,7 +42,7 @@ class EmulatedForceSensor:
     def step(self, t_s: float) -> bytes:
         """What it says by `t_s` without being asked."""
         said = b""
-        while self._next is not None and self._next / RATE_HZ <= t_s:
+        while self._next is not None and self.due_s <= t_s:
             counts = round(self._bench.force_n / NEWTON_PER_COUNT)
             sample = codec.Sample(self._next % 65536, round(self._next * 1e3 / RATE_HZ), counts)
             said += codec.encode_message(sample)
@@ -57,18 +60,7 @@ class MockForceSensorSettings(ForceSensorSettings):
     port: str = "mock"
 
 
-class MockForceSensor(ForceSensor):
-    """The real driver on the emulated sensor, over a line in memory."""
+class MockForceSensor(OverMemory, ForceSensor):
+    """The real driver on the emulated sensor."""
 
-    def __init__(
-        self,
-        name: str,
-        settings: MockForceSensorSettings,
-        clock: Clock,
-        bench: Any,
-        faults: FaultSchedule | None = None,
-    ) -> None:
-        super().__init__(name, settings, clock, MemoryLine(EmulatedForceSensor(bench), clock, faults).connect)
-
-    def restart(self) -> None:
-        """Begin a trial."""
+    _far_end = EmulatedForceSensor

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from drivers.clock import Clock
 from drivers.errors import CodecError, check_streams, wrong
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Command, DeviceInfo, Listen, StreamInfo
@@ -29,16 +28,11 @@ class ForceSensorSettings(SerialPort):
 class ForceSensor(WireDriver[SerialLink]):
     """A force sensor; implements `drivers.protocols.Device`. Its stream is `<name>.force`, in N."""
 
-    def __init__(
-        self,
-        name: str,
-        settings: ForceSensorSettings,
-        clock: Clock,
-        connect: Callable[[str, SerialPort, Clock], SerialLink] = open_serial,
-    ) -> None:
-        super().__init__(name, settings, clock, connect)
-        self._settings = settings
-        self._name = f"{name}.force"
+    _settings: ForceSensorSettings
+    _opens = staticmethod(open_serial)
+
+    def _prepare(self) -> None:
+        self._name = f"{self.name}.force"
         self._forget()
 
     def _forget(self) -> None:

@@ -13,7 +13,7 @@ from controller.named import found
 from controller.rig import TrialScene
 from drivers.messages import Ask, Home, Listen, MoveTo, Release, Tone
 from drivers.mock.devices.faults import FaultSchedule, Kind
-from drivers.mock.drivers.base import MockDriver
+from drivers.mock.drivers.base import OverMemory
 
 BENCH = {
     "zaber_stage": "mock/transient",
@@ -53,11 +53,9 @@ def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: s
     rig.begin_trial(TrialScene(1, 1, factors, profile.plant.settings.model_dump(mode="json")))
     (name,) = [name for name, entry in profile.devices.items() if entry.driver == driver]
     device: Any = rig.devices[name]
-    opened = device.open()
-    line = device if isinstance(device, MockDriver) else device._link
-    line._faults = Asked()
-    line._faults.kinds = set()
-    device.apply(Listen(name, frozenset(opened.streams)))
+    device._faults = Asked()
+    device._faults.kinds = set()
+    device.apply(Listen(name, frozenset(device.open().streams)))
     orders = (
         Home(name),
         MoveTo(name, 0.001, 0.001),
@@ -71,8 +69,8 @@ def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: s
         rig.clock.wait_until(rig.clock.now() + 5.0)
         device.read()
         device.poll()
-    of_movers = set() if line is device else {"stall"}  # a line asks for it whatever is at its end
-    assert line._faults.kinds - of_movers == set(assemble.DRIVERS[driver].mock_faults)
+    of_movers = {"stall"} if isinstance(device, OverMemory) else set()  # a line asks, whatever is at its end
+    assert device._faults.kinds - of_movers == set(assemble.DRIVERS[driver].mock_faults)
 
 
 @pytest.mark.parametrize("driver", [driver for driver in BENCH if driver not in ("ur_arm", "audio")])
