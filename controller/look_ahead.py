@@ -126,7 +126,7 @@ def _copy(thing: Any, memo: dict[int, Any]) -> Any:
 
 
 def _copier(kind: type) -> Copier:
-    """How things of this type are copied."""
+    """How things of this type are copied. Of typing is the alias that an instance of a generic class was made by."""
     if issubclass(kind, (*_VALUES, Settings)) or kind.__module__.partition(".")[0] in ("numba", "typing"):
         return _same
     if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]

@@ -2,10 +2,11 @@
 
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from controller.look_ahead import Snapshot
 from drivers.clock import VirtualClock
 from drivers.errors import CommandError, SilentError
 from drivers.messages import Failed, Listen, Lost, MoveTo, Sent
@@ -19,9 +20,16 @@ FORCE = "scale.force"
 ROOM = Path("tests/data/force_sensor")
 
 
+class Weighed:
+    """What presses on it."""
+
+    force_n = 1.5
+
+
 def sensor(*faults: Fault) -> MockForceSensor:
-    bench = SimpleNamespace(force_n=1.5)
-    return MockForceSensor("scale", MockForceSensorSettings(), VirtualClock(), bench, FaultSchedule(faults))
+    return MockForceSensor(
+        "scale", MockForceSensorSettings(), VirtualClock(), Weighed(), FaultSchedule(faults)
+    )
 
 
 @pytest.fixture
@@ -113,3 +121,41 @@ def test_one_that_is_opened_again_hands_out_nothing_of_before(bench: Crank) -> N
     bench.device.close()
     bench.device.open()
     assert (bench.device.read(), bench.device.poll()) == ([], [])
+
+
+def test_each_sample_arrives_when_it_was_sent_however_seldom_anybody_looks() -> None:
+    """The mock bench takes quiet turns together, and goes back where something happened in them."""
+    found = []
+    for turns in (1, 40):
+        device = sensor()
+        device.open()
+        clock = device._clock
+        device.apply(Listen("scale", frozenset({FORCE})))
+        blocks = []
+        for turn in range(turns, 401, turns):
+            before = Snapshot([clock, device])
+            clock.wait_until(turn * 0.005)
+            device.read()
+            before.restore()
+            clock.wait_until(turn * 0.005)
+            blocks += device.read()
+        times_s = np.concatenate([block.t0_s + np.arange(len(block)) / block.rate_hz for block in blocks])
+        found.append(times_s)
+    assert len(found[0]) == 200
+    np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found[0], np.arange(1, 201) / 100.0, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("trial_s", [2.0, 20.0])
+def test_a_trial_begins_anew(trial_s: float) -> None:
+    device = sensor()
+    bench = Crank(device, device._clock)
+    for _ in range(2):
+        bench.listen(FORCE)
+        bench.turn(trial_s)
+        assert bench.heard(FORCE)[0].t0_s == pytest.approx(0.01)
+        assert bench.of(Lost) == []
+        bench.listen()
+        bench.clock.restart()
+        device.restart()
+        bench.blocks.clear()
