@@ -9,7 +9,7 @@ import pytest
 from drivers.errors import CommandError
 from drivers.messages import Command, Excite, Home, MoveAt, MoveTo
 from drivers.zaber_stage.codec import StageReply, acceleration_m_s2
-from drivers.zaber_stage.commands import valid
+from drivers.zaber_stage.commands import doing, refusal, valid
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
 from drivers.zaber_stage.procedures import Procedures, RejectedError, StageLine, StageWay
 
@@ -165,6 +165,65 @@ def test_a_rejection_names_the_line_and_what_the_reason_means() -> None:
     script.rejects["home"] = "DRIVERDISABLED"
     with pytest.raises(RejectedError, match="'home' with DRIVERDISABLED: its motor driver is off"):
         script.play(procedures.carry_out(Home("stage")))
+
+
+def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_told() -> None:
+    script = Script()
+    procedures = opened(script)
+    script.rejects["home"] = "ODD"
+    with pytest.raises(RejectedError, match=r"^it rejects 'home' with ODD: it does not say why$"):
+        script.play(procedures.carry_out(Home("stage")))
+    script.held["pos"] = "NA"  # type: ignore[assignment]
+    with pytest.raises(RejectedError, match=r"^it answers 'get pos' with 'NA'$"):
+        script.play(procedures.carry_out(MoveTo("stage", 0.01, 0.01)))
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (
+            Excite("stage", True),
+            f"a stage only moves while applying {Excite('stage', True)}; send it to another device",
+        ),
+        (
+            MoveTo("stage", 0.01, -0.01),
+            "-0.01 m/s is no speed while moving to 0.01 m at -0.01 m/s; choose one above zero",
+        ),
+        (
+            MoveTo("stage", 0.03, 0.01),
+            "its travel is 0 to 0.0254 m while moving to 0.03 m at 0.01 m/s; choose a target inside it",
+        ),
+        (
+            MoveTo("stage", 0.01, 0.01, blind_travel_m=0.0),
+            "a blind travel of 0 m lets it go nowhere while moving to 0.01 m at 0.01 m/s; choose one above zero",
+        ),
+    ],
+)
+def test_a_refusal_says_who_what_why_and_what_to_do(command: Command, line: str) -> None:
+    with pytest.raises(CommandError) as error:
+        valid("stage", SETTINGS, command)
+    assert str(error.value) == f"stage: {line}"
+
+
+def test_both_ends_of_the_travel_may_be_asked_for_and_a_stage_at_its_limit_stays() -> None:
+    for end_m in (SETTINGS.travel_min_m, SETTINGS.travel_max_m):
+        assert valid("stage", SETTINGS, MoveTo("stage", end_m, 0.01)).position_m == end_m  # type: ignore[attr-defined]
+    for speed_m_s in (0.01, -0.01):
+        here = MoveAt("stage", speed_m_s, 10000 * STEP_M)
+        assert refusal(Mounting(SETTINGS), here, 10000, 0.5) == ""
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (MoveTo("stage", 0.01, 0.02), "moving to 0.01 m"),
+        (MoveAt("stage", 0.02, 0.01), "moving to 0.01 m"),
+        (Home("stage"), "homing"),
+        (None, "standing"),
+    ],
+)
+def test_what_a_stage_does_is_said_in_words(command: Command | None, words: str) -> None:
+    assert doing(command) == words
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,543 @@
+"""The driver on the emulated stage, in virtual time: what it says, what it makes of the answers, how it stops."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.errors import ProtocolError, RefusedError, SilentError
+from drivers.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Failed,
+    Home,
+    Listen,
+    Lost,
+    MoveAt,
+    MoveTo,
+    Reached,
+    Refused,
+    SampleBlock,
+    Sent,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+    StreamInfo,
+)
+from drivers.mock.devices.memory_line import MemoryLine
+from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
+from drivers.mock.physics.stage_axis import StageAxis
+from drivers.zaber_stage.codec import LONGEST_S, meaning
+from drivers.zaber_stage.driver import ZaberStage
+from drivers.zaber_stage.mounting import ZaberStageSettings
+
+S = TypeVar("S", bound=Status)
+STEP_M = 0.49609375e-6
+EVERYTHING = frozenset({"stage.position"})
+
+
+class Wire:
+    """The emulated stage with an ear on its line."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
+        self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
+        self.heard = b""
+        self.deaf_to = b"\0"
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        self.heard += data
+        return b"" if self.deaf_to in data else self.device.receive(data, t_s)
+
+    def step(self, t_s: float) -> bytes:
+        return self.device.step(t_s)
+
+    def lines(self) -> list[str]:
+        """What was said to it, without device, axis, id and checksum."""
+        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.heard.splitlines()]
+
+
+def driver(line: MemoryLine, **settings: Any) -> ZaberStage:
+    return ZaberStage("stage", ZaberStageSettings(port="/dev/stage", **settings), line._clock, line.connect)
+
+
+class Bench:
+    """A stage, opened, and its line."""
+
+    def __init__(self, *, homed: bool = True, **settings: Any) -> None:
+        self.wire = Wire(homed=homed)
+        self.clock = VirtualClock()
+        self.line = MemoryLine(self.wire, self.clock)
+        self.stage = driver(self.line, **settings)
+        self.info = self.stage.open()
+        self.blocks: list[SampleBlock] = []
+        self.statuses: list[Status] = []
+
+    def inject(self, kind: Fault) -> None:
+        self.wire.device.inject(kind, self.clock.now())
+
+    def turn_until(self, condition: Callable[[], bool]) -> None:
+        until_s = self.clock.monotonic_s() + 8.0
+        while not condition():
+            assert self.clock.monotonic_s() < until_s, f"not within 8 s; statuses: {self.statuses}"
+            self.blocks += self.stage.read()
+            self.statuses += self.stage.poll()
+            self.clock.rest(0.001)
+
+    def expect(self, kind: type[S]) -> S:
+        """The next status of a kind; those before it are forgotten."""
+        self.turn_until(lambda: any(isinstance(status, kind) for status in self.statuses))
+        while True:
+            status = self.statuses.pop(0)
+            if isinstance(status, kind):
+                return status
+
+    @property
+    def moves(self) -> int:
+        """How often it was sent somewhere."""
+        return sum(line.startswith("move abs") for line in self.wire.lines())
+
+    def turn_for_lines(self, count: int) -> None:
+        """Turn until so many more lines were said."""
+        target = self.wire.heard.count(b"\n") + count
+        self.turn_until(lambda: self.wire.heard.count(b"\n") >= target)
+
+    def begin(self, command: Command) -> Sent:
+        """Apply a motion and wait until it is on the wire."""
+        self.stage.apply(command)
+        return self.expect(Sent)
+
+
+# opening
+
+
+def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing() -> None:
+    b = Bench(travel_max_m=0.0124)
+    details = dict(b.info.details)
+    assert details.pop("acceleration_m_s2") == pytest.approx(0.5, rel=1e-2)
+    assert details.pop("limits_found_m") == pytest.approx((0.0, 0.0254))
+    assert details.pop("limits_set_m") == pytest.approx((0.0, 0.0124), abs=STEP_M)
+    stream = StreamInfo("stage.position", ("position",), "m", STEP_M, longest_s=LONGEST_S)
+    assert replace(b.info, details=details) == DeviceInfo(
+        "stage",
+        model="Zaber device 50081",
+        serial="40001",
+        version="7.38",
+        streams={"stage.position": stream},
+        mover=True,
+        details={
+            "device_id": "50081",
+            "serial": "40001",
+            "firmware": "7.38",
+            "max_speed_m_s": 0.025,
+            "flags": (),
+            "checksums": True,
+            "homed": True,
+        },
+    )
+    asked = ["deviceid", "system.serial", "version", "accel", "limit.min", "limit.max"]
+    assert b.wire.lines() == [
+        *("00", "set comm.checksum 1", *(f"get {name}" for name in asked)),
+        *("set limit.max 24995", "get limit.max", "set maxspeed 82565", "get maxspeed", "warnings clear"),
+    ]
+    assert b.stage.account() == {"positions": 0, "sent_on": 0, "halted_unseen": 0}
+
+
+def test_a_stage_that_does_not_know_where_it_is_says_so_at_opening() -> None:
+    info = Bench(homed=False).info
+    assert (info.details["homed"], info.details["flags"]) == (False, ("WR",))
+
+
+def test_a_stage_that_a_dead_host_left_moving_is_stopped_at_opening() -> None:
+    wire = Wire(homed=True)
+    wire.receive(b"/1 1 01 move max 8389\n", 0.0)
+    driver(MemoryLine(wire, VirtualClock())).open()
+    assert wire.lines()[:3] == ["move max 8389", "00", "stop"]
+    assert wire.axis.target_m < 0.0254
+
+
+def test_silence_is_told_with_what_to_check() -> None:
+    wire = Wire()
+    wire.device.inject("silent", 0.0)
+    with pytest.raises(SilentError, match=r"^stage: no reply in 0.20 s .*powered.*device 1 on its line\?$"):
+        driver(MemoryLine(wire, VirtualClock()), reply_timeout_s=0.2).open()
+
+
+def test_another_address_is_silence() -> None:
+    with pytest.raises(SilentError, match="device 2 on its line"):
+        driver(MemoryLine(Wire(), VirtualClock()), address=2, reply_timeout_s=0.2).open()
+
+
+class Board:
+    """Something else on the port: frames of another protocol, unasked."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return b""
+
+    def step(self, t_s: float) -> bytes:
+        return bytes.fromhex("02010602014042 0f0104c0ffff01010401 3c7600")
+
+
+class Echo:
+    """A line that is looped back."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return data
+
+    def step(self, t_s: float) -> bytes:
+        return b""
+
+
+@pytest.mark.parametrize("other", [Board(), Echo()], ids=["board", "echo"])
+def test_another_protocol_is_told_from_silence(other: object) -> None:
+    with pytest.raises(
+        ProtocolError, match=r"which is no Zaber ASCII while opening; is another device there"
+    ):
+        driver(MemoryLine(other, VirtualClock()), reply_timeout_s=0.2).open()
+
+
+def test_a_stage_that_is_shorter_than_the_profile_says_is_refused_at_opening() -> None:
+    with pytest.raises(RefusedError, match=r"'set limit.max \d+' with BADDATA.*profile"):
+        Bench(travel_max_m=0.05)
+
+
+# moving
+
+
+def test_a_move_before_homing_is_refused_and_says_what_to_do() -> None:
+    b = Bench(homed=False)
+    b.stage.apply(MoveTo("stage", 0.001, 0.01))
+    assert b.expect(Refused).reason == "it does not know where it is; send Home first"
+    b.begin(Home("stage"))
+    assert b.expect(Reached).position_m == 0.0
+    b.begin(MoveTo("stage", 0.001, 0.01))
+    assert b.expect(Reached).position_m == pytest.approx(0.001, abs=STEP_M)
+
+
+def test_an_approach_ends_at_its_limit_which_the_device_holds_itself() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.01, 0.002))
+    reached = b.expect(Reached)
+    said = b.wire.lines()
+    begun = said.index("warnings clear", said.index("set limit.max 4031") - 1)
+    assert said[begun : begun + 5] == [
+        "warnings clear",
+        "set limit.max 4031",
+        "get limit.max",
+        "get pos",
+        "move abs 4031 33026",
+    ]
+    assert 0.002 - STEP_M < reached.position_m <= 0.002
+
+
+def test_a_host_that_dies_leaves_a_stage_that_halts_within_its_blind_travel() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.01, 0.003))
+    b.clock.rest(0.1)
+    plan = b.wire.axis.pieces(b.clock.monotonic_s())  # nobody says anything from here on
+    assert plan[-1].position_m == pytest.approx(0.002, abs=STEP_M)
+    assert plan[-1].velocity_m_s == plan[-1].acceleration_m_s2 == 0.0
+
+
+def test_a_stop_is_on_the_wire_without_waiting_for_an_answer() -> None:
+    b = Bench(retry_s=5.0, reply_timeout_s=10.0)
+    b.stage.apply(Listen("stage", EVERYTHING))
+    b.begin(MoveAt("stage", 0.01, 0.02))
+    b.wire.deaf_to = b"get pos"  # from here on each question for the position hangs
+    b.turn_for_lines(1)
+    asked = b.wire.heard.count(b"get pos")
+    b.stage.apply(Stop("stage"))
+    b.turn_until(lambda: "stop" in b.wire.lines())
+    assert b.wire.heard.count(b"get pos") == asked
+    b.wire.deaf_to = b"\0"
+    assert b.wire.axis.target_m < 0.02
+
+
+def test_a_stop_ends_in_a_standstill_where_the_stage_is() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.01, 0.02))
+    b.clock.rest(0.1)
+    sent = b.begin(Stop("stage"))
+    still = b.expect(Standstill)
+    assert still.t_s > sent.t_s
+    assert still.position_m == pytest.approx(b.wire.axis.target_m, abs=STEP_M)
+
+
+def test_a_stop_is_told_when_it_is_written_and_when_the_stage_stands_under_its_number() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.01, 0.02, id=8))
+    b.clock.rest(0.1)
+    stop, now_s = Stop("stage", id=9), b.clock.now()
+    assert b.stage.apply(stop) == Applied(stop, now_s)
+    assert list(b.stage.poll()) == [Sent(now_s, "stage", stop)]
+    still = b.expect(Standstill)
+    place_m = pytest.approx(b.wire.axis.position(b.clock.now()), abs=STEP_M)
+    assert still == Standstill(b.clock.now() - 0.001, "stage", place_m, command_id=9)
+    assert not b.wire.axis.moving(still.t_s)
+    b.turn_for_lines(5)
+    assert b.statuses == []
+    assert b.wire.lines().count("stop") == 1
+
+
+def test_a_newer_stop_takes_the_place_of_one_that_is_not_answered() -> None:
+    b = Bench(retry_s=0.1)
+    b.wire.deaf_to = b"stop"
+    b.stage.apply(Stop("stage", id=1))
+    b.stage.apply(Stop("stage", id=2))
+    b.turn_until(lambda: b.clock.now() > 0.35)
+    assert b.wire.lines().count("stop") == 2 + 3, "the second alone is said again"
+    b.wire.deaf_to = b"\0"
+    assert b.expect(Standstill).command_id == 2
+
+
+def test_a_place_from_before_a_stop_is_no_standstill() -> None:
+    b = Bench(retry_s=1.0)
+    b.stage.apply(Listen("stage", EVERYTHING))
+    b.inject("late")
+    b.turn_for_lines(1)
+    b.stage.apply(Stop("stage"))
+    assert b.expect(Standstill).t_s >= 0.15, "the place asked for before came 0.15 s late"
+
+
+@pytest.mark.parametrize("seen", [True, False], ids=["seen before", "seen by the stop"])
+def test_a_stop_that_nobody_can_see_end_is_a_failure(seen: bool) -> None:
+    b = Bench()
+    reason = b.line.fault = "the port was taken away"
+    if seen:
+        reason = b.expect(Failed).reason
+    b.stage.apply(Stop("stage"))
+    gone = Failed(b.clock.now(), "stage", reason)
+    assert list(b.stage.poll()) == [gone]
+    move = MoveTo("stage", 0.001, 0.01)
+    b.stage.apply(move)
+    assert list(b.stage.poll()) == [Refused(gone.t_s, "stage", move, gone.reason)]
+
+
+def test_a_stop_before_the_stage_is_open_says_that_it_is_not() -> None:
+    stage = driver(MemoryLine(Wire(), VirtualClock()))
+    stage.apply(Stop("stage"))
+    assert list(stage.poll()) == [Failed(0.0, "stage", "it is not open")]
+
+
+def test_nothing_of_an_older_session_is_left_after_it_is_opened_again() -> None:
+    b = Bench()
+    b.stage.apply(Listen("stage", EVERYTHING))
+    b.begin(MoveAt("stage", 0.01, 0.02))
+    b.stage.close()
+    b.clock.rest(1.0)
+    b.stage.open()
+    b.turn_until(lambda: b.clock.now() > 3.0)
+    assert (b.blocks, b.statuses) == ([], [])
+    b.begin(MoveTo("stage", 0.0, 0.01, id=3))
+    assert b.expect(Reached).command_id == 3
+
+
+def test_a_stop_while_the_limits_are_being_set_lets_no_move_follow() -> None:
+    b = Bench()
+    b.stage.apply(MoveAt("stage", 0.01, 0.002))
+    b.turn_until(lambda: "set limit.max 4031" in b.wire.lines())
+    b.stage.apply(Stop("stage"))
+    b.expect(Standstill)
+    b.turn_for_lines(3)
+    assert not [line for line in b.wire.lines() if line.startswith("move")]
+
+
+def test_a_stop_whose_answer_is_lost_is_said_again() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.005, 0.02))
+    # Else the answer to another question is the one that is lost.
+    b.turn_until(lambda: not b.stage._dialogue._open)
+    b.inject("lose")
+    b.stage.apply(Stop("stage"))
+    b.expect(Standstill)
+    assert b.wire.lines().count("stop") >= 2
+
+
+def test_a_stop_of_a_stage_that_stands_is_a_standstill() -> None:
+    b = Bench()
+    b.stage.apply(Stop("stage"))
+    assert b.expect(Standstill).position_m == 0.0
+
+
+def test_a_newer_motion_replaces_an_older_one() -> None:
+    b = Bench()
+    b.begin(MoveTo("stage", 0.01, 0.01))
+    b.stage.apply(MoveTo("stage", 0.001, 0.02))
+    assert b.expect(Reached).position_m == pytest.approx(0.001, abs=STEP_M)
+    assert not [status for status in b.statuses if isinstance(status, Reached)]
+
+
+def test_a_stage_mounted_backwards_is_held_by_its_lower_limit() -> None:
+    b = Bench(forward=-1, origin_m=0.0254)
+    b.begin(MoveTo("stage", 0.0240, 0.025))
+    b.expect(Reached)
+    b.begin(MoveAt("stage", 0.01, 0.0250))
+    assert "set limit.min 807" in b.wire.lines()  # 25.4 mm - 25.0 mm = 806.3 microsteps
+    assert b.expect(Reached).position_m == pytest.approx(0.0250, abs=STEP_M)
+
+
+# the position
+
+
+def test_an_unanswered_question_is_a_jump_in_the_sequence_and_said() -> None:
+    b = Bench()
+    b.stage.apply(Listen("stage", EVERYTHING))
+    b.turn_until(lambda: len(b.blocks) > 2)
+    b.inject("lose")
+    lost = b.expect(Lost)
+    b.turn_for_lines(3)
+    b.blocks += b.stage.read()
+    jumps = [later.seq - a.seq - len(a) for a, later in itertools.pairwise(b.blocks)]
+    assert (lost.stream, lost.samples) == ("stage.position", 1)
+    assert sorted(jumps)[-2:] == [0, 1]
+
+
+@pytest.mark.parametrize("kind", ["bad_lrc", "corrupt", "late"])
+def test_a_spoilt_or_late_reply_is_passed_over_like_a_lost_one(kind: Fault) -> None:
+    b = Bench(retry_s=0.05)
+    b.stage.apply(Listen("stage", EVERYTHING))
+    b.turn_until(lambda: len(b.blocks) > 2)
+    b.inject(kind)
+    assert b.expect(Lost).samples >= 1
+    b.turn_for_lines(20)
+    assert not [status for status in b.statuses if isinstance(status, Failed)]
+    assert all(block.values.max() == 0 for block in b.blocks)
+
+
+def test_a_position_has_the_time_at_which_it_was_asked_for_and_is_counted() -> None:
+    b = Bench(position_interval_s=0.02)
+    listen = Listen("stage", EVERYTHING)
+    assert b.stage.apply(listen) == Applied(listen, b.clock.now())
+    b.begin(MoveTo("stage", 0.004, 0.01))
+    b.turn_until(lambda: b.clock.now() > 0.2)
+    b.clock.rest(5.0)  # it halts within its blind travel, and is sent on
+    b.expect(Reached)
+    b.blocks += b.stage.read()
+    for block in b.blocks:
+        (t_s,) = block.times
+        assert (block.stream, block.rate_hz, block.arrival_s, block.t0_s) == (
+            "stage.position",
+            None,
+            t_s,
+            t_s,
+        )
+        assert block.values.shape == (1, 1) and block.values.dtype == np.int64
+    account = b.stage.account()
+    assert account == {"positions": len(b.blocks), "sent_on": b.moves - 1, "halted_unseen": 1}
+    b.stage.apply(Listen("stage", frozenset()))
+    heard = len(b.blocks)
+    b.turn_for_lines(5)
+    assert len(b.blocks) == heard
+
+
+def test_nothing_is_sent_up_when_nobody_listens() -> None:
+    b = Bench()
+    b.begin(MoveTo("stage", 0.002, 0.02))
+    b.expect(Reached)
+    assert b.blocks == []
+
+
+# what goes wrong
+
+
+def test_a_stall_is_told() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.005, 0.02))
+    b.inject("stall")
+    assert b.expect(Stalled).reason == "it stalled (FS)"
+    b.begin(MoveTo("stage", 0.0, 0.02))
+    b.expect(Reached)
+
+
+def test_a_movement_that_a_hand_ended_did_not_reach_its_target() -> None:
+    b = Bench()
+    b.begin(MoveTo("stage", 0.02, 0.005))
+    b.inject("interrupt")
+    assert "on the way to 0.0" in b.expect(Stalled).reason
+
+
+def test_a_rejected_movement_is_refused_with_the_devices_reason() -> None:
+    b = Bench()
+    b.inject("refuse")
+    b.stage.apply(MoveTo("stage", 0.002, 0.005))
+    refused = b.expect(Refused)
+    assert "STATUSBUSY" in refused.reason
+    assert refused.command == MoveTo("stage", 0.002, 0.005)
+
+
+def test_a_driver_that_is_switched_off_is_told() -> None:
+    b = Bench()
+    b.begin(MoveTo("stage", 0.02, 0.005))
+    b.inject("disable")
+    assert b.expect(Stalled).reason == "its driver is disabled (FD)"
+    b.stage.apply(MoveTo("stage", 0.0, 0.005))
+    assert "DRIVERDISABLED" in b.expect(Refused).reason
+
+
+def test_a_stage_that_is_not_sent_on_any_more_stalls() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.005, 0.02, id=6))
+    b.turn_until(lambda: b.stage._motion is not None)
+    b.inject("refuse")
+    stalled = b.expect(Stalled)
+    assert stalled.command_id == 6
+    assert re.fullmatch(r"it rejects 'move abs \d+ 16513' with STATUSBUSY", stalled.reason)
+    b.turn_for_lines(5)
+    assert b.statuses == []
+
+
+def test_a_stage_that_is_homed_and_still_does_not_know_where_it_is_stalls() -> None:
+    b = Bench(homed=False)
+    b.wire.axis.place(b.clock.now(), 0.005)
+    b.begin(Home("stage", id=6))
+    b.wire.device._homing = False
+    stalled = b.expect(Stalled)
+    assert (stalled.command_id, stalled.reason) == (6, f"{meaning('WR')} after homing (WR)")
+
+
+def test_a_place_that_is_no_number_is_a_failure() -> None:
+    b = Bench()
+    b.wire.device._readings["pos"] = lambda t_s: "NA"
+    assert b.expect(Failed).reason == "it answers 'get pos' with 'NA'; is this a linear stage?"
+
+
+def test_silence_is_a_failure_that_names_what_went_on_and_the_port() -> None:
+    b = Bench(reply_timeout_s=0.3)
+    b.begin(MoveAt("stage", 0.002, 0.02))
+    b.turn_until(lambda: b.stage._motion is not None)
+    b.inject("silent")
+    reason = b.expect(Failed).reason
+    assert reason == "no reply in 0.30 s while moving to 0.02 m; is the cable in /dev/stage?"
+    b.stage.apply(MoveTo("stage", 0.0, 0.01))
+    assert b.expect(Refused).reason == reason
+
+
+def test_a_stage_that_stands_and_falls_silent_is_noticed_without_a_command() -> None:
+    b = Bench(reply_timeout_s=0.2, idle_interval_s=0.05)
+    b.inject("silent")
+    assert "while standing" in b.expect(Failed).reason
+
+
+def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_says_so_again() -> None:
+    b = Bench()
+    b.line.fault = "the port was taken away"
+    assert "taken away" in b.expect(Failed).reason
+    b.stage.apply(Stop("stage"))
+    b.expect(Failed)
+    b.stage.close()
+
+
+def test_closing_stops_a_stage_that_moves() -> None:
+    b = Bench()
+    b.begin(MoveAt("stage", 0.002, 0.02))
+    b.stage.close()
+    assert b.wire.lines()[-1] == "stop"
