@@ -40,6 +40,7 @@ class CenteringRoom(NamedTuple):
         finger_db: Standard deviation of each finger's sensitivity from search to search.
         apart: Ratio of the right finger's sensitivity to the left one's.
         fades: The right finger's sensitivity after half a turn, as a share of the one before.
+        decays: Way over which the sound of the right finger spreads, as a share of the left one's.
         wave: Ratio of the length of wave that the detectors believe to the real one.
         repeats: Sets of 85.
     """
@@ -49,6 +50,7 @@ class CenteringRoom(NamedTuple):
     finger_db: float = 0.0
     apart: float = 1.0
     fades: float = 1.0
+    decays: float = 1.0
     wave: float = 1.0
     repeats: int = 1
 
@@ -63,6 +65,10 @@ ROOMS = {
     **{f"second path {share:.0%}": CenteringRoom(second_path=share) for share in BROKEN},
     **{f"one finger {share:.0%} more sensitive": CenteringRoom(apart=1.0 + share) for share in BROKEN},
     **{f"one finger fades by {share:.0%} in the turn": CenteringRoom(fades=1.0 - share) for share in BROKEN},
+    **{
+        f"one finger's echo spreads over {share:.0%} more": CenteringRoom(decays=1.0 + share)
+        for share in BROKEN
+    },
     **{f"wave {share:.0%} longer than believed": CenteringRoom(wave=1.0 / (1.0 + share)) for share in BROKEN},
 }
 """`all three`: scatter, a second path of 10 % and the wall."""
@@ -74,7 +80,9 @@ def places_in(room: CenteringRoom, repeat: int, speed_m_s: float) -> list[Place]
     for place in eighty_five(SEED, repeat, speed_m_s, 20.0 * math.log10(room.apart)):
         wall = EchoSettings(size_fs=WALL_FS / LEVEL, away_m=0.3, cosine=(1.0, -1.0)[place.number % 2])
         settings = RoomSettings(echoes=(wall,) * room.wall, second_path=room.second_path)
-        found.append(place._replace(room=settings, finger_db=room.finger_db, fades=room.fades))
+        found.append(
+            place._replace(room=settings, finger_db=room.finger_db, fades=room.fades, decays=room.decays)
+        )
     return found
 
 

@@ -53,6 +53,7 @@ class Place(NamedTuple):
         finger_db: Standard deviation of each finger's sensitivity from search to search.
         room: What else is there.
         fades: Sensitivity of the right finger after half a turn, as a share of the one before.
+        decays: Way over which the sound of the right finger spreads, as a share of the left one's.
     """
 
     seed: int
@@ -65,6 +66,7 @@ class Place(NamedTuple):
     finger_db: float = 0.0
     room: RoomSettings = RoomSettings()
     fades: float = 1.0
+    decays: float = 1.0
 
 
 class CenteringScene:
@@ -94,8 +96,12 @@ class CenteringScene:
         self.object_x_m = place.object_x_m
         self.touches = 0
         self._plant = AuraPlant(settings)
+        # what the right finger hears is another plant's where sound spreads otherwise for it
+        other = settings.model_copy(update={"decay_m": place.decays * settings.decay_m})
+        self._right = self._plant if place.decays == 1.0 else AuraPlant(other)
         self._place, self._thing, self._top_m = place, thing, settings.object_top_m
-        self._plant.begin((place.seed, place.number), thing, self._top_m, "normal")
+        for plant in {self._plant, self._right}:
+            plant.begin((place.seed, place.number), thing, self._top_m, "normal")
         self._push_n = settings.push_n
         jaws = jaws_settings(settings.closed_width_m)
         self._width_m = jaws.closed_width_m + STROKE_M
@@ -108,10 +114,11 @@ class CenteringScene:
 
         What the room sends each of them is drawn anew: its phases belong to places."""
         self.turned = not self.turned
-        (right, left), reflected = self._plant._gains, self._plant._reflected
         key = (self._place.seed, TURNED + self._place.number)
-        self._plant.begin(key, self._thing, self._top_m, "normal")
-        self._plant.__dict__.update(_gains=(right * self._place.fades, left), _reflected=reflected)
+        for plant in {self._plant, self._right}:
+            (right, left), reflected = plant._gains, plant._reflected
+            plant.begin(key, self._thing, self._top_m, "normal")
+            plant.__dict__.update(_gains=(right * self._place.fades, left), _reflected=reflected)
 
     def hear(self, first: int, end: int) -> tuple[NDArray[np.complex128], SampleBlock]:
         """Envelope of both fingers in milliseconds `first` to `end` - 1, shape (n, 2), and the arm's encoder.
@@ -121,9 +128,10 @@ class CenteringScene:
         ticks = np.arange(first, end, dtype=np.int64)
         motion = self._pushed(ticks)
         n = len(ticks)
-        z = self._plant.envelope(
-            motion, ticks, ticks / ENVELOPE_HZ, np.full(n, DRIVE_HZ), np.full(n, LEVEL), BOTH
-        )
+        heard = motion, ticks, ticks / ENVELOPE_HZ, np.full(n, DRIVE_HZ), np.full(n, LEVEL), BOTH
+        z = self._plant.envelope(*heard)
+        if self._right is not self._plant:
+            z[:, RIGHT] = self._right.envelope(*heard)[:, RIGHT]
         step = round(ENVELOPE_HZ / ENCODER_HZ)
         readings = np.arange(-(-first // step), -(-end // step), dtype=np.int64)
         position = self.arm.coordinates(readings / ENCODER_HZ)[:, :1]

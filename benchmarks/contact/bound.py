@@ -1,4 +1,4 @@
-"""How soon anyone could tell a contact: an observer that knows the noise and what this very contact adds."""
+"""How soon anyone could tell a contact, or its end: an observer that knows noise and what this very contact adds."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from benchmarks.contact.scenes import BASELINE_S, RATE_HZ, approach, level, rows
+from benchmarks.contact.holding import FELT_N, FELT_S, MEAN_SAMPLES
+from benchmarks.contact.scenes import BASELINE_S, RATE_HZ, ApproachScene, approach, level, rows
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +26,15 @@ KNOWN, UNKNOWN = (float(norm.isf(rate)) for rate in (1e-3, 1e-3 * 0.008 / 0.7))
 """Thresholds for one false contact in 1,000 approaches: who knows when to look, and who looks every 8 ms of 0.7 s."""
 
 
+APART = 2.0 * KNOWN
+"""Deflection at which one errs once in 1,000 times in either way."""
+
+INSTANTS_S = (0.2, 0.5, 0.8, 1.1)
+"""After the probe has come to stand: the last time before each at which the load cell felt the finger."""
+
+AWAY_M_S = 1.0
+
+
 def separations(name: str, count: int, first: int = 0) -> Floats:
     """Deflection of the matched filter after each 8 ms, in standard deviations, shape (count, STEPS).
 
@@ -38,16 +48,44 @@ def separations(name: str, count: int, first: int = 0) -> Floats:
             approach(level(name), SEED, first + i, rows()[(first + i) % 14], hold_s=0.0, touching=touching)
             for touching in (True, False)
         )
-        x = free.accelerometer[: round(BASELINE_S * RATE_HZ)].reshape(-1, HELD).mean(axis=1)
-        x = x - x.mean()
-        past = np.column_stack([x[ORDER - lag - 1 : -lag - 1] for lag in range(ORDER)])
-        weights = np.linalg.lstsq(past, x[ORDER:], rcond=None)[0]
-        sigma = float((x[ORDER:] - past @ weights).std())
-        begins = int(np.searchsorted(there.times_s, there.touch_s))
-        span = slice(begins, begins + STEPS * HELD)
-        added = (there.accelerometer[span] - free.accelerometer[span]).reshape(-1, HELD).mean(axis=1)
-        white = np.convolve(added, np.concatenate([[1.0], -weights]))[:STEPS]
-        found[i] = np.sqrt(np.cumsum(white**2)) / sigma
+        found[i] = _apart(there, free, there.touch_s, STEPS)
+    return found
+
+
+def _apart(there: ApproachScene, free: ApproachScene, since_s: float, steps: int) -> Floats:
+    """Deflection between two waveforms in the same noise after each 8 ms from a time on, shape (steps,)."""
+    x = free.accelerometer[: round(BASELINE_S * RATE_HZ)].reshape(-1, HELD).mean(axis=1)
+    x = x - x.mean()
+    past = np.column_stack([x[ORDER - lag - 1 : -lag - 1] for lag in range(ORDER)])
+    weights = np.linalg.lstsq(past, x[ORDER:], rcond=None)[0]
+    sigma = float((x[ORDER:] - past @ weights).std())
+    begins = int(np.searchsorted(there.times_s, since_s))
+    span = slice(begins, begins + steps * HELD)
+    added = (there.accelerometer[span] - free.accelerometer[span]).reshape(-1, HELD).mean(axis=1)
+    white = np.convolve(added, np.concatenate([[1.0], -weights]))[:steps]
+    return np.asarray(np.sqrt(np.cumsum(white**2)) / sigma)
+
+
+def waits(name: str, count: int, first: int = 0) -> Floats:
+    """How long one has to wait until it is known whether the probe is still there, s, shape (count, instants).
+
+    The same approach is simulated with a probe that stands and with one that is gone, within 4 ms, from an instant on
+    at which the load cell felt the finger. Whoever decides sooner errs, in one or the other way, more often than once
+    in 1,000 times; infinity beyond 0.6 s.
+    """
+    steps = round(0.6 * RATE_HZ / HELD)
+    found = np.full((count, len(INSTANTS_S)), np.inf)
+    for i in range(count):
+        key = (level(name), SEED, first + i, rows()[(first + i) % 14])
+        there = approach(*key, hold_s=INSTANTS_S[-1] + 0.8)
+        force_n = np.convolve(there.force_n, np.full(MEAN_SAMPLES, 1.0 / MEAN_SAMPLES))[: len(there.force_n)]
+        felt_s = there.times_s[force_n > FELT_N]
+        for place, after_s in enumerate(INSTANTS_S):
+            since_s = float(felt_s[felt_s <= there.stops_s + after_s][-1])
+            gone = approach(*key, hold_s=max(since_s - there.stops_s, 0.001), away_m_s=AWAY_M_S)
+            known = _apart(there, gone, since_s, steps) >= APART
+            if known.any():
+                found[i, place] = HELD / RATE_HZ * (1 + int(np.argmax(known)))
     return found
 
 
@@ -64,3 +102,13 @@ def bound(found: Floats) -> dict[str, dict[str, float]]:
             "p95_s": after[1] if shares[-1] >= 0.95 else float("inf"),
         }
     return told
+
+
+def waited(found: Floats) -> dict[str, float]:
+    """What `waits` comes to, s."""
+    return {
+        "median_s": float(np.median(found)),
+        "p95_s": float(np.quantile(found, 0.95, method="higher")),
+        "longest_s": float(found.max()),
+        "within_gap": float(np.mean(found <= FELT_S)),
+    }

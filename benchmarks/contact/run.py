@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.contact.bound import bound, separations
+from benchmarks.contact.bound import bound, separations, waited, waits
 from benchmarks.contact.holding import held
 from benchmarks.contact.rivals import OURS
 from benchmarks.contact.scenes import level
@@ -110,7 +110,18 @@ class Bound(NamedTuple):
         return separations(self.scene, self.approaches, self.first)
 
 
-def tasks(quick: bool) -> Iterator[Task | Holds | Bound]:
+class Waits(NamedTuple):
+    """Approaches with a probe that stands, and with one that is gone."""
+
+    scene: str
+    approaches: int
+
+    def run(self) -> Any:
+        """When the two can be told apart."""
+        return waits(self.scene, self.approaches)
+
+
+def tasks(quick: bool) -> Iterator[Task | Holds | Bound | Waits]:
     """Everything that is computed."""
     some = 7 if quick else SOME
     for name in LEVELS:
@@ -120,6 +131,7 @@ def tasks(quick: bool) -> Iterator[Task | Holds | Bound]:
                 yield Task(name, seed, first, CHUNK, finger)
         yield Holds(name, 7 if quick else 98)
         yield Bound(name, 0, 7 if quick else 56)
+        yield Waits(name, 7 if quick else 98)
     printed = level("printed").model_dump()
     yield Task("none", SEED_JUDGED, 0, some, printed)
     for share in BROKEN:
@@ -144,7 +156,7 @@ def main(quick: bool = False) -> None:
     save("contact", found, quick=quick)
 
 
-def _kept(task: Task | Holds | Bound, folder: Path) -> Any:
+def _kept(task: Task | Holds | Bound | Waits, folder: Path) -> Any:
     path = folder / (sha256(repr((type(task).__name__, *task)).encode()).hexdigest()[:16] + ".pickle")
     if not path.exists():
         done = task.run()
@@ -153,7 +165,7 @@ def _kept(task: Task | Holds | Bound, folder: Path) -> Any:
     return pickle.loads(path.read_bytes())
 
 
-def wanted_names(wanted: Sequence[Task | Holds | Bound]) -> list[tuple[Any, ...]]:
+def wanted_names(wanted: Sequence[Task | Holds | Bound | Waits]) -> list[tuple[Any, ...]]:
     """By which each result is found."""
     return [(type(task).__name__, *task[: 3 if isinstance(task, Task) else 2]) for task in wanted]
 
@@ -179,6 +191,10 @@ def figures(done: Mapping[tuple[Any, ...], Any]) -> dict[str, Any]:
         },
         "bound": {
             name: bound(np.concatenate([each for key, each in done.items() if key[:2] == ("Bound", name)]))
+            for name in LEVELS
+        },
+        "waits": {
+            name: next(waited(each) for key, each in done.items() if key[:2] == ("Waits", name))
             for name in LEVELS
         },
     }

@@ -88,6 +88,7 @@ def approach(
     hold_s: float = HOLD_S,
     noise: float = 1.0,
     touching: bool = True,
+    away_m_s: float = RETRACT_M_S,
 ) -> ApproachScene:
     """One approach: settle, baseline, approach until `STOPS_S` after the touch, hold, retract.
 
@@ -98,6 +99,7 @@ def approach(
         hold_s: How long the probe stands; 0 ends all where it would stop.
         noise: Every noise is so many times as large once the baseline has ended.
         touching: Whether the probe is there: without it the same finger in the same noise is heard for as long.
+        away_m_s: How fast it retracts.
     """
     location, speed_m_s = row
     rng = np.random.default_rng((seed, trial))
@@ -145,11 +147,11 @@ def approach(
     until(stops_s)
     if hold_s:
         there_m, leaves_s = (stops_s - starts_s) * speed_m_s, stops_s + hold_s
-        away_s = 0.004 / RETRACT_M_S
+        away_s = 0.004 / away_m_s
         plant.move_probe(
             [
                 (stops_s, there_m, 0.0, 0.0),
-                (leaves_s, there_m, -RETRACT_M_S, 0.0),
+                (leaves_s, there_m, -away_m_s, 0.0),
                 (leaves_s + away_s, there_m - 0.004, 0.0, 0.0),
             ]
         )

@@ -118,7 +118,7 @@ class FingerSettings(Settings):
     drive_ripple_hz: float = Field(default=100.0, gt=0.0, le=1e3)
     """Its frequency, Hz: twice the mains'."""
 
-    drift_1_s: float = Field(default=0.0, ge=-1e-3, le=1e-3)
+    drift_1_s: float = Field(default=0.0, ge=-1e-3, le=5e-3)
     """Drift of the joint's stiffness with temperature from the trial's start on, relative, 1/s; the resonance drifts by
     half of it."""
 
