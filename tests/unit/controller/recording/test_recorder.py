@@ -27,6 +27,19 @@ STREAMS = {
     "board.period": StreamInfo("board.period", ("period",), "s", 1e-6),
 }
 
+SAVED = {
+    "root": {("tabbed_widget", "name", "parent")},
+    "tabbed_widget": {("Tab", "containers", "tab_name")},
+    "Tab": {("Container",)},
+    "Container": {("DockSplitter", "count", "orientation", "sizes")},
+    "DockSplitter": {("DockArea", "name")},
+    "DockArea": {("plot", "mode", "style")},
+    "plot": {("curve", "color", "name")},
+    "curve": set(),
+}
+"""What stands in what, with which attributes, in layouts that PlotJuggler saved and openpilot published
+(tools/plotjuggler/layouts); what these have besides (range, limitY, currentTabIndex) its loader does without."""
+
 
 def folder_at(root):
     folder = RunFolder.create(root, "mock/transient", START)
@@ -379,7 +392,12 @@ def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
     paths = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
     assert paths[:2] == ["/detector/contact.statistic", "/detector/contact.threshold"]
     assert {"/guard/force.margin_n", "/board/frequency.frequency_hz", "/state.state"} <= set(paths)
-    curves = ElementTree.parse(folder.path / PLOTJUGGLER).iter("curve")
+    plots = ElementTree.parse(folder.path / PLOTJUGGLER).getroot()
+    curves = list(plots.iter("curve"))
+    for parent in plots.iter():
+        assert {(child.tag, *sorted(child.attrib)) for child in parent} <= SAVED[parent.tag]
+    (split,) = plots.iter("DockSplitter")
+    assert int(split.get("count")) == len(split) == len(split.get("sizes").split(";"))
     assert {curve.get("name").replace("/", ".") for curve in curves} == {
         path.replace("/", ".") for path in paths if path != "/state.state"
     }
