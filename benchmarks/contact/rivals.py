@@ -56,6 +56,21 @@ def phase_kalman(heard: ApproachScene, drift: float) -> Told:
     return _scored(heard.ends_s, off, heard)
 
 
+def amplitude_cusum(heard: ApproachScene, slack: float) -> Told:
+    """Page's cumulative sums, up and down, of each period's rms in deviations of the baseline, less a slack."""
+    ends = np.searchsorted(heard.times_s, heard.ends_s, side="right")
+    sums = np.concatenate([[0.0], np.cumsum(heard.accelerometer**2)])
+    starts = np.concatenate([[0], ends[:-1]])
+    power = (sums[ends] - sums[starts]) / np.maximum(ends - starts, 1)
+    times_s, off = _scored(heard.ends_s, np.sqrt(power), heard)
+    told = np.zeros(len(off))
+    up = down = 0.0
+    for i in np.flatnonzero(times_s >= heard.starts_s).tolist():
+        up, down = max(0.0, up + off[i] - slack), max(0.0, down - off[i] - slack)
+        told[i] = max(up, down)
+    return times_s, told
+
+
 def ours(heard: ApproachScene, senses: str = "all", free_hz: float = 1.0) -> Told:
     """The detector of the program, its deviations; `free_hz`: it mixes with so many times the right frequency."""
     times_s, told = _deviations(heard, free_hz)
@@ -86,6 +101,7 @@ def _scored(times_s: Floats, x: Floats, heard: ApproachScene) -> Told:
 
 
 PAPER, AR, KALMAN, OURS = "paper's criterion at its best", "AR innovations", "Kalman on phase", "ours"
+CUSUM = "CUSUM on amplitude"
 
 VARIANTS: Mapping[str, Mapping[str, Callable[[ApproachScene], Told]]] = {
     PAPER: {
@@ -96,6 +112,7 @@ VARIANTS: Mapping[str, Mapping[str, Callable[[ApproachScene], Told]]] = {
     },
     AR: {f"order {order}": partial(period_innovations, order=order) for order in (4, 6)},
     KALMAN: {f"drift {drift}": partial(phase_kalman, drift=drift) for drift in (0.3, 1.0)},
+    CUSUM: {f"slack {slack}": partial(amplitude_cusum, slack=slack) for slack in (0.5, 1.0, 2.0)},
     OURS: {"all": ours},
     **{
         f"ours, {senses} alone": {senses: partial(ours, senses=senses)}
@@ -103,5 +120,4 @@ VARIANTS: Mapping[str, Mapping[str, Callable[[ApproachScene], Told]]] = {
     },
     "ours, mixed 30 % off": {"all": partial(ours, free_hz=1.3)},
 }
-"""Every detector with the settings it may choose from: the three strongest rivals (a CUSUM on the amplitude and the
-innovations of the waveform were weaker), and ours in parts and with a wrong free frequency."""
+"""Every detector with the settings it may choose from: rivals, and ours in parts and with a wrong free frequency."""
