@@ -22,8 +22,7 @@ from behaviors.machine import Behavior
 from controller.detectors.protocol import Compiled, Detector
 from controller.glimpse import Glimpse
 from controller.guard import Guard, GuardRefusal
-from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
-from controller.loop import Operator as LoopOperator
+from controller.loop import Aborted, Loop, LoopOperator, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.recording.resuming import ResumedRun, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder

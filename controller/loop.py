@@ -75,7 +75,7 @@ class Witness(Protocol):
         """Keep one event and what followed from it."""
 
 
-class Operator(Protocol):
+class LoopOperator(Protocol):
     """The person at the bench."""
 
     def poll(self) -> str | None:
@@ -138,7 +138,7 @@ class Loop:
         infos: Mapping[str, DeviceInfo],
         guard: Guard,
         witness: Witness,
-        operator: Operator,
+        operator: LoopOperator,
         settings: LoopSettings,
     ) -> None:
         self._rig = rig
@@ -224,7 +224,7 @@ class Loop:
                 with suppress(Exception):
                     for status in device.poll():
                         self._note(status)
-                        self._keep(status, self._behavior.state, self._behavior.state, ())
+                        self._record_event(status, self._behavior.state, self._behavior.state, ())
                         if isinstance(status, Standstill) and not self._outdated(status):
                             pending.discard(name)
                         elif isinstance(status, Failed) and name in pending:
@@ -327,9 +327,9 @@ class Loop:
             return whole_s
         if self._guard.watch(t_s, blocks, moving) or self._guard.missing(t_s, blocks, moving):
             return t_s
-        self._keep_blocks(gathered)
-        self._keep_blocks(made)
-        self._keep_readings(readings)
+        self._record_blocks(gathered)
+        self._record_blocks(made)
+        self._record_readings(readings)
         return None
 
     # one turn
@@ -373,7 +373,7 @@ class Loop:
         if reason is not None or missing is not None:
             self._stop_all()
         found, readings = self._detect(blocks)
-        self._keep_readings(readings)
+        self._record_readings(readings)
         events: list[Event] = [*statuses, *found]
         events.sort(key=lambda event: event.t_s)
         if missing is not None:
@@ -386,7 +386,7 @@ class Loop:
             if self._heeds(event):
                 self._handle(event)
             elif not isinstance(event, Tick):
-                self._keep(event, self._behavior.state, self._behavior.state, ())
+                self._record_event(event, self._behavior.state, self._behavior.state, ())
         if len(self.events) > before:
             self._reach.begin()
         else:
@@ -411,15 +411,15 @@ class Loop:
 
         What was heard for a signal's sake alone is not: the signal is kept in its place.
         """
-        self._keep_blocks(gathered)
+        self._record_blocks(gathered)
         try:
             made, saturated = self._signals.push(gathered)
         except ValueError as error:
             raise UnfitStreamError(str(error)) from error
-        self._keep_blocks(made)
+        self._record_blocks(made)
         return [*gathered, *made], saturated
 
-    def _keep_blocks(self, blocks: Sequence[SampleBlock]) -> None:
+    def _record_blocks(self, blocks: Sequence[SampleBlock]) -> None:
         self._witness.record([block for block in blocks if block.stream not in self._behind])
 
     def _note(self, status: Status) -> None:
@@ -451,7 +451,7 @@ class Loop:
                         readings.append((detector.name, reading))
         return found, readings
 
-    def _keep_readings(self, readings: Iterable[tuple[str, Reading]]) -> None:
+    def _record_readings(self, readings: Iterable[tuple[str, Reading]]) -> None:
         for name, reading in readings:
             self._witness.reading(name, reading)
 
@@ -465,7 +465,7 @@ class Loop:
                 self._obey(commands)
         finally:
             if changed or not isinstance(event, Tick):
-                self._keep(event, before, after, commands)
+                self._record_event(event, before, after, commands)
             if after != before:
                 self._operator.state(after, event.t_s)
 
@@ -475,7 +475,7 @@ class Loop:
         self._arrange(commands)
         self._apply([command for command in commands if not isinstance(command, Stop)])
 
-    def _keep(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
+    def _record_event(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
         self.events.append(event)
         if before != after:
             self._entered(after, event.t_s)
@@ -559,7 +559,7 @@ class Loop:
             self._stop_all()
             self._arrange(())
             name = self._behavior.state
-            self._keep(Paused(t_s), name, name, ())
+            self._record_event(Paused(t_s), name, name, ())
             self._operator.state("PAUSED", t_s)
         elif word == "resume":
             self._resuming = True

@@ -218,9 +218,9 @@ class CanLink:
             if beat is None:
                 self._hear(HEAR_S)
             else:
-                self._keep(beat)
+                self._ask_steadily(beat)
 
-    def _keep(self, beat: PeriodicQuestion) -> None:
+    def _ask_steadily(self, beat: PeriodicQuestion) -> None:
         """Ask until the loop wants something else."""
         self._asked = beat
         origin_s = self._clock.monotonic_s()

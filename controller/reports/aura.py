@@ -12,7 +12,7 @@ from markupsafe import Markup
 from behaviors.aura import AuraFactors
 from controller.measures.aura import METHODS
 from controller.recording.reader import Run
-from controller.reports.counts import percent, rate, total, values
+from controller.reports.counts import factor_of, percent, rate, total, values
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Figure, Kind, Notes, ReportTable, Result, Section
@@ -99,9 +99,8 @@ def _whence(rows: Sequence[Any]) -> list[str]:
 
 
 def factor(row: Mapping[str, Any], name: str) -> str:
-    """A trial's factor as a word; the behavior's default where the trials do not vary it."""
-    value = row.get(name)
-    return str(AuraFactors.model_fields[name].default if value is None else value)
+    """See `factor_of`; as a word."""
+    return str(factor_of(row, name, AuraFactors))
 
 
 def _groups(rows: Sequence[Any], *names: str) -> Mapping[tuple[str, ...], list[Any]]:

@@ -12,8 +12,7 @@ from markupsafe import Markup
 from behaviors.centering import CenteringFactors
 from controller.recording.reader import Run
 from controller.reports.approaches import mean_of
-from controller.reports.counts import factor as beside_bound
-from controller.reports.counts import percentiles_ms, total, values
+from controller.reports.counts import beside_bound, factor_of, of_benches, percentiles_ms, total, values
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
 from controller.reports.section import Block, Figure, Kind, Result, Section
 from controller.reports.sonicfinger import (
@@ -59,9 +58,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 
 def factor(row: Mapping[str, Any], name: str) -> Any:
-    """A trial's factor; the behavior's default where the trial does not vary it."""
-    value = row.get(name)
-    return CenteringFactors.model_fields[name].default if value is None else value
+    """See `factor_of`."""
+    return factor_of(row, name, CenteringFactors)
 
 
 def _groups(rows: Sequence[Any]) -> Mapping[Key, Sequence[Any]]:
@@ -139,10 +137,8 @@ def _grasps(key: Key, rows: Sequence[Any]) -> dict[str, Any]:
 def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """From the sample with which a finger saw the object to the arm being told to stop, by bench and method."""
     found = []
-    for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
-        there = [run for run in runs if run.manifest.get("bench") == bench]
+    for bench, there, lost in of_benches(runs, "audio.fingers"):
         rows = rows_of(there)
-        lost = sum(int((run.manifest.get("loss") or {}).get("audio.fingers", 0)) for run in there)
         for method in sorted({str(factor(row, "method")) for row in rows}):
             own = [row for row in rows if str(factor(row, "method")) == method]
             waits_s = [*values(own, "seen_to_stop_left_s"), *values(own, "seen_to_stop_right_s")]

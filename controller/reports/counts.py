@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.stats import t as student_t
 
 from controller.recording.reader import Run
 from controller.reports.text import NOTHING, number
+from drivers.settings import Settings
 
 _NOT_MEASURED = ("guard", "fault", "aborted")
 
@@ -45,6 +46,19 @@ def total(rows: Sequence[Any], column: str) -> int:
 def values(rows: Sequence[Any], column: str) -> list[float]:
     """A column's numbers, empty cells left out."""
     return [float(row[column]) for row in rows if isinstance(row.get(column), int | float)]
+
+
+def factor_of(row: Mapping[str, Any], name: str, factors: type[Settings]) -> Any:
+    """A trial's factor; the behavior's default where the trials do not vary it."""
+    value = row.get(name)
+    return factors.model_fields[name].default if value is None else value
+
+
+def of_benches(runs: Sequence[Run], stream: str) -> Iterator[tuple[str, Sequence[Run], int]]:
+    """Each bench, its runs, and how many samples of a stream were lost in them."""
+    for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
+        own = [run for run in runs if str(run.manifest.get("bench")) == bench]
+        yield bench, own, sum(int((run.manifest.get("loss") or {}).get(stream, 0)) for run in own)
 
 
 def percentiles_ms(spans_s: Sequence[float]) -> dict[str, float | int]:
@@ -94,7 +108,7 @@ def effect(pairs: Sequence[tuple[float, float]]) -> Effect | None:
     return Effect(float(ours / paper), same, len(known), (low, high))
 
 
-def factor(value: float, bound: float) -> str:
+def beside_bound(value: float, bound: float) -> str:
     """`1.9 times below` or `1.2 times above`: a value beside a bound."""
     if not value > 0.0:
         return "below"

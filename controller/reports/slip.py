@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.detectors.calibration import poisson_interval
 from controller.recording.reader import Run
-from controller.reports.counts import percentiles_ms, values, wilson
+from controller.reports.counts import of_benches, percentiles_ms, values, wilson
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import Figures
 from controller.reports.run_account import setting_of
@@ -176,10 +176,8 @@ def _frequencies(runs: Sequence[Run]) -> list[dict[str, Any]]:
 def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """From the sample that told slip to the arm being told to stop; by the wall clock where devices are on the wire."""
     found = []
-    for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
-        own = [run for run in runs if run.manifest.get("bench") == bench]
+    for bench, own, lost in of_benches(runs, "arm.force"):
         rows = [row for run in own for row in run.trials]
-        lost = sum(int((run.manifest.get("loss") or {}).get("arm.force", 0)) for run in own)
         if waits_s := values(rows, "slip_to_stop_s"):
             way_m = float(np.median(values(rows, "stop_travel_m") or [np.nan]))
             found.append({"bench": bench, "way_m": way_m, "lost": lost} | percentiles_ms(waits_s))

@@ -27,7 +27,7 @@ from controller.reports.approaches import (
     table_rows,
     trends,
 )
-from controller.reports.counts import factor, values
+from controller.reports.counts import beside_bound, values
 from controller.reports.detector_scores import DetectorScore, score_detectors
 from controller.reports.figures import Figures
 from controller.reports.paper import CITATION, COLUMNS, RESONANCE, SETTLE, TABLE_1, PaperColumn
@@ -205,7 +205,9 @@ def _summary(approaches: Sequence[ApproachedTrial], beside: Sequence[Held], simu
 def _compared(each: Held) -> str:
     """`Time: 2.5 times quicker than Table I in 14 of 14 rows; mean 0.12 s, 2.4 times below the paper's 0.30 s.`"""
     column = each.column
-    bound = f"{column.over} {_printed(column, each.value)}, {factor(each.value, column.bound)} the paper's "
+    bound = (
+        f"{column.over} {_printed(column, each.value)}, {beside_bound(each.value, column.bound)} the paper's "
+    )
     bound += f"{_printed(column, column.bound)} ({column.source})"
     if each.effect is None:
         return f"{column.title.capitalize()} at detection: {bound}."
@@ -277,7 +279,7 @@ def _bound(each: Held) -> dict[str, Any]:
         "what": f"{column.over} {column.title}",
         "limit": _printed(column, column.bound),
         "value": _printed(column, each.value) if worst else NOTHING,
-        "effect": factor(each.value, column.bound) if worst else NOTHING,
+        "effect": beside_bound(each.value, column.bound) if worst else NOTHING,
         "met": each.met,
         "why": why,
     }
