@@ -19,8 +19,9 @@ browser:                        ## the report is tested in one
 		|| { echo "the report is tested in a browser: install chromium (apt-get install chromium)"; exit 2; }
 
 mutants: .venv/dev.stamp        ## what small changes the unit tests let pass: guard, loop, stop paths, codecs; goes on where it was
-	nice -n 15 $(BIN)/python -m mutmut run
-	$(BIN)/python -m mutmut results
+	@test -f mutants/mutmut-stats.json || rm -rf mutants  # what was interrupted before the first mutant is made anew
+	nice -n 15 $(BIN)/python -P -m mutmut run
+	$(BIN)/python -P -m mutmut results
 
 check: .venv/dev.stamp          ## format, lint, types, import layers; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .

@@ -81,7 +81,26 @@ def test_a_line_of_the_greatest_length_is_heard_and_no_longer_one() -> None:
     assert buffer.feed(b"x" * codec.MAX_LINE) == []
     assert buffer.feed(b"\r\n") == [b"x" * codec.MAX_LINE]
     assert buffer.feed(b"x" * (codec.MAX_LINE + 1)) == []
-    assert buffer.feed(b"\r\none\r\ntwo\r\n") == [b"one", b"two"]
+    assert buffer.feed(b"\r\none\r\ntw") == [b"one"]
+    assert buffer.feed(b"o\r\n") == [b"two"]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (b"hello", "no Zaber ASCII line: b'hello'"),
+        (b"@01 1 04 OK IDLE -- 24188:32", "wrong checksum: b'@01 1 04 OK IDLE -- 24188:32'"),
+        (b"@01 1 04 OK IDLE -- 24188", "no checksum: b'@01 1 04 OK IDLE -- 24188'"),
+    ],
+)
+def test_a_refused_line_is_quoted(line: bytes, words: str) -> None:
+    with pytest.raises(CodecError) as error:
+        codec.decode_message(line)
+    assert str(error.value) == words
+
+
+def test_a_flag_without_a_meaning_is_a_fault() -> None:
+    assert codec.meaning("ZZ") == "it reports a fault"
 
 
 def test_a_line_with_a_wrong_checksum_is_refused() -> None:

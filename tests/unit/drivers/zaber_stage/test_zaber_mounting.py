@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from drivers.messages import MoveAt
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
 
 STEP_M = 0.49609375e-6
@@ -29,6 +30,13 @@ def test_a_limit_is_never_beyond_what_was_asked_for_and_less_than_a_microstep_be
 def test_a_whole_number_of_microsteps_is_met_exactly() -> None:
     m = mounting()
     assert m.at_most(1000 * STEP_M) == m.at_least(1000 * STEP_M) == m.nearest(1000 * STEP_M) == 1000
+
+
+@pytest.mark.parametrize(("velocity_m_s", "counts"), [(0.01, 1000), (-0.01, 1001)])
+def test_an_approach_ends_at_the_last_whole_microstep_before_its_limit(
+    velocity_m_s: float, counts: int
+) -> None:
+    assert mounting().target(MoveAt("stage", velocity_m_s, 1000.5 * STEP_M)) == counts
 
 
 def test_a_stage_mounted_backwards_counts_down_from_its_origin() -> None:

@@ -213,6 +213,13 @@ def test_both_ends_of_the_travel_may_be_asked_for_and_a_stage_at_its_limit_stays
         assert refusal(Mounting(SETTINGS), here, 10000, 0.5) == ""
 
 
+@pytest.mark.parametrize(("acceleration_m_s2", "refused"), [(0.5, True), (2.0, False)])
+def test_a_stage_that_brakes_harder_needs_less_blind_travel(acceleration_m_s2: float, refused: bool) -> None:
+    """v^2 / 2a and 50 ms at v: 1.9 mm at 0.5 m/s^2, 1.4 mm at 2."""
+    fast = MoveAt("stage", 0.025, 0.012, blind_travel_m=0.0018)
+    assert bool(refusal(Mounting(SETTINGS), fast, 0, acceleration_m_s2)) is refused
+
+
 @pytest.mark.parametrize(
     ("command", "words"),
     [

@@ -90,7 +90,9 @@ class Bench:
         while not condition():
             assert self.clock.monotonic_s() < until_s, f"not within 8 s; statuses: {self.statuses}"
             self.blocks += self.stage.read()
-            self.statuses += self.stage.poll()
+            told = self.stage.poll()
+            assert all(status.device == "stage" and 0.0 <= status.t_s <= self.clock.now() for status in told)
+            self.statuses += told
             self.clock.rest(0.001)
 
     def expect(self, kind: type[S]) -> S:
@@ -283,6 +285,7 @@ def test_a_stop_is_told_when_it_is_written_and_when_the_stage_stands_under_its_n
     place_m = pytest.approx(b.wire.axis.position(b.clock.now()), abs=STEP_M)
     assert still == Standstill(b.clock.now() - 0.001, "stage", place_m, command_id=9)
     assert not b.wire.axis.moving(still.t_s)
+    assert still.t_s < now_s + 0.01 / 0.5 + 0.013, "it is asked every 10 ms whether it stands"
     b.turn_for_lines(5)
     assert b.statuses == []
     assert b.wire.lines().count("stop") == 1
@@ -439,6 +442,35 @@ def test_a_position_has_the_time_at_which_it_was_asked_for_and_is_counted() -> N
     assert len(b.blocks) == heard
 
 
+@pytest.mark.parametrize(
+    ("commands", "least", "most"),
+    [
+        ((), 4, 6),
+        ((Listen("stage", EVERYTHING),), 80, 101),
+        ((MoveAt("stage", 0.005, 0.02),), 80, 101),
+        ((Listen("stage", EVERYTHING), Listen("stage", frozenset())), 4, 6),
+    ],
+    ids=["at rest", "listened to", "moving", "listened to no more"],
+)
+def test_a_stage_is_asked_often_where_it_moves_or_is_listened_to(
+    commands: tuple[Command, ...], least: int, most: int
+) -> None:
+    b = Bench()
+    for command in commands:
+        b.stage.apply(command)
+    before, until_s = b.wire.lines().count("get pos"), b.clock.now() + 1.0
+    b.turn_until(lambda: b.clock.now() > until_s)
+    assert least <= b.wire.lines().count("get pos") - before <= most
+
+
+def test_a_place_on_the_other_side_of_the_home_end_is_negative() -> None:
+    b = Bench()
+    b.wire.axis.place(b.clock.now(), -10 * STEP_M)
+    b.stage.apply(Listen("stage", EVERYTHING))
+    b.turn_until(lambda: len(b.blocks) > 0)
+    assert b.blocks[0].values.tolist() == [[-10]]
+
+
 def test_nothing_is_sent_up_when_nobody_listens() -> None:
     b = Bench()
     b.begin(MoveTo("stage", 0.002, 0.02))
@@ -508,6 +540,13 @@ def test_a_place_that_is_no_number_is_a_failure() -> None:
     b = Bench()
     b.wire.device._readings["pos"] = lambda t_s: "NA"
     assert b.expect(Failed).reason == "it answers 'get pos' with 'NA'; is this a linear stage?"
+
+
+def test_a_stage_at_rest_stalls_for_no_command() -> None:
+    b = Bench()
+    b.inject("disable")
+    stalled = b.expect(Stalled)
+    assert (stalled.command_id, stalled.reason) == (0, "its driver is disabled (FD)")
 
 
 def test_silence_is_a_failure_that_names_what_went_on_and_the_port() -> None:
