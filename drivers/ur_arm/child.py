@@ -23,7 +23,7 @@ from drivers.bench_clock import LOOK_S as BENCH_LOOK_S
 from drivers.bench_clock import BenchClock, ClockPage
 from drivers.clock import Clock, WallClock, rest
 from drivers.messages import Command, Home, Status, Stop
-from drivers.ur_arm.client import CALLS_S, CONTROL_GONE, Link, RtdeClient
+from drivers.ur_arm.client import CALLS_S, CONTROL_GONE, RtdeClient, RtdeSockets
 from drivers.ur_arm.controller import PLAYING, Seen, still, trouble
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.guidance import CYCLE_S
@@ -214,7 +214,7 @@ class ArmProcess:
                 f"no data come from {host}",
                 "is the controller up, and RTDE switched on at the pendant?",
             )
-        self._link = Link()
+        self._link = RtdeSockets()
         self._await_row(lambda row: True)
 
     def _check_readiness(self, dashboard: Dashboard, again: bool) -> None:

@@ -38,7 +38,7 @@ RTDE_PORT = 30004
 """Where a controller serves RTDE (RTDE guide)."""
 
 
-class Link:
+class RtdeSockets:
     """This process's connections to an RTDE port, known by their sockets.
 
     The client connects again by itself within milliseconds, and may crash at it. A busy machine can hide those
@@ -48,7 +48,7 @@ class Link:
         others: Whose connections these are not.
     """
 
-    def __init__(self, *others: Link) -> None:
+    def __init__(self, *others: RtdeSockets) -> None:
         theirs = {number for other in others for number, _ in other._sockets}
         self._sockets: list[tuple[int, int]] = [one for one in _rtde_sockets() if one[0] not in theirs]
 
@@ -95,7 +95,7 @@ class RtdeClient:
         dashboard: Dashboard,
         clock: Clock,
         latest: Callable[[], ArmRow],
-        receiving: Link,
+        receiving: RtdeSockets,
     ) -> None:
         from rtde_control import RTDEControlInterface
 
@@ -108,7 +108,7 @@ class RtdeClient:
             self._control = RTDEControlInterface(settings.host)
         except (RuntimeError, ValueError) as error:
             raise BrokenError("refused", f"the client says: {error}", _advice(str(error))) from error
-        self._link = Link(receiving)
+        self._link = RtdeSockets(receiving)
         self._watch()
 
     def speed(self, twist: Pose, acceleration_m_s2: float) -> bool:

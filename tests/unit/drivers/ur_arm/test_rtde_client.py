@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.ur_arm.client import Link, RtdeClient
+from drivers.ur_arm.client import RtdeClient, RtdeSockets
 from drivers.ur_arm.controller import PLAYING
 from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import UrArmSettings
@@ -45,7 +45,7 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
     dashboard = SimpleNamespace(ask=lambda question: "true")
     row = ArmRow(0.0, 0.0, SETTINGS.start_pose, (0.0,) * 6, (0.0,) * 6, 1, PLAYING)
 
-    client = RtdeClient(SETTINGS, dashboard, Heard(done), lambda: row, Link())
+    client = RtdeClient(SETTINGS, dashboard, Heard(done), lambda: row, RtdeSockets())
     assert done == ["hold", "setWatchdog"]
     done.clear()
     assert client.recover() == ""
@@ -60,9 +60,9 @@ def test_a_connection_that_was_made_again_is_another_link_however_quickly(
         where = server.getsockname()
         monkeypatch.setattr("drivers.ur_arm.client.RTDE_PORT", where[1])
         with socket.create_connection(where) as receiving:
-            first = Link()
+            first = RtdeSockets()
             controlling = socket.create_connection(where)
-            second = Link(first)
+            second = RtdeSockets(first)
             assert first.stands() and second.stands()
             number = controlling.fileno()
             controlling.close()
