@@ -61,7 +61,7 @@ def draw_session(said: str, path: Path) -> None:
     """The command, the live view in mid-campaign, and what the end says."""
     frames = re.split(r"(?:\x1b\[2K|\x1b\[1A|\r)+", said)
     live = [frame for frame in frames if "━" in frame and "board.period" in frame]
-    live = [frame for frame in live if "APPROACH" in frame] or live
+    live = [frame for frame in live if "APPROACH" in frame and re.search(r"Hz +contact", frame)] or live
     end = said[said.rindex("Stop at first contact") :]
     lines = [
         "$ run.py run mock/transient",
