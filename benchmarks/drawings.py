@@ -39,7 +39,7 @@ def main(names: Sequence[str]) -> None:
         if names and figure.__name__ not in names:
             continue
         with TemporaryDirectory() as folder:
-            figures = Figures(Path(folder), simulated=figure not in (physics, campaigns))
+            figures = Figures(Path(folder), simulated=figure not in (physics, campaigns), also=("png",))
             name = figure(figures)
             (OUT / f"{name}.png").write_bytes((Path(folder) / f"{name}.png").read_bytes())
 

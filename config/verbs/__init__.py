@@ -301,8 +301,8 @@ def sets(overrides: Mapping[str, str]) -> list[str]:
     return [f"--set={key}={value}" for key, value in overrides.items()]
 
 
-def report_on(folders: Sequence[RunFolder]) -> None:
-    """Write the report of some runs, and say what it says."""
+def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
+    """Write the report of some runs, its figures in other formats as well, and say what it says."""
     from controller.export import tidy
     from controller.recording.reader import open_run
     from controller.reports.report import tell
@@ -313,7 +313,7 @@ def report_on(folders: Sequence[RunFolder]) -> None:
     for run in runs:
         tidy(run)
     whole = folders[0].read_manifest() if len(folders) == 1 else {}
-    page, lines = tell(runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()))
+    page, lines = tell(runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()), also)
     usual = page.parent.parent.resolve() == Path("runs").resolve()
     newest = usual and max(page.parent.parent.iterdir()).name == page.parent.name
     where = "latest" if newest else page.parent

@@ -13,8 +13,9 @@ from config import verbs
 
 @click.command(cls=verbs.Verb, short_help="Write the report of one or more runs.")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
+@click.option("--print", "for_print", is_flag=True, help="Save figures as PDF and PNG as well.")
 @verbs.out_option
-def report(runs: Sequence[str], out: Path) -> None:
+def report(runs: Sequence[str], for_print: bool, out: Path) -> None:
     """Write the report of a RUN, or of several together, from the recordings alone.
 
     RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`. The page goes into the last one's folder. A
@@ -31,7 +32,7 @@ def report(runs: Sequence[str], out: Path) -> None:
     folders = [RunFolder.find(name, out) for name in runs]
     for run in (run for folder in folders for run in folder.runs):
         close_recordings(run)
-    verbs.report_on(folders)
+    verbs.report_on(folders, ("pdf", "png") if for_print else ())
 
 
 @click.command(cls=verbs.Verb, short_help="Watch a run that goes on, in the browser.")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,11 +149,11 @@ def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
     if len(values) <= points:
         return np.arange(len(values))
     edges = np.linspace(0, len(values), points // 2 + 1).astype(int)
-    found: set[int] = {0, len(values) - 1}
-    for start, end in pairwise(edges):
-        part = values[start:end]
-        if np.isfinite(part).any():
-            found |= {start + int(np.nanargmin(part)), start + int(np.nanargmax(part))}
-        else:
-            found.add(int(start))
-    return np.array(sorted(found))
+    starts, lengths = edges[:-1], np.diff(edges)
+    stretch = np.repeat(np.arange(len(starts)), lengths)
+    found = [np.array([0, len(values) - 1])]
+    for most, no_value in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+        known = np.where(np.isnan(values), no_value, values)
+        places = np.flatnonzero(known == most.reduceat(known, starts)[stretch])
+        found.append(places[np.unique(stretch[places], return_index=True)[1]])
+    return np.unique(np.concatenate(found))

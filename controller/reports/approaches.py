@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from scipy.stats import spearmanr
+import numpy as np
+import pandas as pd
 
 from controller.recording.reader import Run
 from controller.reports.counts import Effect, effect
@@ -241,7 +242,7 @@ def correlate(x: Sequence[float], y: Sequence[float]) -> Correlation:
     """Spearman's rank correlation of two equally long sequences."""
     if len(x) < 3 or len(set(x)) < 2 or len(set(y)) < 2:
         return Correlation(math.nan, len(x))
-    return Correlation(float(spearmanr(x, y).statistic), len(x))
+    return Correlation(float(np.corrcoef(pd.Series(x).rank(), pd.Series(y).rank())[0, 1]), len(x))
 
 
 def trends(rows: Sequence[Row]) -> list[Trend]:

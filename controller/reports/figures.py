@@ -1,4 +1,4 @@
-"""Figures at print quality: one style, saved as PDF, PNG and SVG, the SVG also inside the page."""
+"""Figures at print quality: one style, saved as SVG, which is also inside the page; as PDF and PNG where asked."""
 
 from __future__ import annotations
 
@@ -90,9 +90,11 @@ class Figures:
         folder: Where to save.
         simulated: Whether every figure bears the word.
         prefix: Begins the identifiers of its SVG elements: no two on one page are alike.
+        also: Formats beside SVG, such as "pdf"; each costs as much again.
     """
 
-    def __init__(self, folder: Path, *, simulated: bool, prefix: str = "s") -> None:
+    def __init__(self, folder: Path, *, simulated: bool, prefix: str = "s", also: Sequence[str] = ()) -> None:
+        self._also = also
         self._prefix = prefix
         self._folder = folder
         self._simulated = simulated
@@ -100,19 +102,18 @@ class Figures:
 
     @contextmanager
     def figure(self, height_in: float, rows: int = 1, columns: int = 1, **layout: Any) -> Iterator[Drawing]:
-        """A figure of `rows` x `columns` axes in the house's style, closed afterwards."""
-        mpl.use("Agg")
-        import matplotlib.pyplot as plt
+        """A figure of `rows` x `columns` axes in the house's style."""
+        from matplotlib.figure import Figure
 
         with mpl.rc_context(_STYLE):
-            figure, axes = plt.subplots(rows, columns, figsize=(WIDTH_IN, height_in), squeeze=False, **layout)
-            try:
-                yield Drawing(self, figure, list(axes.flat))
-            finally:
-                plt.close(figure)
+            figure = Figure(figsize=(WIDTH_IN, height_in))
+            axes = figure.subplots(rows, columns, squeeze=False, **layout)
+            yield Drawing(self, figure, list(axes.flat))
 
     def save(self, figure: Figure, name: str) -> str:
-        """Write PDF, PNG and SVG; returns the SVG element, with identifiers that no other figure has."""
+        """Write it; returns the SVG element, with identifiers that no other figure has."""
+        from matplotlib.backends.backend_svg import FigureCanvasSVG
+
         if self._simulated:
             # A line of small print above the axes, where no legend is that makes room for it.
             strip = 0.0 if figure.legends else 0.17 / figure.get_size_inches()[1]
@@ -129,14 +130,16 @@ class Figures:
                 alpha=0.9,
             )
         self._folder.mkdir(parents=True, exist_ok=True)
-        # Drawn in memory first: a full disk is then one plain error, not one from the inside of a writer.
-        page, picture = io.BytesIO(), io.BytesIO()
-        figure.savefig(page, format="pdf", metadata={"CreationDate": None})
-        (self._folder / f"{name}.pdf").write_bytes(page.getvalue())
-        figure.savefig(picture, format="png", dpi=300)
-        (self._folder / f"{name}.png").write_bytes(picture.getvalue())
+        # drawn in memory first: a full disk is then one plain error, not one from the inside of a writer
+        for kind in self._also:
+            picture = io.BytesIO()
+            figure.savefig(
+                picture, format=kind, dpi=300, metadata={"CreationDate": None} if kind == "pdf" else None
+            )
+            (self._folder / f"{name}.{kind}").write_bytes(picture.getvalue())
+        # the canvas lays out and draws once, where `savefig` does it twice
         buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
         text = buffer.getvalue()
         (self._folder / f"{name}.svg").write_text(text, "utf-8")
         self._count += 1

@@ -44,13 +44,14 @@ _SIMULATED = (
 )
 
 
-def build_report(runs: Sequence[Run], out: Path | None = None) -> Path:
+def build_report(runs: Sequence[Run], out: Path | None = None, also: Sequence[str] = ()) -> Path:
     """Write `report.html` and `figures/`.
 
     Args:
         runs: What to tell of, one experiment or several; trials of one experiment on one kind of bench are pooled where
             their settings are equal, and stand apart where they differ.
         out: Folder to write to; by default that of the last run.
+        also: Formats of figures beside SVG.
 
     Returns:
         The page.
@@ -58,11 +59,15 @@ def build_report(runs: Sequence[Run], out: Path | None = None) -> Path:
     Raises:
         RecordingError: it cannot be written.
     """
-    return tell(runs, out)[0]
+    return tell(runs, out, also=also)[0]
 
 
 def tell(
-    runs: Sequence[Run], out: Path | None = None, title: str = "", paper: Sequence[Mapping[str, str]] = ()
+    runs: Sequence[Run],
+    out: Path | None = None,
+    title: str = "",
+    paper: Sequence[Mapping[str, str]] = (),
+    also: Sequence[str] = (),
 ) -> tuple[Path, list[str]]:
     """Write the report as `build_report` does; returns the page, and what it says in the lines of a terminal.
 
@@ -72,6 +77,7 @@ def tell(
         title: Of the page; by default what its parts make of it.
         paper: Tables and figures of a paper: `item`, what it `shows`, the `part` (a profile) that repeats it, why that
             `differs`.
+        also: Formats of figures beside SVG.
     """
     if not runs:
         raise ValueError("a report needs at least one run")
@@ -79,7 +85,7 @@ def tell(
     runs = list({run.folder.path: run for run in runs}.values())
     path = folder / "report.html"
     try:
-        page, parts = _page(runs, folder / "figures", title, paper)
+        page, parts = _page(runs, folder / "figures", title, paper, also)
         temporary = path.with_suffix(".html.tmp")
         temporary.write_text(page, "utf-8")
         temporary.replace(path)
@@ -89,7 +95,11 @@ def tell(
 
 
 def _page(
-    runs: Sequence[Run], figures_path: Path, title: str, paper: Sequence[Mapping[str, str]]
+    runs: Sequence[Run],
+    figures_path: Path,
+    title: str,
+    paper: Sequence[Mapping[str, str]],
+    also: Sequence[str],
 ) -> tuple[str, Sequence[SectionPart]]:
     parts: list[SectionPart] = []
     apart: list[ReportTable] = []
@@ -106,7 +116,7 @@ def _page(
                 figures_path if len(kinds) == len(groups) == 1 else figures_path / f"{experiment}_{bench}"
             )
             folder = folder / str(number) if len(groups) > 1 else folder
-            figures = Figures(folder, simulated=group[0].simulated, prefix=f"s{len(parts)}")
+            figures = Figures(folder, simulated=group[0].simulated, prefix=f"s{len(parts)}", also=also)
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
         if len(groups) > 1:

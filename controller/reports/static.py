@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
-from scipy.signal import periodogram
 
 from controller.recording.reader import Run
 from controller.recording.series import Series
@@ -200,9 +199,12 @@ def _draw(figures: Figures, drawn: Sequence[tuple[StaticCondition, Series]]) -> 
 
 def _draw_spectrum(axes: Axes, condition: StaticCondition, series: Series) -> None:
     rate_hz = (len(series) - 1) / float(series.times_s[-1] - series.times_s[0])
-    frequencies_hz, power = periodogram(series.values[:, 0], rate_hz, window="hann", scaling="spectrum")
+    values = series.values[:, 0]
+    window = np.hanning(len(values) + 1)[:-1]
+    amplitudes = 2.0 * np.abs(np.fft.rfft((values - values.mean()) * window)) / window.sum()
+    frequencies_hz = np.fft.rfftfreq(len(values), 1.0 / rate_hz)
     low = frequencies_hz <= SPECTRUM_HZ
-    axes.plot(frequencies_hz[low], np.sqrt(2.0 * power[low]), color=OURS, lw=0.9)
+    axes.plot(frequencies_hz[low], amplitudes[low], color=OURS, lw=0.9)
     axes.axvline(STATIC_HZ[condition.name], color=FALSE, lw=0.8, ls=(0, (4, 2)))
     axes.set_xlim(0.0, SPECTRUM_HZ)
     axes.set_ylim(bottom=0.0)

@@ -148,10 +148,10 @@ def test_no_error_bar_is_cut_even_where_the_spread_is_larger_than_the_mean(tmp_p
     assert all(inside)
 
 
-def test_figures_are_saved_for_print(campaign):
+def test_figures_are_saved_beside_the_page(campaign):
     names = {path.name for path in (campaign[0].folder.path / "figures").iterdir()}
     expected = ("fig_5_trial", "fig_7_pad", "fig_8_back", "fig_9_speed")
-    assert names == {f"{name}.{kind}" for name in expected for kind in ("pdf", "png", "svg")}
+    assert names == {f"{name}.svg" for name in expected}
 
 
 def test_a_shortened_settling_is_said(tmp_path, undrawn):
@@ -254,7 +254,7 @@ def test_several_runs_are_pooled_by_experiment(tmp_path):
         in text
     )
     assert "light contact 33.00 30 +3.0 ± 2 assumed" in text
-    assert (tmp_path / "figures" / "static_mock" / "fig_4_waveforms.pdf").exists()
+    assert [file.name for file in (tmp_path / "figures" / "static_mock").iterdir()] == ["fig_4_waveforms.svg"]
 
 
 def with_settings(run, **settings):
@@ -365,7 +365,7 @@ def test_a_new_experiment_has_its_columns_means_spreads_and_a_plot_without_any_c
     given_ = [Given("a", 0.003785, 0.30), Given("a", 0.003785, 0.40), Given("f", 0.00254, 0.20)]
     run = write_transient(tmp_path, given_)
     run.folder.write_manifest({**run.manifest, "experiment": "twisting"})
-    path = build_report([open_run(run.folder.path)])
+    path = build_report([open_run(run.folder.path)], also=("pdf", "png"))
     text = text_of(path)
     assert "location speed, mm/s" in text
     assert "delay, s" in text
@@ -373,7 +373,7 @@ def test_a_new_experiment_has_its_columns_means_spreads_and_a_plot_without_any_c
     assert "0.2 (1)" in text
     assert "Contact: 100.0 % (43.9 to 100.0)." in text
     assert path.read_text("utf-8").count("<svg aria-label") == 1
-    assert (path.parent / "figures" / "measured.png").is_file()
+    assert {file.suffix for file in (path.parent / "figures").iterdir()} == {".svg", ".pdf", ".png"}
 
 
 def test_a_folder_that_cannot_be_written_is_one_clear_line(campaign, tmp_path, undrawn):

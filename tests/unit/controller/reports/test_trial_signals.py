@@ -1,5 +1,6 @@
 import base64
 import json
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,19 @@ def test_a_reduced_curve_keeps_every_peak():
     assert len(keep) <= 1502
     assert {123, 77_777, 0, 99_999} <= set(keep.tolist())
     assert np.all(np.diff(keep) > 0)
+
+
+def test_of_each_stretch_the_first_least_and_the_first_largest_value_are_kept():
+    rng = np.random.default_rng(1)
+    values = np.round(rng.normal(size=1003), 1)
+    values[rng.random(1003) < 0.5] = np.nan
+    values[200:300] = np.nan
+    edges = np.linspace(0, 1003, 41).astype(int)
+    parts = [(start, values[start:end]) for start, end in pairwise(edges)]
+    expected = {0, 1002} | {start for start, part in parts if np.isnan(part).all()}
+    for pick in (np.nanargmin, np.nanargmax):
+        expected |= {start + int(pick(part)) for start, part in parts if not np.isnan(part).all()}
+    assert extremes(values, 80).tolist() == sorted(expected)
 
 
 def test_a_packed_curve_comes_back_within_a_dot():
