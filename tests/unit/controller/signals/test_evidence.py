@@ -13,7 +13,7 @@ from controller.signals.evidence import (
     log_odds,
     louder,
 )
-from controller.signals.octaves import octaves
+from controller.signals.octaves import LEVEL, filter_octaves, judge_octaves, learn_octaves, octaves
 from controller.signals.whitening import Settling, predictor
 
 ODDS = Odds(
@@ -139,3 +139,29 @@ def test_louder_is_the_likelihood_ratio_of_the_best_window():
     windows = [squared[-n:].mean() for n in (1, 2, 4)]
     best = max(0.5 * n * (r - 1.0 - math.log(r)) for n, r in zip((1, 2, 4), windows, strict=True))
     assert louder(totals, 4) == pytest.approx(best)
+
+
+def test_quiet_that_was_learned_beside_servos_is_forgotten_soon_where_there_is_less():
+    # followed by half a nat a second alone, the levels would be four nats too high still
+    bands, rng = octaves(1000.0), np.random.default_rng(3)
+    for number, x in enumerate(rng.normal(0.0, 10.0, 1000)):
+        filter_octaves(bands, x, math.inf)
+        learn_octaves(bands, 1e-9, number + 1)
+    learned = bands.states[:, LEVEL].copy()
+    for x in rng.normal(0.0, 1.0, 1500):
+        filter_octaves(bands, x, math.inf)
+        judge_octaves(bands, 1e-9, 0.0)
+    # a tenth of the amplitude is 4.6 nats less
+    assert learned - bands.states[:, LEVEL] == pytest.approx(4.6, abs=1.2)
+
+
+def test_noise_that_stays_as_it_is_keeps_its_quiet_level():
+    bands, rng = octaves(1000.0), np.random.default_rng(4)
+    for number, x in enumerate(rng.normal(0.0, 1.0, 1000)):
+        filter_octaves(bands, x, math.inf)
+        learn_octaves(bands, 1e-9, number + 1)
+    learned = bands.states[:, LEVEL].copy()
+    for x in rng.normal(0.0, 1.0, 10_000):
+        filter_octaves(bands, x, math.inf)
+        judge_octaves(bands, 1e-9, 0.0)
+    assert bands.states[:, LEVEL] == pytest.approx(learned, abs=0.8)
