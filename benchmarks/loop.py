@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import statistics
 import tempfile
 import time
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results import save
+from benchmarks.results import FOLDER, save
 from config import assemble
 from config.jobs import Silent
 from config.profile import load_profile
@@ -158,8 +159,9 @@ def measured(name: str, trials: int, goal: float, repeats: int) -> dict[str, Any
 
 
 def main(quick: bool = False) -> None:
-    """Measure, print, save."""
-    found = {}
+    """Measure, print, save; what it was before turns were taken together stays in the file."""
+    found: dict[str, Any] = {}
+    before = json.loads((FOLDER / "loop.json").read_text("utf-8"))["before"]
     for name, (trials, goal) in CAMPAIGNS.items():
         found[name] = measured(name, min(trials, 2) if quick else trials, goal, 1 if quick else REPEATS)
-        save("loop", {"campaigns": found}, quick=quick)
+        save("loop", {"campaigns": found, "before": before}, quick=quick)

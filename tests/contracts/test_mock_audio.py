@@ -10,7 +10,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.errors import RefusedError
-from drivers.messages import Failed, Lost, Refused, Saturated, Status
+from drivers.messages import Chirp, Failed, Lost, Reached, Refused, Saturated, Status
 from drivers.mock.devices.faults import Fault, FaultSchedule
 from drivers.mock.drivers.audio import MockAudio, MockAudioSettings
 from tests.contracts.audio_suite import FINGERS, GAINS, TONE, AudioContract, AudioTrial, SteadyFingers
@@ -30,6 +30,16 @@ def trial() -> AudioTrial:
 
 class TestMockAudio(AudioContract):
     pass
+
+
+def test_the_sound_card_says_for_how_long_it_may_be_left_alone_until_a_sweep_has_ended() -> None:
+    trial = opened("envelope")
+    assert trial.device.alone_s == np.inf
+    trial.device.apply(Chirp("audio", 38_000.0, 42_000.0, 0.3, 0.5))
+    ends_s = trial.clock.now() + trial.device.alone_s
+    trial.turn(ends_s + 0.1)
+    assert [status.t_s for status in trial.of(Reached)] == [ends_s]
+    assert trial.device.alone_s == np.inf
 
 
 def test_the_envelope_is_baseband_of_both_fingers() -> None:

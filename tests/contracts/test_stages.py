@@ -96,6 +96,19 @@ def homed(bench: StageBench) -> StageBench:
     return bench
 
 
+def test_the_simulated_stage_says_for_how_long_it_may_be_left_alone_until_it_has_arrived() -> None:
+    bench = simulated()
+    stage = bench.device
+    assert isinstance(stage, MockZaberStage)
+    assert stage.alone_s == math.inf
+    bench.apply(Home("stage"), 1.0)
+    bench.apply(MoveTo("stage", 0.005, 0.01), 0.1)
+    ends_s = bench.clock.now() + stage.alone_s
+    bench.turn(1.0)
+    assert [status.t_s for status in bench.statuses if isinstance(status, Reached)] == [pytest.approx(ends_s)]
+    assert stage.alone_s == math.inf
+
+
 @pytest.mark.parametrize("command", [MoveTo("stage", 0.005, 0.01, id=3), MoveAt("stage", 0.01, 0.005, id=3)])
 def test_no_motion_before_home(bench: StageBench, command: Command) -> None:
     said = bench.apply(command, 1.0)

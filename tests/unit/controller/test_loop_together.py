@@ -11,6 +11,7 @@ from behaviors.events import Contact
 from behaviors.machine import Behavior, StatePlan, on, with_failures
 from controller.detectors.protocol import Reading
 from controller.guard import Guard, GuardSettings
+from controller.look_ahead import LONGEST_S
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.rig import Rig
 from drivers.clock import VirtualClock
@@ -346,6 +347,13 @@ def test_looks_grow_while_nothing_happens_and_end_before_what_did():
     rest, approach = [0.005, 0.395, 0.4], [0.405, 0.445, 0.765, 1.395, 0.795, 0.8]
     stops = [0.84, 0.805, 0.81, 0.82, 0.825, 0.83, 0.835, 0.84, 0.845, 0.85]
     assert Board.looks == rest + approach + stops
+
+
+def test_no_look_is_longer_than_benches_remember_however_quiet_it_is():
+    bench = Bench()
+    bench.behavior = Approach(9.0)
+    bench.run()
+    assert max(np.diff(Board.looks)) == pytest.approx(LONGEST_S, abs=1.0 / RATE_HZ)
 
 
 def test_the_operator_is_heard_after_each_look_and_a_pause_is_gone_through_turn_by_turn():

@@ -112,6 +112,17 @@ def test_a_twist_is_reached_when_nothing_has_moved_for_a_while_after_its_ramp():
     assert hand.arm.axis.offsets(np.array([2.0]))[0] == pytest.approx(np.array(ASIDE), abs=1e-15)
 
 
+def test_the_arm_says_for_how_long_it_may_be_left_alone_until_it_tells_of_its_end():
+    hand = Hand()
+    assert hand.arm.alone_s == np.inf
+    hand.arm.apply(Twist("arm", ASIDE, 1.0))
+    hand.run(0.5)
+    ends_s = hand.clock.now() + hand.arm.alone_s
+    hand.run(1.0)
+    assert hand.statuses[-1] == Reached(pytest.approx(ends_s), "arm", 0.0)
+    assert hand.arm.alone_s == np.inf
+
+
 def test_a_renewed_twist_is_reached_once():
     hand = Hand()
     for _ in range(4):
