@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.slip import scenes
-from benchmarks.slip.rivals import OURS, judges
+from benchmarks.slip.rivals import OURS, Rival, judges
 from benchmarks.slip.scoring import MISSED_S, THRESHOLDS, called, first_above, mean_95, refusals
 from controller.detectors.calibration import span_maxima, threshold_for
 from controller.reports.counts import wilson
+from drivers.mock.physics.slip import SlipPlantSettings
 
 Floats = NDArray[np.float64]
 Thresholds = Mapping[str, Mapping[str, float]]
@@ -120,41 +121,47 @@ def at_simulated_reset(sensor: str, thresholds: Thresholds) -> Iterator[dict[str
     yield {"sensor": sensor, "detector": OURS, **refusals(quiet, slipping, settings.rate_hz)}
 
 
-def simulated(sensor: str, nuisance: str, hours: float, count: int) -> list[dict[str, Any]]:
+def simulated(
+    sensor: str,
+    nuisance: str,
+    hours: float,
+    count: int,
+    judges_of: Callable[[SlipPlantSettings], Mapping[str, Rival]] = lambda _: judges(),
+) -> list[dict[str, Any]]:
     """Every detector on one sensor under one nuisance: one false alarm an hour, the first seconds included."""
     plants = [scenes.sensor(sensor, nuisance, *factors) for factors in scenes.OFF]
     rate_hz = plants[0].rate_hz
-    chosen = judges()
-    maxima: dict[str, list[Floats]] = {name: [] for name in chosen}
+    chosen = [judges_of(plant) for plant in plants]
+    maxima: dict[str, list[Floats]] = {name: [] for name in chosen[0]}
     for number, plant in enumerate(plants):
         for values in scenes.recordings(plant, hours / len(plants), SEED_QUIET + number):
-            for name, judge in chosen.items():
+            for name, judge in chosen[number].items():
                 maxima[name].append(span_maxima(judge(values[:, 0], rate_hz), rate_hz))
     found = {name: threshold_for(np.concatenate(parts), INTERVAL_S) for name, parts in maxima.items()}
     rows = []
     for ramp in (False, True) if nuisance == "clean" else (False,):
         trials = [
-            trial
-            for number, plant in enumerate(plants)
+            (judges_here, trial)
+            for number, (plant, judges_here) in enumerate(zip(plants, chosen, strict=True))
             for trial in scenes.slips(plant, count // len(plants), SEED_SLIP + number, ramp=ramp)
             if trial.onset is not None
         ]
-        for name, judge in chosen.items():
+        for name, equal in found.items():
             delays, early = [], 0
-            for trial in trials:
+            for judges_here, trial in trials:
                 assert trial.onset is not None
-                statistic = judge(trial.values[:, 0], rate_hz)
-                if math.isfinite(first_above(statistic[trial.start : trial.onset], found[name].threshold)):
+                statistic = judges_here[name](trial.values[:, 0], rate_hz)
+                if math.isfinite(first_above(statistic[trial.start : trial.onset], equal.threshold)):
                     early += 1
-                delay_s = first_above(statistic[trial.onset :], found[name].threshold) / rate_hz
+                delay_s = first_above(statistic[trial.onset :], equal.threshold) / rate_hz
                 delays.append(delay_s if delay_s <= MISSED_S else math.inf)
             rows.append(
                 {
                     "sensor": sensor,
                     "nuisance": "ramp" if ramp else nuisance,
                     "detector": name,
-                    "threshold": found[name].threshold,
-                    "extrapolated": found[name].extrapolated,
+                    "threshold": equal.threshold,
+                    "extrapolated": equal.extrapolated,
                     "early": early,
                     "delays_s": delays,
                 }

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.slip import scenes
+from benchmarks.slip.known_structure import known
 from benchmarks.slip.scoring import called, first_maxima, fresh, refusals
 
 RATE_HZ = 100.0
@@ -70,3 +71,16 @@ def test_a_slip_at_reset_is_refused_where_the_quiet_is_known():
     quiet = np.random.default_rng(1).normal(0.0, 1.0, (2, 3000))
     found = refusals(list(quiet), [quiet[0], 30.0 * quiet[1]], 1000.0)
     assert (found["slips"], found["told"], found["something_said"]) == (2, 1, 2)
+
+
+def test_the_known_structure_rings_as_a_tip_that_holds_and_rolls_as_printed():
+    plant = scenes.sensor("flexible_finger", "bumps", *scenes.OFF[1])
+    structure = known(plant)
+    state, shown, spread = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]), [], np.zeros((6, 6))
+    for _ in range(2000):
+        state = structure.step @ state
+        spread = structure.step @ spread @ structure.step.T + structure.drift
+        shown.append(state[0])
+    ring_hz = np.argmax(np.abs(np.fft.rfft(shown))) * plant.rate_hz / len(shown)
+    assert ring_hz == pytest.approx(plant.mode_hz * np.sqrt(1.0 + plant.contact_ratio), abs=0.5)
+    assert np.sqrt(spread[3, 3]) == pytest.approx(plant.rolling_n, rel=1e-3)
