@@ -150,11 +150,14 @@ class CanGripper(WireDriver[CanLink]):
         if refusal is not None:
             self._refuse(command, refusal)
             return
-        orders = self._orders(command)
-        self._write(self._link, *orders)
-        self._watch.begin(command, self._clock.now(), drives=any(map(_drives, orders)))
+        self._order_now(self._link, command)
         if self._link.fault is None:
             self._sent(command)
+
+    def _order_now(self, link: CanLink, command: Command) -> None:
+        orders = self._orders(command)
+        self._write(link, *orders)
+        self._watch.begin(command, self._clock.now(), drives=any(map(_drives, orders)))
 
     def read(self) -> Sequence[SampleBlock]:
         """Widths and forces that have arrived since the last call."""
@@ -246,7 +249,13 @@ class CanGripper(WireDriver[CanLink]):
         if fault and not self._watch.faulty:
             self._write(link, AskState(GripperCode.ERRORS))
         self._state = answer
-        self._statuses += self._watch.push(self._clock.from_monotonic(asked_s), answer, fault)
+        home = self._watch.only_asks
+        if fault and not self._watch.faulty and home is not None:
+            # It came before the Home, as where nobody read for longer than the watchdog waits: it is to be cleared.
+            self._watch.faulty = True
+            self._order_now(link, home)
+        else:
+            self._statuses += self._watch.push(self._clock.from_monotonic(asked_s), answer, fault)
         if self._heard:
             t_s = self._clock.from_monotonic(0.5 * (asked_s + heard.arrival_s))
             width_m = self._brackets.width_m(answer.position)

@@ -83,6 +83,12 @@ class Watch:
         return not self._under_way and not lost
 
     @property
+    def only_asks(self) -> Home | None:
+        """A `Home` that had nothing to clear, as far as was known, while its answer is due."""
+        home = self._command if self.busy and self._driving is not self._command else None
+        return home if isinstance(home, Home) else None
+
+    @property
     def _id(self) -> int:
         return 0 if self._command is None else self._command.id
 

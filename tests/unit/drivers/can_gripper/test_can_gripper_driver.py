@@ -282,6 +282,22 @@ def test_a_host_that_hangs_loses_the_grip_and_says_so_when_it_wakes(bench: Bench
     assert len(bench.take(Gripped)) == 1
 
 
+def test_home_clears_a_fault_that_nobody_has_heard_of(bench: Bench) -> None:
+    """Between two trials nobody reads: rows, measures and garbage may take longer than the watchdog waits."""
+    hold_the_mug(bench)
+    bench.host.advance(1.5)
+    bench.apply(Home("gripper"))
+    bench.turn(0.1)
+    assert bench.take(Stalled) == []
+    assert len(bench.take(Reached)) == 1
+    bench.apply(GRIP)
+    bench.turn(0.5)
+    assert len(bench.take(Gripped)) == 1
+    bench.host.advance(1.5)
+    bench.turn(0.1)
+    assert len(bench.take(Stalled)) == 1, "a later one is told"
+
+
 @pytest.mark.parametrize(("fault", "words"), [("overheat", "too hot")])
 def test_a_fault_lets_the_grip_go_and_is_a_stall(bench: Bench, fault: str, words: str) -> None:
     hold_the_mug(bench)
