@@ -549,6 +549,18 @@ def test_what_pressed_at_the_start_may_not_grow_however_the_samples_are_cut(bloc
     assert "6.300 N" in reasons[0]
 
 
+def test_the_limit_follows_a_force_that_falls_within_one_block():
+    watched = pressed()
+    falling = [force(np.linspace(6.0, 3.0, 40), 20)]
+    assert watched.watch(0.06, falling, moving=True) is None
+    assert "3.700 N" in watched.watch(0.08, [force(np.full(20, 3.7), 60)], moving=True)
+    watched = pressed()
+    assert watched.watch(0.06, [force(np.linspace(6.0, 1.9, 100)[:96], 20)], moving=True) is None
+    assert watched.bears
+    assert watched.watch(0.06, [force(np.full(5, 1.9), 116)], moving=True) is None
+    assert not watched.bears
+
+
 def test_the_limit_follows_the_force_down_and_is_the_settings_again_below_it():
     watched = pressed()
     assert watched.watch(0.04, [force(np.full(20, 3.0), 20)], moving=True) is None

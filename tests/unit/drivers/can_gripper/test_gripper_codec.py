@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from drivers.can_frame import CanFrame
@@ -36,6 +38,9 @@ ORDERS = [
     (15, Plain(GripperCode.IDLE), "798", ""),
     (0, Watchdog(1000), "01E", "00 00 03 E8 00"),
     (0, HeartbeatPeriod(500), "03C", "00 00 01 F4"),
+    (0, DriveOrder(1, 2, 3, activate=True, go=False), "07A", "01 02 00 03 80"),
+    (0, Watchdog(2**32 - 1, 200), "01E", "FF FF FF FF C8"),
+    (0, HeartbeatPeriod(2**32 - 1), "03C", "FF FF FF FF"),
 ]
 
 
@@ -58,6 +63,9 @@ ANSWERS = [
     (0, False, GripperInfo(2, 25, 1, 4848), "032", "02 19 01 00 00 12 F0"),
     (0, True, GripperErrors(frozenset({"emergency stop", "watchdog"})), "035", "81 A0"),
     (0, False, GripperErrors(frozenset()), "034", "00 80"),
+    (0, False, replace(state(GripFinding.AT_POSITION), going=False), "078", "80 FE D4 B1"),
+    (0, False, GripperInfo(200, 201, 202, 2**32 - 1), "032", "C8 C9 CA FF FF FF FF"),
+    (0, True, GripperErrors(frozenset({"encoder"}), motor_calibrated=False), "035", "A0 00"),
     (0, False, Encoder(4321, -200), "038", "00 00 10 E1 FF FF FF 38"),
 ]
 
@@ -117,6 +125,10 @@ def test_either_order_of_the_object_bits_is_an_object() -> None:
         CanFrame(0x7A, bytes(5)),  # an order
         CanFrame(0x2E, b"\x00"),
         CanFrame(0x20, b""),  # no such command
+        CanFrame(0x78, b""),  # the length of another answer
+        CanFrame(0x34, bytes(7)),
+        CanFrame(0x38, bytes(2)),
+        CanFrame(0x34, bytes(8)),
     ],
 )
 def test_what_is_no_answer_is_refused(frame: CanFrame) -> None:
@@ -131,6 +143,7 @@ def test_what_is_no_answer_is_refused(frame: CanFrame) -> None:
         CanFrame(0x7C, b"\x00"),
         CanFrame(0x7A, remote=True),
         CanFrame(0x78, bytes(4)),
+        CanFrame(0x3C, bytes(5)),
     ],
 )
 def test_what_is_no_order_is_refused(frame: CanFrame) -> None:

@@ -1,11 +1,25 @@
-"""How the arm's conductor stops, call by call, on a controller that does nothing by itself."""
+"""How the arm's conductor begins and stops, call by call, on a controller that does nothing by itself."""
 
 import math
 
 import pytest
 
-from drivers.messages import Home, MoveAt, MoveTo, Refused, Sent, Stalled, Standstill, Stop, Tare
+from drivers.messages import (
+    Home,
+    MoveAt,
+    MovePose,
+    MoveTo,
+    Reached,
+    Refused,
+    Sent,
+    Stalled,
+    Standstill,
+    Stop,
+    Tare,
+    Twist,
+)
 from drivers.ur_arm.controller import PLAYING, Seen
+from drivers.ur_arm.guidance import CYCLE_S
 from drivers.ur_arm.motion import Conductor, MotionState
 from drivers.ur_arm.pipe import ArmRow
 from drivers.ur_arm.settings import UrArmSettings
@@ -274,3 +288,101 @@ def test_an_arm_that_nobody_looks_at_for_half_a_second_stops(command, kept):
     arm.conductor.step(arm.seen)
     words = "the program has not looked at it for 0.51 s; what held its loop up?"
     assert arm.taken()[1] == [Stalled(arm.now_s, "arm", words, command_id=3)]
+
+
+def beside(x_m=0.0, down_m=0.0):
+    x, y, z, *turn = START
+    return (x + x_m, y, z - down_m, *turn)
+
+
+ASIDE = Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, id=3)
+BEGINNINGS = [
+    (AT, ("speed", (0.0, 0.0, -0.02, 0.0, 0.0, 0.0), 0.5)),
+    (ASIDE, ("speed", (0.01 * CYCLE_S * 0.5 / 0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.5)),
+    (TO, ("move", beside(down_m=0.03), 0.01, 0.5)),
+    (MovePose("arm", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01, id=3), ("move", beside(0.02), 0.01, 0.5)),
+    (Home("arm", id=3), ("move", START, 0.02, 0.5)),
+    (Tare("arm", "arm.force", id=3), ("zero_force",)),
+]
+
+
+@pytest.mark.parametrize(("command", "call"), BEGINNINGS)
+def test_a_command_is_said_to_the_controller_and_told(command, call):
+    arm = Arm()
+    ((name, *details),), said = arm.order(command)
+    assert name == call[0]
+    assert details == [pytest.approx(each, abs=1e-12) for each in call[1:]]
+    assert said == [sent(arm, command)]
+
+
+@pytest.mark.parametrize(("command", "call"), BEGINNINGS)
+def test_a_command_that_the_controller_does_not_take_is_refused(command, call):
+    arm = Arm()
+    arm.client.takes = False
+    calls, said = arm.order(command)
+    assert [called[0] for called in calls] == [call[0]] * (2 if call[0] == "speed" else 1)
+    assert said == [Refused(arm.now_s, "arm", command, "the controller does not take it")]
+
+
+@pytest.mark.parametrize(
+    ("command", "end", "after_s"),
+    [(AT, beside(down_m=0.04), 0.0), (TO, beside(down_m=0.03), 0.1), (ASIDE, beside(0.01), 1.03)],
+)
+def test_a_motion_that_has_come_to_its_end_is_told_under_its_number(command, end, after_s):
+    arm = Arm()
+    arm.order(command)
+    arm.moves()
+    arm.step(after_s)
+    arm.pose = end
+    arm.step()
+    arm.stands()
+    place_m = pytest.approx(START[2] - end[2], abs=1e-9)
+    assert arm.step(0.021)[1] == [Reached(arm.now_s, "arm", place_m, command_id=3)]
+    assert arm.state is MotionState.STANDING
+
+
+def test_a_twist_is_brought_up_kept_and_ends_at_the_leash():
+    arm = Arm()
+    arm.order(ASIDE)
+    arm.moves()
+    assert arm.step(0.5)[0] == [("speed", ASIDE.twist, 0.5)]
+    slower = Twist("arm", (0.005, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, id=4)
+    ((_, twist, _),), _ = arm.order(slower)
+    assert 0.005 < twist[0] < 0.01, "from what it has been told"
+    arm.pose = beside(0.2)
+    x_twist = (0.02, 0.0, 0.0, 0.0, 0.0, 0.0)
+    row = arm.seen.row._replace(twist=x_twist)
+    arm.conductor.step(Seen(row, math.inf))
+    assert arm.taken()[0] == [BRAKE]
+    arm.stands()
+    words = "it is at the end of its leash of 0.2 m"
+    assert arm.step(0.021)[1] == [Stalled(arm.now_s, "arm", words, command_id=4)]
+
+
+def test_an_arm_that_moves_is_not_tared_and_one_beyond_its_leash_not_sent_home():
+    arm = brought(MotionState.SPEEDING)
+    tare = Tare("arm", "arm.force")
+    assert arm.order(tare) == ([], [Refused(arm.now_s, "arm", tare, "the arm is not standing still")])
+    arm = Arm()
+    arm.pose = beside(0.3)
+    arm.step()
+    home, words = Home("arm"), "the tool is 0.300 m from start_pose, its leash is 0.2 m"
+    assert arm.order(home) == ([], [Refused(arm.now_s, "arm", home, words)])
+
+
+def test_a_command_that_a_stop_has_overtaken_is_refused():
+    arm = Arm()
+    arm.conductor.pass_over(AT)
+    assert arm.taken() == ([], [Refused(arm.now_s, "arm", AT, "a stop came before it was begun")])
+
+
+def test_what_waits_is_refused_where_nobody_looks():
+    arm = brought(MotionState.BRAKING)
+    arm.moves()
+    arm.conductor.lead()
+    arm.now_s += 0.51
+    arm.conductor.step(arm.seen)
+    words = "the program has not looked at it for 0.51 s; what held its loop up?"
+    assert arm.taken()[1] == [Refused(arm.now_s, "arm", MoveTo("arm", 0.0, 0.01, id=4), words)]
+    arm.stands()
+    assert arm.step(0.021) == ([("end_speed",)], [])
