@@ -212,15 +212,15 @@ def _slope_of(steps: Sequence[Step]) -> float | None:
 
 def _gain(loads_n: NDArray[np.float64], volts: NDArray[np.float64], weight_uncertainty: float) -> Estimate:
     """Least squares through zero, with the residuals' and the weights' uncertainty."""
-    from scipy.stats import norm, t
+    from scipy.special import ndtri, stdtrit  # a third of what all of scipy.stats takes to load
 
     gain = _slope(loads_n, volts)
     freedom = len(loads_n) - 1
     residuals_v = volts - gain * loads_n
     fit = math.sqrt(float(residuals_v @ residuals_v) / freedom / float(loads_n @ loads_n))
     half = math.hypot(
-        float(t.ppf(0.5 + CONFIDENCE / 2.0, freedom)) * fit,
-        float(norm.ppf(0.5 + CONFIDENCE / 2.0)) * weight_uncertainty * gain,
+        float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0)) * fit,
+        float(ndtri(0.5 + CONFIDENCE / 2.0)) * weight_uncertainty * gain,
     )
     return Estimate(gain, gain - half, gain + half)
 
@@ -232,7 +232,7 @@ def _relative(gain: Estimate) -> float:
 
 def _hysteresis(cycles: Sequence[Sequence[Step]], full_v: float, relative: float) -> Estimate:
     """The paper's equation 5, cycle by cycle; the interval holds cycles and gain."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     shares = []
     for steps in cycles:
@@ -247,7 +247,7 @@ def _hysteresis(cycles: Sequence[Sequence[Step]], full_v: float, relative: float
     if len(shares) < 2:
         return Estimate(mean, math.nan, math.nan)
     cycles_half = (
-        float(t.ppf(0.5 + CONFIDENCE / 2.0, len(shares) - 1))
+        float(stdtrit(len(shares) - 1, 0.5 + CONFIDENCE / 2.0))
         * float(np.std(shares, ddof=1))
         / math.sqrt(len(shares))
     )
@@ -257,15 +257,15 @@ def _hysteresis(cycles: Sequence[Sequence[Step]], full_v: float, relative: float
 
 def _resolution(steps: Sequence[Step], gain: Estimate) -> Estimate:
     """`DETECTED_SIGMA` times the noise of one sample, as force; samples are taken as independent."""
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     freedom = sum(step.samples - 1 for step in steps)
     variance = sum((step.samples - 1) * step.sd_v**2 for step in steps) / freedom
     resolution_n = DETECTED_SIGMA * math.sqrt(variance) / abs(gain.value)
-    below, above = (
-        resolution_n * (1.0 - math.sqrt(freedom / float(chi2.ppf(0.5 + CONFIDENCE / 2.0, freedom)))),
-        resolution_n * (math.sqrt(freedom / float(chi2.ppf(0.5 - CONFIDENCE / 2.0, freedom))) - 1.0),
-    )
+    # the quantiles of chi square
+    high, low = (2.0 * float(gammaincinv(0.5 * freedom, 0.5 + side * CONFIDENCE / 2.0)) for side in (1, -1))
+    below = resolution_n * (1.0 - math.sqrt(freedom / high))
+    above = resolution_n * (math.sqrt(freedom / low) - 1.0)
     of_gain = resolution_n * _relative(gain)
     return Estimate(
         resolution_n, resolution_n - math.hypot(below, of_gain), resolution_n + math.hypot(above, of_gain)
