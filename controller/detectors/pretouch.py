@@ -182,7 +182,8 @@ class PreTouchDetector:
             raise ValueError(
                 "pretouch: a recording of I, Q and the mover's position (m), three columns, is needed to calibrate it"
             )
-        return self.traced(as_complex(values[:, :2]), values[:, 2], rate_hz)[0]
+        # in one piece, as samples come on a bench: a column of a table would be compiled for anew
+        return self.traced(as_complex(values[:, :2]), values[:, 2].copy(), rate_hz)[0]
 
     def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
         """I, Q and the mover's position (m, NaN where unknown) as `statistic` asks for them, shape (n, 3).

@@ -10,6 +10,7 @@ from behaviors.events import PreTouch, PreTouchLost
 from controller.detectors.calibration import calibrate, calibrate_pieces
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
+from controller.signals.undulation import undulate
 from drivers.messages import SampleBlock
 
 RATE_HZ = 1000.0
@@ -198,6 +199,15 @@ def test_it_can_be_calibrated_with_the_position_as_third_column_and_not_without(
     assert 3.0 < found.threshold < 30.0
     with pytest.raises(ValueError, match="three columns"):
         calibrate(ours(), signal.values, RATE_HZ, 30.0)
+
+
+def test_calibrating_compiles_nothing_beside_what_a_bench_needs():
+    detector = ours()
+    detector.warm_up()
+    detector.statistic(np.random.default_rng(4).standard_normal((100, 3)), RATE_HZ)
+    # in a table a column is not in one piece, and numba compiles anew for that
+    layouts = {argument.layout for types in undulate.signatures for argument in types[2:]}  # type: ignore[attr-defined]
+    assert layouts == {"C"}
 
 
 def test_blocks_of_envelope_and_encoder_give_the_threshold_of_the_three_columns():
