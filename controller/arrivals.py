@@ -39,7 +39,7 @@ class Arrivals:
         self._urgent: frozenset[str] = frozenset()
         self._moves_since_s: float | None = None
 
-    def fit(self, infos: Mapping[str, StreamInfo], sources: Mapping[str, Sequence[str]]) -> None:
+    def know_streams(self, infos: Mapping[str, StreamInfo], sources: Mapping[str, Sequence[str]]) -> None:
         """Know the streams: what their devices say of them, and of which others a signal is made."""
         self._infos, self._sources = infos, sources
 

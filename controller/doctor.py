@@ -102,7 +102,7 @@ def _misfits(infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan]) -> It
     for trial in trials:
         lines = misfits(streams.keys(), trial.behavior, trial.detectors, trial.signals)
         try:
-            trial.guard.fit(streams | {signal.info.name: signal.info for signal in trial.signals})
+            trial.guard.check_streams(streams | {signal.info.name: signal.info for signal in trial.signals})
         except GuardRefusal as refusal:
             lines = [*lines, str(refusal)]
         for line in lines:

@@ -93,7 +93,7 @@ class Guard:
         """Take these streams as subscribed from `t_s` on, and no others."""
         self._arrivals.expect(streams, t_s)
 
-    def fit(
+    def check_streams(
         self, streams: Mapping[str, StreamInfo], sources: Mapping[str, Sequence[str]] | None = None
     ) -> None:
         """See that what is to be watched is there, before anything moves.
@@ -105,7 +105,7 @@ class Guard:
         Raises:
             GuardRefusal: a stream that nobody sends, or one with too few channels.
         """
-        self._arrivals.fit(streams, sources or {})
+        self._arrivals.know_streams(streams, sources or {})
         settings = self.settings
         needed = [("limits.force_stream", settings.force_stream, max(settings.force_channels) + 1)]
         for bounds in (self._first, *self._others.values()):

@@ -190,7 +190,7 @@ class Loop:
         self._reach = Reach()
         self._guard.reset(behavior.range_streams)
         try:
-            self._guard.fit(
+            self._guard.check_streams(
                 self._streams | {signal.info.name: signal.info for signal in signals},
                 {signal.info.name: signal.inputs for signal in signals},
             )

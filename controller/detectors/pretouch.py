@@ -220,11 +220,11 @@ class PreTouchDetector:
         return Along(settings.input, settings.position_input, settings.direction, "detecting pre-touch")
 
     def _hear(self, heard: Heard, rate_hz: float) -> tuple[Floats, Floats]:
-        from controller.signals.undulation import fit, undulate
+        from controller.signals.undulation import empty_fit, undulate
 
         if self._way is None or self._fit is None:
             self._way = self._constants(rate_hz)
-            self._fit = fit(self._way)
+            self._fit = empty_fit(self._way)
         ratios, amplitudes_fs = np.empty(len(heard.z)), np.empty(len(heard.z))
         undulate(self._way, self._fit, heard.z, heard.position_m, heard.missing, ratios, amplitudes_fs)
         return ratios, amplitudes_fs

@@ -106,7 +106,7 @@ class Fit(NamedTuple):
     largest_fs: Floats
 
 
-def fit(way: Way) -> Fit:
+def empty_fit(way: Way) -> Fit:
     """A fit that has heard nothing."""
     scalars = np.zeros(10)
     scalars[CELL_FROM_M] = np.nan

@@ -17,7 +17,7 @@ INFOS = {info.name: info for info in (LOAD, PERIOD, WORD, SLOW, PLACE, TIP)}
 
 def watching(*streams, urgent=(), stuck_s=0.2, made_of=("board.load",)):
     arrivals = Arrivals(0.1, stuck_s)
-    arrivals.fit(INFOS, {"signals.tip": made_of})
+    arrivals.know_streams(INFOS, {"signals.tip": made_of})
     arrivals.depend(frozenset(urgent))
     arrivals.expect(frozenset(streams), 0.0)
     return arrivals

@@ -143,11 +143,11 @@ def test_a_range_that_nobody_tells_of_is_refused_before_anything_moves():
     streams = {
         name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "stage.position", "signals.tip")
     }
-    guard(range_streams=["signals.tip"]).fit(streams)
+    guard(range_streams=["signals.tip"]).check_streams(streams)
     with pytest.raises(
         GuardRefusal, match=r"limits.range_streams = signals.tap: the bench has no such stream"
     ):
-        guard(range_streams=["signals.tap"]).fit(streams)
+        guard(range_streams=["signals.tap"]).check_streams(streams)
 
 
 def test_travel_beyond_the_limit_stops_the_bench():
@@ -446,7 +446,7 @@ def test_a_motion_that_no_limit_is_known_for_is_refused(monkeypatch):
 def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, said):
     there = {name: StreamInfo(name, tuple("xyz"[:n]), "N") for name, n in streams.items()}
     with pytest.raises(GuardRefusal, match=said):
-        boxed().fit(there)
+        boxed().check_streams(there)
 
 
 # --- limits of each mover
@@ -603,9 +603,9 @@ def test_a_free_motion_may_go_exactly_as_far_as_its_reach():
 
 
 def test_a_bench_without_some_streams_fits_and_says_what_it_has_where_it_does_not():
-    guard(force_n=None, force_stream=None, position_stream=None).fit({})
+    guard(force_n=None, force_stream=None, position_stream=None).check_streams({})
     with pytest.raises(GuardRefusal, match=r"no such stream; it has a.b, c.d$"):
-        guard().fit({name: StreamInfo(name, ("x",), "m") for name in ("c.d", "a.b")})
+        guard().check_streams({name: StreamInfo(name, ("x",), "m") for name in ("c.d", "a.b")})
 
 
 def test_a_motion_before_any_force_is_heard_is_none_out_of_contact():

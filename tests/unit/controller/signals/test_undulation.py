@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.signals.undulation import NUISANCES, Way, fit, undulate
+from controller.signals.undulation import NUISANCES, Way, empty_fit, undulate
 
 KAPPA_RAD_M = 1465.0
 CELL_M = 0.00027
@@ -28,7 +28,7 @@ def heard(z, x_m, constants=None, missing=None):
     constants = constants or way()
     ratios, amplitudes = np.empty(len(z)), np.empty(len(z))
     missing = np.zeros(len(z), np.int64) if missing is None else missing
-    undulate(constants, fit(constants), np.asarray(z, complex), x_m, missing, ratios, amplitudes)
+    undulate(constants, empty_fit(constants), np.asarray(z, complex), x_m, missing, ratios, amplitudes)
     return ratios, amplitudes
 
 
