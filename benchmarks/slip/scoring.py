@@ -31,7 +31,7 @@ MISSED_S = 0.75
 RESAMPLED, EDGES = 1000, (0.025, 0.975)
 
 THRESHOLDS = (11.0, 25.0)
-"""For ours, beside those of equal false alarms: that of the recordings, rounded up, and the default."""
+"""For ours, beside those of equal false alarms: a little more than that of the recordings, and the default."""
 
 HOLD_S = SlipSettings().hold_s
 """Slip is over for a rival, too, where its number has stayed below the threshold for so long."""
