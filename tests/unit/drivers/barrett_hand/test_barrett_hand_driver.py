@@ -10,9 +10,9 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.can_frame import CanFrame
 from drivers.can_link import HeardFrame, PeriodicQuestion
-from drivers.clock import WallClock
-from drivers.errors import PortError
-from drivers.messages import Failed, Listen, Lost
+from drivers.clock import VirtualClock, WallClock
+from drivers.errors import CommandError, PortError
+from drivers.messages import Command, Failed, Listen, Lost, Refused, Saturated, Sent, Stop, Tare
 
 F1, F2 = "hand.strain_11", "hand.strain_12"
 
@@ -75,7 +75,7 @@ def test_one_finger_is_asked_by_itself(hand: BarrettHand, link: Link) -> None:
     assert link.beat is not None
     assert link.beat.frame == CanFrame(0x00C, b"\x19")
     assert link.beat.answers == {0x586}
-    assert link.beat.period_s == 1e-3
+    assert (link.beat.period_s, link.beat.answer_s) == (1e-3, 0.02)
 
 
 def test_several_fingers_are_asked_with_one_question(hand: BarrettHand, link: Link) -> None:
@@ -138,3 +138,120 @@ def test_a_bus_that_goes_while_opening_is_a_port_error(link: Link) -> None:
     with pytest.raises(PortError, match="asking finger 11 at can0"):
         BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock(), link.open).open()
     assert link.closed
+
+
+@pytest.fixture
+def clock() -> VirtualClock:
+    made = VirtualClock()
+    made.rest(DUE_S)
+    return made
+
+
+@pytest.fixture
+def timed(clock: VirtualClock, link: Link) -> BarrettHand:
+    """A hand in virtual time."""
+    made = BarrettHand("hand", BarrettHandSettings(port="can0"), clock, link.open)
+    made.open()
+    return made
+
+
+def test_closing_ends_the_questions_and_lets_go_of_the_bus(hand: BarrettHand, link: Link) -> None:
+    listen(hand, F1)
+    hand.close()
+    assert link.beat is None
+    assert link.closed
+
+
+def test_a_hand_that_has_failed_asks_no_more_once_it_is_closed(hand: BarrettHand, link: Link) -> None:
+    listen(hand, F1)
+    link.fault = "the bus was taken away"
+    hand.poll()
+    hand.close()
+    assert link.beat is None
+
+
+def test_listening_to_the_same_fingers_again_changes_nothing(hand: BarrettHand, link: Link) -> None:
+    listen(hand, F1)
+    before = link.beat
+    listen(hand, F1)
+    assert link.beat is before
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (Stop("hand"), r"^hand: it has no such command while applying Stop; a hand can Listen and Tare$"),
+        (
+            Listen("hand", frozenset({"hand.strain_9"})),
+            "^hand: it has no stream hand.strain_9 while applying Listen",
+        ),
+        (Tare("hand", "hand.strain_9"), "^hand: it has no stream hand.strain_9 while applying Tare"),
+    ],
+)
+def test_a_command_that_makes_no_sense_is_an_error(hand: BarrettHand, command: Command, words: str) -> None:
+    with pytest.raises(CommandError, match=words):
+        hand.apply(command)
+
+
+def test_a_tare_needs_a_reading(hand: BarrettHand, link: Link) -> None:
+    tare = Tare("hand", F1)
+    listen(hand, F1)
+    hand.apply(tare)
+    (refused,) = hand.poll()
+    assert isinstance(refused, Refused)
+    assert (refused.command, refused.reason) == (tare, "nothing has been read of it; listen to it first")
+    link.waiting = [answer(11, 2100 + beat, beat) for beat in range(3)]
+    hand.read()
+    hand.apply(tare)
+    (sent,) = hand.poll()
+    assert isinstance(sent, Sent) and sent.command == tare
+    assert hand.account()["zero_counts"] == {F1: 2101, F2: 2000, "hand.strain_13": 2000}
+
+
+def test_what_was_read_before_is_no_zero_of_what_is_listened_to_now(hand: BarrettHand, link: Link) -> None:
+    listen(hand, F1)
+    link.waiting = [answer(11, 2100, 0)]
+    hand.read()
+    listen(hand, F2)
+    listen(hand, F1)
+    hand.apply(Tare("hand", F1))
+    assert [type(status) for status in hand.poll()] == [Refused]
+
+
+def test_silence_is_a_failure_where_somebody_listens(
+    timed: BarrettHand, link: Link, clock: VirtualClock
+) -> None:
+    clock.rest(10.0)
+    assert timed.poll() == []
+    listen(timed, F1, F2)
+    clock.rest(0.5)
+    assert timed.poll() == []
+    link.waiting = [answer(12, 2000, 1)]
+    clock.rest(0.01)
+    assert timed.poll() == []
+    clock.rest(0.5)
+    assert timed.poll() == []
+    clock.rest(0.01)
+    reason = "no answer in 0.5 s; is the hand powered?"
+    assert timed.poll() == [Failed(clock.now(), "hand", reason)]
+    tare = Tare("hand", F1)
+    timed.apply(tare)
+    assert timed.poll() == [Refused(clock.now(), "hand", tare, reason)]
+
+
+def test_listening_after_a_pause_is_no_silence(timed: BarrettHand, clock: VirtualClock) -> None:
+    listen(timed, F1)
+    listen(timed)
+    clock.rest(10.0)
+    listen(timed, F1)
+    clock.rest(0.4)
+    assert timed.poll() == []
+
+
+def test_a_finger_beyond_what_is_safe_is_told_beside_its_block(hand: BarrettHand, link: Link) -> None:
+    listen(hand, F1)
+    link.waiting = [answer(11, counts, beat) for beat, counts in enumerate((2000, codec.SAFE_COUNTS[1] + 1))]
+    hand.read()
+    (saturated,) = hand.poll()
+    assert isinstance(saturated, Saturated)
+    assert saturated.stream == F1

@@ -1,0 +1,348 @@
+"""The arm's process listens: what it makes of rows, and what ends it. In virtual time, without a client."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.messages import Home, MoveAt, Sent, Standstill, Stop
+from drivers.ur_arm import child
+from drivers.ur_arm.child import BACKLOG, LEAVE_S, ArmProcess
+from drivers.ur_arm.controller import PLAYING, Seen
+from drivers.ur_arm.guidance import CYCLE_S
+from drivers.ur_arm.motion import Conductor
+from drivers.ur_arm.pipe import ArmRow, Broken, BrokenError, Pipe
+from drivers.ur_arm.settings import UrArmSettings
+
+START = (0.3, 0.0, 0.3, 0.0, 3.14, 0.0)
+REST = (0.0,) * 6
+MOVING = (0.0, 0.0, -0.01, 0.0, 0.0, 0.0)
+SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=START, recover_s=4.0)
+BEGIN_S = 100.0
+CABLE = "is the cable in, and the controller up?"
+
+
+class EndError(BaseException):
+    """What `os._exit` does here."""
+
+
+class Receive:
+    """The client's receive interface: the controller's latest row, and its time."""
+
+    def __init__(self):
+        self.device_s, self.twist, self.connected, self.torn = 7.0, REST, True, False
+
+    def getTimestamp(self):  # noqa: N802
+        return self.device_s
+
+    def getActualTCPPose(self):  # noqa: N802
+        return list(START)
+
+    def getActualTCPSpeed(self):  # noqa: N802
+        return list(self.twist)
+
+    def getActualTCPForce(self):  # noqa: N802
+        if self.torn:
+            self.device_s += 0.002
+        return [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+
+    def getSafetyStatusBits(self):  # noqa: N802
+        return 5
+
+    def getRuntimeState(self):  # noqa: N802
+        return PLAYING
+
+    def isConnected(self):  # noqa: N802
+        return self.connected
+
+
+class Clock(VirtualClock):
+    """Notes how far time may go, and that it may go on alone; lets the test act at each rest."""
+
+    def __init__(self):
+        super().__init__()
+        self.held_s, self.left, self.each = [], 0, lambda: None
+        self.rest(BEGIN_S)
+
+    def hold(self, t_s):
+        self.held_s.append(t_s)
+
+    def leave(self):
+        self.left += 1
+
+    def rest(self, seconds):
+        super().rest(seconds)
+        getattr(self, "each", lambda: None)()
+
+
+class Arm:
+    """The process, and both of its ends."""
+
+    def __init__(self, monkeypatch):
+        self.clock, self.receive = Clock(), Receive()
+        ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+        self.ends, self.pipe = (ours, theirs), Pipe(ours)
+        self.turns = os.eventfd(0, os.EFD_NONBLOCK)
+        self.process = ArmProcess(Pipe(theirs), self.turns, "arm", SETTINGS, self.clock)
+        self.process._receive = self.receive
+        self.process._link = SimpleNamespace(stands=lambda: self.link)
+        self.link = self.control = True
+        self.client = SimpleNamespace(connected=lambda: self.control)
+        monkeypatch.setattr(child, "rest", self.clock.rest)
+        monkeypatch.setattr(child.os, "_exit", self.exit)
+
+    def exit(self, code):
+        raise EndError(code)
+
+    def heard(self):
+        found = []
+        while (message := self.pipe.receive()) is not None:
+            found.append(message)
+        return found
+
+    def listens(self, each):
+        """Listen until something ends the process; `each` acts at each rest. What it said."""
+        said = []
+        self.clock.each = lambda: (each(), said.extend(self.heard()))
+        with pytest.raises(EndError, match="1"):
+            self.process._listen(self.client)
+        return said + self.heard()
+
+    def close(self):
+        for end in self.ends:
+            end.close()
+        os.close(self.turns)
+
+
+@pytest.fixture
+def arm(monkeypatch):
+    made = Arm(monkeypatch)
+    yield made
+    made.close()
+
+
+def test_each_new_row_is_read_once_whole_and_with_the_time_of_its_arrival(arm):
+    assert arm.process._read_row()
+    now_s = arm.clock.monotonic_s()
+    row = ArmRow(now_s, 7.0, START, REST, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), 5, PLAYING)
+    assert arm.process._row == row
+    arm.clock.rest(0.001)
+    assert not arm.process._read_row(), "it has come already"
+    arm.receive.device_s, arm.receive.torn = 7.002, True
+    assert not arm.process._read_row(), "the next row came while this one was read"
+    assert arm.process._row == row
+    arm.receive.torn = False
+    assert arm.process._read_row()
+    assert arm.process._row.device_s == arm.receive.device_s
+
+
+def test_it_stands_from_the_first_row_on_that_shows_it(arm):
+    def stands_since(twist):
+        arm.clock.rest(0.01)
+        arm.receive.device_s += 0.01
+        arm.receive.twist = twist
+        assert arm.process._read_row()
+        assert arm.process._seen() == Seen(arm.process._row, arm.process._still_since_s)
+        return arm.process._still_since_s
+
+    assert stands_since(REST) == BEGIN_S
+    assert stands_since(MOVING) == math.inf
+    at_s = stands_since(REST)
+    assert at_s == arm.clock.monotonic_s()
+    assert stands_since(REST) == at_s
+
+
+def test_rows_go_up_as_they_come_and_a_controller_whose_time_stands_is_lost(arm):
+    def cycle():
+        if arm.clock.monotonic_s() < BEGIN_S + 0.02:
+            arm.receive.device_s = 7.0 + 0.002 * math.floor(
+                (arm.clock.monotonic_s() - BEGIN_S) / 0.002 + 1e-6
+            )
+
+    *rows, broken = arm.listens(cycle)
+    assert [row.device_s for row in rows] == pytest.approx(
+        [7.0 + 0.002 * number for number in range(len(rows))]
+    )
+    assert len(rows) in (10, 11)
+    silent_s = arm.clock.monotonic_s() - rows[-1].arrival_s
+    assert 0.1 < silent_s < 0.102
+    assert broken == Broken("silent", "the controller's time has stood still for 0.10 s", CABLE)
+    assert arm.clock.held_s == [row.arrival_s + 0.00225 for row in rows]
+    assert arm.clock.left == 1
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [
+        ("link", "the receive link is gone"),
+        ("receive", "the receive link is gone"),
+        ("control", "the control link is gone"),
+    ],
+)
+def test_a_link_that_is_gone_ends_the_process_at_once(arm, what, reason):
+    def cut():
+        if what == "receive":
+            arm.receive.connected = False
+        else:
+            setattr(arm, what, False)
+
+    row, broken = arm.listens(cut)
+    assert isinstance(row, ArmRow)
+    assert broken == Broken("silent", reason, CABLE)
+    assert arm.clock.monotonic_s() - BEGIN_S < 0.002
+
+
+def rows_come(arm):
+    def cycle():
+        if arm.clock.monotonic_s() - arm.process._row.arrival_s > 0.002:
+            arm.receive.device_s += 0.002
+
+    return cycle
+
+
+@pytest.mark.parametrize("patience_s", [1.0, 5.0])
+def test_a_client_that_is_blocked_ends_the_process(arm, patience_s):
+    """A second for a command, and `recover_s` more for a recovery."""
+    arm.process._patience_s = patience_s
+    *rows, broken = arm.listens(rows_come(arm))
+    assert broken == Broken(
+        "silent", "the client is blocked in a command", "restart the controller's program"
+    )
+    assert arm.clock.monotonic_s() - BEGIN_S == pytest.approx(patience_s, abs=0.004)
+    assert len(rows) > 300 * patience_s
+
+
+def test_a_program_that_does_not_read_for_five_seconds_ends_the_process(arm):
+    arm.process._outbox.extend([arm.process._row] * BACKLOG)
+    while arm.process._pipe.send(arm.process._row):
+        pass
+    with pytest.raises(EndError):
+        arm.process._listen(arm.client)
+    assert arm.process._outbox[-1] == Broken(
+        "silent", "nobody reads what it sends", "is this machine overloaded?"
+    )
+
+
+def test_the_last_word_waits_for_room_in_the_pipe_and_nobody_need_hear_it(arm):
+    waits_s = []
+    arm.process._pipe.drain = waits_s.append
+    broken = Broken("port", "no", "do")
+    with pytest.raises(EndError, match="1"):
+        arm.process.end(broken)
+    assert arm.heard() == [broken]
+    assert waits_s == [0.1]
+    arm.ends[0].close()
+    with pytest.raises(EndError, match="1"):
+        arm.process.end(broken)
+
+
+class Conducted:
+    """A conductor that notes what it is told and how patient the listener was meanwhile."""
+
+    def __init__(self, arm):
+        self.arm, self.orders, self.passed, self.patience_s, self.took_s = arm, [], [], [], 0.0
+
+    def order(self, command):
+        self.orders.append(command)
+        self.patience_s.append(self.arm.process._patience_s)
+        self.arm.clock.rest(self.took_s)
+
+    def pass_over(self, command):
+        self.passed.append(command)
+
+
+def test_commands_are_taken_in_order_with_patience_for_a_recovery(arm):
+    home, move = Home("arm"), MoveAt("arm", 0.01, 0.02)
+    for command in (home, move):
+        arm.pipe.send(command)
+    conductor = Conducted(arm)
+    conductor.took_s = 0.5
+    arm.process._take(conductor)
+    assert (conductor.orders, conductor.passed) == ([home, move], [])
+    assert conductor.patience_s == [5.0, 1.0]
+    assert arm.process._patience_s == 1.0
+    assert arm.process._beat_s == arm.clock.monotonic_s()
+
+
+def test_a_stop_overtakes_all_that_waits_and_nothing_that_comes_after_it(arm):
+    home, first, last, stop = Home("arm"), MoveAt("arm", 0.01, 0.02), MoveAt("arm", 0.01, 0.03), Stop("arm")
+    for command in (home, first, stop, last):
+        arm.pipe.send(command)
+    conductor = Conducted(arm)
+    arm.process._take(conductor)
+    assert (conductor.orders, conductor.passed) == ([stop, last], [home, first])
+
+
+def test_a_stop_that_comes_during_a_command_overtakes_what_waited_behind_it(arm):
+    home, move, stop = Home("arm"), MoveAt("arm", 0.01, 0.02), Stop("arm")
+    arm.pipe.send(home)
+    arm.pipe.send(move)
+    conductor = Conducted(arm)
+    arm.clock.each = lambda: arm.pipe.send(stop) if len(conductor.orders) == 1 else None
+    conductor.took_s = 0.1
+    arm.process._take(conductor)
+    assert (conductor.orders, conductor.passed) == ([home, stop], [move])
+
+
+class Deaf:
+    """A client whose arm goes on whatever it is told."""
+
+    def __init__(self):
+        self.calls = []
+
+    def __getattr__(self, name):
+        def asked(*details):
+            self.calls.append(name)
+            return True
+
+        return asked
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_an_arm_whose_program_is_gone_is_stopped_seen_standing_and_its_program_ended(arm, stops):
+    client = Deaf()
+    arm.process._row = arm.process._row._replace(pose=START, runtime=PLAYING)
+    conductor = Conductor(
+        "arm", SETTINGS, client, arm.clock.monotonic_s, arm.process._send, arm.process._seen()
+    )
+    conductor.order(MoveAt("arm", 0.01, 0.04))
+    now_s = arm.clock.monotonic_s()
+    arm.process._row = arm.process._row._replace(arrival_s=now_s, twist=MOVING)
+    arm.process._still_since_s = math.inf
+    conductor.step(arm.process._seen())
+    beats_s = []
+
+    def each():
+        beats_s.append(arm.clock.monotonic_s() - arm.process._beat_s)
+        if stops and arm.clock.monotonic_s() > now_s + 0.1:
+            arm.process._row = arm.process._row._replace(twist=REST)
+            arm.process._still_since_s = min(arm.process._still_since_s, arm.clock.monotonic_s())
+
+    arm.clock.each = each
+    arm.process._leave(client, conductor)
+    took_s = arm.clock.monotonic_s() - now_s
+    assert took_s == pytest.approx(0.12 if stops else LEAVE_S, abs=2 * CYCLE_S)
+    assert client.calls[-1] == "leave"
+    assert max(beats_s) == pytest.approx(CYCLE_S), "the listener sees it alive"
+    assert (
+        arm.clock.held_s
+        and min(b - a for a, b in zip(arm.clock.held_s, arm.clock.held_s[1:], strict=False)) > 0
+    )
+    said = [status for status in arm.heard() if isinstance(status, Sent | Standstill)]
+    assert isinstance(said[1].command, Stop)
+    assert any(isinstance(status, Standstill) for status in said) == stops
+
+
+def test_a_controller_without_rows_ends_the_process_from_its_other_thread_too(arm):
+    """Twice the time-out of the link: the listener speaks first."""
+    arm.process._row = ArmRow(BEGIN_S, 7.0, START, REST, REST, 0, PLAYING)
+    arm.process._pipe.wait = arm.clock.rest
+    with pytest.raises(BrokenError, match="no rows come through") as caught:
+        arm.process._obey(Deaf())
+    assert caught.value.broken == Broken("silent", "no rows come through", "is the program still listening?")
+    assert arm.clock.monotonic_s() - BEGIN_S == pytest.approx(0.2, abs=2 * CYCLE_S)
