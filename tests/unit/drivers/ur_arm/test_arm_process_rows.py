@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import os
 import socket
+from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from drivers.clock import VirtualClock
 from drivers.messages import Home, MoveAt, Sent, Standstill, Stop
-from drivers.ur_arm import child
 from drivers.ur_arm.child import BACKLOG, LEAVE_S, ArmProcess
 from drivers.ur_arm.controller import PLAYING, Seen
 from drivers.ur_arm.guidance import CYCLE_S
@@ -66,7 +67,8 @@ class Clock(VirtualClock):
 
     def __init__(self):
         super().__init__()
-        self.held_s, self.left, self.each = [], 0, lambda: None
+        self.held_s, self.left = [], 0
+        self.each: Callable[[], object] = lambda: None
         self.rest(BEGIN_S)
 
     def hold(self, t_s):
@@ -88,13 +90,14 @@ class Arm:
         ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         self.ends, self.pipe = (ours, theirs), Pipe(ours)
         self.turns = os.eventfd(0, os.EFD_NONBLOCK)
+        self.link = self.control = True
         self.process = ArmProcess(Pipe(theirs), self.turns, "arm", SETTINGS, self.clock)
         self.process._receive = self.receive
-        self.process._link = SimpleNamespace(stands=lambda: self.link)
-        self.link = self.control = True
+        links: Any = SimpleNamespace(stands=lambda: self.link)
+        self.process._link = links
         self.client = SimpleNamespace(connected=lambda: self.control)
-        monkeypatch.setattr(child, "rest", self.clock.rest)
-        monkeypatch.setattr(child.os, "_exit", self.exit)
+        monkeypatch.setattr("drivers.ur_arm.child.rest", self.clock.rest)
+        monkeypatch.setattr("drivers.ur_arm.child.os._exit", self.exit)
 
     def exit(self, code):
         raise EndError(code)

@@ -72,7 +72,7 @@ class Desk:
         monkeypatch.setattr("drivers.ur_arm.driver.ArmHost", self.start)
         self.settings = UrArmSettings(host="10.0.0.9", start_pose=START, **changes)
         self.arm = UrArm("arm", self.settings, self.clock)
-        self.said = []
+        self.said, self.info = [], None
 
     def start(self, *args, **named):
         self.processes.append(Process(*args, **named))
