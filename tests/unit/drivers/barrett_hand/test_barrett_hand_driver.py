@@ -255,3 +255,14 @@ def test_a_finger_beyond_what_is_safe_is_told_beside_its_block(hand: BarrettHand
     (saturated,) = hand.poll()
     assert isinstance(saturated, Saturated)
     assert saturated.stream == F1
+
+
+def test_numbers_go_on_through_a_pause_as_if_it_had_been_asked(hand: BarrettHand, link: Link) -> None:
+    listen(hand, F1)
+    link.waiting = [answer(11, 2000, beat) for beat in range(4)]
+    listen(hand)
+    listen(hand, F1)
+    link.waiting = [answer(11, 2000, 0)._replace(due_s=DUE_S + 0.5, arrival_s=DUE_S + 0.5004)]
+    first, second = hand.read()
+    assert (first.seq, len(first), second.seq) == (0, 4, 500)
+    assert hand.poll() == []
