@@ -122,6 +122,8 @@ class Recorder:
     ) -> None:
         """Write down an event, the state that heard it, the state that followed and the commands given."""
         self._now_s = max(self._now_s, event.t_s)
+        if not self._disk.room():
+            return
         given = tuple(commands)
         self._disk.post(
             self._events, self._events.add, self.trial.trial, event, state, next_state or state, given

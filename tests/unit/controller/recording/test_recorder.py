@@ -11,6 +11,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from behaviors.events import Contact, GuardStopped
 from controller.detectors.protocol import Reading
 from controller.limits import GuardSettings
+from controller.recording import disk
+from controller.recording.event_log import EventLog
 from controller.recording.layouts import FOXGLOVE, PLOTJUGGLER, write_layouts
 from controller.recording.ledger import read_ledger
 from controller.recording.mcap_file import McapWriter
@@ -333,6 +335,28 @@ def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(fo
     closing.join(10.0)
     found = open_run(folder.path).trial(1).stream("board.load_cell")
     assert found.values.tolist() == kept.stream("board.load_cell").values.tolist()
+
+
+def test_events_that_a_disk_cannot_keep_up_with_are_a_failure_and_not_held(folder, monkeypatch):
+    monkeypatch.setattr(disk, "BACKLOG", 20)
+    busy, free = threading.Event(), threading.Event()
+
+    def slow(*_):
+        busy.set()
+        assert free.wait(10.0)
+
+    monkeypatch.setattr(EventLog, "commit", slow)
+    recorder = recorder_in(folder)
+    recorder.begin_trial(1, {"location": "f"}, 0.0)
+    assert busy.wait(10.0)
+    for _ in range(100):
+        recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
+    held, failure = len(recorder._disk._queue), str(recorder.failure)
+    free.set()
+    with pytest.raises(RecordingError):
+        recorder.close()
+    assert held <= 21  # an event is a line and a message
+    assert "the disk cannot keep up, 20 posts wait for it" in failure
 
 
 def test_a_recorder_may_be_closed_twice(folder):
