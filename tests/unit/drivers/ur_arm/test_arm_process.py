@@ -10,9 +10,10 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.messages import Command, MoveAt, Refused, Sent, Status, Stop
+from drivers.ur_arm import child
 from drivers.ur_arm.child import ArmProcess
 from drivers.ur_arm.controller import PLAYING
-from drivers.ur_arm.pipe import ArmRow, Pipe
+from drivers.ur_arm.pipe import ArmRow, BrokenError, Pipe
 from drivers.ur_arm.settings import Pose, UrArmSettings
 
 START: Pose = (0.3, 0.0, 0.3, 0.0, 3.14, 0.0)
@@ -170,3 +171,25 @@ def test_a_program_that_does_not_read_holds_nobody(program: Program) -> None:
     while program.pipe.receive() is not None:
         read += 1
     assert read == sent + 2, "what waited follows, in order, and nothing is lost"
+
+
+class BenchTime(VirtualClock):
+    """As an emulated bench has it: others wait on it too."""
+
+    path = "/proc/1/fd/3"
+
+
+@pytest.mark.parametrize(("clock", "asked"), [(VirtualClock, [SETTINGS.realtime_priority]), (BenchTime, [])])
+def test_on_an_emulated_bench_it_asks_to_be_scheduled_before_nobody(
+    clock: type[VirtualClock], asked: list[int], monkeypatch: pytest.MonkeyPatch, program: Program
+) -> None:
+    priorities: list[int] = []
+
+    def unreachable(host: str) -> None:
+        raise BrokenError("port", "nobody listens", "")
+
+    monkeypatch.setattr(child, "_ask_for_realtime", priorities.append)
+    monkeypatch.setattr(child, "Dashboard", unreachable)
+    with pytest.raises(BrokenError):
+        ArmProcess(program.pipe, 0, "arm", SETTINGS, clock()).run(again=False)
+    assert priorities == asked
