@@ -20,7 +20,8 @@ from controller.recording.event_log import EventLog
 from controller.recording.ledger import Ledger
 from controller.recording.mcap_file import INDEX_ENTRY, unpacked, walk
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
-from controller.recording.stream_writer import TRIAL, TRIAL_END, StreamWriter, Topic
+from controller.recording.schemas import TRIAL, TRIAL_END
+from controller.recording.stream_writer import StreamWriter, Topic
 
 
 @dataclass

@@ -69,6 +69,9 @@ _ENTRY = struct.Struct("<QQ")  # log time, offset in the uncompressed chunk
 INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 """One message in a chunk's index: its log time, and where it begins in the chunk."""
 
+_ALIKE = RECORD.size + 2
+"""How much of the beginning of messages of one channel and one length is the same: opcode, length, channel, bytes."""
+
 CHANNEL_AT, TIMES_AT = 9, (15, 23)
 """Where in a message's record its channel and its two times stand: behind opcode (1), length (8), sequence (4)."""
 
@@ -417,9 +420,27 @@ def messages(path: Path, body: int, length: int, channels: frozenset[int]) -> It
     with path.open("rb") as file:
         file.seek(body)
         plain = unpacked(file.read(length))
-    for offset, (_, record_length, channel, *_) in message_heads(plain):
+    offset = 0
+    while offset < len(plain):
+        _, record_length, channel, *_ = MESSAGE.unpack_from(plain, offset)
+        end = offset + RECORD.size + record_length
         if channel in channels:
-            yield channel, plain[offset + MESSAGE.size : offset + RECORD.size + record_length]
+            yield channel, plain[offset + MESSAGE.size : end]
+        elif plain[end : end + _ALIKE] == plain[offset : offset + _ALIKE]:
+            end = _end_of_alike(plain, offset, end - offset)
+        offset = end
+
+
+def _end_of_alike(plain: bytes, offset: int, size: int) -> int:
+    """Where messages of one channel, each of `size` bytes, end that follow each other from `offset` on: samples do."""
+    several = 32
+    while True:
+        count = min(several, (len(plain) - offset) // size)
+        heads = np.frombuffer(plain, np.uint8, count * size, offset).reshape(count, size)[:, :_ALIKE]
+        others = np.flatnonzero((heads != heads[0]).any(axis=1))
+        if len(others) or count < several:
+            return offset + size * int(others[0] if len(others) else count)
+        offset, several = offset + size * (count - 1), 4 * several
 
 
 def unpacked(body: bytes) -> bytes:

@@ -16,15 +16,17 @@ from controller.recording.ledger import Cell, read_ledger
 from controller.recording.mcap_file import messages, records
 from controller.recording.mcap_repair import CLOSED_AFTERWARDS, close_cut
 from controller.recording.run_folder import RunFolder, RunFolderError
-from controller.recording.schemas import block_schema, decode_block, skipped_schema
+from controller.recording.schemas import TRIAL, block_schema, decode_block, skipped_schema
 from controller.recording.series import TrialRecording
-from controller.recording.stream_writer import TRIAL
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 _TABLES = {"profile", "devices", "roles", "plant", "loop", "loss", "signals", "outcomes", "exit"}
 """What of a manifest is a table of its own."""
+
+KEPT_BYTES = 64 << 20
+"""How much of what was read is kept: sections of a report and its page ask for the same trials (assumption)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +186,8 @@ class _Index:
         self.chunks: dict[int, list[tuple[Path, int, int]]] = {}
         self.factors: dict[int, dict[str, object]] = {}
         self._channels: dict[Path, dict[int, Channel]] = {}
+        self._kept: dict[int, TrialRecording] = {}
+        self._kept_bytes = 0
         self._block, self._skipped = block_schema(), skipped_schema()
         for path in paths:
             try:
@@ -212,7 +216,9 @@ class _Index:
     def read(self, trial: int) -> TrialRecording:
         if trial not in self.chunks:
             raise KeyError(f"trial {trial}: nothing was recorded of it")
-        recording = TrialRecording(trial, self.factors.get(trial))
+        if trial in self._kept:
+            return self._kept[trial]
+        recording, size = TrialRecording(trial, self.factors.get(trial)), 0
         channels: dict[str, tuple[int, ...]] = {}
         for path, body, length in self.chunks[trial]:
             with _reading(f"{path}, the chunk at byte {body}"):
@@ -228,6 +234,10 @@ class _Index:
                         ):
                             raise ValueError(f"{block.stream}: a block with another number of channels")
                         recording.add(block)
+                        size += len(data)
+        if self._kept_bytes + size <= KEPT_BYTES:
+            self._kept[trial] = recording
+            self._kept_bytes += size
         return recording
 
     def _messages(self, path: Path, body: int, length: int) -> Iterator[tuple[Channel, bytes]]:

@@ -43,6 +43,9 @@ BLOCK_FIELDS = {
 }
 STATE_FIELDS = {"t_s": "double", "state": "string"}
 SKIPPED_FIELDS = {"stream": "string", "t0_s": "double", "t1_s": "double"}
+TRIAL, TRIAL_END = "trial", "trial_end"
+"""Metadata records before and behind the chunks of a trial."""
+
 LOG_LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
 """`foxglove.LogLevel`, in the order of its numbers."""
 

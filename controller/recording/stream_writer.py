@@ -25,6 +25,8 @@ from controller.recording.mcap_file import (
 from controller.recording.run_folder import RecordingError
 from controller.recording.schemas import (
     LOG_LEVELS,
+    TRIAL,
+    TRIAL_END,
     SampleSchema,
     block_schema,
     encode_block,
@@ -34,9 +36,6 @@ from controller.recording.schemas import (
 )
 from controller.recording.series import DETECTOR
 from drivers.messages import SampleBlock, StreamInfo
-
-TRIAL, TRIAL_END = "trial", "trial_end"
-"""Metadata records before and behind the chunks of a trial."""
 
 _EVENTS = "/events"
 

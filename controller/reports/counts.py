@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import NormalDist
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from controller.recording.reader import Run
 from controller.reports.text import NOTHING, number
-from drivers.settings import Settings
+
+if TYPE_CHECKING:
+    from drivers.settings import Settings
 
 _NOT_MEASURED = ("guard", "fault", "aborted")
 

@@ -83,6 +83,31 @@ def test_equally_long_messages_written_together_read_as_if_written_one_by_one(tm
     assert contents[0] == contents[1]
 
 
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 3), st.integers(0, 3), st.sampled_from((1, 2, 31, 32, 33, 200))),
+        min_size=1,
+        max_size=8,
+    ),
+    st.frozensets(st.integers(1, 3)),
+)
+@settings(max_examples=100, deadline=None)
+def test_messages_of_some_channels_are_found_among_any_number_of_others(tmp_path_factory, runs, wanted):
+    path = tmp_path_factory.mktemp("mcap") / "a.mcap"
+    writer = McapWriter(path, library="test")
+    schema = writer.add_schema("s", b"")
+    for topic in ("/a", "/b", "/c"):
+        writer.add_channel(topic, schema, {})
+    said = []
+    for channel, length, count in runs:
+        for _ in range(count):
+            said.append((channel, len(said).to_bytes(3, "big")[:length]))
+            writer.add_message(channel, len(said), said[-1][1])
+    writer.finish()
+    (chunk,) = (record for record in records(path) if isinstance(record, tuple))
+    assert list(messages(path, *chunk, wanted)) == [each for each in said if each[0] in wanted]
+
+
 def test_a_chunk_ends_by_itself_when_it_is_large(tmp_path):
     path = tmp_path / "a.mcap"
     writer = McapWriter(path, library="test")

@@ -1,5 +1,7 @@
 import re
 import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -10,11 +12,13 @@ from hypothesis import strategies as st
 
 from behaviors.events import Contact
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
+from controller.recording import reader
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports import report
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import Figures
+from controller.reports.pages import library
 from controller.reports.report import build_report, tell
 from controller.reports.static import read_conditions
 from controller.reports.transient_figures import moving_average, representative, trace_of
@@ -56,6 +60,35 @@ def test_the_page_needs_nothing_but_itself(campaign):
     assert not re.findall(r"""(?:src|href)\s*=\s*["'](?!#)""", page)
     assert "@import" not in page
     assert not re.findall(r"url\((?!#)", page)
+
+
+def test_the_page_draws_with_the_scripts_that_bokeh_itself_would_put_in():
+    from bokeh.resources import Resources
+
+    texts = Resources(mode="inline", components=["bokeh", "bokeh-api"], log_level="info").js_raw
+    assert library() == [text.replace("</script", "<\\/script") for text in texts]
+
+
+def test_a_trial_is_read_once_for_all_that_ask_unless_it_is_too_large_to_be_kept(tmp_path, monkeypatch):
+    run = write_static(tmp_path, {"none": 28.0})
+    trial = run.recorded_trials[0]
+    assert run.trial(trial) is run.trial(trial)
+    monkeypatch.setattr(reader, "KEPT_BYTES", 0)
+    again = open_run(run.folder.path)
+    assert again.trial(trial) is not again.trial(trial)
+
+
+def test_a_report_loads_no_library_that_it_can_do_without(tmp_path):
+    folder = write_static(tmp_path, {"none": 28.0}).folder.path
+    asked = (
+        "import sys; from controller.recording.reader import open_run;"
+        "from controller.reports.report import build_report;"
+        f"build_report([open_run({str(folder)!r})]);"
+        "print(sorted({'bokeh', 'numba', 'pandas', 'pydantic', 'scipy'} & set(sys.modules)))"
+    )
+    root = Path(__file__).resolve().parents[4]
+    done = subprocess.run([sys.executable, "-c", asked], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_no_two_elements_of_the_page_bear_one_identifier(campaign):
