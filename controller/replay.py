@@ -240,10 +240,12 @@ def read_blocks(
         rate_hz: Sample rate of a file without times, or in place of them. Otherwise regular times give it, with a
             jump in `seq` where rows are missing; times that wander are resampled; those of events give none.
         trial: Of a run folder; None is its first.
-        notes: A line is added that says what was read: samples, rate, duration, gaps, unit, where the times are from.
+        notes: A line is added that says what was read: samples, rate, duration, gaps, unit, where the times are from,
+            how many samples are no finite numbers.
 
     Raises:
-        ReplayError: the file is not there, is none of these, or does not hold what is asked for.
+        ReplayError: the file is not there, is none of these, does not hold what is asked for, or no finite
+            number of it.
     """
     if path.is_dir():
         blocks = _from_run(path, stream, trial, column)
@@ -257,6 +259,7 @@ def read_blocks(
             raise ReplayError(str(error)) from None
         name = chosen.name
         blocks, remark = _from_columns(path, stream, chosen, rate_hz)
+    remark += _check_values(path, name, blocks)
     if notes is not None:
         notes.append(f"{path.name}: {name}: {_summary(blocks)}{remark}")
     return blocks
@@ -273,9 +276,11 @@ def _from_columns(
         )
     if not len(values):
         raise ReplayError(f"{path}: column {chosen.name} has no rows")
-    if times_s is not None and not _are_times(times_s):
+    if times_s is not None and (wrong := _no_times(times_s)).any():
+        row = int(np.flatnonzero(wrong)[0])
         raise ReplayError(
-            f"{path}: {chosen.clock}: times must be finite and rise from row to row, by {LEAST_STEP_S:g} s at least"
+            f"{path}: {chosen.clock}: {times_s[row]:.9g} s in row {row + 1}: times must be finite and rise from row to"
+            f" row, by {LEAST_STEP_S:g} s at least"
         )
     unit = next((unit for end, unit in UNITS.items() if chosen.name.endswith(end)), "")
     t0_s = 0.0 if times_s is None else float(times_s[0])
@@ -306,8 +311,24 @@ def _from_columns(
     return blocks, f"; times from {chosen.clock}{wander}{slow}"
 
 
-def _are_times(times_s: NDArray[np.float64]) -> bool:
-    return bool((np.abs(times_s) < LATEST_S).all() and (np.diff(times_s) >= LEAST_STEP_S).all())
+def _no_times(times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which rows' times are none, or do not come after that of the row before; shape (n,)."""
+    rises = np.diff(times_s, prepend=-math.inf) >= LEAST_STEP_S
+    return ~((np.abs(times_s) < LATEST_S) & rises)
+
+
+def _check_values(path: Path, name: str, blocks: Sequence[SampleBlock]) -> str:
+    """How many samples are no finite numbers and when the first one is, in words; "" where all are finite."""
+    lost = [block.times[~np.isfinite(block.physical).all(axis=1)] for block in blocks]
+    count = sum(map(len, lost))
+    if not count:
+        return ""
+    if count == sum(len(block) for block in blocks):
+        raise ReplayError(
+            f"{path}: {name}: no value is a finite number; is it the right column, is the sensor alive?"
+        )
+    first_s = next(float(times_s[0]) for times_s in lost if len(times_s))
+    return f"; {count} samples are no finite numbers, the first at {first_s:.6g} s"
 
 
 def _summary(blocks: Sequence[SampleBlock]) -> str:

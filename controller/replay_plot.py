@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,7 +52,8 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
     named = {stream: [b for b in blocks if b.stream == stream] for stream in detector.inputs}
     courses: Sequence[StatisticCourse] = ()
     if isinstance(detector, Statistic) and named[detector.inputs[0]][0].rate_hz is not None:
-        courses = courses_of(detector, blocks)
+        with suppress(ValueError):  # samples that are no numbers, or lost: then its readings are drawn
+            courses = courses_of(detector, blocks)
     shown = [] if courses else _readings(detector, blocks)
     panels = len(named) + bool(courses or shown)
     with Figures(path.parent, simulated=False).figure(
@@ -140,7 +142,8 @@ def _signal(axes: Axes, stream: str, blocks: Sequence[SampleBlock]) -> None:
 
 
 def _line(axes: Axes, times_s: Floats, values: Floats, colour: str) -> None:
-    """A curve; where it has many samples to a dot, the band that it fills."""
+    """A curve; where it has many samples to a dot, the band that it fills; a break where values are not finite."""
+    values = np.where(np.isfinite(values), values, np.nan)
     if len(values) <= 2 * COLUMNS:
         axes.plot(times_s, values, color=colour, linewidth=0.8)
         return

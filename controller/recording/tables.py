@@ -35,6 +35,9 @@ COMMENT = ("#", "%", "//")
 SEPARATORS = ("\t", ";", ",")
 """Between two fields of a text file, the first that is found in a row of numbers; spaces where there is none."""
 
+NAMED = 20
+"""How many columns are named at once."""
+
 SCALES_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Seconds in a unit of time, as columns are named after them."""
 
@@ -111,21 +114,29 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
     clock = "t_s" if "t_s" in table else next((name for name in table if TIME.fullmatch(name)), None)
     names = [name for name in table if name != clock]
     wanted = column.split(",") if column else names
-    listed = ", ".join(names) or "none besides the times"
+    listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
         raise TableError(f"{path}: which column? choose with --column; there are {listed}")
     for name in wanted:
         if name not in table:
             raise TableError(f"{path}: no column {name}; there are {listed}")
+        if not len(table[name]):
+            raise TableError(f"{path}: column {name} has no rows")
         if not np.issubdtype(table[name].dtype, np.number) or np.iscomplexobj(table[name]):
-            held = repr(table[name][0]) if len(table[name]) else "nothing"
-            raise TableError(f"{path}: column {name} holds {held}, which is no number")
+            raise TableError(f"{path}: column {name} {_odd(table[name])}, which is no number")
     lengths = {name: len(table[name]) for name in [*wanted, *([clock] if clock else [])]}
     other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
     if other is not None:
         raise TableError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
     values = np.column_stack([table[name].astype(np.float64) for name in wanted])
     return Chosen(wanted[0], values, *_times(path, clock, table))
+
+
+def _odd(cells: NDArray[Any]) -> str:
+    """What a column holds that is no number, and in which row; its first cell where each could be one."""
+    row = next((row for row, cell in enumerate(cells) if not _numeric(str(cell))), 0)
+    cell = cells[row]
+    return f"holds {cell.item() if isinstance(cell, np.generic) else cell!r} in row {row + 1}"
 
 
 def _times(
@@ -153,10 +164,11 @@ def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
 
     if not len(times):
         return np.empty(0)
-    try:
-        dates = pd.to_datetime(pd.Series(times), utc=True, format="ISO8601")
-    except (ValueError, TypeError):
-        raise TableError(f"{path}: column {clock} holds {times[0]!r}, which is no time") from None
+    dates = pd.to_datetime(pd.Series(times), utc=True, format="ISO8601", errors="coerce")
+    if dates.isna().any():
+        row = int(np.flatnonzero(dates.isna())[0])
+        odd = _odd(times) if _numeric(str(times[0])) else f"holds {times[row]!r} in row {row + 1}"
+        raise TableError(f"{path}: column {clock} {odd}, which is no time")
     since_s: Floats = (dates - dates.iloc[0]).dt.total_seconds().to_numpy(np.float64)
     return since_s
 
@@ -169,16 +181,28 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     import pandas as pd
 
     try:
-        lines = [line for line in path.read_text("utf-8-sig").splitlines() if line.strip()]
-    except UnicodeDecodeError:
-        raise TableError(f"{path}: no text; is it another kind of file?") from None
+        text = path.read_text("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise TableError(
+            f"{path}: byte {error.start}: no UTF-8 text; save it as CSV (UTF-8), or is it another kind of file?"
+        ) from None
+    if "\0" in text:
+        raise TableError(f"{path}: byte {text.index(chr(0))}: no text; is it another kind of file?")
+    lines = [line for line in text.splitlines() if line.strip()]
     rows = [line for line in lines if not line.lstrip().startswith(COMMENT)]
     if not rows:
         raise TableError(f"{path}: has no rows")
     begin = lines.index(rows[0])
     names, body, separator = _header(rows, lines[begin - 1].lstrip("#%/ \t") if begin else "")
     _check_names(path, names)
-    decimal = "," if separator != "," and body and "," in body[0] else "."
+    if body and (fields := len(_fields(body[0], separator))) != len(names):
+        raise TableError(
+            f"{path}: no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
+            f" {fields} fields in the row below"
+        )
+    comma = separator != "," and any(
+        "," in field and _numeric(field) for row in body if "," in row for field in _fields(row, separator)
+    )
     try:
         table = pd.read_csv(
             io.StringIO("\n".join(body)),
@@ -186,7 +210,7 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
             names=names,
             header=None,
             index_col=False,
-            decimal=decimal,
+            decimal="," if comma else ".",
             skipinitialspace=True,
             low_memory=False,
         )
@@ -200,6 +224,8 @@ def _header(rows: Sequence[str], comment: str) -> tuple[list[str], Sequence[str]
     """Names of the columns, the rows of numbers, and what stands between two fields ("" for spaces)."""
     sample = rows[1] if len(rows) > 1 else rows[0]
     separator = next((one for one in SEPARATORS if one in sample), "")
+    if separator == "," and _spaced(sample):
+        separator = ""
     first = _fields(rows[0], separator)
     if not all(map(_numeric, first)):
         names, rows = first, rows[1:]
@@ -217,6 +243,11 @@ def _fields(line: str, separator: str) -> list[str]:
     if not separator:
         return line.split()
     return [field.strip() for field in next(csv.reader([line], delimiter=separator))]
+
+
+def _spaced(row: str) -> bool:
+    """Whether all commas of a row are decimal ones, between numbers with spaces between them."""
+    return all(map(_numeric, row.split())) and not all(map(_numeric, _fields(row, ",")))
 
 
 def _numeric(field: str) -> bool:

@@ -284,6 +284,21 @@ def test_a_file_that_is_damaged_or_ambiguous_is_refused_in_one_line(tmp_path):
             made("times.csv", b"t_s,a\n" + times.replace(b"\n", b",1\n")),
             "times must be finite and rise from row to row",
         )
+    refused(
+        made("back.csv", b"t_s,a\n0,1\n0.1,2\n0.05,3\n"),
+        "t_s: 0.05 s in row 3: times must be finite and rise",
+    )
+    refused(made("dead.csv", b"t_s,a\n0,nan\n0.1,\n0.2,inf\n"), "a: no value is a finite number")
+    refused(made("word.csv", b"t_s,a\n0,1\n0.1,ERR\n"), "column a holds 'ERR' in row 2, which is no number")
+    refused(made("end.csv", b"t_s,a\n0,1\nend,\n"), "column t_s holds 'end' in row 2, which is no time")
+    refused(
+        made("day.csv", b"time,a\n2026-01-01,1\nnoon,2\n"), "column time holds 'noon' in row 2, which is no"
+    )
+    refused(made("head.csv", b"t_s,a\n"), "column a has no rows")
+    refused(made("title.csv", b"Monday\nt_s,a\n0,1\n"), "1 names .Monday., but 2 fields in the row below")
+    refused(made("zeros.csv", bytes(10)), "byte 0: no text")
+    refused(made("latin.csv", "t_s,µN\n0,1\n".encode("latin-1")), "byte 4: no UTF-8 text; save it as CSV")
+    refused(made("wide.csv", ",".join(map(str, range(99))).encode()), "which column.* 18, 19, …$")
     refused(made("no.npz", b"PK\x03\x04 and no more"), "no NPZ file of numbers")
     refused(made("time.csv", b"ttime_"), "which is no number|has no rows|which column")
     refused(made("one.csv", b"t_s,a\n0,1,2,3\n1,2\n"), "no CSV file|no table of numbers")
@@ -337,6 +352,7 @@ def test_a_file_that_claims_more_than_it_holds_gets_no_room_for_it(tmp_path, nam
 
 TEXTS = {
     "semicolons and decimal commas": "t_s;ft_v\n0,000;1,5\n0,001;2,5\n0,002;3,5\n",
+    "spaces and decimal commas": "t_s ft_v\n0,000 1,5\n0,001 2,5\n0,002 3,5\n",
     "tabs": "t_s\tft_v\n0\t1.5\n0.001\t2.5\n0.002\t3.5\n",
     "spaces": "t_s ft_v\n0 1.5\n0.001  2.5\n0.002 3.5\n",
     "comments and empty lines": "# a lab\n\nt_s,ft_v\n0,1.5\n# knocked\n0.001,2.5\n0.002,3.5\n",
@@ -358,6 +374,19 @@ def test_text_as_other_programs_write_it_is_read(tmp_path, text):
     assert block.values[:, 0].tolist() == [1.5, 2.5, 3.5]
     assert block.rate_hz == pytest.approx(1000.0, rel=1e-6)
     assert block.t0_s == 0.0
+
+
+def test_a_first_row_of_whole_numbers_does_not_hide_decimal_commas(tmp_path):
+    (tmp_path / "a.csv").write_text("t_ms;a\n0;1\n1;2,5\n")
+    assert read_columns(tmp_path / "a.csv", "a").values[:, 0].tolist() == [1.0, 2.5]
+
+
+def test_samples_that_are_no_numbers_are_told(tmp_path):
+    values = np.arange(100.0)
+    values[[40, 41, 60]] = np.nan, np.inf, np.nan
+    notes = []
+    read_blocks(csv(tmp_path / "a.csv", np.arange(100) / 100.0, values), STREAM, notes=notes)
+    assert notes[0].endswith("; 3 samples are no finite numbers, the first at 0.4 s")
 
 
 def test_rows_without_names_are_columns_by_number(tmp_path):
@@ -460,6 +489,17 @@ def test_a_picture_shows_signal_statistic_threshold_and_events(tmp_path):
         draw(tmp_path / "drag.gif", blocks, detector, events)
     picture = (tmp_path / "drag.svg").read_text("utf-8")
     assert picture.count('<g id="axes_') == 2
+
+
+def test_a_recording_with_values_that_are_not_finite_is_drawn_with_a_break(tmp_path):
+    from controller.replay_plot import draw
+
+    values = shaken(8000)
+    values[[3000, 5000]] = np.nan, np.inf
+    blocks = [SampleBlock(STREAM, 0, 0.0, values[:, None], rate_hz=1000.0)]
+    detector = SlipDetector("slip", SlipSettings())
+    draw(tmp_path / "drag.svg", blocks, detector, list(replay(blocks, detector)))
+    assert (tmp_path / "drag.svg").read_text("utf-8").count('<g id="axes_') == 2
 
 
 def test_a_picture_of_periods_shows_the_frequency_and_what_is_held_against_the_threshold(tmp_path):
