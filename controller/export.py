@@ -76,10 +76,15 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
 
     Raises:
         RunFolderError: what the format needs is not installed, or the recording is damaged.
+        RecordingError: the files cannot be written.
     """
-    out.mkdir(parents=True, exist_ok=True)
     try:
+        out.mkdir(parents=True, exist_ok=True)
         return FORMATS[to](run, out)
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise RecordingError(out, "writing", error, "--into") from error
     except ImportError as error:
         raise RunFolderError(f"--to {to} needs {error.name}: pip install {error.name}") from None
 

@@ -55,12 +55,12 @@ _ADVICE = {
 class RecordingError(OSError):
     """A run can no longer be written: no disk space, no permission, the disk is gone."""
 
-    def __init__(self, path: Path, doing: str, cause: Exception) -> None:
+    def __init__(self, path: Path, doing: str, cause: Exception, option: str = "--out") -> None:
         self.path = path
-        self._given = path, doing, cause
+        self._given = path, doing, cause, option
         if isinstance(cause, OSError):
             number, reason = cause.errno, cause.strerror or str(cause)
-            advice = _ADVICE.get(number, _ADVICE[None])
+            advice = _ADVICE.get(number, _ADVICE[None]).replace("--out", option)
         else:
             number, reason = None, f"{type(cause).__name__} ({cause})"
             advice = "trials.csv and events.jsonl go on; run again with --debug"

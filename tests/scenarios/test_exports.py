@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from controller.comparing import compared, side_by_side
 from controller.export import export, tidy
 from controller.recording.reader import open_run
+from controller.recording.run_folder import RecordingError
 from controller.recording.series import TrialRecording
 from controller.recording.tables import read_columns
 from drivers.messages import SampleBlock
@@ -52,6 +53,20 @@ def test_a_run_has_its_trials_as_parquet_beside_the_csv_where_pyarrow_is_there(r
     pd.testing.assert_frame_equal(found.drop(columns="place"), run.table.drop(columns="place"))
     monkeypatch.setattr("controller.export.find_spec", lambda _: None)
     assert tidy(run) is None
+
+
+def test_an_export_that_cannot_be_written_is_told_in_one_line(run, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(RecordingError, match=r"move away .* or choose another .*--into$"):
+        export(run, "csv", tmp_path / "file")
+    for to, file in (
+        ("csv", "trials.csv"),
+        ("rosbag2", f"trial_{TRIALS[0]}.mcap"),
+        ("parquet", "samples.parquet"),
+    ):
+        (tmp_path / to / file).mkdir(parents=True)
+        with pytest.raises(RecordingError, match=f"while writing {tmp_path / to}"):
+            export(run, to, tmp_path / to)
 
 
 def test_csv_holds_the_same(run, tmp_path):
