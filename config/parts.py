@@ -50,6 +50,11 @@ class ProfileParts(Settings):
         """The arguments of each run; the profile first."""
         return [shlex.split(part) for part in self.parts]
 
+    @property
+    def tried(self) -> Sequence[Sequence[str]]:
+        """The arguments of each run that say which trials of which profile: what other verbs take as well."""
+        return [_trials_of(run_context(arguments)) for arguments in self.runs]
+
 
 def parts_of(name_or_path: str) -> ProfileParts | None:
     """What a profile of parts says; None for a profile of trials.
@@ -66,15 +71,56 @@ def parts_of(name_or_path: str) -> ProfileParts | None:
         return f"{source.origin(location)}: {'.'.join(location)}"
 
     parts = validated(ProfileParts, source.data, (), where, problems)
-    named = [arguments[0] for arguments in parts.runs if arguments] if parts else []
     problems += [
-        f"{source.files[-1]}: paper {shown.item}: part = {shown.part!r} is none of the parts"
-        for shown in (parts.paper if parts else ())
-        if shown.part and shown.part not in named
+        f"{source.files[-1]}: parts = {part!r}: {wrong}"
+        for part in (parts.parts if parts else ())
+        if (wrong := _mistake(part))
     ]
     if parts is None or problems:
         raise ProfileError(problems)
+    named = [arguments[0] for arguments in parts.runs]
+    problems += [
+        f"{source.files[-1]}: paper {shown.item}: part = {shown.part!r} is none of the parts"
+        for shown in parts.paper
+        if shown.part and shown.part not in named
+    ]
+    if problems:
+        raise ProfileError(problems)
     return parts
+
+
+NOT_OF_A_PART = ("--out", "--help", "-h")
+"""Options that a part cannot have: all write into one folder."""
+
+
+def _mistake(part: str) -> str:
+    """Why nothing can be run by a part's line; "" where it can."""
+    try:
+        arguments = shlex.split(part)
+        refused = [word for word in arguments if word.partition("=")[0] in NOT_OF_A_PART]
+        if refused:
+            return f"a part has no {refused[0]}"
+        if "parts" in read_source(run_context(arguments).params["profile"]).data:
+            return "has parts itself; name those here"
+    except (ValueError, click.ClickException) as error:  # a ProfileError is one as well
+        said = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        return f"{said[:1].lower()}{said[1:].rstrip('.')}"
+    return ""
+
+
+def run_context(arguments: Sequence[str]) -> click.Context:
+    """What `run` reads in the arguments of a part."""
+    from config.verbs.running import run
+
+    return run.make_context("run", list(arguments))
+
+
+def _trials_of(context: click.Context) -> list[str]:
+    given = context.params
+    settings = [f"--set={key}={text}" for key, text in given["overrides"].items()]
+    chosen = [f"--only={number}" for number in given["numbers"]]
+    file = [f"--trials={given['csv']}"] if given["csv"] else []
+    return [given["profile"], *settings, *chosen, *file]
 
 
 def begin(name: str, parts: ProfileParts, common: Sequence[str], out: Path) -> RunFolder:

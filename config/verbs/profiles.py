@@ -60,7 +60,7 @@ def check(
 
     if parts := parts_of(profile):
         common = [*verbs.sets(overrides), *(["--connect"] if connect else [])]
-        return max(int(check.main([*part, *common], standalone_mode=False)) for part in parts.runs)
+        return max(int(check.main([*part, *common], standalone_mode=False)) for part in parts.tried)
     from config.assemble import plan_campaign
     from config.costs import counted
     from config.toml_text import to_toml
@@ -98,7 +98,7 @@ def check(
 @verbs.set_option
 @click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
 @verbs.only_option
-def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int]) -> None:
+def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int]) -> int:
     """Say what running a PROFILE would take: time, disk, travel, force, and what each state computes.
 
     Nothing is opened or computed. Times and sizes are those that were measured with the experiment's shipped profile.
@@ -111,9 +111,9 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
     from config.parts import parts_of
 
     if parts := parts_of(profile):
-        for part in parts.runs:
-            plan.main([*part, *verbs.sets(overrides)], standalone_mode=False)
-        return
+        return max(
+            int(plan.main([*part, *verbs.sets(overrides)], standalone_mode=False)) for part in parts.tried
+        )
     from config.assemble import plan_campaign
     from config.costs import planned
     from config.jobs import jobs_for
@@ -123,6 +123,7 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
     trials = chosen(loaded.trials(0), numbers, None)
     whole = plan_campaign(loaded, trials, 0)
     click.echo("\n".join(planned(loaded, trials, next(iter(whole.trials)), jobs_for(loaded, whole, None))))
+    return verbs.DONE
 
 
 @click.command(cls=verbs.Verb, short_help="Serve a profile's emulated devices.")

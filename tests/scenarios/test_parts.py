@@ -96,9 +96,24 @@ def test_an_option_that_one_part_alone_could_take_is_refused(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_profile_that_is_a_part_of_itself_is_refused(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(f'title = "x"\nparts = ["{path}"]')
+    with pytest.raises(ProfileError, match="has parts itself"):
+        parts_of(str(path))
+
+
+def test_a_part_that_cannot_be_planned_is_told_by_the_exit_code(tmp_path, capsys):
+    (tmp_path / "two.toml").write_text('title = "x"\nparts = ["mock/static --only 99", "mock/static"]')
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["plan", str(tmp_path / "two.toml")])
+    assert ended.value.code == 2
+    assert "--only 99: no such trial" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("verb", ["plan", "check"])
 def test_what_a_part_is_run_with_is_planned_and_checked_with_it(verb, tmp_path):
-    (tmp_path / "two.toml").write_text(TWO)
+    (tmp_path / "two.toml").write_text(TWO.replace("--only 2", "--only 2 --seed 3"))
     with pytest.raises(SystemExit) as ended:
         cli.main([verb, str(tmp_path / "two.toml")])
     assert not ended.value.code
@@ -120,6 +135,12 @@ def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_
         ('title = "x"\nparts = ["mock/static"]\nspeed = 1', "unknown key"),
         (TWO.replace('part = "mock/static"', 'part = "mock/slip"'), "none of the parts"),
         (TWO.replace('differs = "one condition of three"\n', ""), "differs"),
+        ("title = 'x'\nparts = [\"mock/static 'open\"]", "'open\": no closing quotation"),
+        ('title = "x"\nparts = [""]', "missing argument 'PROFILE'"),
+        ('title = "x"\nparts = ["mock/static --onlly 1"]', "no such option '?--onlly"),
+        ('title = "x"\nparts = ["mock/static --out there"]', "a part has no --out"),
+        ('title = "x"\nparts = ["nowhere"]', "no profile 'nowhere'"),
+        ('title = "x"\nparts = ["papers/table_1"]', "has parts itself"),
     ],
 )
 def test_a_mistake_in_a_profile_of_parts_is_said_with_its_place(text, said, tmp_path):
