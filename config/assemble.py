@@ -407,7 +407,7 @@ def make_detector(
         ProfileError: no such kind, or settings that it does not take.
     """
     from config.hints import near_or_all
-    from config.source import ProfileError, toml_value
+    from config.source import ProfileError, given_value
     from config.validation import validated
 
     if is_own(kind):
@@ -419,7 +419,7 @@ def make_detector(
         raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, DETECTORS)}")
     problems: list[str] = []
     model = _settings(_kind(DETECTORS, kind))
-    given = {key: toml_value(text) for key, text in overrides.items()}
+    given = {key: given_value(f"--set {key}", text) for key, text in overrides.items()}
     if baseline is not None and "baseline_s" in model.model_fields:
         given["baseline_s"] = baseline[1] - baseline[0]
 

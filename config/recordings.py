@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from config.assemble import DETECTORS, make_detector
 from config.hints import near_or_all
-from config.source import ProfileError, toml_value
+from config.source import ProfileError, given_value
 from config.validation import validated
 from controller.detectors.protocol import Detector, HearsEnvelope
 from controller.named import is_own, own_folders
@@ -133,7 +133,9 @@ def _in_run(
             raise ProfileError(f"--detector {asked}: no such detector; {near_or_all(asked, known)}")
         return _split(path, tables[asked])
     alike = {name: table for name, table in tables.items() if table["kind"] == asked}
-    streams = {key: toml_value(text) for key, text in overrides.items() if key.endswith("input")}
+    streams = {
+        key: given_value(f"--set {key}", text) for key, text in overrides.items() if key.endswith("input")
+    }
     meant = {name: table for name, table in alike.items() if streams.items() <= table.items()}
     recorded = {
         name: table for name, table in meant.items() if _was_recorded(path, table, recording)
@@ -173,7 +175,7 @@ def _was_recorded(path: Path, table: Mapping[str, Any], recording: TrialRecordin
 def _chain_settings(detector: HearsEnvelope, given: Mapping[str, str]) -> IqSettings:
     """Settings of the chain before a detector: its drive is the one that the detector believes in."""
     drive_hz = getattr(getattr(detector, "settings", None), "drive_hz", None)
-    values = {key: toml_value(text) for key, text in given.items()}
+    values = {key: given_value(f"--set {CHAIN}{key}", text) for key, text in given.items()}
     if drive_hz is not None and values.setdefault("drive_hz", drive_hz) != drive_hz:
         raise ProfileError(
             f"--set {CHAIN}drive_hz = {values['drive_hz']}: the detector has drive_hz = {drive_hz:g}; set both alike"

@@ -173,12 +173,13 @@ def _nested(overrides: Mapping[str, str]) -> Table:
         if not all(dotted.split(".")):
             raise ProfileError(f"--set: '{dotted}' is no key; write for example --set limits.force_n=1.5")
     try:
-        return nest((dotted, _given(dotted, text)) for dotted, text in overrides.items())
+        return nest((dotted, given_value(dotted, text)) for dotted, text in overrides.items())
     except ProfileError as error:
         raise ProfileError(f"--set: {error}") from None
 
 
-def _given(dotted: str, text: str) -> Any:
+def given_value(dotted: str, text: str) -> Any:
+    """`toml_value` of a setting, which an error names."""
     try:
         return toml_value(text)
     except ProfileError as error:

@@ -193,6 +193,10 @@ def _check_header(path: str | Path, header: Sequence[str]) -> None:
     for place, name in enumerate(header, start=1):
         if not all(name.split(".")):
             raise ProfileError(f"{path}: row 1, column {place}: '{name}' is no name of a factor")
+        if ";" in name or "\t" in name:
+            raise ProfileError(
+                f"{path}: row 1: {name!r}: write commas between the columns, and decimal points"
+            )
         if header.index(name) != place - 1:
             raise ProfileError(f"{path}: row 1, column {place}: '{name}' is there twice")
 

@@ -133,6 +133,17 @@ def forget_own() -> None:
     _folders.clear()
 
 
+def own_place(error: BaseException) -> str:
+    """File and line of the user's own in which an error arose; "" where it is none of theirs."""
+    files = {folder / top for top, folder in _folders.items()}
+    places = [
+        f"{frame.filename}, line {frame.lineno}"
+        for frame in traceback.extract_tb(error.__traceback__)
+        if files & {path := Path(frame.filename).with_suffix(""), *path.parents}
+    ]
+    return places[-1] if places else ""
+
+
 def own_folders(manifest: Mapping[str, Any]) -> Sequence[Path]:
     """Where a run found the user's own modules."""
     own = (manifest.get("profile") or {}).get("own") or {}
@@ -160,7 +171,7 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
         for helper in {new.partition(".")[0] for new in set(sys.modules) - before} if there else ():
             if _lies_in(sys.modules.get(helper), there[0]):
                 _folders[helper] = there[0]
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a script that was written to be run ends the program
         if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
             where = ", ".join(str(folder) for folder in folders) or "the program"
             raise NamedError(f"no module {error.name} in {where}") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +22,9 @@ DONE, FAILED, USAGE, DEVICE, GUARD, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
 RATE_HZ = (0.01, 1e7)
 """Sample rates that a recording may have, Hz. Assumption: slower is a log book, faster no sensor of touch."""
+
+LONGEST_S = 1e9
+"""Longest mean time between false alarms that may be asked for, s: thirty years."""
 
 PLOT_HELP = "Draw signal, statistic, threshold and events: a PNG, SVG or PDF file."
 
@@ -57,6 +61,17 @@ class Program(click.Group):
         sys.exit(code)
 
 
+class Finite(click.FloatRange):
+    """A range of numbers, which NaN is in none of."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number."""
+        number: float = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value} is no number", param, ctx)
+        return number
+
+
 class Verb(click.Command):
     """A verb; with --debug an error shows where it came from."""
 
@@ -84,6 +99,7 @@ def explained(error: Exception) -> tuple[int, str]:
     from config.jobs import JobsError
     from config.source import ProfileError
     from controller.guard import GuardRefusal
+    from controller.named import own_place
     from controller.recording.run_folder import RecordingError, RunFolderError
     from controller.replay import ReplayError
     from drivers.errors import DeviceError
@@ -101,7 +117,9 @@ def explained(error: Exception) -> tuple[int, str]:
     if isinstance(error, RecordingError):
         return FAILED, str(error)
     said = " ".join(str(error).split())
-    return FAILED, f"unexpected {type(error).__name__}: {said}; run again with --debug to see where"
+    kind, place = type(error).__name__, own_place(error)
+    line = f"{place}: {kind}: {said}" if place else f"unexpected {kind}: {said}"
+    return FAILED, f"{line}; run again with --debug to see where"
 
 
 def complain(line: str) -> None:
@@ -267,7 +285,7 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
             click.option(
                 "--rate",
                 "rate_hz",
-                type=click.FloatRange(min=RATE_HZ[0], max=RATE_HZ[1]),
+                type=Finite(min=RATE_HZ[0], max=RATE_HZ[1]),
                 metavar="HZ",
                 help="Sample rate of a file without times, or in place of them.",
             ),

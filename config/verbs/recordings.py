@@ -65,7 +65,7 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
 @click.option(
     "--false-alarm-interval",
     "interval_s",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=verbs.Finite(min=0.0, min_open=True, max=verbs.LONGEST_S),
     metavar="S",
     required=True,
     help="Mean time between false alarms, in seconds.",

@@ -105,6 +105,15 @@ def test_every_detector_with_a_statistic_is_offered_where_one_has_none(verb, rol
             "which column? choose with --column; there are ft_v, fx_v",
         ),
         (["--detector", "slip", "--column", "ft_v", "--rate", "0"], "--rate"),
+        (["--detector", "slip", "--column", "ft_v", "--rate", "nan"], "nan is no number"),
+        (
+            ["--detector", "slip", "--column", "ft_v", "--false-alarm-interval", "inf"],
+            "inf is not in the range",
+        ),
+        (
+            ["--detector", "slip", "--column", "ft_v", "--set", "threshold=nan"],
+            "--set threshold = nan: must be finite",
+        ),
         (["--detector", "slop", "--column", "ft_v", "--rate", "1000"], "did you mean 'slip'?"),
         (["--detector", "slip", "--column", "ft_v", "--rate", "1e6"], "0 s in which the detector decides"),
         (

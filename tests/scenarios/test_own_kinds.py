@@ -299,12 +299,14 @@ def test_a_run_is_not_resumed_by_another_version_of_the_users_own_code(verb, lab
         ("my_lab.broken:Edge", "my_lab.broken cannot be imported: SyntaxError: "),
         ("my_lab.lacking:Edge", "cannot be imported: ModuleNotFoundError: No module named 'nothing_such' ("),
         ("my_lab.plain:Edge", "the type of settings must be a class of Settings"),
+        ("my_lab.script:Edge", "my_lab.script cannot be imported: SystemExit: 3 ("),
         ("config:Edge", "the name config is taken by a module of the program"),
     ],
 )
 def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, said):
     (lab / "my_lab" / "broken.py").write_text("class Edge:\n    def push(self\n")
     (lab / "my_lab" / "lacking.py").write_text("import nothing_such\n")
+    (lab / "my_lab" / "script.py").write_text("raise SystemExit(3)\n")
     (lab / "my_lab" / "plain.py").write_text("class Edge:\n    push = reset = None\n")
     (lab / "config").mkdir()
     code, _, err = verb("check", lab / "touch.toml", "--set", f"detectors.contact.kind={kind}")
@@ -312,6 +314,18 @@ def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, said):
     assert err.count("\n") == 1, err
     assert f'[detectors.contact] kind = "{kind}": ' in err
     assert said in err
+
+
+@pytest.mark.parametrize("part", ["        self.reset()\n", "        events = []\n"])
+def test_an_error_of_the_users_own_detector_is_said_with_its_file_and_line(verb, lab, part):
+    path = lab / "my_lab" / "edge.py"
+    text = path.read_text()
+    path.write_text(text.replace(part, part + "        1 / 0\n", 1))
+    line = path.read_text().split("        1 / 0\n")[0].count("\n") + 1
+    code, _, err = verb("run", lab / "touch.toml", "--no-report", "--out", lab / "runs")
+    assert code == 1
+    assert f"{path}, line {line}: ZeroDivisionError: division by zero; run again with --debug" in err
+    assert err.count("\n") == 1, err
 
 
 def test_a_setting_that_the_users_own_detector_does_not_know_is_an_error_with_its_place(verb, lab):
