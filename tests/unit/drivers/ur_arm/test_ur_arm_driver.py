@@ -19,6 +19,7 @@ from drivers.messages import (
     Stalled,
     Standstill,
     Stop,
+    Tare,
 )
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.pipe import ArmRow, Broken, Opened
@@ -200,8 +201,10 @@ def test_a_valid_command_is_sent_on_at_once_and_nothing_else(desk):
     assert desk.arm.apply(MOVE) == Applied(MOVE, 0.0)
     assert desk.arm.apply(MoveTo("arm", 0.01, 9.0)).command.speed_m_s == 0.05
     desk.arm.apply(STOP)
-    with pytest.raises(CommandError, match="travel"):
+    with pytest.raises(CommandError, match=r"^arm: its travel"):
         desk.arm.apply(MoveTo("arm", 1.0, 0.02))
+    with pytest.raises(CommandError, match=r"its streams are arm.force, arm.pose, arm.position$"):
+        desk.arm.apply(Tare("arm", "arm.pose"))
     assert desk.process.sent == [MOVE, MoveTo("arm", 0.01, 0.05), STOP]
 
 
@@ -358,6 +361,23 @@ def test_a_program_that_was_away_does_not_blame_the_process(desk):
     assert desk.arm.poll() == []
     desk.clock.rest(0.01)
     assert [type(status) for status in desk.arm.poll()] == [Stalled], "the turn after that was in time"
+
+
+def test_a_turn_that_is_late_by_a_fifth_of_a_second_blames_nobody_either(desk):
+    desk.turn(0.1)
+    assert desk.silent(0.35) == []
+    desk.clock.rest(0.2)
+    assert desk.arm.poll() == []
+
+
+def test_every_link_that_is_lost_is_counted(desk):
+    for _ in range(2):
+        desk.turn(0.1)
+        desk.process.ended = "it died"
+        desk.silent(0.02)
+        desk.process.inbox = [OPENED]
+    desk.turn()
+    assert desk.arm.account()["links_lost"] == 2
 
 
 def test_home_is_sent_on_to_an_arm_whose_link_stands(desk):
