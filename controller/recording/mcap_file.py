@@ -168,13 +168,14 @@ class McapWriter:
     ) -> None:
         """Add messages of equal length: times (n,), bytes (n, length), sequence numbers (n,)."""
         count, length = data.shape
-        records = np.empty(count, np.dtype([*_MESSAGE_HEAD, ("data", "u1", (length,))]))
-        records["opcode"] = Opcode.MESSAGE
-        records["length"] = records.itemsize - RECORD.size
-        records["channel"] = channel
+        record = np.zeros(1, np.dtype([*_MESSAGE_HEAD, ("data", f"V{length}")]))
+        record["opcode"] = Opcode.MESSAGE
+        record["length"] = record.itemsize - RECORD.size
+        record["channel"] = channel
+        records = np.repeat(record, count)  # what is the same in all is not written field by field
         records["sequence"] = sequence & 0xFFFFFFFF
         records["log_time"] = records["publish_time"] = log_times_ns
-        records["data"] = data
+        records["data"] = np.ascontiguousarray(data).view(f"V{length}")[:, 0]
         entries = np.empty(count, INDEX_ENTRY)
         entries["log_time"] = log_times_ns
         entries["offset"] = self._size + np.arange(count) * records.itemsize
@@ -211,11 +212,13 @@ class McapWriter:
         packed = self._compressor.compress(plain)
         chunk = _encoded(Chunk("zstd", packed, end_ns, start_ns, zlib.crc32(plain), len(plain)))
         offsets: dict[int, int] = {}
-        tail = b""
+        pieces = [chunk]
+        at = len(chunk)
         for channel, index in indices.items():
-            offsets[channel] = self._offset + len(chunk) + len(tail)
-            tail += RECORD.pack(Opcode.MESSAGE_INDEX, 6 + len(index))
-            tail += struct.pack("<HI", channel, len(index)) + index
+            offsets[channel] = self._offset + at
+            head = RECORD.pack(Opcode.MESSAGE_INDEX, 6 + len(index)) + struct.pack("<HI", channel, len(index))
+            pieces += [head, index]
+            at += len(head) + len(index)
         self._note_chunk(
             ChunkIndex(
                 chunk_length=len(chunk),
@@ -223,13 +226,13 @@ class McapWriter:
                 compression="zstd",
                 compressed_size=len(packed),
                 message_end_time=end_ns,
-                message_index_length=len(tail),
+                message_index_length=at - len(chunk),
                 message_index_offsets=offsets,
                 message_start_time=start_ns,
                 uncompressed_size=len(plain),
             )
         )
-        self._write(chunk + tail)
+        self._write(b"".join(pieces))
         for channel, index in indices.items():
             self._counts[channel] = self._counts.get(channel, 0) + len(index) // _ENTRY.size
 

@@ -165,12 +165,10 @@ class AuraPlant:
 
     def response(self, finger: int, frequency_hz: Floats) -> Complexes:
         """What of a drive gets through a finger and back, 1 where that is best (of two: where one is), shape (n,)."""
-        settings = self.settings
         found = np.ones(len(frequency_hz), dtype=np.complex128)
-        for resonances_hz in (settings.resonance_hz, settings.second_hz):
-            if resonances_hz is not None:
-                ratio = np.maximum(frequency_hz, 1.0) / resonances_hz[finger]
-                found *= 1.0 / (1.0 + 1j * settings.quality * (ratio - 1.0 / ratio))
+        for resonance_hz in self._resonances_hz(finger):
+            ratio = np.maximum(frequency_hz, 1.0) / resonance_hz
+            found *= 1.0 / (1.0 + 1j * self.settings.quality * (ratio - 1.0 / ratio))
         return found
 
     def field(
@@ -200,12 +198,14 @@ class AuraPlant:
         )
         wave_rad_m = 2.0 * math.pi * frequency_hz / sound_m_s
         crossed = np.empty(len(times_s), dtype=np.complex128)
-        gaps_m = np.where(np.isfinite(motion.gap_m), np.maximum(motion.gap_m, 0.0), 1.0).sum(axis=1)
-        between = self._shape if np.isfinite(motion.gap_m).all() else NO_THING
+        between, gaps_m = NO_THING, motion.width_m  # of no object, whatever the gaps
+        if self._thing is not None and np.isfinite(motion.gap_m).all():
+            between, gaps_m = self._shape, np.maximum(motion.gap_m, 0.0).sum(axis=1)
         crossings(motion.width_m, gaps_m, motion.y_m, motion.z_m, wave_rad_m, between, self._air, crossed)
         drift_clock = 2.0 * math.pi * 1e-6 * settings.drive_ppm * frequency_hz * times_s
         turned = level * np.exp(1j * drift_clock) if settings.drive_ppm else level
         out = np.zeros((len(times_s), FINGERS), dtype=np.complex128)
+        passed: dict[tuple[float, ...], Complexes] = {}
         for finger in fingers:
             heard = self._bridge(finger, times_s, warmed_k) + settings.cross_fs * crossed
             if self._strength > 0.0 and np.isfinite(motion.gap_m[:, finger]).any():
@@ -220,8 +220,15 @@ class AuraPlant:
             pressed_n = motion.force_n[:, finger]
             if self._coupled and pressed_n.any():
                 heard -= self._coupled * np.expm1(-pressed_n / settings.force_n)
-            out[:, finger] = turned * self._gains[finger] * self.response(finger, frequency_hz) * heard
+            resonances_hz = self._resonances_hz(finger)
+            if resonances_hz not in passed:  # as a rule one for both
+                passed[resonances_hz] = self.response(finger, frequency_hz)
+            out[:, finger] = turned * self._gains[finger] * passed[resonances_hz] * heard
         return out
+
+    def _resonances_hz(self, finger: int) -> tuple[float, ...]:
+        settings = self.settings
+        return tuple(pair[finger] for pair in (settings.resonance_hz, settings.second_hz) if pair is not None)
 
     def envelope(
         self,
@@ -267,23 +274,27 @@ class AuraPlant:
             phase_rad: Of the drive, shape (n,).
             fingers: Which are computed; the others read 0.
         """
-        settings = self.settings
         out = np.zeros((len(frames), FINGERS), dtype=np.int32)
         times_s = frames / FRAME_HZ - origin_s
         heard = self.field(motion, times_s, frequency_hz, level, fingers)
-        sigma = settings.noise_fs_rthz * math.sqrt(FRAME_HZ / 2.0)
-        shaken = self._shaken(motion.speed_m_s) * level
+        sigma = self.settings.noise_fs_rthz * math.sqrt(FRAME_HZ / 2.0)
+        if motion.speed_m_s.any():
+            self._shake(heard, frames, self._shaken(motion.speed_m_s) * level, fingers)
+        noise = np.zeros((FINGERS, len(frames)))
+        for finger in fingers:
+            noise[finger] = sigma * gaussian_at(self.key, STREAM_CONVERTER + finger, frames)
+        modulated(heard, phase_rad, noise, COUNTS, out)
+        return out
+
+    def _shake(self, heard: Complexes, frames: Ints, shaken: Floats, fingers: Sequence[int]) -> None:
+        """Add motion's noise at each frame, in straight lines between milliseconds; `heard` has shape (n, 2)."""
         share = frames % (FRAME_HZ // ENVELOPE_HZ) / (FRAME_HZ // ENVELOPE_HZ)
         ticks = frames // (FRAME_HZ // ENVELOPE_HZ)
+        grid = np.arange(ticks[0], ticks[-1] + 2, dtype=np.int64)
+        place = ticks - ticks[0]
         for finger in fingers:
-            if shaken.any():
-                grid = np.arange(ticks[0], ticks[-1] + 2, dtype=np.int64)
-                moved = self._echoed(STREAM_MOTION, finger, grid, SMOOTH)
-                place = ticks - ticks[0]
-                heard[:, finger] += shaken * ((1.0 - share) * moved[place] + share * moved[place + 1])
-            noise = sigma * gaussian_at(self.key, STREAM_CONVERTER + finger, frames)
-            modulated(heard[:, finger], phase_rad, noise, COUNTS, out[:, finger])
-        return out
+            moved = self._echoed(STREAM_MOTION, finger, grid, SMOOTH)
+            heard[:, finger] += shaken * ((1.0 - share) * moved[place] + share * moved[place + 1])
 
     def _bridge(self, finger: int, times_s: Floats, warmed_k: Floats) -> Complexes:
         """What is left of the drive, shape (n,)."""

@@ -133,17 +133,20 @@ def crossings(
         air: How sound spreads.
         out: Shape (n,).
     """
+    hidden, size, known_m = 0.0, 0.0, math.nan
     for i in range(width_m.size):
-        across, along, _ = faced(y_m[i], z_m[i], thing)
-        hidden = across * along if thing.strength > 0.0 else 0.0
+        if thing.strength > 0.0:
+            across, along, _ = faced(y_m[i], z_m[i], thing)
+            hidden = across * along
         way_m = width_m[i]
         out[i] = 0.0
         if hidden < 1.0:
-            size = math.exp(-air.decay_power * math.log(1.0 + way_m / air.decay_m))
+            if way_m != known_m:  # jaws stand still for most of the time
+                size, known_m = math.exp(-air.decay_power * math.log(1.0 + way_m / air.decay_m)), way_m
             out[i] += (1.0 - hidden) * size * behind(way_m, wave_rad_m[i])
         if hidden > 0.0:
-            size = thing.strength * hidden * spread(0.5 * gaps_m[i], thing.radius_m, air)
-            out[i] += size * behind(gaps_m[i], wave_rad_m[i])
+            through = thing.strength * hidden * spread(0.5 * gaps_m[i], thing.radius_m, air)
+            out[i] += through * behind(gaps_m[i], wave_rad_m[i])
 
 
 @compiled()
@@ -159,10 +162,20 @@ def slow_waves(times_s: Floats, rates_rad_s: Floats, phases_rad: Floats, out: Co
 
 @compiled()
 def modulated(envelope: Complexes, phase_rad: Floats, noise: Floats, counts: int, out: Counts) -> None:
-    """A carrier with this envelope, with noise, as a converter counts it; each array of shape (n,)."""
-    for i in range(envelope.size):
-        wave = envelope[i].real * math.cos(phase_rad[i]) - envelope[i].imag * math.sin(phase_rad[i])
-        out[i] = min(max(np.rint((wave + noise[i]) * counts), -counts), counts - 1)
+    """A carrier with this envelope, with noise, as a converter counts it.
+
+    Args:
+        envelope: Of each finger, shape (n, 2).
+        phase_rad: Of the drive, shape (n,).
+        noise: Of each finger, shape (2, n).
+        counts: Of full scale.
+        out: Shape (n, 2).
+    """
+    for i in range(phase_rad.size):
+        cosine, sine = math.cos(phase_rad[i]), math.sin(phase_rad[i])
+        for k in range(out.shape[1]):
+            wave = envelope[i, k].real * cosine - envelope[i, k].imag * sine
+            out[i, k] = min(max(np.rint((wave + noise[k, i]) * counts), -counts), counts - 1)
 
 
 @compiled()

@@ -122,7 +122,9 @@ class AuraPart(BenchPart):
     def _carrier_part(self, frames: NDArray[np.int64], drift_ppm: float) -> NDArray[np.int32]:
         times_s = frames / (FRAME_HZ * (1.0 + 1e-6 * drift_ppm))
         ticks = frames // (FRAME_HZ // ENVELOPE_HZ) if drift_ppm == 0.0 else ticks_of(times_s)
-        rows = self._gripper.track.at(ticks)
+        rows = self._gripper.track.at(np.arange(ticks[0], ticks[-1] + 1))
+        still = (rows == rows[0]).all()
+        rows = np.broadcast_to(rows[0], (len(ticks), rows.shape[1])) if still else rows[ticks - ticks[0]]
         width_m = rows[:, WIDTH] + rows[:, RATE] * (times_s - ticks / ENVELOPE_HZ)
         motion = self._gripper.track.motion(self.bench.places(times_s)[:, :3], rows, width_m)
         frequency_hz, level = self._drive.at(times_s)

@@ -140,7 +140,10 @@ class AuraScene:
             rows: Of the millisecond of each instant, shape (n, columns).
             width_m: Opening of the jaws, shape (n,).
         """
-        away_m = self._away(rows[:, OBJECT], tool_m)
+        if self.layout.thing is None:
+            away_m = np.broadcast_to(0.0, (len(tool_m), 3))
+        else:
+            away_m = self._away(rows[:, OBJECT], tool_m)
         return AuraMotion(
             self._gaps(away_m[:, 0], width_m),
             -away_m[:, 1],

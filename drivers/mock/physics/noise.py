@@ -55,9 +55,15 @@ def normal(seed: int, trial: int, stream: int, index: int) -> float:
         stream: Number of the stream, 0 to 2^32 - 1.
         index: Number of the sample; two's complement where negative.
     """
+    radius, angle = _polar(seed, trial, stream, index >> 1)
+    return radius * (math.sin(angle) if index & 1 else math.cos(angle))
+
+
+@compiled(inline="always")
+def _polar(seed: int, trial: int, stream: int, number: int) -> tuple[float, float]:
+    """Radius and angle of a Box-Muller pair: two neighbours share one block, as its cosine and its sine."""
     u_seed = np.uint64(seed)
-    # two neighbours share one block: the cosine and the sine of one Box-Muller pair
-    pair = np.uint64(index >> 1)
+    pair = np.uint64(number)
     w0, w1, w2, w3 = philox(
         pair & _MASK,
         pair >> _HALF,
@@ -69,15 +75,20 @@ def normal(seed: int, trial: int, stream: int, index: int) -> float:
     # (0, 1]: the logarithm of zero never occurs
     radius_uniform = (np.float64((w0 << np.uint64(21)) | (w1 >> np.uint64(11))) + 1.0) * _TO_UNIT
     angle_uniform = np.float64((w2 << np.uint64(21)) | (w3 >> np.uint64(11))) * _TO_UNIT
-    radius = math.sqrt(-2.0 * math.log(radius_uniform))
-    angle = 2.0 * math.pi * angle_uniform
-    return radius * (math.sin(angle) if index & 1 else math.cos(angle))
+    return math.sqrt(-2.0 * math.log(radius_uniform)), 2.0 * math.pi * angle_uniform
 
 
 @compiled()
 def _fill(seed: int, trial: int, stream: int, indices: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    for i in range(indices.size):
-        out[i] = normal(seed, trial, stream, indices[i])
+    i = 0
+    while i < indices.size:
+        index = indices[i]
+        radius, angle = _polar(seed, trial, stream, index >> 1)
+        out[i] = radius * (math.sin(angle) if index & 1 else math.cos(angle))
+        i += 1
+        if i < indices.size and index & 1 == 0 and indices[i] == index + 1:
+            out[i] = radius * math.sin(angle)
+            i += 1
 
 
 def gaussian_at(key: tuple[int, int], stream: int, indices: NDArray[np.int64]) -> NDArray[np.float64]:

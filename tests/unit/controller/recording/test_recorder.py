@@ -20,7 +20,7 @@ from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
 from controller.recording.series import Gap, Span
-from controller.recording.stream_writer import StreamWriter
+from controller.recording.stream_writer import MOST_ROWS, StreamWriter
 from drivers.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
@@ -154,6 +154,24 @@ def test_foxglove_plots_force_in_newtons_against_campaign_time(folder):
     assert found[0][1].force_n == pytest.approx((1004**2 - 17) * 1e-5, rel=1e-15)
     assert found[20][0] == start_ns + 101_002_000_000
     assert len(found) == 40
+
+
+def test_more_samples_than_are_put_together_at_once_are_plotted_one_by_one(folder):
+    count = 2 * MOST_ROWS + 5
+    recorder = recorder_in(folder)
+    recorder.begin_trial(0, {"location": "a"}, 0.0)
+    recorder.record([load_cell(3, count)])
+    recorder.end_trial("contact", {})
+    recorder.close()
+    with folder.recordings[0].open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        told = [(m.sequence, d) for _, _, m, d in reader.iter_decoded_messages(topics="/board/load_cell")]
+    numbers = np.array([number for number, _ in told])
+    assert np.array_equal(numbers, np.arange(3, 3 + count))
+    assert np.allclose([d.t_s for _, d in told], numbers / 1000.0, rtol=0.0, atol=1e-12)
+    # squares of the number wrap around as counts of 32 bits do
+    counts = (numbers**2 - 17).astype(np.int32)
+    assert np.allclose([d.force_n for _, d in told], counts * 1e-5, rtol=1e-15)
 
 
 def test_log_time_never_runs_backwards_from_trial_to_trial(folder):
