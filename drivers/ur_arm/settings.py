@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
@@ -12,6 +12,7 @@ from drivers.settings import Settings
 
 Vector = Annotated[tuple[float, float, float], Strict(False)]
 Pose = Annotated[tuple[float, float, float, float, float, float], Strict(False)]
+Quaternion = tuple[float, float, float, float]
 
 UNIT_TOLERANCE = 1e-3
 """How far the length of a direction may be from 1 (assumption: three digits in a profile)."""
@@ -111,7 +112,7 @@ class Axis:
         return math.dist(pose[:3], self._start[:3])
 
 
-def quaternion(rotation_rad: Sequence[float]) -> tuple[float, float, float, float]:
+def quaternion(rotation_rad: Sequence[float]) -> Quaternion:
     """The unit quaternion (w, x, y, z) of a rotation vector."""
     angle_rad = math.hypot(*rotation_rad)
     factor = math.sin(0.5 * angle_rad) / angle_rad if angle_rad else 0.0
@@ -121,7 +122,20 @@ def quaternion(rotation_rad: Sequence[float]) -> tuple[float, float, float, floa
 
 def turned(turn: Sequence[float], rotation_rad: Sequence[float]) -> tuple[float, float, float]:
     """The rotation vector, at most pi long, of a rotation (second) that is turned further (first), in one frame."""
-    (a, b, c, d), (e, f, g, h) = quaternion(turn), quaternion(rotation_rad)
+    return next(turned_by((turn,), rotation_rad))
+
+
+def turned_by(
+    turns: Iterable[Sequence[float]], rotation_rad: Sequence[float]
+) -> Iterator[tuple[float, float, float]]:
+    """The same for each of some turns, all of one rotation."""
+    start = quaternion(rotation_rad)
+    for turn in turns:
+        yield _product(quaternion(turn), start)
+
+
+def _product(turn: Quaternion, start: Quaternion) -> tuple[float, float, float]:
+    (a, b, c, d), (e, f, g, h) = turn, start
     w = a * e - b * f - c * g - d * h
     x = a * f + b * e + c * h - d * g
     y = a * g - b * h + c * e + d * f

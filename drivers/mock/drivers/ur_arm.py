@@ -34,7 +34,7 @@ from drivers.mock.physics.tool_motion import ToolMotion, repeats
 from drivers.ur_arm.commands import valid
 from drivers.ur_arm.guidance import CYCLE_S, leash_end, line_speed, travel_end
 from drivers.ur_arm.motion import STILL_S
-from drivers.ur_arm.settings import Axis, UrArmSettings, turned
+from drivers.ur_arm.settings import Axis, UrArmSettings, turned_by
 from drivers.ur_arm.stream import RATE_HZ, infos
 
 STREAM_WRENCH = 32
@@ -248,8 +248,9 @@ class MockUrArm(MockDriver):
         turns = self.axis.turns(times_s)
         if turns.any():
             firsts, run = repeats(turns)
-            there = [turned(turn, start[3:]) if any(turn) else start[3:] for turn in turns[firsts].tolist()]
-            poses[:, 3:] = np.array(there)[run]
+            there = np.array(list(turned_by(turns[firsts].tolist(), start[3:])))
+            there[~turns[firsts].any(axis=1)] = start[3:]
+            poses[:, 3:] = there[run]
         return poses
 
     def _wrench(self, ticks: NDArray[np.int64], times_s: NDArray[np.float64]) -> NDArray[np.float64]:

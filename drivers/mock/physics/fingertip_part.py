@@ -138,7 +138,7 @@ class FingertipPart(BenchPart):
             numbers = np.arange(first, min(last, first + self._track.room - 1) + 1)
             times_s = self.bench.origin_s + numbers / self._plant.settings.rate_hz
             plant, tracks = self._plant, self._tracks(times_s)
-            values = plant.advance(*tracks)
+            values = plant.feel(*tracks)
             self.truth.follow(numbers, plant.slid_m, plant.normal_n)
             self._track.push(np.column_stack([values, plant.tangential_n, plant.normal_n, tracks[2]]))
 
@@ -147,7 +147,7 @@ class FingertipPart(BenchPart):
         number = next(number for number, spec in enumerate(STREAMS) if spec.name == stream)
         carried: Sensor = ("fingertip", "flexible_finger")[number]
         if self.sensor == carried:
-            return self._rows(times_s)[:, : -len(_BEHIND)]
+            return self._shown(times_s)
         return np.column_stack(
             [
                 self._settings.noise_scale * bridge.noise * self._idle(8 * number + channel, times_s)
@@ -159,7 +159,7 @@ class FingertipPart(BenchPart):
         """What a finger of the hand feels at recent instants, N, shape (n,)."""
         bridge = SENSORS[PLANTS["barrett_finger"]].bridges[0]
         if self.sensor == "barrett_finger" and finger == FINGER:
-            return self._rows(times_s)[:, 0] / bridge.gain
+            return self._shown(times_s)[:, 0] / bridge.gain
         sigma_n = self._settings.noise_scale * bridge.noise / bridge.gain
         return sigma_n * self._idle(finger, times_s)
 
@@ -176,13 +176,13 @@ class FingertipPart(BenchPart):
         )
         values_mv = self._settings.noise_scale * bridge.noise * noise.reshape(-1, cells)
         if self.sensor == "dsa":
-            rows = self._rows(times_s)
-            center = (MATRIX.rows - 1) / 2.0 + self._settings.radius_m * rows[:, -1] / MATRIX.texel_m
+            roll_rad = self._behind(times_s)[:, -1]
+            center = (MATRIX.rows - 1) / 2.0 + self._settings.radius_m * roll_rad / MATRIX.texel_m
             across = np.arange(MATRIX.rows) - center[:, None]
             along = np.arange(MATRIX.columns) - (MATRIX.columns - 1) / 2.0
             spread = across[:, :, None] ** 2 + along**2
             weights = np.exp(-spread / (2.0 * PATCH_TEXELS**2)).reshape(-1, cells)
-            values_mv += rows[:, :1] * weights
+            values_mv += self._shown(times_s)[:, :1] * weights
         return 1e-3 * values_mv
 
     @property
@@ -216,11 +216,15 @@ class FingertipPart(BenchPart):
             roll_rad,
         )
 
-    def _rows(self, times_s: Floats) -> Floats:
-        return self._track.at(times_s - self.bench.origin_s)
+    def _shown(self, times_s: Floats) -> Floats:
+        """What the sensor's channels show, shape (n, channels): noise is made of what somebody listens to alone."""
+        numbers = self._track.known(times_s - self.bench.origin_s)
+        values = self._plant.shown(self._track.kept(numbers)[:, : -len(_BEHIND)], numbers - 1)
+        values[numbers == 0] = 0.0  # when the trial begins
+        return values
 
     def _behind(self, times_s: Floats) -> Floats:
-        return self._rows(times_s)[:, -len(_BEHIND) :]
+        return self._track.at(times_s - self.bench.origin_s)[:, -len(_BEHIND) :]
 
     def _idle(self, stream: int, times_s: Floats) -> Floats:
         """Deviates of a sensor that touches nothing, one for each sample of 1 kHz."""

@@ -75,6 +75,24 @@ def rotation_vector(matrix: Array) -> Array:
     return out
 
 
+@compiled("f8[:,:,::1](f8[:,::1])")
+def rotations(rotation_vectors: Array) -> Array:
+    """`rotation` of each of some vectors, shape (n, 3); shape (n, 3, 3)."""
+    out = np.empty((rotation_vectors.shape[0], 3, 3))
+    for i in range(rotation_vectors.shape[0]):
+        out[i] = turned(rotation_vectors[i, 0], rotation_vectors[i, 1], rotation_vectors[i, 2])
+    return out
+
+
+@compiled("f8[:,::1](f8[:,:,::1])")
+def rotation_vectors(matrices: Array) -> Array:
+    """`rotation_vector` of each of some matrices, shape (n, 3, 3); shape (n, 3)."""
+    out = np.empty((matrices.shape[0], 3))
+    for i in range(matrices.shape[0]):
+        out[i] = rotation_vector(matrices[i])
+    return out
+
+
 def matrix(pose: Sequence[float] | Array) -> Array:
     """The homogeneous matrix, shape (4, 4), of a pose."""
     result = np.eye(4)

@@ -7,6 +7,7 @@ settings of this one plant, in `slip_sensors`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from drivers.mock.physics.slip_nuisances import SlipNuisances
 from drivers.settings import Settings
 
 if TYPE_CHECKING:
-    from drivers.mock.physics.slip_kernel import Tip
+    from drivers.mock.physics.slip_kernel import Electronics, Tip
 
 Floats = NDArray[np.float64]
 
@@ -214,80 +215,89 @@ class SlipPlant:
         Raises:
             ValueError: lengths that differ, or a place that is not finite.
         """
-        tracks = [
-            np.concatenate(([last], np.asarray(track, dtype=np.float64)))
-            for last, track in zip(self._last, (arm_m, press_m, roll_rad), strict=True)
-        ]
-        if len({track.size for track in tracks}) != 1 or not all(
-            np.isfinite(track).all() for track in tracks
-        ):
+        first = self._count
+        values = self.feel(arm_m, press_m, roll_rad)
+        return self.shown(values, np.arange(first, self._count))
+
+    def feel(self, arm_m: Floats, press_m: Floats, roll_rad: Floats) -> Floats:
+        """As `advance`; returns what the bridges would show if their amplifiers added nothing, shape (n, bridges)."""
+        given = [np.asarray(track, dtype=np.float64) for track in (arm_m, press_m, roll_rad)]
+        n = given[0].size
+        tracks = np.empty((3, n + 1))
+        tracks[:, 0] = self._last
+        if all(track.shape == (n,) for track in given):
+            tracks[:, 1:] = given
+        else:
+            tracks[:, 1:] = math.nan
+        if not np.isfinite(tracks).all():
             raise ValueError("slip: arm, press and roll need one finite value for each sample")
-        n, arm_last_m = tracks[0].size - 1, tracks[0][-1]
+        arm_last_m = tracks[0, -1]
         if self.settings.nuisances.table_m_s != 0.0:
-            tracks[0] = tracks[0] - self._table_m(self._count + np.arange(n + 1))
+            tracks[0] -= self._table_m(self._count + np.arange(n + 1))
         tangential_n, normal_n, self.slid_m = np.empty(n), np.empty(n), np.empty(n)
-        moving = np.any([np.diff(track) != 0.0 for track in tracks], axis=0)
         kernel = self._kernel
         status = kernel.advance(
-            self._tip,
-            self._x,
-            self._flags,
-            self._count,
-            tracks[0],
-            tracks[1],
-            moving,
-            tangential_n,
-            normal_n,
-            self.slid_m,
+            self._tip, self._x, self._flags, self._count, tracks, tangential_n, normal_n, self.slid_m
         )
         if status == kernel.ENDLESS:
             raise RuntimeError(f"slip: events without end near {self.t_s} s")
         if status == kernel.NOT_FINITE:
             raise FloatingPointError(f"slip: not finite near {self.t_s} s")
         self.tangential_n, self.normal_n = tangential_n, normal_n
-        values = self._read(tangential_n, normal_n, tracks[2][1:])
+        values = self._outputs(tangential_n, normal_n, tracks[2, 1:])
         self._count += n
-        self._last = (arm_last_m, tracks[1][-1], tracks[2][-1])
+        self._last = (arm_last_m, tracks[1, -1], tracks[2, -1])
         return values
 
     def _table_m(self, number: NDArray[np.int64]) -> Floats:
         """How far the table has gone under the arm at these samples."""
         return np.asarray(self.settings.nuisances.table_m_s / self.settings.rate_hz * number, np.float64)
 
-    def _read(self, tangential_n: Floats, normal_n: Floats, roll_rad: Floats) -> Floats:
-        values = np.empty((tangential_n.size, len(self.settings.bridges)))
+    def _outputs(self, tangential_n: Floats, normal_n: Floats, roll_rad: Floats) -> Floats:
+        values = np.empty((len(self.settings.bridges), tangential_n.size))
         for channel, bridge in enumerate(self.settings.bridges):
             force_n = self.load_n[channel] + bridge.tangential * tangential_n
             if bridge.normal_sine != 0.0 or bridge.normal_cosine != 0.0:
                 force_n += normal_n * (
                     bridge.normal_sine * np.sin(roll_rad) + bridge.normal_cosine * np.cos(roll_rad)
                 )
-            out = np.empty(tangential_n.size)
-            wrong = self.settings.nuisances
-            noise = self.settings.noise_scale * bridge.noise
             # the loop's width, and the gain that a line through zero finds in it, are those that were asked for
             share = bridge.hysteresis / (2.0 * _PLAY + bridge.hysteresis / 8.0)
-            self._kernel.read_bridge(
-                force_n,
-                self._count,
-                bridge.gain / (1.0 - share / 8.0),
-                _PLAY * bridge.full_scale_n,
-                share,
+            gain, play_n = bridge.gain / (1.0 - share / 8.0), _PLAY * bridge.full_scale_n
+            self._kernel.strain_bridge(force_n, gain, play_n, share, self._play[channel], values[channel])
+        return values.T
+
+    def shown(self, values: Floats, numbers: NDArray[np.int64]) -> Floats:
+        """What the amplifiers show of what the bridges put out.
+
+        Args:
+            values: As `feel` returns them, shape (n, bridges).
+            numbers: Of the samples, shape (n,): they key the noise; the first after `begin` has the number `first`.
+        """
+        shown = np.empty(values.shape[::-1])
+        for channel, electronics in enumerate(self._electronics):
+            stream = self._kernel.STREAM_BRIDGE + channel
+            given = np.ascontiguousarray(values[:, channel])
+            self._kernel.amplify(given, numbers, electronics, self._key, stream, shown[channel])
+        return shown.T
+
+    @cached_property
+    def _electronics(self) -> Sequence[Electronics]:
+        s, wrong = self.settings, self.settings.nuisances
+        found = []
+        for bridge in s.bridges:
+            noise = s.noise_scale * bridge.noise
+            found.append(
                 self._kernel.Electronics(
                     noise,
                     wrong.converter * noise if wrong.converter > 0.0 else bridge.step,
                     wrong.tails,
-                    round(wrong.change_s * self.settings.rate_hz),
+                    round(wrong.change_s * s.rate_hz),
                     wrong.noise_factor,
                     *self._sines(wrong.hum * noise, wrong.hum_hz),
-                ),
-                self._key,
-                self._kernel.STREAM_BRIDGE + channel,
-                self._play[channel],
-                out,
+                )
             )
-            values[:, channel] = out
-        return values
+        return tuple(found)
 
     def _sines(self, rms: float, frequencies_hz: tuple[float, ...]) -> tuple[float, Floats]:
         """Amplitude and phase from sample to sample of equally strong sines."""

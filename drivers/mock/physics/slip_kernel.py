@@ -322,14 +322,19 @@ def _value(terms: Floats, degree: int, u: float) -> float:
 
 
 @compiled()
+def _rests(x: Floats) -> bool:
+    """Whether the tip stands exactly still, and no rolling force is left."""
+    rests: bool = x[Q] == 0.0 and x[P] == 0.0 and x[Z] == 0.0 and x[ROLL_1] == 0.0 and x[ROLL_2] == 0.0
+    return rests
+
+
+@compiled()
 def advance(
     tip: Tip,
     x: Floats,
     flags: Ints,
     first: int,
-    arm_m: Floats,
-    press_m: Floats,
-    moving: NDArray[np.bool_],
+    tracks: Floats,
     tangential_n: Floats,
     normal_n: Floats,
     slid_m: Floats,
@@ -341,20 +346,28 @@ def advance(
         x: State, shape (STATES,), advanced.
         flags: Shape (FLAGS,), advanced.
         first: Number of the first sample.
-        arm_m: Place of the arm along the table at the n + 1 sample instants; in between its speed is constant.
-        press_m: How far the arm presses at the n + 1 instants, 0 at first touch.
-        moving: Whether the arm moves during each sample, shape (n,).
+        tracks: Place of the arm along the table at the n + 1 sample instants (in between its speed is constant), how
+        far it presses (0 at first touch), and its angle, shape (3, n + 1).
         tangential_n: Written: force in the tangential spring, positive where the arm drags the tip forward, shape
-        (n,). normal_n: Written: normal force, shape (n,).
+        (n,).
+        normal_n: Written: normal force, shape (n,).
         slid_m: Written: place of the contact on the table, shape (n,).
 
     Returns:
         DONE, ENDLESS or NOT_FINITE.
     """
+    arm_m, press_m, roll_rad = tracks[0], tracks[1], tracks[2]
+    at_peace = tip.bump_chance <= 0.0 and tip.load_chance <= 0.0
     for i in range(tangential_n.size):
         arm_m_s = (arm_m[i + 1] - arm_m[i]) / tip.sample_s
         load_n = tip.normal_n_m * max(0.0, press_m[i + 1])
-        force = _outer_force(tip, x, flags, first + i, moving[i] and load_n > 0.0, load_n > 0.0)
+        if at_peace and load_n == 0.0 and arm_m_s == 0.0 and _rests(x):
+            # in the air nothing shakes it: it stays as it is
+            flags[MODE] = FREE
+            tangential_n[i], normal_n[i], slid_m[i] = -tip.spring * x[Q], load_n, x[TRAVEL]
+            continue
+        moving = arm_m[i + 1] != arm_m[i] or press_m[i + 1] != press_m[i] or roll_rad[i + 1] != roll_rad[i]
+        force = _outer_force(tip, x, flags, first + i, moving and load_n > 0.0, load_n > 0.0)
         push = (force + tip.damper * arm_m_s) / tip.mass
         if load_n == 0.0:
             flags[MODE] = FREE
@@ -389,43 +402,48 @@ def advance(
 
 
 @compiled()
-def read_bridge(
-    force_n: Floats,
-    first: int,
-    gain: float,
-    play_n: float,
-    play_share: float,
-    e: Electronics,
-    key: tuple[int, int],
-    stream: int,
-    play: Floats,
-    out: Floats,
+def strain_bridge(
+    force_n: Floats, gain: float, play_n: float, play_share: float, play: Floats, out: Floats
 ) -> None:
-    """What an amplifier shows of a force: hysteresis (9), gain, noise, steps of the converter.
+    """What a bridge puts out under a force: hysteresis (9) and gain.
 
     Args:
         force_n: Shape (n,).
-        first: Number of the first sample.
         gain: Output units per newton.
         play_n: Half the width of the play, N.
         play_share: Share of the force that passes through the play.
-        e: What is added.
-        key: Seed of the run and number of the trial.
-        stream: Of the noise.
         play: State of the play, shape (1,), advanced.
         out: Written, shape (n,).
     """
     held = play[0]
     for i in range(force_n.size):
         held = min(max(held, force_n[i] - play_n), force_n[i] + play_n)
-        value = gain * (force_n[i] + play_share * (held - force_n[i]))
-        changed = first + i >= e.change
+        out[i] = gain * (force_n[i] + play_share * (held - force_n[i]))
+    play[0] = held
+
+
+@compiled()
+def amplify(
+    values: Floats, numbers: Ints, e: Electronics, key: tuple[int, int], stream: int, out: Floats
+) -> None:
+    """What an amplifier shows of what a bridge puts out: noise, hum, steps of the converter.
+
+    Args:
+        values: Shape (n,).
+        numbers: Of the samples, shape (n,).
+        e: What is added.
+        key: Seed of the run and number of the trial.
+        stream: Of the noise.
+        out: Written, shape (n,).
+    """
+    for i in range(values.size):
+        value = values[i]
+        changed = numbers[i] >= e.change
         if e.noise > 0.0:
-            deviate = normal(key[0], key[1], stream, first + i)
+            deviate = normal(key[0], key[1], stream, numbers[i])
             if e.tails > 1.0:
                 deviate = math.sinh(e.tails * math.asinh(deviate)) / math.sinh(e.tails * math.asinh(1.0))
             value += (e.noise * e.factor if changed else e.noise) * deviate
         if changed and e.hum > 0.0:
-            value += e.hum * _sines(e.hum_rad, first + i)
+            value += e.hum * _sines(e.hum_rad, numbers[i])
         out[i] = round(value / e.step) * e.step if e.step > 0.0 else value
-    play[0] = held

@@ -56,14 +56,24 @@ class Track:
 
     def push(self, rows: Floats) -> None:
         """The next samples, shape (n, width), no more than there is room for."""
-        numbers = np.arange(self.count + 1, self.count + 1 + len(rows))
-        self._kept[numbers % len(self._kept)] = rows
+        first = (self.count + 1) % len(self._kept)
+        fitting = min(len(rows), len(self._kept) - first)
+        self._kept[first : first + fitting] = rows[:fitting]
+        self._kept[: len(rows) - fitting] = rows[fitting:]
         self.count += len(rows)
 
     def at(self, times_s: Floats) -> Floats:
         """The samples at times since the trial began, shape (n, width): what the converter held then."""
+        return self.kept(self.known(times_s))
+
+    def known(self, times_s: Floats) -> Ints:
+        """Numbers of those samples, as far as they are still there, shape (n,)."""
         oldest = max(0, self.count - len(self._kept) + 1)
-        return self._kept[np.clip(self.number(times_s), oldest, self.count) % len(self._kept)]
+        return np.clip(self.number(times_s), oldest, self.count)
+
+    def kept(self, numbers: Ints) -> Floats:
+        """Some of the latest samples by their numbers, shape (n, width)."""
+        return self._kept[numbers % len(self._kept)]
 
 
 class SlipTruth:
@@ -85,6 +95,9 @@ class SlipTruth:
     def follow(self, numbers: Ints, slid_m: Floats, normal_n: Floats) -> None:
         """Hear the plant's next samples, each of shape (n,)."""
         touching = normal_n > 0.0
+        if not self._touching and not touching.any():
+            self._slid_m = float(slid_m[-1])
+            return
         before = np.concatenate([[self._touching], touching[:-1]])
         changes = np.flatnonzero(touching != before)
         self.contacts += [(self._time(int(numbers[i])), bool(touching[i])) for i in changes]

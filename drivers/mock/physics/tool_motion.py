@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.compiled import compiled
-from drivers.mock.physics.rigid import Array, rotation, rotation_vector
+from drivers.mock.physics.rigid import Array, rotation, rotation_vector, rotation_vectors, rotations
 from drivers.mock.physics.stage_axis import MotionPiece, StageAxis
 
 LEGS = 64
@@ -164,10 +164,13 @@ class ToolTrack:
         legs, which = self._spans(times_s)
         straight = np.array([leg.turned is STRAIGHT for leg in legs])[which]
         firsts, run = repeats(np.column_stack((which, angles)))
-        for place, first in enumerate(firsts):
-            if angles[first].any() or not straight[first]:
-                leg = legs[which[first]]
-                found[place] = rotation_vector(rotation(angles[first] - leg.place[ANGULAR]) @ leg.turned)
+        turning = np.array(
+            [first for first in firsts if angles[first].any() or not straight[first]], np.int64
+        )
+        for number in set(which[turning].tolist()):
+            leg, part = legs[number], turning[which[turning] == number]
+            since = np.ascontiguousarray(angles[part] - leg.place[ANGULAR])
+            found[np.searchsorted(firsts, part)] = rotation_vectors(rotations(since) @ leg.turned)
         return found[run]
 
     def split(self, six: Sequence[float] | Array) -> Array:

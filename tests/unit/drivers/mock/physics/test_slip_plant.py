@@ -151,6 +151,33 @@ def test_blocks_of_any_size_give_the_same_samples(sizes):
     assert np.array_equal(np.concatenate(pieces), whole)
 
 
+def test_what_is_shown_of_some_samples_is_what_is_shown_of_all():
+    plant = SlipPlant(bare(bridges=(FT.model_copy(update={"noise": 0.01, "step": 0.001}),) * 2))
+    plant.begin(key=(3, 4), press_m=1e-3)
+    t_s = np.arange(1, 601) / 1000.0
+    felt = plant.feel(0.01 * t_s, np.full(600, 1e-3), np.zeros(600))
+    plant.begin(key=(3, 4), press_m=1e-3)
+    whole = plant.advance(0.01 * t_s, np.full(600, 1e-3), np.zeros(600))
+    some = np.array([0, 1, 17, 18, 599])
+    assert np.array_equal(plant.shown(felt[some], some), whole[some])
+    assert not np.array_equal(felt, whole)
+
+
+def test_a_tip_at_rest_in_the_air_is_where_one_that_might_be_shaken_is():
+    # bumps that never come: each sample is computed
+    still, computed = (SlipPlant(bare(rolling_n=0.1, bumps_hz=hz)) for hz in (0.0, 1e-12))
+    track = np.concatenate([np.zeros(50), np.linspace(0.0, 1e-3, 50), np.full(2000, 1e-3)])
+    for arm_m in (np.zeros(track.size), track):
+        pairs = []
+        for plant in (still, computed):
+            plant.begin(key=(3, 4), press_m=-1e-3)
+            values = plant.advance(arm_m, track - 5e-4, np.zeros(track.size))
+            pairs.append((values, plant.slid_m, plant.normal_n))
+        for mine, theirs in zip(*pairs, strict=True):
+            assert np.array_equal(mine, theirs)
+    assert np.ptp(values) > 0.0
+
+
 def test_keys_give_other_noise_and_another_table_and_the_same_key_the_same():
     settings = bare(roughness=0.1)
     first, again, other = (dragged(settings, 0.01, 0.5, key=key)[0] for key in ((1, 1), (1, 1), (1, 2)))
