@@ -287,13 +287,15 @@ class PlainConsole:
     Args:
         operator: Who may interrupt.
         say: Takes each line, on a thread of its own.
+        first: Line to begin with; empty for none.
     """
 
-    def __init__(self, operator: ConsoleOperator, say: Callable[[str], None]) -> None:
+    def __init__(self, operator: ConsoleOperator, say: Callable[[str], None], first: str = "") -> None:
         self._operator = operator
         self._question: Question | None = None
         self._printer = _Printer(say)
         self._say = self._printer.say
+        self._first = first
         self._trials = 0
         self._begun = 0
         self._factors = ""
@@ -314,6 +316,8 @@ class PlainConsole:
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Says what is run, and where it goes."""
         self._trials = trials
+        if self._first:
+            self._say(self._first)
         self._say(f"{title}: {trials} trial{'s' * (trials != 1)} into {folder}")
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:

@@ -194,23 +194,26 @@ def _carried_out(
     mirror: Mirror | None = None,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
+    from config.costs import duration
     from controller.console import ConsoleOperator
     from controller.recording.run_folder import RunFolder
 
+    workers = 1 if crew is None else crew.count
+    time = f"time: {duration(loaded.name, loaded.experiment, loaded.bench, plan.count, workers)}"
     with ExitStack() as stack:
         page = stack.enter_context(closing(_page())) if watched else None
         if crew is not None:
             from config.jobs import in_parts
 
             operator = stack.enter_context(ConsoleOperator())
-            outcome = in_parts(crew, loaded, plan, _console(operator, page), out, resumed).run()
+            outcome = in_parts(crew, loaded, plan, _console(operator, page, time), out, resumed).run()
         else:
             from config.assemble import build_rig
             from controller.campaign import Campaign
 
             rig = stack.enter_context(closing(build_rig(loaded, _endpoints(endpoints), realtime)))
             operator = stack.enter_context(ConsoleOperator(asking=rig.asking))
-            outcome = Campaign(plan, rig, _console(operator, page), out, resumed, mirror).run()
+            outcome = Campaign(plan, rig, _console(operator, page, time), out, resumed, mirror).run()
     if outcome.error is None:
         (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:
@@ -245,14 +248,12 @@ def _crew(
     loaded: Profile, plan: CampaignPlan, jobs: int | None, scheduler: str | None
 ) -> AbstractContextManager[Crew | None]:
     """Who runs the trials; None is this process."""
-    from config.costs import duration
     from config.jobs import Crew, cluster, cores, jobs_for
 
     kept = click.get_current_context().find_object(Crew)  # of a campaign of parts
     if scheduler is None:
         count = jobs_for(loaded, plan, jobs)
         if count > 1:
-            verbs.say(f"{duration(loaded.name, loaded.experiment, loaded.bench, plan.count, count)}")
             return nullcontext(kept) if kept else closing(cores(count))
         return nullcontext()
     jobs_for(loaded, plan, 2)
@@ -275,19 +276,21 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
     return dict(endpoints)
 
 
-def _console(operator: ConsoleOperator, page: PageProcess | None) -> Console:
-    """The person's side: the terminal, and whoever watches."""
+def _console(operator: ConsoleOperator, page: PageProcess | None, time: str) -> Console:
+    """The person's side: the terminal, and whoever watches; `time` is what is said of how long it takes."""
     from controller.console import PlainConsole
     from controller.watching.feed import Watched
 
     began = None if page is None else page.began
     if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return Watched(PlainConsole(operator, verbs.say_at_once), operator, began)
+        return Watched(PlainConsole(operator, verbs.say_at_once, time), operator, began)
     from rich.console import Console as Terminal
 
     from controller.live import LiveConsole
 
-    return Watched(LiveConsole(operator, Terminal()), operator, began)
+    screen = Terminal()
+    screen.print(time, highlight=False)
+    return Watched(LiveConsole(operator, screen), operator, began)
 
 
 def _page() -> PageProcess:

@@ -261,8 +261,9 @@ def test_run_says_each_trial_on_a_line_and_where_the_report_is(recorded):
     said, folder = recorded
     assert (said.returncode, said.stderr) == (0, "")
     lines = said.stdout.splitlines()
-    assert lines[0] == f"mock/transient: 2 trials into {folder}"
-    assert {line.split()[2] for line in lines[1:3]} == {"16", "17"}
+    assert lines[0].startswith("time: about 3.1 min of bench time, computed in ")
+    assert lines[1] == f"mock/transient: 2 trials into {folder}"
+    assert {line.split()[2] for line in lines[2:4]} == {"16", "17"}
     assert lines[-2:] == [f"report: {folder / 'report.html'}", f"to see it: run.py open {folder}"]
     assert any(line.split()[:3] == ["pad", "f", "4.84"] for line in lines), "Table I beside the paper's"
     assert "The guard stopped nothing." in lines
