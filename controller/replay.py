@@ -216,8 +216,11 @@ def read_trial(path: Path, trial: int | None) -> tuple[Mapping[str, Any], TrialR
     trials = run.recorded_trials
     chosen = trials[0] if trial is None and trials else trial
     if chosen is None or chosen not in trials:
-        known = f"{min(trials)} to {max(trials)}" if trials else "none"
-        raise ReplayError(f"{path}: no recording of trial {trial}; recorded are {known}")
+        if not trials:
+            raise ReplayError(f"{path}: holds no recording of a trial (recording.mcap)")
+        raise ReplayError(
+            f"{path}: no recording of trial {trial}; recorded are {min(trials)} to {max(trials)}"
+        )
     return run.manifest, run.trial(chosen)
 
 

@@ -140,6 +140,8 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
         run.notes.append(f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.")
     if event_cut:
         run.notes.append("The last line of events.jsonl is incomplete and was left out.")
+    if trials and not folder.recordings:
+        run.notes.append("There is no recording.mcap: nothing that was sampled can be shown.")
     if index.closed:
         run.notes.append("The recording was cut off, and closed afterwards behind its last whole chunk.")
     elif index.cut:

@@ -214,6 +214,16 @@ def test_a_run_that_was_killed_is_reported_and_said_to_be_cut_off(campaign, tmp_
     assert "cut off: it never said that it ended" in text
 
 
+def test_a_run_without_its_recording_is_reported_and_says_so(campaign, tmp_path, undrawn):
+    bare = tmp_path / "bare"
+    shutil.copytree(campaign[0].folder.path, bare)
+    for path in open_run(bare).folder.recordings:
+        path.unlink()
+    text = text_of(build_report([open_run(bare)]))
+    assert "There is no recording.mcap: nothing that was sampled can be shown." in text
+    assert "back a 19.05 3.785 1 0 0.33" in text
+
+
 def flip(path, bit):
     content = bytearray(path.read_bytes())
     content[bit // 8] ^= 1 << bit % 8
