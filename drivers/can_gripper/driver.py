@@ -89,6 +89,8 @@ class CanGripper(WireDriver[CanLink]):
         self._order = IDLE  # the last one that moves
         self._asked: deque[float] = deque()  # monotonic times of questions for the state without an answer
         self._asked_s = -math.inf
+        self._late: deque[float] = deque()  # those of which the answer may come yet, or was lost
+        self._given_up_s = -math.inf
         self._missing = 0  # questions in a row without an answer
         self._faults: list[str] = []
 
@@ -255,7 +257,9 @@ class CanGripper(WireDriver[CanLink]):
             self._watch.faulty = True
             self._order_now(link, home)
         else:
-            self._statuses += self._watch.push(self._clock.from_monotonic(asked_s), answer, fault)
+            self._statuses += self._watch.push(
+                self._clock.from_monotonic(self._surely_asked_s(asked_s)), answer, fault
+            )
         if self._heard:
             t_s = self._clock.from_monotonic(0.5 * (asked_s + heard.arrival_s))
             width_m = self._brackets.width_m(answer.position)
@@ -263,9 +267,24 @@ class CanGripper(WireDriver[CanLink]):
             self._runs.push(self._seq, t_s, arrival_s, _Sample(width_m, -answer.current_ma))
         self._seq += 1
 
+    def _surely_asked_s(self, asked_s: float) -> float:
+        """When, at the latest, the state of an answer was asked for.
+
+        Answers come in turn and have no number: after one that was given up, each may be the one before it, until
+        the gripper would count as silent.
+        """
+        if not self._late:
+            return asked_s
+        self._late.append(asked_s)
+        return self._late.popleft()
+
     def _give_up(self, now_s: float) -> None:
         """Count answers that will not come any more."""
+        if now_s - self._given_up_s > self._settings.silence_timeout_s:
+            self._late.clear()
         while self._asked and now_s - self._asked[0] > self._settings.reply_timeout_s:
+            self._late.append(self._asked[0])
+            self._given_up_s = now_s
             t_s = self._clock.from_monotonic(self._asked.popleft())
             self._seq += 1
             self._unanswered += 1

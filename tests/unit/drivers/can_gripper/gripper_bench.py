@@ -30,6 +30,9 @@ class Host:
         self.now_s = begin_s
         self.sent: list[CanFrame] = []
         self.spoil: Callable[[CanFrame], CanFrame | None] = lambda frame: frame
+        self.late_s = 0.0
+        """How much later answers come than they do."""
+
         self.fault: str | None = None
         self.malformed = 0
         self.closed = False
@@ -66,7 +69,10 @@ class Host:
         for frame in frames:
             spoilt = self.spoil(frame)
             if spoilt is not None:
-                self._due.append(HeardFrame(spoilt, self.now_s + DELAY_S))
+                arrival_s = self.now_s + DELAY_S + self.late_s
+                if self._due:  # none overtakes another
+                    arrival_s = max(arrival_s, self._due[-1].arrival_s)
+                self._due.append(HeardFrame(spoilt, arrival_s))
 
 
 class HostClock(WallClock):

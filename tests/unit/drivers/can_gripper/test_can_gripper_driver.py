@@ -356,6 +356,26 @@ def test_a_lost_answer_is_a_jump_in_the_sequence_and_told(bench: Bench) -> None:
     assert sorted(jumps)[-2:] == [0, 1]
 
 
+@pytest.mark.parametrize("late_s", [0.06, 0.08, 0.12, 0.2])
+@pytest.mark.parametrize("before_s", [0.0, 0.03, 0.06, 0.1])
+def test_an_answer_that_was_given_up_and_comes_after_all_is_not_taken_for_a_later_ones(
+    bench: Bench, late_s: float, before_s: float
+) -> None:
+    bench.apply(Release("gripper", 0.1))
+    bench.turn(0.6)
+    bench.place("mug")
+    bench.apply(Listen("gripper", frozenset({WIDTH})))
+    bench.host.late_s = late_s
+    bench.turn(before_s)
+    bench.apply(GRIP)
+    bench.turn(late_s + 0.1)
+    bench.host.late_s = 0.0
+    bench.turn(0.8)
+    (gripped,) = bench.take(Gripped)
+    assert isinstance(gripped, Gripped)
+    assert gripped.object, "the jaws stood wide open when they were asked, before the command"
+
+
 def test_what_nobody_listens_to_is_not_sent(bench: Bench) -> None:
     bench.turn(0.3)
     assert bench.blocks == []
