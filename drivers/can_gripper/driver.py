@@ -248,6 +248,7 @@ class CanGripper(WireDriver[CanLink]):
             return
         self._missing = 0
         asked_s = self._asked.popleft() if self._asked else heard.arrival_s
+        surely_s = self._surely_asked_s(asked_s)
         if fault and not self._watch.faulty:
             self._write(link, AskState(GripperCode.ERRORS))
         self._state = answer
@@ -257,9 +258,7 @@ class CanGripper(WireDriver[CanLink]):
             self._watch.faulty = True
             self._order_now(link, home)
         else:
-            self._statuses += self._watch.push(
-                self._clock.from_monotonic(self._surely_asked_s(asked_s)), answer, fault
-            )
+            self._statuses += self._watch.push(self._clock.from_monotonic(surely_s), answer, fault)
         if self._heard:
             t_s = self._clock.from_monotonic(0.5 * (asked_s + heard.arrival_s))
             width_m = self._brackets.width_m(answer.position)
