@@ -80,7 +80,7 @@ class PeriodicQuestion:
     answer_s: float
 
 
-class HeardFrame(NamedTuple):
+class ReceivedFrame(NamedTuple):
     """A frame and when it was in hand, in monotonic seconds.
 
     `beat` and `due_s` are the number and the due time of the beat that it answers, None where it answers none of the
@@ -156,7 +156,7 @@ class CanLink:
         self._bus = bus
         self._clock = clock
         self._sending = threading.Lock()
-        self._arrived: deque[tuple[PeriodicQuestion | None, HeardFrame]] = deque()
+        self._arrived: deque[tuple[PeriodicQuestion | None, ReceivedFrame]] = deque()
         self._beat: PeriodicQuestion | None = None
         self._asked: PeriodicQuestion | None = None
         """The thread's own: it still asks this while the loop has ordered another already."""
@@ -185,7 +185,7 @@ class CanLink:
             return None
         return self._clock.monotonic_s()
 
-    def receive(self) -> list[HeardFrame]:
+    def receive(self) -> list[ReceivedFrame]:
         """What has arrived since the last call, in order."""
         taken = []
         with suppress(IndexError):
@@ -259,7 +259,7 @@ class CanLink:
         waiting: frozenset[int] | set[int] = frozenset(),
         beat: int | None = None,
         due_s: float | None = None,
-    ) -> list[HeardFrame]:
+    ) -> list[ReceivedFrame]:
         """At most one frame, put into the queue; `waiting` are the answers to this beat that are not in yet."""
         import can
 
@@ -284,6 +284,6 @@ class CanLink:
             self.malformed += 1
             return []
         frame = CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
-        heard = HeardFrame(frame, arrival_s, *((beat, due_s) if frame.id in waiting else (None, None)))
+        heard = ReceivedFrame(frame, arrival_s, *((beat, due_s) if frame.id in waiting else (None, None)))
         self._arrived.append((self._asked, heard))
         return [heard]

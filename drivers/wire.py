@@ -94,25 +94,25 @@ class Driver:
 
     # what is told of it
 
-    def _say(self, status: Status) -> None:
+    def _report(self, status: Status) -> None:
         self._statuses.append(status)
 
     def _sent(self, command: Command, monotonic_s: float | None = None) -> None:
         """A command has left the host, now or at a monotonic time."""
         t_s = self._clock.now() if monotonic_s is None else self._clock.from_monotonic(monotonic_s)
-        self._say(Sent(t_s, self.name, command))
+        self._report(Sent(t_s, self.name, command))
 
     def _lost(self, t_s: float, stream: str, samples: int) -> None:
-        self._say(Lost(t_s, self.name, stream, samples))
+        self._report(Lost(t_s, self.name, stream, samples))
 
     def _refuse(self, command: Command, reason: str) -> None:
-        self._say(Refused(self._clock.now(), self.name, command, reason))
+        self._report(Refused(self._clock.now(), self.name, command, reason))
 
     def _fail(self, reason: str) -> None:
         """The device can no longer be trusted; what comes of that later is told no more."""
         if self._failure is None:
             self._failure = reason
-            self._say(Failed(self._clock.now(), self.name, reason))
+            self._report(Failed(self._clock.now(), self.name, reason))
 
 
 class WireDriver(Driver, Generic[LinkT]):
@@ -187,14 +187,14 @@ class WireDriver(Driver, Generic[LinkT]):
     def _leave(self, link: LinkT, failure: str | None) -> None:
         """The last words on a link to a device that was open, and has failed where `failure` says why."""
 
-    def _heed(self, link: LinkT) -> str | None:
+    def _update(self, link: LinkT) -> str | None:
         """Hear what has come, say what is due; what is wrong with the device, or None."""
         raise NotImplementedError
 
     def _turn(self) -> None:
         link = self._link
         if link is not None and self._failure is None:
-            fault = self._heed(link)
+            fault = self._update(link)
             if link.fault or fault:
                 self._fail(link.fault or fault or "")
 

@@ -40,7 +40,7 @@ class SoundKind(IntEnum):
     """What a frame holds."""
 
     SOUND = 1
-    WORDS = 2
+    MESSAGE = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class Sound:
 
 
 @dataclass(frozen=True, slots=True)
-class SoundWords:
+class SoundMessage:
     """What the recorder says.
 
     Attributes:
@@ -96,16 +96,16 @@ def pack24(counts: NDArray[np.int32]) -> bytes:
     return wide[:, :BYTES].tobytes()
 
 
-def encode(message: Sound | SoundWords) -> bytes:
+def encode(message: Sound | SoundMessage) -> bytes:
     """A frame of the recorder's.
 
     Raises:
         CodecError: it does not fit.
     """
     try:
-        if isinstance(message, SoundWords):
+        if isinstance(message, SoundMessage):
             payload = json.dumps(message.content, separators=(",", ":")).encode()
-            return HEADER.pack(MAGIC, SoundKind.WORDS, 0, len(payload), message.frame) + payload
+            return HEADER.pack(MAGIC, SoundKind.MESSAGE, 0, len(payload), message.frame) + payload
         n, channels = message.counts.shape
         return HEADER.pack(MAGIC, SoundKind.SOUND, channels, n, message.frame) + pack24(message.counts)
     except struct.error as error:
@@ -138,19 +138,19 @@ class FrameDecoder:
     def __init__(self) -> None:
         self._waiting = bytearray()
 
-    def feed(self, data: bytes) -> list[Sound | SoundWords]:
+    def feed(self, data: bytes) -> list[Sound | SoundMessage]:
         """The frames that end in these bytes, in order.
 
         Raises:
             CodecError: this is no recorder, or its line is out of step: nothing after it can be read.
         """
         self._waiting += data
-        frames: list[Sound | SoundWords] = []
+        frames: list[Sound | SoundMessage] = []
         while (frame := self._next()) is not None:
             frames.append(frame)
         return frames
 
-    def _next(self) -> Sound | SoundWords | None:
+    def _next(self) -> Sound | SoundMessage | None:
         waiting = self._waiting
         begin = bytes(waiting[: len(MAGIC)])
         if not MAGIC.startswith(begin):
@@ -167,4 +167,4 @@ class FrameDecoder:
         del waiting[:end]
         if kind == SoundKind.SOUND:
             return Sound(frame, unpack24(payload).reshape(n, channels))
-        return SoundWords(frame, decode_line(payload))
+        return SoundMessage(frame, decode_line(payload))

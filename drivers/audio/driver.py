@@ -197,7 +197,7 @@ class Audio(WireDriver[SoundSource]):
         self._stillness.begin()
         source.listen(on)
 
-    def _heed(self, source: SoundSource) -> str | None:
+    def _update(self, source: SoundSource) -> str | None:
         """Hear what has come; notice what has not."""
         now_s = self._clock.monotonic_s()
         passed_s, self._turned_s = min(now_s - self._turned_s, TURN_MAX_S), now_s
@@ -210,10 +210,10 @@ class Audio(WireDriver[SoundSource]):
     def _take(self, happening: Happening) -> None:
         if isinstance(happening, Swept):
             t_s = self._frames.time_s(happening.frame, happening.arrival_s)
-            self._say(Reached(t_s, self.name, 0.0, command_id=self._driven))
+            self._report(Reached(t_s, self.name, 0.0, command_id=self._driven))
         elif isinstance(happening, Declined):
             t_s = self._clock.from_monotonic(happening.arrival_s)
-            self._say(Refused(t_s, self.name, happening.command, happening.reason))
+            self._report(Refused(t_s, self.name, happening.command, happening.reason))
         elif self._listening and self._failure is None:
             self._unheard_s = 0.0
             self._hear(happening)
@@ -231,7 +231,7 @@ class Audio(WireDriver[SoundSource]):
         for place, finger in self._excursions.push(clipped(counts)):
             self._saturations += 1
             t_s, value = block.t0_s + place / RATE_HZ, float(counts[place, finger]) / FULL_SCALE
-            self._say(Saturated(t_s, self.name, block.stream, value))
+            self._report(Saturated(t_s, self.name, block.stream, value))
         silent = self._stillness.push(counts)
         if silent is not None:
             waited_s = self._settings.silence_timeout_s

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from drivers.audio.codec import FrameDecoder, SoundWords, encode_line
+from drivers.audio.codec import FrameDecoder, SoundMessage, encode_line
 from drivers.audio.settings import AudioSettings
 from drivers.audio.source import Declined, Drive, Happening, SoundPacket, SourceFound, Swept
 from drivers.clock import Clock
@@ -171,7 +171,7 @@ class NetworkRecorder:
         try:
             for arrival_s, data in link.receive():
                 for frame in self._decoder.feed(data):
-                    if isinstance(frame, SoundWords):
+                    if isinstance(frame, SoundMessage):
                         self._hear(frame, arrival_s)
                     elif self._hears:
                         self._happened.append(SoundPacket(frame.frame, frame.counts, arrival_s))
@@ -204,7 +204,7 @@ class NetworkRecorder:
         self._asked[self._tag] = _Asked(words, command, self._clock.monotonic_s() + timeout_s)
         self._link.send(encode_line({**words, "tag": self._tag}))
 
-    def _hear(self, words: SoundWords, arrival_s: float) -> None:
+    def _hear(self, words: SoundMessage, arrival_s: float) -> None:
         content = words.content
         if content.get("event") == "swept":
             self._happened.append(Swept(words.frame, arrival_s))

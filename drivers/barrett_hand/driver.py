@@ -10,7 +10,7 @@ from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
-from drivers.can_link import CanLink, CanPort, HeardFrame, PeriodicQuestion, open_can, strange_frames
+from drivers.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can, strange_frames
 from drivers.errors import CodecError, check_streams, wrong
 from drivers.messages import Command, DeviceInfo, Listen, Tare
 from drivers.numbering import Runs, StreamTrack, host_clock
@@ -140,7 +140,7 @@ class BarrettHand(WireDriver[CanLink]):
             )
         )
 
-    def _heed(self, link: CanLink) -> str | None:
+    def _update(self, link: CanLink) -> str | None:
         answers = {finger: list[_Answer]() for finger in sorted(self._heard)}
         for heard in link.receive():
             reply = _strain(heard)
@@ -176,7 +176,7 @@ class BarrettHand(WireDriver[CanLink]):
         """Ask one finger until it answers; raises a `DeviceError`."""
         strangers = 0
 
-        def hear(heard: HeardFrame) -> int | None:
+        def hear(heard: ReceivedFrame) -> int | None:
             nonlocal strangers
             reply = _strain(heard)
             strangers += reply is None
@@ -196,7 +196,7 @@ class BarrettHand(WireDriver[CanLink]):
         return inquiry.ask(lambda: link.send(question), hear, OPEN_ATTEMPTS)
 
 
-def _strain(heard: HeardFrame) -> codec.HandReply | None:
+def _strain(heard: ReceivedFrame) -> codec.HandReply | None:
     """What a finger's gauge reads; None where this is something else."""
     try:
         reply = codec.decode_reply(heard.frame)

@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from drivers.can_gripper import units
-from drivers.can_gripper.words import DriveOrder, GripperState
+from drivers.can_gripper.messages import DriveOrder, GripperState
 from drivers.can_link import CanPort
 from drivers.errors import CommandError
 from drivers.messages import Command, Grip, Home, Listen, Release, Stop

@@ -14,7 +14,7 @@ import struct
 from typing import Final
 
 from drivers.can_frame import CanFrame
-from drivers.can_gripper.words import (
+from drivers.can_gripper.messages import (
     ASKED,
     PLAIN,
     Answer,

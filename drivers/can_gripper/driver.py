@@ -12,9 +12,7 @@ import numpy as np
 from drivers.can_gripper.brackets import Brackets, CanGripperSettings, valid
 from drivers.can_gripper.codec import encode_order
 from drivers.can_gripper.identify import heard_from, identify
-from drivers.can_gripper.units import LONGEST_S
-from drivers.can_gripper.watch import Watch
-from drivers.can_gripper.words import (
+from drivers.can_gripper.messages import (
     AskState,
     DriveOrder,
     GripFinding,
@@ -26,7 +24,9 @@ from drivers.can_gripper.words import (
     Poll,
     Watchdog,
 )
-from drivers.can_link import CanLink, HeardFrame, open_can
+from drivers.can_gripper.units import LONGEST_S
+from drivers.can_gripper.watch import Watch
+from drivers.can_link import CanLink, ReceivedFrame, open_can
 from drivers.messages import (
     Applied,
     Command,
@@ -224,7 +224,7 @@ class CanGripper(WireDriver[CanLink]):
 
     # what is heard
 
-    def _heed(self, link: CanLink) -> str | None:
+    def _update(self, link: CanLink) -> str | None:
         """Hear what has come, ask what is due."""
         for heard in link.receive():
             self._hear(link, heard)
@@ -240,7 +240,7 @@ class CanGripper(WireDriver[CanLink]):
         watched = self._heard or self._watch.busy or self._order.go
         return self._settings.poll_interval_s if watched else self._settings.idle_interval_s
 
-    def _hear(self, link: CanLink, heard: HeardFrame) -> None:
+    def _hear(self, link: CanLink, heard: ReceivedFrame) -> None:
         answer, fault = heard_from(self._settings.node, heard) or (None, False)
         if isinstance(answer, GripperErrors):
             self._faults = sorted(answer.active)

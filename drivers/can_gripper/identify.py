@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeVar
 
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.codec import decode_answer, encode_order
-from drivers.can_gripper.words import (
+from drivers.can_gripper.messages import (
     Answer,
     AskState,
     GripperCode,
@@ -17,7 +17,7 @@ from drivers.can_gripper.words import (
     Order,
     Poll,
 )
-from drivers.can_link import CanLink, HeardFrame, strange_frames
+from drivers.can_link import CanLink, ReceivedFrame, strange_frames
 from drivers.clock import Clock
 from drivers.errors import CodecError
 from drivers.wire import Inquiry
@@ -59,7 +59,7 @@ def identify(name: str, settings: CanGripperSettings, link: CanLink, clock: Cloc
     )
 
 
-def heard_from(node: int, heard: HeardFrame) -> tuple[Answer, bool] | None:
+def heard_from(node: int, heard: ReceivedFrame) -> tuple[Answer, bool] | None:
     """What this node says, and whether it has a fault; None where it is not this gripper that speaks."""
     try:
         sender, fault, answer = decode_answer(heard.frame)
@@ -73,7 +73,7 @@ def _answer(
 ) -> T:
     strangers = 0
 
-    def hear(heard: HeardFrame) -> T | None:
+    def hear(heard: ReceivedFrame) -> T | None:
         nonlocal strangers
         said = heard_from(settings.node, heard)
         strangers += said is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivers.can_gripper.brackets import Brackets
-from drivers.can_gripper.words import GripFinding, GripperState
+from drivers.can_gripper.messages import GripFinding, GripperState
 from drivers.messages import Command, Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
 
 CALIBRATION_S = 32.0

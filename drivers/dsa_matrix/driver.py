@@ -168,7 +168,7 @@ class DsaMatrix(WireDriver[SerialLink]):
         now_s = self._heard_s = self._clock.monotonic_s()
         self._order = _Order(request, now_s + self._settings.reply_timeout_s)
 
-    def _heed(self, link: SerialLink) -> str | None:
+    def _update(self, link: SerialLink) -> str | None:
         """Hear what has come; notice what has not."""
         frames = self._frames
         assert frames is not None

@@ -161,7 +161,7 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
         """How many requests were made, and lines that made no sense."""
         return {"requests": self._number, "malformed_lines": self._decoder.malformed}
 
-    def _heed(self, link: SerialLink | ConsolePerson) -> None:
+    def _update(self, link: SerialLink | ConsolePerson) -> None:
         for arrival_s, data in link.receive():
             for message in self._decoder.feed(data):
                 if isinstance(message, PersonAnswer):
@@ -172,13 +172,13 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
             return
         asked, self._asked = self._asked, None
         if not answer.done:
-            self._say(Refused(t_s, self.name, asked, answer.reason or "no reason given"))
+            self._report(Refused(t_s, self.name, asked, answer.reason or "no reason given"))
         elif isinstance(asked, LoadWeight):
             self._loads.hang(t_s, asked.bridge, asked.force_n)
             self._blocks += self._loads.take()
-            self._say(Loaded(t_s, self.name, asked.bridge, asked.force_n, command_id=asked.id))
+            self._report(Loaded(t_s, self.name, asked.bridge, asked.force_n, command_id=asked.id))
         else:
-            self._say(Answered(t_s, self.name, asked.request, command_id=asked.id))
+            self._report(Answered(t_s, self.name, asked.request, command_id=asked.id))
 
     def _fail(self, reason: str) -> None:
         self._asked = None

@@ -144,7 +144,7 @@ class SensorBoard(WireDriver[SerialLink]):
         fault = link.fault
         while fault is None and not self._dialogue.idle and self._clock.monotonic_s() < until_s:
             self._clock.rest(TURN_S)
-            fault = self._heed(link) or link.fault
+            fault = self._update(link) or link.fault
         return fault
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
@@ -189,7 +189,7 @@ class SensorBoard(WireDriver[SerialLink]):
 
     # what is heard
 
-    def _heed(self, link: SerialLink) -> str | None:
+    def _update(self, link: SerialLink) -> str | None:
         """Hear what has come, repeat what is overdue, feed the watchdog, notice what is silent."""
         now_s = self._clock.monotonic_s()
         self._watch_s += min(now_s - self._turned_s, TURN_MAX_S)

@@ -198,7 +198,7 @@ class UrArm(Driver):
             case Status():
                 if isinstance(message, Standstill):
                     self._stop = None
-                self._say(replace(message, t_s=self._clock.from_monotonic(message.t_s)))
+                self._report(replace(message, t_s=self._clock.from_monotonic(message.t_s)))
 
     def _mind(self, now_s: float) -> None:
         """Replace a process that is gone or hangs, as long as there is time for it."""
@@ -226,7 +226,7 @@ class UrArm(Driver):
         if self._ready:
             self._ready, self._lost_s, self._retry_s = False, now_s, now_s
             self._links_lost += 1
-            self._say(Stalled(self._clock.now(), self.name, f"{reason}; connecting again"))
+            self._report(Stalled(self._clock.now(), self.name, f"{reason}; connecting again"))
         else:
             self._retry_s = now_s + RETRY_S
 

@@ -71,7 +71,7 @@ class Conductor:
         settings: Of the arm.
         client: The arm's controller.
         now: The host's monotonic time in seconds.
-        say: Takes each status, its time in host monotonic seconds.
+        report: Takes each status, with its time in host monotonic seconds.
         seen: What is known of the arm at the start.
 
     Attributes:
@@ -84,7 +84,7 @@ class Conductor:
         settings: UrArmSettings,
         client: Client,
         now: Callable[[], float],
-        say: Callable[[Status], None],
+        report: Callable[[Status], None],
         seen: Seen,
     ) -> None:
         self.state = MotionState.STANDING
@@ -94,7 +94,7 @@ class Conductor:
         self._guidance = Guidance(settings)
         self._client = client
         self._now = now
-        self._say = say
+        self._report = report
         self._seen = seen
         self._goal: Command | None = None
         self._commanded = 0  # id of the command that is carried out, a stop too
@@ -186,7 +186,7 @@ class Conductor:
         self.state = MotionState.SPEEDING
         taken = self._keep_speed()
         if taken or self.state is MotionState.BRAKING:  # braking: it is over already
-            self._say(Sent(self._now(), self._name, command))
+            self._report(Sent(self._now(), self._name, command))
         else:
             self._refuse(command, trouble(self._seen.row) or NOT_TAKEN)
             if self.state is not MotionState.HALTED:
@@ -199,7 +199,7 @@ class Conductor:
             self._refuse(command, trouble(self._seen.row) or NOT_TAKEN)
             return
         self.state = MotionState.TRAVELLING
-        self._say(Sent(self._now(), self._name, command))
+        self._report(Sent(self._now(), self._name, command))
         # How fast the controller turns a tool is its own affair: a radian may take what a metre takes.
         length = sum(way(self._seen.row.pose, pose))
         self._deadline_s = self._now() + length / speed_m_s + 2.0 * speed_m_s / acceleration + GRACE_S
@@ -208,7 +208,7 @@ class Conductor:
         if self.state is not MotionState.STANDING:
             self._refuse(command, self._halted or "the arm is not standing still")
         elif self._client.zero_force():
-            self._say(Sent(self._now(), self._name, command))
+            self._report(Sent(self._now(), self._name, command))
         else:
             self._refuse(command, NOT_TAKEN)
 
@@ -238,7 +238,7 @@ class Conductor:
             case MotionState.HALTED:
                 self._ending, self._since_s = self._standstill, self._now()
                 return
-        self._say(Sent(self._now(), self._name, command))
+        self._report(Sent(self._now(), self._name, command))
 
     def _brake(self, ending: Callable[[], Status] | None) -> None:
         """Take the speed away; the speeds end when the tool stands."""
@@ -263,7 +263,7 @@ class Conductor:
         self.state, self._goal, self._told = MotionState.STANDING, None, REST
         ending, self._ending = self._ending, None
         if ending is not None:
-            self._say(ending())
+            self._report(ending())
         command, self._next = self._next, None
         if command is not None:
             self._begin(command)
@@ -277,7 +277,7 @@ class Conductor:
         self._told = REST
         self._since_s = self._now()
         self._deadline_s = self._since_s + HALT_S
-        self._say(
+        self._report(
             Stalled(
                 self._now(),
                 self._name,
@@ -330,7 +330,7 @@ class Conductor:
 
     def _stay_halted(self) -> None:
         if self._ending is not None and self._stands():
-            self._say(self._ending())
+            self._report(self._ending())
             self._ending = None
         # A program that has ended brakes by itself, and what a person then does at the pendant is theirs.
         moving = math.isinf(self._seen.still_since_s)
@@ -387,7 +387,7 @@ class Conductor:
             self._client.halt()
 
     def _refuse(self, command: Command, reason: str) -> None:
-        self._say(Refused(self._now(), self._name, command, reason))
+        self._report(Refused(self._now(), self._name, command, reason))
 
     def _reached(self) -> Status:
         return Reached(self._now(), self._name, self._position_m, command_id=self._commanded)

@@ -168,7 +168,7 @@ class ZaberStage(WireDriver[SerialLink]):
             self._sent(command, self._since_s)
         else:  # it may have been written, but nobody will see the stage stand still
             self._failure = reason
-            self._say(Failed(self._clock.now(), self.name, reason))
+            self._report(Failed(self._clock.now(), self.name, reason))
 
     def _abandon(self) -> None:
         for question in (self._question, self._renewal):
@@ -177,7 +177,7 @@ class ZaberStage(WireDriver[SerialLink]):
         self._question = self._renewal = None
         self._procedure = self._command = self._waiting = self._motion = None
 
-    def _heed(self, link: SerialLink) -> str | None:
+    def _update(self, link: SerialLink) -> str | None:
         """Hear what has come, say what is due."""
         dialogue = self._dialogue
         for question, answer in dialogue.turn():
@@ -282,7 +282,7 @@ class ZaberStage(WireDriver[SerialLink]):
     def _stand_still(self, t_s: float, counts: int) -> None:
         position_m = self._mounting.position_m(counts)
         if self._stopping is not None:
-            self._say(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
+            self._report(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
         elif self._motion is not None and self._way is None and self._flag in codec.UNHOMED:
             self._stall(t_s, f"{codec.meaning(self._flag)} after homing ({self._flag})")
         elif self._motion is not None and self._way is not None and self._way.target != counts:
@@ -290,14 +290,14 @@ class ZaberStage(WireDriver[SerialLink]):
             reason = f"it stopped at {position_m:.6f} m on the way to {aim_m:.6f} m ({self._flag})"
             self._stall(t_s, reason)
         elif self._motion is not None:
-            self._say(Reached(t_s, self.name, position_m, command_id=self._motion.id))
+            self._report(Reached(t_s, self.name, position_m, command_id=self._motion.id))
         self._stopping = None
         self._motion = None
 
     def _stall(self, t_s: float, reason: str) -> None:
         under_way = self._motion or self._stopping
         command_id = 0 if under_way is None else under_way.id
-        self._say(Stalled(t_s, self.name, reason, command_id=command_id))
+        self._report(Stalled(t_s, self.name, reason, command_id=command_id))
 
     def _fail(self, reason: str) -> None:
         self._abandon()

@@ -307,7 +307,9 @@ def _audio(data: bytes) -> None:
 
 def _audio_seeds() -> Iterable[bytes]:
     counts = np.arange(12, dtype=np.int32).reshape(6, 2)
-    yield b"\x10" + sound.encode(sound.Sound(2**33, counts)) + sound.encode(sound.SoundWords(5, {"reply": 1}))
+    yield (
+        b"\x10" + sound.encode(sound.Sound(2**33, counts)) + sound.encode(sound.SoundMessage(5, {"reply": 1}))
+    )
     words = [
         {"do": "hello", "tag": 1},
         {"do": "start", "tag": 2},

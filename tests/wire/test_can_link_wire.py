@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from drivers.can_frame import CanFrame
-from drivers.can_link import CanLink, CanPort, HeardFrame, PeriodicQuestion, open_can
+from drivers.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can
 from drivers.clock import WallClock
 from drivers.errors import PortError
 from drivers.mock.devices.slcan import EmulatedSlcan
@@ -58,8 +58,8 @@ def eventually(condition: Callable[[], bool]) -> bool:
     return condition()
 
 
-def gathered(link: CanLink, count: int) -> list[HeardFrame]:
-    heard: list[HeardFrame] = []
+def gathered(link: CanLink, count: int) -> list[ReceivedFrame]:
+    heard: list[ReceivedFrame] = []
 
     def enough() -> bool:
         heard.extend(link.receive())
@@ -226,7 +226,7 @@ def test_two_links_speak_on_a_virtual_bus() -> None:
         other.close()
 
 
-def beaten(serve: Any, echo: Echo, beats: int, answer_s: float = 0.1) -> list[HeardFrame]:
+def beaten(serve: Any, echo: Echo, beats: int, answer_s: float = 0.1) -> list[ReceivedFrame]:
     link = open_can("hand", CanPort(port=serve(EmulatedSlcan(echo))), serve.clock)
     try:
         link.ask(PeriodicQuestion(ASK, frozenset({0x101}), period_s=0.01, answer_s=answer_s))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.audio.codec import MAX_LINE_BYTES, Sound, SoundWords, decode_line, encode
+from drivers.audio.codec import MAX_LINE_BYTES, Sound, SoundMessage, decode_line, encode
 from drivers.audio.oscillator import WHOLE
 from drivers.audio.settings import FINGERS, RATE_HZ
 from drivers.errors import CodecError
@@ -182,7 +182,7 @@ class EmulatedAudio:
         self._bench.advance(t_s)
         over, size = self._frame(t_s), self._settings.packet_frames
         if self._sweep_end is not None and self._sweep_end <= over:
-            self._put(SoundWords(self._sweep_end + self._offset, {"event": "swept"}))
+            self._put(SoundMessage(self._sweep_end + self._offset, {"event": "swept"}))
             self._sweep_end = None
         while self._on and self._next + size <= over:
             if self.lossy or self._drops:
@@ -251,9 +251,9 @@ class EmulatedAudio:
         return {}
 
     def _say(self, content: Mapping[str, Any], t_s: float) -> None:
-        self._put(SoundWords(self._frame(t_s) + self._offset, content))
+        self._put(SoundMessage(self._frame(t_s) + self._offset, content))
 
-    def _put(self, frame: Sound | SoundWords) -> None:
+    def _put(self, frame: Sound | SoundMessage) -> None:
         if not self._silent:
             self._outbox += encode(frame)
 

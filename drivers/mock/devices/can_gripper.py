@@ -11,7 +11,7 @@ from pydantic import Field
 from drivers.can_frame import CanFrame
 from drivers.can_gripper import units
 from drivers.can_gripper.codec import decode_order, encode_answer
-from drivers.can_gripper.words import (
+from drivers.can_gripper.messages import (
     Answer,
     AskState,
     DriveOrder,

@@ -174,7 +174,7 @@ class MockAudio(MockDriver):
             column = 2 * finger if self._envelope else finger
             value = float(values[place, column]) * self._info.scale
             t_s = (first + place) / self._rate_hz
-            self._say(Saturated(t_s, self.name, self._info.name, value))
+            self._report(Saturated(t_s, self.name, self._info.name, value))
         return self._info.block(first, t0_s, values, device_t0_s=t0_s, arrival_s=now_s)
 
     def poll(self) -> Sequence[Status]:
@@ -189,5 +189,5 @@ class MockAudio(MockDriver):
 
     def _tell_sweep(self, now_s: float) -> None:
         if self._sweep_s is not None and self._sweep_s <= now_s:
-            self._say(Reached(self._sweep_s, self.name, 0.0, command_id=self._sweep))
+            self._report(Reached(self._sweep_s, self.name, 0.0, command_id=self._sweep))
             self._sweep_s = None

@@ -87,7 +87,7 @@ class MockDriver(Driver):
         failed = self._faults.failure(self._clock.now(), self.name)
         if failed is not None:
             self._cut_off(failed.t_s)
-            self._say(failed)
+            self._report(failed)
         return super().poll()
 
     def _cut_off(self, now_s: float) -> None:

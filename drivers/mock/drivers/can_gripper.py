@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, valid
+from drivers.can_gripper.messages import DriveOrder, GripFinding, GripperState
 from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
 from drivers.can_gripper.watch import Watch
-from drivers.can_gripper.words import DriveOrder, GripFinding, GripperState
 from drivers.messages import (
     Applied,
     Command,

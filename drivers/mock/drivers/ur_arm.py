@@ -277,7 +277,7 @@ class MockUrArm(MockDriver):
             self._halted = f"the arm is in a protective stop (stall injected at {stall.at_s:g} s)"
             self._brake(now_s, HALT_M_S2)
             words = f"{self._halted}; look at the arm, then send it Home"
-            self._say(Stalled(now_s, self.name, words, command_id=self._commanded))
+            self._report(Stalled(now_s, self.name, words, command_id=self._commanded))
         return super().poll()
 
     @property
@@ -294,7 +294,7 @@ class MockUrArm(MockDriver):
         now_s, still_s = self._clock.now(), self.axis.arrival_s + STILL_S
         if self._answer is not None and now_s >= still_s and not self._gone(now_s):
             if self._fence:
-                self._say(Stalled(still_s, self.name, self._fence, command_id=self._commanded))
+                self._report(Stalled(still_s, self.name, self._fence, command_id=self._commanded))
             else:
-                self._say(self._answer(still_s, self.name, self.axis.target_m, command_id=self._commanded))
+                self._report(self._answer(still_s, self.name, self.axis.target_m, command_id=self._commanded))
             self._answer, self._fence = None, ""

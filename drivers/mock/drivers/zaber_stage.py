@@ -110,7 +110,7 @@ class MockZaberStage(MockDriver):
             return Applied(command, now_s)
         if self._faults.active(now_s, "unplug"):
             # The cable is out: the axis goes on to where its own controller lets it, and says nothing.
-            self._say(Failed(now_s, self.name, "the link is gone"))
+            self._report(Failed(now_s, self.name, "the link is gone"))
             return Applied(command, now_s)
         if self._faults.active(now_s, "silent"):
             return Applied(command, now_s)
@@ -240,7 +240,7 @@ class MockZaberStage(MockDriver):
         if self._answer is not None and not axis.moving(now_s) and not self._gone(now_s):
             self._homed = self._homed or isinstance(self._command, Home)
             at_s = max(axis.arrival_s, self._commanded_s)
-            self._say(self._answer(at_s, self.name, axis.target_m, command_id=self._command_id))
+            self._report(self._answer(at_s, self.name, axis.target_m, command_id=self._command_id))
             self._answer = None
 
     def _stall(self, fault: Fault, now_s: float) -> None:
@@ -248,4 +248,4 @@ class MockZaberStage(MockDriver):
         self._bench.on_plan(now_s)
         self._answer = None
         words = f"stalled ({fault.kind} injected at {fault.at_s:g} s)"
-        self._say(Stalled(now_s, self.name, words, command_id=self._command_id))
+        self._report(Stalled(now_s, self.name, words, command_id=self._command_id))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.can_gripper.messages import GripFinding
 from drivers.can_gripper.units import MOST_MA, TICKS_PER_M
-from drivers.can_gripper.words import GripFinding
 from drivers.clock import last_tick
 from drivers.mock.physics import jaws_kernel as kernel
 from drivers.mock.physics.jaws import Jaws, JawsSettings

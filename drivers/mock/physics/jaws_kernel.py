@@ -77,7 +77,7 @@ SEEN = 6
 """Numbers that the drive tells when it is asked."""
 
 MOVING, OBJECT_CLOSING, OBJECT_OPENING, AT_POSITION = range(4)
-"""Findings (`drivers.can_gripper.words.GripFinding`)."""
+"""Findings (`drivers.can_gripper.messages.GripFinding`)."""
 
 
 @compiled()

@@ -82,7 +82,7 @@ class ForceSensor(WireDriver[SerialLink]):
             self._stream.begin()
             self._sent(command, self._link.send(codec.encode("go" if wanted else "halt")))
 
-    def _heed(self, link: SerialLink) -> str | None:
+    def _update(self, link: SerialLink) -> str | None:
         for arrival_s, message in self._messages(link.receive()):
             if isinstance(message, codec.Sample) and self._listening:
                 self._heard_s = arrival_s

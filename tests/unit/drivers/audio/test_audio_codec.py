@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drivers.audio.codec import (
     FrameDecoder,
     Sound,
-    SoundWords,
+    SoundMessage,
     decode_line,
     encode,
     encode_line,
@@ -26,7 +26,7 @@ SOUND = bytes.fromhex("54 42 41 31 01 02 02 00 01 00 00 00 01 00 00 00 01 00 00 
 WORDS = bytes.fromhex("54 42 41 31 02 00 0b 00 02 01 00 00 00 00 00 00") + b'{"reply":7}'
 
 
-def told(frames: list[Sound | SoundWords]) -> list[object]:
+def told(frames: list[Sound | SoundMessage]) -> list[object]:
     return [
         (one.frame, one.counts.tolist()) if isinstance(one, Sound) else (one.frame, one.content)
         for one in frames
@@ -47,7 +47,7 @@ def test_golden_frames_are_read_however_they_are_cut() -> None:
 def test_golden_frames_are_written() -> None:
     counts = np.array([[1, -1], [8388607, -8388608]], np.int32)
     assert encode(Sound(2**32 + 1, counts)) == SOUND
-    assert encode(SoundWords(258, {"reply": 7})) == WORDS
+    assert encode(SoundMessage(258, {"reply": 7})) == WORDS
 
 
 def test_the_hosts_lines_are_json() -> None:
@@ -100,7 +100,7 @@ def test_a_frame_of_nothing_but_its_header_is_read_at_once() -> None:
 
 
 def test_words_of_two_keys_are_written_without_blanks() -> None:
-    assert encode(SoundWords(0, {"a": 1, "b": 2})).endswith(b'{"a":1,"b":2}')
+    assert encode(SoundMessage(0, {"a": 1, "b": 2})).endswith(b'{"a":1,"b":2}')
 
 
 def test_counts_of_any_type_and_shape_are_packed_and_come_back_in_32_bits() -> None:

@@ -9,7 +9,7 @@ import pytest
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.can_frame import CanFrame
-from drivers.can_link import HeardFrame, PeriodicQuestion
+from drivers.can_link import PeriodicQuestion, ReceivedFrame
 from drivers.clock import VirtualClock, WallClock
 from drivers.errors import CommandError, PortError
 from drivers.messages import Command, Failed, Listen, Lost, Refused, Saturated, Sent, Stop, Tare
@@ -19,10 +19,10 @@ F1, F2 = "hand.strain_11", "hand.strain_12"
 DUE_S = 5000.0
 
 
-def answer(finger: int, counts: int, beat: int | None) -> HeardFrame:
+def answer(finger: int, counts: int, beat: int | None) -> ReceivedFrame:
     frame = codec.encode_reply(codec.HandReply(finger, codec.Property.STRAIN, counts))
     due_s = None if beat is None else DUE_S + beat * 1e-3
-    return HeardFrame(frame, DUE_S + (beat or 0) * 1e-3 + 4e-4, beat, due_s)
+    return ReceivedFrame(frame, DUE_S + (beat or 0) * 1e-3 + 4e-4, beat, due_s)
 
 
 class Link:
@@ -32,7 +32,7 @@ class Link:
         self.fault: str | None = None
         self.malformed = 0
         self.beat: PeriodicQuestion | None = None
-        self.waiting: list[HeardFrame] = []
+        self.waiting: list[ReceivedFrame] = []
         self.closed = False
 
     def open(self, *_: object) -> Any:
@@ -43,7 +43,7 @@ class Link:
         self.waiting.append(answer(request.receiver, 2000, None))
         return DUE_S
 
-    def receive(self) -> list[HeardFrame]:
+    def receive(self) -> list[ReceivedFrame]:
         waiting, self.waiting = self.waiting, []
         return waiting
 
@@ -118,7 +118,7 @@ def test_answers_to_no_beat_and_of_other_fingers_are_passed_over(hand: BarrettHa
         answer(11, 2000, 0),
         answer(11, 3000, None),
         answer(12, 3000, 0),
-        HeardFrame(CanFrame(0x566, b"\x88\0\0\0"), DUE_S, 1, DUE_S),
+        ReceivedFrame(CanFrame(0x566, b"\x88\0\0\0"), DUE_S, 1, DUE_S),
         answer(11, 2001, 1),
     ]
     (block,) = hand.read()

@@ -8,7 +8,7 @@ from typing import Any
 from drivers.can_frame import CanFrame
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
-from drivers.can_link import HeardFrame, PeriodicQuestion
+from drivers.can_link import PeriodicQuestion, ReceivedFrame
 from drivers.clock import WallClock
 from drivers.messages import Command, DeviceInfo, SampleBlock, Status
 from drivers.mock.devices.can_gripper import EmulatedCanGripper
@@ -36,7 +36,7 @@ class Host:
         self.fault: str | None = None
         self.malformed = 0
         self.closed = False
-        self._due: list[HeardFrame] = []
+        self._due: list[ReceivedFrame] = []
 
     def open(self, *_: object) -> Any:
         self.closed = False
@@ -54,7 +54,7 @@ class Host:
         self._keep(self.gripper.receive(frame, self.now_s))
         return self.now_s
 
-    def receive(self) -> list[HeardFrame]:
+    def receive(self) -> list[ReceivedFrame]:
         heard = [one for one in self._due if one.arrival_s <= self.now_s]
         self._due = [one for one in self._due if one.arrival_s > self.now_s]
         return heard
@@ -72,7 +72,7 @@ class Host:
                 arrival_s = self.now_s + DELAY_S + self.late_s
                 if self._due:  # none overtakes another
                     arrival_s = max(arrival_s, self._due[-1].arrival_s)
-                self._due.append(HeardFrame(spoilt, arrival_s))
+                self._due.append(ReceivedFrame(spoilt, arrival_s))
 
 
 class HostClock(WallClock):

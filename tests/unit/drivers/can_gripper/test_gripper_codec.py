@@ -8,7 +8,7 @@ import pytest
 
 from drivers.can_frame import CanFrame
 from drivers.can_gripper.codec import decode_answer, decode_order, encode_answer, encode_order
-from drivers.can_gripper.words import (
+from drivers.can_gripper.messages import (
     Answer,
     AskState,
     DriveOrder,

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.can_gripper.codec import decode_order
-from drivers.can_gripper.words import AskState, DriveOrder, GripperCode, Order, Plain, Poll, Watchdog
+from drivers.can_gripper.messages import AskState, DriveOrder, GripperCode, Order, Plain, Poll, Watchdog
 from drivers.messages import Applied, Failed, Grip, Home, Listen, Lost, Refused, Release, Sent, Stop
 from tests.unit.drivers.can_gripper.gripper_bench import DELAY_S, FRAME_S, Bench
 

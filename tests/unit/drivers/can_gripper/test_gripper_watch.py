@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from drivers.can_gripper.brackets import Brackets
+from drivers.can_gripper.messages import GripFinding, GripperState
 from drivers.can_gripper.watch import Watch
-from drivers.can_gripper.words import GripFinding, GripperState
 from drivers.messages import (
     Command,
     Grip,

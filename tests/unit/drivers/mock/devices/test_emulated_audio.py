@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.audio.codec import FrameDecoder, Sound, SoundWords, encode_line
+from drivers.audio.codec import FrameDecoder, Sound, SoundMessage, encode_line
 from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from tests.contracts.audio_suite import GAINS, SteadyFingers
 
@@ -20,7 +20,7 @@ class Host:
         self.recorder = EmulatedAudio(EmulatedAudioSettings(**settings), self.bench)
         self.decoder = FrameDecoder()
         self.sound: list[Sound] = []
-        self.words: list[SoundWords] = []
+        self.words: list[SoundMessage] = []
 
     def hear(self, data: bytes) -> None:
         for frame in self.decoder.feed(data):

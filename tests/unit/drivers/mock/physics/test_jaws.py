@@ -7,7 +7,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from drivers.can_gripper.words import GripFinding
+from drivers.can_gripper.messages import GripFinding
 from drivers.mock.physics.jaws import GripObject, Jaws, JawsSettings
 from drivers.mock.physics.jaws_drive import JawsDrive
 from drivers.mock.physics.jaws_kernel import TICK_S
