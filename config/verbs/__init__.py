@@ -323,7 +323,7 @@ def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
     """Write the report of some runs, its figures in other formats as well, and say what it says."""
     from controller.export import tidy
     from controller.recording.reader import open_run
-    from controller.reports.report import tell
+    from controller.reports.report import build_report_with_summary
 
     if sys.stdout.isatty():
         say("writing the report")
@@ -331,7 +331,9 @@ def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
     for run in runs:
         tidy(run)
     whole = folders[0].read_manifest() if len(folders) == 1 else {}
-    page, lines = tell(runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()), also)
+    page, lines = build_report_with_summary(
+        runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()), also
+    )
     usual = page.parent.parent.resolve() == Path("runs").resolve()
     newest = usual and max(page.parent.parent.iterdir()).name == page.parent.name
     where = "latest" if newest else page.parent

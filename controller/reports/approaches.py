@@ -1,4 +1,4 @@
-"""The numbers of A2: approaches read from runs, grouped, averaged, held against the paper's bounds and trends."""
+"""The numbers of A2: approaches read from runs, grouped, averaged, compared with the paper's bounds and trends."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BASELINE_S = "detectors.contact.baseline_s"
 
 @dataclass(frozen=True, slots=True)
 class ApproachedTrial:
-    """One trial of A2, as trials.csv has it; what was not seen is None."""
+    """One trial of A2, as trials.csv has it; None where not observed."""
 
     run: Run
     trial: int
@@ -159,7 +159,7 @@ def _belongs(approach: ApproachedTrial, paper: PaperRow) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class ColumnComparison:
     """A column of Table I over all true contacts, beside the paper's bound and the paper's rows.
 
     Attributes:
@@ -193,7 +193,7 @@ class Held:
         return False if self.value > self.column.bound else self.agrees or None
 
 
-def held(approaches: Sequence[ApproachedTrial], rows: Sequence[Row]) -> list[Held]:
+def compare_columns(approaches: Sequence[ApproachedTrial], rows: Sequence[Row]) -> list[ColumnComparison]:
     """Each column of Table I beside what the paper has."""
     contacts = [approach for approach in approaches if approach.detected and approach.plain]
     found = []
@@ -207,7 +207,7 @@ def held(approaches: Sequence[ApproachedTrial], rows: Sequence[Row]) -> list[Hel
             for row in rows
             if row.paper and not fitted(row, column)
         ]
-        found.append(Held(column, value, worst, effect(pairs)))
+        found.append(ColumnComparison(column, value, worst, effect(pairs)))
     return found
 
 

@@ -16,6 +16,7 @@ from controller.reports.counts import factor_of, percent, rate, total, values
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Figure, Kind, Notes, ReportTable, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.sonicfinger import (
     ASSUMED,
     BEST_HZ,
@@ -27,14 +28,13 @@ from controller.reports.sonicfinger import (
     rows_of,
 )
 from controller.reports.text import number, title
-from controller.reports.words import Words
 
 SIDES = ("normal", "back", "front", "top", "bottom")
 DEAF = "top"
-"""The side with which the paper's finger feels nothing (IV.A.3)."""
+"""The side with which the paper's finger detects nothing (IV.A.3)."""
 
 SOUND_M_S = 343.2
-"""Speed of sound in air of 20 °C, where no detector says what it takes it to be."""
+"""Speed of sound in air of 20 °C, where no detector has a setting for it."""
 
 PIPE = "pipe"
 """What C2 and C4 approach; the paper's rates are those of its six objects."""
@@ -43,26 +43,26 @@ SOFT = ("sponge", "cloth")
 """Objects that are no paper's: soft ones, counted by themselves."""
 
 
-WORDS = Words("aura")
+TEXTS = SectionTexts("aura")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
-    """Everything that was said of every approach."""
+    """What every detector reported in every approach."""
     rows = rows_of(runs)
     there = [row for row in rows if factor(row, "object") != "none"]
     nothing = [row for row in rows if factor(row, "object") == "none"]
     objects = sorted({factor(row, "object") for row in there})
     hard = _hard(there) or there
     touching = rows if setting_of(runs[0], "behavior", "touch") else []
-    told = [row for row in touching if not _known(row)]
+    unknown = [row for row in touching if not _known(row)]
     felt = [row for row in touching if _known(row) and factor(row, "object") != "none"]
     notes = _notes(hard)
     body: list[Block] = [
-        WORDS.text("intro"),
-        _sides_table(hard, bool(told), _half_wave_m(runs[0])),
+        TEXTS.text("intro"),
+        _sides_table(hard, bool(unknown), _half_wave_m(runs[0])),
         *(_object_tables(there, nothing, objects) if len(objects) > 1 or nothing else ()),
         *([_touch_table(_hard(felt) or felt)] if felt else ()),
-        *([_said_table(told)] if told else ()),
+        *([_reported_table(unknown)] if unknown else ()),
         *_draw(runs, figures),
         *([Notes(notes)] if notes else ()),
     ]
@@ -70,7 +70,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         title=_title(runs, objects),
         body=body,
         citation=CITATION,
-        summary=_summary(hard, nothing, told, runs[0].simulated),
+        summary=_summary(hard, nothing, unknown, runs[0].simulated),
         not_the_papers=[*(ASSUMED if runs[0].simulated else ()), *_whence(rows)],
         printed=printed_of(runs[0]),
     )
@@ -92,14 +92,14 @@ def _known(row: Mapping[str, Any]) -> bool:
 
 
 def _whence(rows: Sequence[Any]) -> list[str]:
-    """How it is known what stood there and what touched."""
+    """Where the truth about object and touch comes from."""
     if not any(row.get("approaches") for row in rows):
         return []
-    return [WORDS.said("known" if any(_known(row) for row in rows) else "unknown")]
+    return [TEXTS.sentence("known" if any(_known(row) for row in rows) else "unknown")]
 
 
 def factor(row: Mapping[str, Any], name: str) -> str:
-    """See `factor_of`; as a word."""
+    """See `factor_of`; as text."""
     return str(factor_of(row, name, AuraFactors))
 
 
@@ -131,7 +131,7 @@ def _half_wave_m(run: Run) -> float:
     return float(sound_m_s) / drive_hz / 2.0
 
 
-def _sides_table(rows: Sequence[Any], told: bool, half_wave_m: float) -> ReportTable:
+def _sides_table(rows: Sequence[Any], unknown: bool, half_wave_m: float) -> ReportTable:
     body = []
     for (side, axis, speed), members in _groups(rows, "side", "axis", "speed_m_s").items():
         approaches = total(members, "approaches")
@@ -142,13 +142,13 @@ def _sides_table(rows: Sequence[Any], told: bool, half_wave_m: float) -> ReportT
             row[f"distance_m_{method}"] = _median(members, f"distance_m_{method}")
         body.append(row)
     all_objects = any(factor(row, "object") != PIPE for row in rows)
-    rest = WORDS.said("all_objects") * all_objects + WORDS.said("way_ends") * told
+    rest = TEXTS.sentence("all_objects") * all_objects + TEXTS.sentence("way_ends") * unknown
     half, expected = number(half_wave_m, 2, 100.0), number(0.01 / half_wave_m, 2)
-    return WORDS.table("sides", body, half=half, expected=expected, rest=rest)
+    return TEXTS.table("sides", body, half=half, expected=expected, rest=rest)
 
 
 def _named(there: Sequence[Any], objects: Sequence[str]) -> list[tuple[str, list[Any]]]:
-    """Trials by object, soft ones last, then those to which the paper's rates are held."""
+    """Trials by object, soft ones last, then those that are compared with the paper's rates."""
     named = [
         (title(name) + (" (soft)" if name in SOFT else ""), members)
         for (name,), members in _groups(there, "object").items()
@@ -162,7 +162,7 @@ def _named(there: Sequence[Any], objects: Sequence[str]) -> list[tuple[str, list
 
 
 def _papers(there: Sequence[Any]) -> list[Any]:
-    """Trials that are held against the paper's rates: those of the pipe try sides and axes, soft objects are ours."""
+    """Trials that are compared with the paper's rates: those of the pipe try sides and axes, soft objects are ours."""
     return [row for row in _hard(there) if factor(row, "object") != PIPE]
 
 
@@ -179,18 +179,18 @@ def _object_tables(
     if nothing:
         n = total(nothing, "approaches")
         row = {method: rate(n - total(nothing, f"alarms_{method}"), n) for method in METHODS}
-        body.append({"object": "nothing: not said", "approaches": n, **row})
+        body.append({"object": "nothing: not reported", "approaches": n, **row})
     positive, negative = map(percent, PRE_TOUCH)
-    yield WORDS.table("pre_touch", body, positive=positive, negative=negative)
+    yield TEXTS.table("pre_touch", body, positive=positive, negative=negative)
     if total(there, "touches"):
         groups = [*named, *([("nothing", nothing)] if nothing else [])]
         rows = [{"object": name, **row} for name, members in groups for row in _by_method(members)]
         positive, negative = map(percent, CONTACT)
-        yield WORDS.table("contact", rows, positive=positive, negative=negative)
+        yield TEXTS.table("contact", rows, positive=positive, negative=negative)
 
 
 def _by_method(members: Sequence[Any]) -> Iterator[dict[str, Any]]:
-    """What each method made of some approaches; every count by its column's name without the method's."""
+    """Counts of each method over some approaches; each by its column's name without the method's."""
     touches, approaches = total(members, "touches"), total(members, "approaches")
     for method in METHODS:
         false = total(members, f"false_{method}")
@@ -208,35 +208,37 @@ def _by_method(members: Sequence[Any]) -> Iterator[dict[str, Any]]:
 
 def _touch_table(rows: Sequence[Any]) -> ReportTable:
     groups = _groups(rows, "side").items()
-    return WORDS.table(
+    return TEXTS.table(
         "touches",
         [{"side": side, **row} for (side,), members in groups for row in _by_method(members)],
         deaf=DEAF,
     )
 
 
-def _said_table(rows: Sequence[Any]) -> ReportTable:
+def _reported_table(rows: Sequence[Any]) -> ReportTable:
     by = "object" if len({factor(row, "object") for row in rows}) > 1 else "side"
     groups = _groups(rows, by).items()
     body = [{"name": title(name), **row} for (name,), members in groups for row in _by_method(members)]
-    return WORDS.table("as_said", body, by=by)
+    return TEXTS.table("as_reported", body, by=by)
 
 
 # --- sentences ---------------------------------------------------------------------------------------
 
 
 def _summary(
-    there: Sequence[Any], nothing: Sequence[Any], told: Sequence[Any], simulated: bool
+    there: Sequence[Any], nothing: Sequence[Any], unknown: Sequence[Any], simulated: bool
 ) -> list[Result]:
     # sides, coupling and echo of the simulated finger are such that the paper's figures come out: no prediction
     kind = Kind.ASSUMED if simulated else Kind.MEASURED
-    said = [*_of_sides(there, kind), *_of_objects(_papers(there), kind), *_of_touches(there, kind)]
-    for method in METHODS if told else ():
-        found, n = total(told, f"said_{method}"), total(told, "approaches")
-        said.append(Result(None, WORDS.said("said_summary", method=METHOD_NAMES[method], found=found, n=n)))
+    results = [*_of_sides(there, kind), *_of_objects(_papers(there), kind), *_of_touches(there, kind)]
+    for method in METHODS if unknown else ():
+        found, n = total(unknown, f"said_{method}"), total(unknown, "approaches")
+        results.append(
+            Result(None, TEXTS.sentence("reported_summary", method=METHOD_NAMES[method], found=found, n=n))
+        )
     for method in METHODS if nothing else ():
         fitted = simulated and method == "paper"
-        words = WORDS.said(
+        text = TEXTS.sentence(
             "alarms",
             method=METHOD_NAMES[method],
             alarms=total(nothing, f"alarms_{method}"),
@@ -244,8 +246,8 @@ def _summary(
             paper=percent(1.0 - PRE_TOUCH[1]),
             fitted=", at which its threshold was set" if fitted else "",
         )
-        said.append(Result(Kind.FITTED if fitted else None, words))
-    return said
+        results.append(Result(Kind.FITTED if fitted else None, text))
+    return results
 
 
 def _of_sides(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
@@ -253,7 +255,7 @@ def _of_sides(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
     sides = _groups(there, "side")
     for method in METHODS if len(sides) > 1 else ():
         blind = [side for (side,), members in sides.items() if not total(members, f"seen_{method}")]
-        words = WORDS.said(
+        text = TEXTS.sentence(
             "blind",
             method=METHOD_NAMES[method],
             seen=len(sides) - len(blind),
@@ -261,7 +263,7 @@ def _of_sides(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
             papers=len(SIDES),
             blind=f"; nothing from {', '.join(blind)}" if blind else "",
         )
-        yield Result(kind, words, not blind)
+        yield Result(kind, text, not blind)
 
 
 def _of_objects(rows: Sequence[Any], kind: Kind) -> Iterator[Result]:
@@ -276,21 +278,21 @@ def _of_objects(rows: Sequence[Any], kind: Kind) -> Iterator[Result]:
             off = 100.0 * (found / count - bound)
             facts = {"points": number(abs(off), 1), "beside": "below" if off < 0.0 else "above"}
             facts |= {"what": what, "method": METHOD_NAMES[method], "of": of, "paper": percent(bound)}
-            words = WORDS.said("rates", found=found, n=count, rate=rate(found, count), **facts)
-            yield Result(kind, words, off >= 0.0)
+            text = TEXTS.sentence("rates", found=found, n=count, rate=rate(found, count), **facts)
+            yield Result(kind, text, off >= 0.0)
 
 
 def _of_touches(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
-    """Whether every side but the deaf one feels the pipe each time (C4)."""
+    """Whether every side but the deaf one detects the pipe each time (C4)."""
     pipe = [row for row in there if factor(row, "object") == PIPE]
-    hearing = [row for row in pipe if factor(row, "side") != DEAF]
+    sensing = [row for row in pipe if factor(row, "side") != DEAF]
     deaf = [row for row in pipe if factor(row, "side") == DEAF]
-    touches, others = total(hearing, "touches"), total(deaf, "touches")
+    touches, others = total(sensing, "touches"), total(deaf, "touches")
     for method in METHODS if touches else ():
-        felt = total(hearing, f"felt_{method}")
+        felt = total(sensing, f"felt_{method}")
         rest = f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}" if others else ""
         facts = {"method": METHOD_NAMES[method], "touches": touches, "deaf": DEAF, "others": rest}
-        yield Result(kind, WORDS.said("felt", felt=felt, **facts), felt == touches)
+        yield Result(kind, TEXTS.sentence("felt", felt=felt, **facts), felt == touches)
 
 
 def _notes(rows: Sequence[Any]) -> list[str]:
@@ -303,8 +305,8 @@ def _notes(rows: Sequence[Any]) -> list[str]:
     notes = []
     for side, medians in counts.items():
         if len(medians) > 1:
-            said = ", ".join(f"{number(count, 2)} at {speed} m/s" for speed, count in medians.items())
-            notes.append(WORDS.said("undulations", side=side, said=said))
+            shown = ", ".join(f"{number(count, 2)} at {speed} m/s" for speed, count in medians.items())
+            notes.append(TEXTS.sentence("undulations", side=side, shown=shown))
     return notes
 
 
@@ -334,11 +336,11 @@ def _draw(runs: Sequence[Run], figures: Figures) -> list[Figure]:
         for axes in drawing.axes[max(0, len(keys) - columns) : len(keys)]:
             axes.set_xlabel("time (s)")
         # a trial that was refused at once has a recording without the finger
-        told = [axes for axes in drawing.axes if axes.get_legend_handles_labels()[0]]
-        for axes in told[:1]:
+        labelled = [axes for axes in drawing.axes if axes.get_legend_handles_labels()[0]]
+        for axes in labelled[:1]:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2)
         svg = Markup(drawing.save("approaches"))
-    return [Figure(svg, WORDS.said("figure", pretouch="green", contact="orange"))]
+    return [Figure(svg, TEXTS.sentence("figure", pretouch="green", contact="orange"))]
 
 
 def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:

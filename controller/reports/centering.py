@@ -15,6 +15,7 @@ from controller.reports.approaches import mean_of
 from controller.reports.counts import beside_bound, factor_of, of_benches, percentiles_ms, total, values
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
 from controller.reports.section import Block, Figure, Kind, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.sonicfinger import (
     ASSUMED,
     CITATION,
@@ -25,12 +26,11 @@ from controller.reports.sonicfinger import (
     rows_of,
 )
 from controller.reports.text import number, share, title
-from controller.reports.words import Words
 
 Key = tuple[str, str, float]
 
 
-WORDS = Words("centering")
+TEXTS = SectionTexts("centering")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -38,21 +38,21 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     groups = _groups(rows_of(runs))
     stops = _stops(runs)
     body: list[Block] = [
-        WORDS.text("intro"),
-        WORDS.table("errors", [_errors(key, rows) for key, rows in groups.items()]),
-        WORDS.table("grasps", [_grasps(key, rows) for key, rows in groups.items()]),
-        *([WORDS.table("stops", stops)] if stops else []),
+        TEXTS.text("intro"),
+        TEXTS.table("errors", [_errors(key, rows) for key, rows in groups.items()]),
+        TEXTS.table("grasps", [_grasps(key, rows) for key, rows in groups.items()]),
+        *([TEXTS.table("stops", stops)] if stops else []),
     ]
     if any(values(rows, "error_m") for rows in groups.values()):
         body.append(
-            Figure(_draw(groups, figures), WORDS.said("figure", worst=number(WORST_CENTERING_M, 0, 1e3)))
+            Figure(_draw(groups, figures), TEXTS.sentence("figure", worst=number(WORST_CENTERING_M, 0, 1e3)))
         )
     return Section(
         title="Centering without touching (C3)",
         body=body,
         citation=CITATION,
         summary=_summary(groups, runs[0].simulated),
-        not_the_papers=[*(ASSUMED if runs[0].simulated else ()), *WORDS.each("ours")],
+        not_the_papers=[*(ASSUMED if runs[0].simulated else ()), *TEXTS.each("ours")],
         printed=printed_of(runs[0]),
     )
 
@@ -75,16 +75,16 @@ def _groups(rows: Sequence[Any]) -> Mapping[Key, Sequence[Any]]:
 
 
 def _summary(groups: Mapping[Key, Sequence[Any]], simulated: bool) -> list[Result]:
-    """Each method's worst error; of ours also beside the paper's way on the same bench."""
+    """Each method's worst error; of ours also beside the paper's method on the same bench."""
     worst_m = {key: max(map(abs, values(rows, "error_m")), default=None) for key, rows in groups.items()}
-    said = []
+    results = []
     for key, rows in groups.items():
         thing, method, speed_m_s = key
         what = f"{title(thing).capitalize()}, {METHOD_NAMES[method]}, {speed_m_s:g} m/s"
         kind = Kind.PREDICTED if simulated else Kind.MEASURED
         own_m, found = worst_m[key], len(values(rows, "error_m"))
         if own_m is None:
-            said.append(Result(kind, f"{what}: never centred.", False))
+            results.append(Result(kind, f"{what}: never centred.", False))
             continue
         lost = f"; {len(rows) - found} of {len(rows)} found no middle" if found < len(rows) else ""
         trials = f"worst error {number(own_m, 2, 1e3)} mm in {found} {'trial' if found == 1 else 'trials'}"
@@ -93,13 +93,13 @@ def _summary(groups: Mapping[Key, Sequence[Any]], simulated: bool) -> list[Resul
         whose = f"{number(bound_m, 1, 1e3)} mm {'aimed at' if method == 'ours' else 'that the paper has'}"
         beside = f"{beside_bound(own_m, bound_m)} the {whose}"
         if rival_m:
-            beside = f"{rival_m / own_m:.1f} times smaller than the paper's way on this bench, {beside}"
-        # that the paper's way stays below the paper's own worst says nothing of ours, and little of the bench
+            beside = f"{rival_m / own_m:.1f} times smaller than the paper's method on this bench, {beside}"
+        # the paper's method below the paper's own worst is no result of ours, and little of one of the bench
         good = own_m <= bound_m and not lost
-        said.append(
+        results.append(
             Result(kind, f"{what}: {beside}: {trials}{lost}.", good if method == "ours" or not good else None)
         )
-    return said
+    return results
 
 
 def _names(key: Key) -> dict[str, Any]:
@@ -130,12 +130,12 @@ def _grasps(key: Key, rows: Sequence[Any]) -> dict[str, Any]:
     return _names(key) | {
         "search_s": statistics.median(search_s) if search_s else None,
         "touched": total(touched, "touched") if touched else "unknown",
-        "both": share(both, len(grasped)) if grasped else "not asked for",
+        "both": share(both, len(grasped)) if grasped else "not requested",
     }
 
 
 def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """From the sample with which a finger saw the object to the arm being told to stop, by bench and method."""
+    """From the sample with which a finger saw the object to the arm's stop command, by bench and method."""
     found = []
     for bench, there, lost in of_benches(runs, "audio.fingers"):
         rows = rows_of(there)

@@ -15,14 +15,14 @@ from controller.reports.counts import values
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Figure, Kind, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.sonicfinger import ASSUMED, BEST_HZ, CITATION
 from controller.reports.text import number
-from controller.reports.words import Words
 
-WORDS = Words("chirp")
+TEXTS = SectionTexts("chirp")
 
 NEAR_HZ = 500.0
-"""How close to 40 kHz is called found: two bands of the sweep; ours, for the paper says 40 kHz and no more."""
+"""How close to 40 kHz counts as found: two bands of the sweep; ours, since the paper gives 40 kHz and no more."""
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -32,11 +32,11 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     ]
     found = values(rows, "best_hz")
     met = bool(found) and max(abs(hz - BEST_HZ) for hz in found) <= NEAR_HZ
-    said = "No sweep came to its end."
+    text = "No sweep came to its end."
     if found:
         best_hz = float(np.median(found))
         where = "below" if best_hz < BEST_HZ else "above"
-        said = (
+        text = (
             f"{number(abs(best_hz - BEST_HZ), 2, 1e-3)} kHz {where} the paper's {BEST_HZ / 1e3:g} kHz: "
             f"{number(best_hz, 2, 1e-3)} kHz transfers best in {len(found)} "
             f"{'sweep' if len(found) == 1 else 'sweeps'} (median)."
@@ -45,7 +45,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     simulated = runs[0].simulated
     ours = [*ASSUMED] if simulated else []
     if put_in_hz:
-        ours.append(WORDS.said("put_in", khz=" and ".join(f"{hz / 1e3:g}" for hz in put_in_hz)))
+        ours.append(TEXTS.sentence("put_in", khz=" and ".join(f"{hz / 1e3:g}" for hz in put_in_hz)))
     for row in rows:
         low, high = (number(row.get(f"band_{side}_hz"), 2, 1e-3) for side in ("low", "high"))
         row["band"] = f"{low} to {high}"
@@ -53,12 +53,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     return Section(
         title="Chirp (C1)",
         body=[
-            WORDS.text("intro", step_hz=STEP_HZ, unsure_ms=number(LATENCY_UNSURE_S, 0, 1e3)),
-            WORDS.table("best", rows),
-            *([Figure(svg, WORDS.said("figure"))] if svg else []),
+            TEXTS.text("intro", step_hz=STEP_HZ, unsure_ms=number(LATENCY_UNSURE_S, 0, 1e3)),
+            TEXTS.table("best", rows),
+            *([Figure(svg, TEXTS.sentence("figure"))] if svg else []),
         ],
         citation=CITATION,
-        summary=[Result(Kind.FITTED if simulated else Kind.MEASURED, said, met)],
+        summary=[Result(Kind.FITTED if simulated else Kind.MEASURED, text, met)],
         not_the_papers=ours,
     )
 

@@ -90,14 +90,14 @@ class Effect(NamedTuple):
         low, high = self.low_high
         return None if math.isnan(low) else low <= 0.0 <= high
 
-    def said(self, words: tuple[str, str], than: str) -> str:
-        """`2.5 times quicker than Table I in 14 of 14 rows`; words for less and for more than the paper's."""
+    def sentence(self, comparatives: tuple[str, str], than: str) -> str:
+        """`2.5 times quicker than Table I in 14 of 14 rows`, by the comparative for less or for more."""
         times = f"{max(self.ratio, 1.0 / self.ratio):.1f} times"
-        return f"{times} {words[self.ratio > 1.0]} than {than} in {self.same} of {self.n} rows"
+        return f"{times} {comparatives[self.ratio > 1.0]} than {than} in {self.same} of {self.n} rows"
 
 
 def effect(pairs: Sequence[tuple[float, float]]) -> Effect | None:
-    """What rows, as (ours, the paper's), come to; None where there are none, or ours come to nothing."""
+    """Effect over rows of (ours, the paper's); None without rows, or where a mean is not positive."""
     known = np.array([pair for pair in pairs if not any(map(math.isnan, pair))]).reshape(-1, 2)
     if not len(known) or known.mean(axis=0).min() <= 0.0:
         return None
@@ -124,7 +124,7 @@ def missing(runs: Sequence[Run]) -> str:
     """Where trials are missing, how many; "" where all that were planned were measured.
 
     A trial that never began, or that an error ended, may be the one that would have missed: what was measured of a plan
-    is told, and not judged.
+    is reported, and not judged.
     """
     planned = sum(int(run.manifest.get("trials") or len(run.trials)) for run in runs)
     measured = sum(

@@ -1,4 +1,4 @@
-"""How every detector did on the same approaches, whether it stopped them or only listened."""
+"""How every detector did on the same approaches, whether it stopped them or only observed."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from controller.reports.approaches import ApproachedTrial, Mean, mean_of
 
 @dataclass(frozen=True, slots=True)
 class DetectorScore:
-    """One detector over all approaches in which it listened.
+    """One detector over all approaches in which it ran.
 
     Attributes:
         name: Of the detector.
         n: How many approaches.
         true: Contacts after the touch.
         false: Contacts before it.
-        silent: Approaches that ended, stopped by another detector or at the limit, before it spoke.
+        silent: Approaches that ended, stopped by another detector or at the limit, before it detected anything.
         delay_s: From onset, over the true ones.
     """
 
@@ -31,16 +31,16 @@ class DetectorScore:
 
 
 def score_detectors(approaches: Sequence[ApproachedTrial]) -> list[DetectorScore]:
-    """First word of each detector in each approach, against the truth where it is simulated, else the onset."""
+    """First contact of each detector in each approach, against the truth where it is simulated, else the onset."""
     runs = {id(approach.run): approach.run for approach in approaches}
-    heard = {key: first_contacts(run) for key, run in runs.items()}
+    detected = {key: first_contacts(run) for key, run in runs.items()}
     listening = {key: _listeners(run) for key, run in runs.items()}
     scores = []
     for name in sorted(set().union(*listening.values())):
         members = [each for each in approaches if name in listening[id(each.run)]]
         false, delays, silent = 0, [], 0
         for each in members:
-            t_s = heard[id(each.run)].get((each.trial, name))
+            t_s = detected[id(each.run)].get((each.trial, name))
             touch_s = each.onset_s if each.truth_contact_s is None else each.truth_contact_s
             if t_s is None:
                 silent += 1

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OURS, PAPER, FALSE, GOOD, RIVAL = "#0072b2", "#5b5b5b", "#d55e00", "#009e73", "#cc79a7"
-"""Ours, the paper's, false contacts and the truth, what is met, and rivals: told apart by the colour-blind (Okabe and
+"""Ours, the paper's, false contacts and the truth, what is met, and rivals: distinct to the colour-blind (Okabe and
 Ito), by lightness and by marker as well."""
 
 TRUTH = FALSE
@@ -72,7 +72,7 @@ _STYLE: Any = {
     "errorbar.capsize": 2.0,
     "figure.constrained_layout.use": True,
     "savefig.facecolor": "white",
-    "svg.fonttype": "none",  # words stay words: a search and a screen reader find them
+    "svg.fonttype": "none",  # text stays text: a search and a screen reader find it
     "path.simplify_threshold": 0.4,  # points; a line on paper is twice as wide
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -88,7 +88,7 @@ class Figures:
 
     Args:
         folder: Where to save.
-        simulated: Whether every figure bears the word.
+        simulated: Whether every figure is marked as simulated.
         prefix: Begins the identifiers of its SVG elements: no two on one page are alike.
         also: Formats beside SVG, such as "pdf"; each costs as much again.
     """

@@ -16,10 +16,10 @@ from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.paper import CITATION, SETTLE
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Figure, Kind, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.text import number, spread
-from controller.reports.words import Words
 
-WORDS = Words("flexion")
+TEXTS = SectionTexts("flexion")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -27,40 +27,40 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     rows = [dict(row) for run in runs for row in run.trials if row.get("flexed_s") is not None]
     simulated = runs[0].simulated
     kind = Kind.PREDICTED if simulated else Kind.MEASURED
-    summary = [Result(None, WORDS.said("none"))] if not rows else []
+    summary = [Result(None, TEXTS.sentence("none"))] if not rows else []
     if rows:
         rise = mean_of(values(rows, "free_rise_hz"))
         flexed_m = setting_of(runs[0], "behavior", "flexed_m")
-        said = WORDS.said("rise", rise=spread(rise), mm=number(flexed_m, 0, 1e3), n=rise.n)
-        summary.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, said, rise.mean > 0.0))
+        text = TEXTS.sentence("rise", rise=spread(rise), mm=number(flexed_m, 0, 1e3), n=rise.n)
+        summary.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, text, rise.mean > 0.0))
     for name in LISTENERS if rows else ():
         blind = values(rows, f"{name}_blind")
         if blind:
-            said = WORDS.said(
+            text = TEXTS.sentence(
                 f"{name}_blind",
                 blind=rate(int(sum(blind)), len(blind)),
                 share=_percent(rows, f"{name}_share"),
             )
             met = None if name == "ours" else (sum(blind) > 0.5 * len(blind)) == (name == "contact")
-            summary.append(Result(kind, said, met))
+            summary.append(Result(kind, text, met))
     return Section(
         title="Contact while the finger is flexed (A3)",
         body=list(_body(runs, figures, rows)),
         citation=CITATION,
         summary=summary,
-        not_the_papers=WORDS.each("ours") if simulated else [],
+        not_the_papers=TEXTS.each("ours") if simulated else [],
         printed=SETTLE,
     )
 
 
 def _body(runs: Sequence[Run], figures: Figures, rows: Sequence[dict[str, Any]]) -> Iterator[Block]:
-    yield WORDS.text("intro")
+    yield TEXTS.text("intro")
     if not rows:
         return
-    yield WORDS.table("by_speed", _by_speed(rows))
+    yield TEXTS.table("by_speed", _by_speed(rows))
     svg = _draw(runs, figures)
     if svg:
-        yield Figure(svg, WORDS.said("figure"))
+        yield Figure(svg, TEXTS.sentence("figure"))
 
 
 def _percent(rows: Sequence[dict[str, Any]], column: str) -> str:
@@ -72,17 +72,17 @@ def _by_speed(rows: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         own = [row for row in rows if row["tendon_m_s"] == speed_m_s]
         minutes = sum(values(own, "flexed_s")) / 60.0
         for name in LISTENERS:
-            told = mean_of(values(own, f"{name}_told_s"))
+            detected = mean_of(values(own, f"{name}_told_s"))
             blind = values(own, f"{name}_blind")
             yield {
                 "tendon_m_s": speed_m_s,
-                "detector": WORDS.named("names")[name],
+                "detector": TEXTS.named("names")[name],
                 "n": len(own),
                 "false": sum(values(own, f"{name}_false")) / minutes,
                 "share": _percent(own, f"{name}_share"),
                 "blind": f"{sum(blind):.0f} of {len(blind)}",
-                "told": f"{told.n}",
-                "told_s": told.mean,
+                "detected": f"{detected.n}",
+                "detected_s": detected.mean,
             }
 
 

@@ -27,7 +27,7 @@ PANELS = 24
 
 
 def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
-    """Trials, what they came to, and each measured column's mean and spread."""
+    """Trials, their outcomes, and each measured column's mean and spread."""
     rows = [row for run in runs for row in run.trials]
     names = list(dict.fromkeys(name for row in rows for name in row))
     factors = [name for name in names if any(name in run.factors for run in runs)]
@@ -73,8 +73,8 @@ def shown(value: object) -> str:
 
 def heading_of(name: str) -> tuple[str, str, float]:
     """Heading of a column, its unit and its scale from SI: the unit is in the name, as in `stop_travel_m`."""
-    said, unit, scale = unit_of(name)
-    return f"{said}, {unit}" if unit else said, unit, scale
+    label, unit, scale = unit_of(name)
+    return f"{label}, {unit}" if unit else label, unit, scale
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -86,7 +86,7 @@ def _mean(rows: Sequence[Row], name: str) -> Mean:
     return mean_of(row[name] if is_number(row.get(name)) else None for row in rows)
 
 
-def _said(mean: Mean, scale: float) -> str:
+def _with_spread(mean: Mean, scale: float) -> str:
     """`0.1396 ± 0.021 (3)`: mean, standard deviation (n - 1), n."""
     if not mean.n:
         return NOTHING
@@ -102,7 +102,7 @@ def _table(
     columns = [*(Column(heading_of(name)[0], name) for name in factors), Column("n", "n")]
     columns += [Column(units[name][0], name) for name in numbers]
     rows = [
-        [*values, str(len(own)), *(_said(_mean(own, name), units[name][2]) for name in numbers)]
+        [*values, str(len(own)), *(_with_spread(_mean(own, name), units[name][2]) for name in numbers)]
         for values, own in groups
     ]
     caption = "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials."
@@ -112,7 +112,8 @@ def _table(
 def _spreads(rows: Sequence[Row], numbers: Sequence[str]) -> list[Result]:
     first = [(name, _mean(rows, name)) for name in numbers[:3]]
     return [
-        Result(None, f"{heading_of(name)[0]}: {_said(mean, heading_of(name)[2])}.") for name, mean in first
+        Result(None, f"{heading_of(name)[0]}: {_with_spread(mean, heading_of(name)[2])}.")
+        for name, mean in first
     ]
 
 

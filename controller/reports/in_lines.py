@@ -17,13 +17,13 @@ GAP = "  "
 
 @dataclass(frozen=True, slots=True)
 class SectionPart:
-    """A section of the page and the runs that it tells of.
+    """A section of the page and its runs.
 
     Attributes:
         name: Of experiment and bench, and which of several of different settings.
         runs: Of equal settings.
-        section: What is told of them.
-        results: The section's summary as it may be said of these runs.
+        section: Their section.
+        results: The section's summary; without verdicts where trials are missing.
         judged: Whether every trial that was planned was measured.
         settings: Detectors, behavior and limits beside the paper's.
     """
@@ -42,11 +42,11 @@ def in_lines(part: SectionPart) -> Iterator[str]:
     if part.section.terminal is not None:
         yield from _rows(part.section.terminal)
     for result in part.results:
-        yield f"{MARKS[result.mark]} {result.said}"
+        yield f"{MARKS[result.mark]} {result.text}"
 
 
 def guard_lines(runs: Sequence[Run]) -> Iterator[str]:
-    """What ended runs before their end; a word that nothing did otherwise."""
+    """What ended runs early; one line that nothing did otherwise."""
     ends = [end for run in runs if (end := early_end(run)) is not None]
     for end in ends:
         yield f"{end.what}: {end.name}. {' '.join(end.stops) or end.reason}"

@@ -25,7 +25,7 @@ def environment() -> Environment:
 
 def library() -> list[Markup]:
     """The scripts that draw, as their wheel ships them; "</script" would end the element that they stand in."""
-    wheel = find_spec("bokeh")  # importing it to be told the same takes a tenth of a short report
+    wheel = find_spec("bokeh")  # importing it for the same takes a tenth of a short report
     assert wheel is not None and wheel.origin is not None
     folder = Path(wheel.origin).parent / "server" / "static" / "js"
     texts = []

@@ -23,7 +23,7 @@ class PaperRow:
     Attributes:
         side: "back" or "pad" of the distal link.
         location: Letter of Fig. 6.
-        micrometer_m: Position along the link; zero is distal (inferred, the paper does not say).
+        micrometer_m: Position along the link; zero is distal (inferred, the paper does not state it).
         speed_m_s: Speed of the probe.
         delay_s: From the load cell's 0.005 N to detection.
         extent_m: Travel of the probe in that time.
@@ -92,11 +92,11 @@ class PaperColumn:
 
     Attributes:
         name: Of the measure, in trials.csv and in `PaperRow`.
-        title: In words.
+        title: As it is printed.
         unit: That it is printed in.
         decimals: That it is printed with.
         scale: From SI to the unit.
-        words: For less and for more than the paper's.
+        comparatives: For less and for more than the paper's.
         bound: In SI units.
         over: What the bound holds for: "largest" or "mean" over all contacts.
         source: Of the bound.
@@ -108,7 +108,7 @@ class PaperColumn:
     unit: str
     decimals: int
     scale: float
-    words: tuple[str, str]
+    comparatives: tuple[str, str]
     bound: float
     over: str
     source: str
@@ -126,7 +126,7 @@ STATIC_HZ = {"none": 28.0, "light": 30.0, "full": 50.0}
 """Dominant frequency without, with light and with full contact (IV.A: "approximately")."""
 
 STATIC_TOLERANCE_HZ = {"none": 1.0, "light": 2.0, "full": 3.0}
-"""How close is called reproduced: ours, for "approximately" is all that the paper says."""
+"""How close is called reproduced: ours, for the paper has no more than "approximately"."""
 
 STATIC_KINDS = {"none": Kind.FITTED, "light": Kind.ASSUMED, "full": Kind.FITTED}
 """Both ends were fitted; light contact is where we put the probe, with a lock that was chosen to be erratic there

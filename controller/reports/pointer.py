@@ -15,8 +15,8 @@ from controller.reports.fernandez import CITATION
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Figure, Kind, Notes, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.text import number, signed
-from controller.reports.words import Words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ DEGREES = 180.0 / math.pi
 SAME_FORCE = 0.05
 """Trials whose thresholds differ by less than this share were touched with the same force."""
 
-WORDS = Words("pointer")
+TEXTS = SectionTexts("pointer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,23 +107,23 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     sweeps = read_sweeps(runs)
     simulated = all(run.simulated for run in runs)
     emulated = any(run.manifest.get("bench") == "emulated" for run in runs)
-    body: list[Block] = [WORDS.text("intro")]
+    body: list[Block] = [TEXTS.text("intro")]
     if sweeps:
         body += [
-            WORDS.table("errors", map(_row, sweeps)),
-            Figure(Markup(_draw_pointers(figures, sweeps)), WORDS.said("figure_2")),
-            Figure(Markup(_draw_errors(figures, sweeps)), WORDS.said("figure_11")),
+            TEXTS.table("errors", map(_row, sweeps)),
+            Figure(Markup(_draw_pointers(figures, sweeps)), TEXTS.sentence("figure_2")),
+            Figure(Markup(_draw_errors(figures, sweeps)), TEXTS.sentence("figure_11")),
             Notes([_note(sweep) for sweep in sweeps]),
         ]
     else:
-        body.append(WORDS.text("nothing", trials=sum(len(run.trials) for run in runs)))
+        body.append(TEXTS.text("nothing", trials=sum(len(run.trials) for run in runs)))
     ours = {"arm": True, "simulated": simulated, "emulated": emulated}
     return Section(
         title="Angle of the contact (B7)",
         body=body,
         citation=CITATION,
         summary=[Result(Kind.ASSUMED if simulated else Kind.MEASURED, _sentence(sweeps))] if sweeps else [],
-        not_the_papers=[WORDS.said(name) for name, holds in ours.items() if holds],
+        not_the_papers=[TEXTS.sentence(name) for name, holds in ours.items() if holds],
     )
 
 
@@ -135,7 +135,7 @@ def _range(sweeps: Sequence[PointerSweep]) -> tuple[float, float]:
 def _sentence(sweeps: Sequence[PointerSweep]) -> str:
     low, high = _range(sweeps)
     worst = max(sweeps, key=lambda sweep: sweep.errors.largest)
-    return WORDS.said(
+    return TEXTS.sentence(
         "summary",
         low=signed(low * DEGREES, 0),
         high=signed(high * DEGREES, 0),
@@ -158,7 +158,7 @@ def _note(sweep: PointerSweep) -> str:
     worst = max(sweep.touches, key=lambda touch: abs(touch.error_rad))
     middle = [touch for touch in sweep.touches if abs(touch.true_rad) <= 1.0]
     rest = [touch for touch in sweep.touches if abs(touch.true_rad) > 1.0]
-    return WORDS.said(
+    return TEXTS.sentence(
         "worst",
         force=number(sweep.pressed_n, 1),
         error=signed(worst.error_rad * DEGREES, 2),
@@ -213,7 +213,7 @@ def _draw_errors(figures: Figures, sweeps: Sequence[PointerSweep]) -> str:
             below.set_xlabel("true angle (°)")
             below.set_xticks([-90, -45, 0, 45, 90])
             above.set_yticks([-90, -45, 0, 45, 90])
-        drawing.axes[0].set_ylabel("angle told, θ (°)")
+        drawing.axes[0].set_ylabel("measured angle, θ (°)")
         drawing.axes[len(sweeps)].set_ylabel("error (°)")
         drawing.axes[0].legend(loc="upper left")
         return drawing.save("fig_11_theta")
@@ -226,8 +226,8 @@ def _draw_direction(
         own = [touch for touch in touches if touch.going == going]
         true = [touch.true_rad * DEGREES for touch in own]
         name = label if index == 0 else None
-        told = [(touch.true_rad + touch.error_rad) * DEGREES for touch in own]
-        above.plot(true, told, ls="", color=color, marker=marker, ms=3.4, label=name)
+        measured = [(touch.true_rad + touch.error_rad) * DEGREES for touch in own]
+        above.plot(true, measured, ls="", color=color, marker=marker, ms=3.4, label=name)
         below.plot(
             true, [touch.error_rad * DEGREES for touch in own], color=color, marker=marker, ms=3.2, lw=0.8
         )

@@ -11,9 +11,9 @@ from controller.reports.counts import rate, total, values
 from controller.reports.figures import Figures
 from controller.reports.paper import CITATION, SETTLE
 from controller.reports.section import Kind, Result, Section
-from controller.reports.words import Words
+from controller.reports.section_texts import SectionTexts
 
-WORDS = Words("proximal")
+TEXTS = SectionTexts("proximal")
 
 LINKS = ("proximal", "distal")
 
@@ -23,34 +23,36 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     rows: list[dict[str, Any]] = [dict(row) for run in runs for row in run.trials]
     for row in rows:
         row["link"] = "proximal" if row.get("location") == "p" else "distal"
-    told = [row for row in rows if row.get("told")]
-    right = sum(row["told"] == row["link"] for row in told)
+    named = [row for row in rows if row.get("told")]
+    right = sum(row["told"] == row["link"] for row in named)
     near = [row for row in rows if row["link"] == "proximal"]
     kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
     felt = sum(row.get("outcome") == "contact" for row in near)
     return Section(
         title="Contact on either link (A4)",
-        body=[WORDS.text("intro"), WORDS.table("confusion", [_row(link, rows) for link in LINKS])],
+        body=[TEXTS.text("intro"), TEXTS.table("confusion", [_row(link, rows) for link in LINKS])],
         citation=CITATION,
         summary=[
             Result(
-                kind, WORDS.said("felt", felt=rate(felt, len(near))), felt > 0.9 * len(near) if near else None
+                kind,
+                TEXTS.sentence("felt", felt=rate(felt, len(near))),
+                felt > 0.9 * len(near) if near else None,
             ),
-            Result(kind, WORDS.said("right", right=rate(right, len(told)))),
+            Result(kind, TEXTS.sentence("right", right=rate(right, len(named)))),
         ],
-        not_the_papers=WORDS.each("ours"),
+        not_the_papers=TEXTS.each("ours"),
         printed=SETTLE,
     )
 
 
 def _row(link: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     own = [row for row in rows if row["link"] == link]
-    told = [row.get("told") for row in own]
+    named = [row.get("told") for row in own]
     means = {name: mean_of(values(own, name)) for name in ("delay_s", "force_n", "ratio_db")}
     return means | {
         "link": link,
         "n": len(own),
-        "proximal": told.count("proximal"),
-        "distal": told.count("distal"),
+        "proximal": named.count("proximal"),
+        "distal": named.count("distal"),
         "false": total(own, "false_contacts"),
     }

@@ -51,7 +51,7 @@ def build_report(runs: Sequence[Run], out: Path | None = None, also: Sequence[st
     """Write `report.html` and `figures/`.
 
     Args:
-        runs: What to tell of, one experiment or several; trials of one experiment on one kind of bench are pooled where
+        runs: Of one experiment or several; trials of one experiment on one kind of bench are pooled where
             their settings are equal, and stand apart where they differ.
         out: Folder to write to; by default that of the last run.
         also: Formats of figures beside SVG.
@@ -62,20 +62,20 @@ def build_report(runs: Sequence[Run], out: Path | None = None, also: Sequence[st
     Raises:
         RecordingError: it cannot be written.
     """
-    return tell(runs, out, also=also)[0]
+    return build_report_with_summary(runs, out, also=also)[0]
 
 
-def tell(
+def build_report_with_summary(
     runs: Sequence[Run],
     out: Path | None = None,
     title: str = "",
     paper: Sequence[Mapping[str, str]] = (),
     also: Sequence[str] = (),
 ) -> tuple[Path, list[str]]:
-    """Write the report as `build_report` does; returns the page, and what it says in the lines of a terminal.
+    """Write the report as `build_report` does; returns the page and its summary in lines for a terminal.
 
     Args:
-        runs: What to tell of.
+        runs: Of one experiment or several.
         out: Folder to write to; by default that of the last run.
         title: Of the page; by default what its parts make of it.
         paper: Tables and figures of a paper: `item`, what it `shows`, the `part` (a profile) that repeats it, why that
@@ -123,9 +123,9 @@ def _page(
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
         if len(groups) > 1:
-            told = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
+            names_of = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
             columns = [Column(name, name) for name in ("setting", *names)]
-            apart.append(ReportTable(columns, [["runs", *told], *differences(groups)], left=len(columns)))
+            apart.append(ReportTable(columns, [["runs", *names_of], *differences(groups)], left=len(columns)))
     templates = environment()
     templates.globals["kind_of"] = lambda block: type(block).__name__
     sections = [part.section for part in parts]
@@ -133,7 +133,7 @@ def _page(
         str(table.get("driver")) for run in runs for table in (setting_of(run, "devices") or {}).values()
     ]
     ours = [_OURS[driver] for driver in dict.fromkeys(drivers) if driver in _OURS]
-    ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_otherwise(part))]
+    ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_differently(part))]
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
     page = templates.get_template("report.html.j2")
     facts: dict[str, Any] = {
@@ -142,7 +142,7 @@ def _page(
         "citations": list(dict.fromkeys(section.citation for section in sections if section.citation)),
         "simulated": any(run.simulated for run in runs),
         "all_simulated": all(run.simulated for run in runs),
-        "simulated_says": _SIMULATED,
+        "simulated_note": _SIMULATED,
         "ours": list(dict.fromkeys(ours)),
         "parts": parts,
         "apart": apart,
@@ -159,7 +159,7 @@ def _page(
 
 
 def _names(bench: str, groups: Sequence[Sequence[Run]]) -> list[str]:
-    """What tells groups of runs apart: their profiles where these differ, else numbers."""
+    """Names of groups of runs: their profiles where these differ, else numbers."""
     if len(groups) == 1:
         return [bench]
     names = [", ".join(dict.fromkeys(_profile(run) for run in group)) for group in groups]
@@ -172,7 +172,7 @@ def _profile(run: Run) -> str:
 
 
 def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[SectionPart]) -> ReportTable | None:
-    """A paper's tables and figures, with links to the parts of the page that repeat each; None where none are told."""
+    """A paper's tables and figures, with links to the parts of the page that repeat each; None without any."""
     columns = [
         Column("paper", ""),
         *(Column(head, "", look="wrap") for head in ("what it shows", "here", "why ours differs")),
@@ -196,8 +196,8 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     return SectionPart(name, runs, section, results, not lost, settings_table(runs[0], section.printed))
 
 
-def _set_otherwise(part: SectionPart) -> list[str]:
-    """What a profile sets otherwise than the paper prints it."""
+def _set_differently(part: SectionPart) -> list[str]:
+    """Settings of a profile that differ from what the paper prints."""
     ours = dict(flat(settings_of(part.runs[0])))
     return [
         f"{path} is {shown(ours[path])} where the paper has {shown(paper.value)} ({paper.source})."

@@ -23,7 +23,7 @@ _SHOWN_ELSEWHERE = ("format", "profile", "experiment", "bench", "clock", "exit",
 
 @dataclass(frozen=True, slots=True)
 class RunAccount:
-    """A run in words: name, notes on what was cut off, and its facts as pairs."""
+    """A run described: name, notes on what was cut off, and its facts as pairs."""
 
     name: str
     notes: Sequence[str]
@@ -37,7 +37,7 @@ def account_of(run: Run) -> RunAccount:
     exit_ = manifest.get("exit") or {}
     status = str(exit_.get("status", "unknown"))
     if status == "running":
-        status = "cut off: it never said that it ended"
+        status = "cut off: its end was not recorded"
     reason = f" – {exit_['reason']}" if exit_.get("reason") else ""
     facts = [
         ("profile", f"{profile.get('name', '?')}, hash {str(profile.get('hash', '?'))[:12]}"),
@@ -70,7 +70,7 @@ class EarlyEnd:
 
 
 def early_end(run: Run) -> EarlyEnd | None:
-    """How a run ended before its end; None where it ended as planned, or was cut off without a word."""
+    """How a run ended before its end; None where it ended as planned, or was cut off without a record."""
     exit_ = run.manifest.get("exit") or {}
     status = str(exit_.get("status"))
     stops = [

@@ -12,13 +12,13 @@ from markupsafe import Markup, escape
 
 
 class Kind(StrEnum):
-    """Where a result comes from, and so what it can say."""
+    """Where a result comes from, and so what it can show."""
 
     FITTED = "fitted"
-    """Put into the simulated bench from the paper's own figure: that it comes back says that the program is right."""
+    """Put into the simulated bench from the paper's own figure: that it comes back shows that the program is right."""
 
     ASSUMED = "assumed"
-    """Follows from what nobody printed and somebody had to choose."""
+    """Follows from a choice that is printed nowhere."""
 
     PREDICTED = "predicted"
     """Computed by the simulated bench from other facts: it may fail."""
@@ -31,13 +31,13 @@ class Result(NamedTuple):
     """A sentence for the page's beginning.
 
     Attributes:
-        kind: Where it comes from; None for what is told and compared with nothing.
-        said: The sentence, with the size of the effect first.
+        kind: Where it comes from; None where it is compared with nothing.
+        text: The sentence, with the size of the effect first.
         met: Whether it comes out as the paper's; None where that is not judged.
     """
 
     kind: Kind | None
-    said: str
+    text: str
     met: bool | None = None
 
     @property
@@ -63,14 +63,14 @@ class Printed(NamedTuple):
 class Text(NamedTuple):
     """A paragraph, or the heading of what follows."""
 
-    said: str
+    text: str
     heading: bool = False
 
 
 class Notes(NamedTuple):
     """Sentences, one a line."""
 
-    said: Sequence[str]
+    sentences: Sequence[str]
 
 
 class Figure(NamedTuple):
@@ -81,7 +81,7 @@ class Figure(NamedTuple):
 
     @property
     def labelled(self) -> Markup:
-        """The picture with its caption as the label that a screen reader says."""
+        """The picture with its caption as its label for a screen reader."""
         return Markup(str(self.svg).replace("<svg", f'<svg aria-label="{escape(self.caption)}"', 1))
 
 
@@ -111,11 +111,11 @@ class ReportTable:
 
     Attributes:
         columns: Left to right.
-        rows: A cell a column: words, or for a verdict True, False or None.
+        rows: A cell a column: text, or for a verdict True, False or None.
         caption: What it shows.
         left: How many columns stand at the left margin of theirs.
         foot: A last row, over all others.
-        folded: Words that unfold it; "" where it is open.
+        folded: Label of the switch that unfolds it; "" where it is open.
     """
 
     columns: Sequence[Column]
@@ -141,12 +141,12 @@ class Section:
 
     Attributes:
         title: Its heading.
-        body: What is told, from top to bottom.
+        body: Its content, from top to bottom.
         citation: The paper that it stands beside.
         summary: Sentences for the page's beginning.
         not_the_papers: What is ours and not the paper's, one sentence each.
         printed: Settings that the paper prints, by their path in the profile.
-        terminal: What of it is told in a terminal, some 14 lines.
+        terminal: Its table in a terminal, some 14 lines.
     """
 
     title: str

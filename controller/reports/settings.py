@@ -10,16 +10,16 @@ from typing import Any
 from controller.recording.reader import Run
 from controller.reports.section import Column, Printed, ReportTable
 
-_SAY_NOTHING = ("title", "description", "trials")
+_NO_EFFECT = ("title", "description", "trials")
 """Parts of a profile that change no trial: two runs that differ in these alone may be averaged."""
 
 
 def settings_of(run: Run) -> Mapping[str, Any]:
     """What of a run's resolved profile changes its trials."""
     resolved = (run.manifest.get("profile") or {}).get("resolved") or {}
-    settings = {name: value for name, value in resolved.items() if name not in _SAY_NOTHING}
+    settings = {name: value for name, value in resolved.items() if name not in _NO_EFFECT}
     devices = settings.get("devices") or {}
-    # where a device is plugged in is no setting of a trial; what kind of bench it belongs to is told apart before
+    # where a device is plugged in is no setting of a trial; runs on different kinds of bench are separated before
     own = {name: {key: table[key] for key in table if key != "port"} for name, table in devices.items()}
     return settings | {"devices": own}
 
@@ -29,8 +29,8 @@ def by_settings(runs: Sequence[Run], apart: bool) -> list[list[Run]]:
 
     Args:
         runs: Of one experiment on one kind of bench.
-        apart: Whether trials in which a setting was varied stand apart from the others as well; a section that tells
-            them apart by itself is given them together.
+        apart: Whether trials in which a setting was varied stand apart from the others as well; a section that
+            separates them by itself is given them together.
     """
     groups: dict[str, list[Run]] = {}
     for run in runs:

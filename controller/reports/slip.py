@@ -24,6 +24,7 @@ from controller.reports.section import (
     Result,
     Section,
 )
+from controller.reports.section_texts import SectionTexts
 from controller.reports.slip_figures import draw_fingertip_spectra, draw_run
 from controller.reports.slip_scores import (
     METHODS,
@@ -38,10 +39,9 @@ from controller.reports.slip_scores import (
 )
 from controller.reports.slip_verdicts import LEAST, NOT_JUDGED, VERDICTS
 from controller.reports.text import NOTHING, number
-from controller.reports.words import Words
 
-WORDS = Words("slip")
-FIGURES = WORDS.named("figures")
+TEXTS = SectionTexts("slip")
+FIGURES = TEXTS.named("figures")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -52,10 +52,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     )
     ids = [paper.id for name, paper in SENSORS.items() if any(score.sensor == name for score in scores)]
     notes = [*_disagreements(scores), *_too_slow(scores, runs)]
-    body: list[Block] = [WORDS.text("intro", missed_after_s=VERDICTS["missed_after_s"])]
+    body: list[Block] = [TEXTS.text("intro", missed_after_s=VERDICTS["missed_after_s"])]
     body += [table for condition in conditions for table in _tables(scores, condition)]
     for name, rows in (("frequencies", _frequencies(runs)), ("stops", _stops(runs))):
-        body += [WORDS.table(name, rows)] if rows else []
+        body += [TEXTS.table(name, rows)] if rows else []
     body += _draw(runs, figures)
     body += [Notes(notes)] if notes else []
     ours = {
@@ -68,7 +68,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         body=body,
         citation=CITATION,
         summary=_summary(scores, runs[0].simulated),
-        not_the_papers=[WORDS.said(name) for name, holds in ours.items() if holds],
+        not_the_papers=[TEXTS.sentence(name) for name, holds in ours.items() if holds],
         printed=_printed(runs[0]),
     )
 
@@ -79,8 +79,8 @@ def _tables(scores: Sequence[SensorScore], condition: Condition) -> Iterator[Rep
     slips = [row for row in rows if row["slips"]]
     papers = [Column("the paper's", "paper")] if condition == TABLE_1 else []
     if slips:
-        yield WORDS.table("slips", slips, papers, caption=_caption(condition))
-    yield WORDS.table("alarms", rows, under=_under(condition))
+        yield TEXTS.table("slips", slips, papers, caption=_caption(condition))
+    yield TEXTS.table("alarms", rows, under=_under(condition))
 
 
 def _row(score: SensorScore) -> dict[str, Any]:
@@ -93,25 +93,25 @@ def _row(score: SensorScore) -> dict[str, Any]:
         "missed": _missed(score),
         "median_s": float(np.median(score.delays_s)) if score.delays_s else None,
         "p95_s": float(np.percentile(score.delays_s, 95)) if score.delays_s else None,
-        "verdict": _said(score),
+        "verdict": _verdict(score),
         "paper": paper.verdict,
         "alarms": score.alarms,
-        "heard": _minutes(score.heard_s),
-        "interval": interval(score.alarms, score.heard_s),
+        "quiet": _minutes(score.quiet_s),
+        "interval": interval(score.alarms, score.quiet_s),
         "touches": f"{score.touch_alarms} in {score.touches}" if score.touches else NOTHING,
     }
 
 
 def _missed(score: SensorScore) -> str:
-    """`1 of 20 (1 to 24 %)`: how many of those told or missed, and the 95 % interval of that share."""
+    """`1 of 20 (1 to 24 %)`: how many of those detected or missed, and the 95 % interval of that share."""
     if not score.scored:
         return NOTHING
     low, high = wilson(score.missed, score.scored)
     return f"{score.missed} of {score.scored} ({number(low, 0, 100.0)} to {number(high, 0, 100.0)} %)"
 
 
-def _said(score: SensorScore) -> str:
-    """The verdict, with what it must not be read without."""
+def _verdict(score: SensorScore) -> str:
+    """The verdict with its qualification."""
     if score.verdict == NOT_JUDGED:
         return f"{NOT_JUDGED} ({score.scored} of {score.slips})"
     return f"{score.verdict} (too slow)" if score.too_slow else score.verdict
@@ -119,31 +119,31 @@ def _said(score: SensorScore) -> str:
 
 def _caption(condition: Condition) -> str:
     if condition != TABLE_1:
-        cut = WORDS.said("cut") if condition.reflex else ""
-        return WORDS.said("other", under=_under(condition), cut=cut)
-    limits = {f"{word}_missed": VERDICTS[word]["missed"] for word in ("good", "regular")}
-    limits |= {f"{word}_ms": 1e3 * VERDICTS[word]["median_s"] for word in ("good", "regular")}
-    return WORDS.said("table_1", least=LEAST, **limits)
+        cut = TEXTS.sentence("cut") if condition.reflex else ""
+        return TEXTS.sentence("other", under=_under(condition), cut=cut)
+    limits = {f"{grade}_missed": VERDICTS[grade]["missed"] for grade in ("good", "regular")}
+    limits |= {f"{grade}_ms": 1e3 * VERDICTS[grade]["median_s"] for grade in ("good", "regular")}
+    return TEXTS.sentence("table_1", least=LEAST, **limits)
 
 
 def _under(condition: Condition) -> str:
-    """`With bumps, 1 a second; the arm stops when ours tells slip`."""
+    """`With bumps, 1 a second; the arm stops when ours detects slip`."""
     nuisance = "As in Table 1" if condition.nuisance == PLAIN else f"With {condition.nuisance}"
     return (
-        f"{nuisance}; the arm stops when {METHODS[condition.reflex]} tells slip"
+        f"{nuisance}; the arm stops when {METHODS[condition.reflex]} detects slip"
         if condition.reflex
         else nuisance
     )
 
 
-def interval(alarms: int, heard_s: float) -> str:
+def interval(alarms: int, quiet_s: float) -> str:
     """`20 min (8 to 61)`: mean time between false alarms and its 95 % interval; `over 4 min` where there was none."""
-    if heard_s <= 0.0:
+    if quiet_s <= 0.0:
         return NOTHING
     low, high = poisson_interval(alarms)
     if alarms == 0:
-        return f"over {_minutes(heard_s / high)}"
-    return f"{_minutes(heard_s / alarms)} ({_minutes(heard_s / high)} to {_minutes(heard_s / low)})"
+        return f"over {_minutes(quiet_s / high)}"
+    return f"{_minutes(quiet_s / alarms)} ({_minutes(quiet_s / high)} to {_minutes(quiet_s / low)})"
 
 
 def _minutes(seconds: float) -> str:
@@ -174,7 +174,7 @@ def _frequencies(runs: Sequence[Run]) -> list[dict[str, Any]]:
 
 
 def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """From the sample that told slip to the arm being told to stop; by the wall clock where devices are on the wire."""
+    """From the sample that showed slip to the arm's stop command; by the wall clock where devices are on the wire."""
     found = []
     for bench, own, lost in of_benches(runs, "arm.force"):
         rows = [row for run in own for row in run.trials]
@@ -186,7 +186,7 @@ def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
 
 def _summary(scores: Sequence[SensorScore], simulated: bool) -> list[Result]:
     plain = [score for score in scores if score.condition == TABLE_1 and score.slips]
-    said = [_held_against_the_paper(score, simulated) for score in plain if score.method == "paper"]
+    results = [_compared_with_the_paper(score, simulated) for score in plain if score.method == "paper"]
     for condition in dict.fromkeys(score.condition for score in scores):
         if condition == TABLE_1:
             continue
@@ -197,37 +197,39 @@ def _summary(scores: Sequence[SensorScore], simulated: bool) -> list[Result]:
             names = ", ".join(SENSORS[sensor].id for sensor, method in found if method == condition.reflex)
             other = next(METHODS[method] for method in METHODS if method != condition.reflex)
             if names:
-                stops = f"the arm stops when {METHODS[condition.reflex]} tells slip"
-                said.append(Result(None, f"{names}: {stops}; {other} detector is not judged."))
+                stops = f"the arm stops when {METHODS[condition.reflex]} detects slip"
+                results.append(Result(None, f"{names}: {stops}; {other} detector is not judged."))
             continue
         for sensor, paper in SENSORS.items():
             if (sensor, "ours") in found:
                 ours, theirs = _tally(found[sensor, "ours"]), _tally(found[sensor, "paper"])
-                words = f"{paper.id} with {condition.nuisance}: ours {ours}; the paper's {theirs}."
-                said.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, words))
-    return said
+                text = f"{paper.id} with {condition.nuisance}: ours {ours}; the paper's {theirs}."
+                results.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, text))
+    return results
 
 
-def _held_against_the_paper(score: SensorScore, simulated: bool) -> Result:
+def _compared_with_the_paper(score: SensorScore, simulated: bool) -> Result:
     """The verdict on the paper's detector beside the paper's own; good news only where it leaves nothing out."""
     paper = SENSORS[score.sensor]
     kind = paper.kind if simulated else Kind.MEASURED
     early = f"{score.early} of {score.slips} slips were called before they began"
     if score.verdict == NOT_JUDGED:
-        why = f"it told or missed {score.scored} of {score.slips} slips, and {LEAST} are the least"
-        words = f"{paper.id} {paper.name}: the paper's detector is not judged: {why}"
-        return Result(kind, words + (f"; {early}." if score.early else "."))
+        why = f"it detected or missed {score.scored} of {score.slips} slips, and {LEAST} are the least"
+        text = f"{paper.id} {paper.name}: the paper's detector is not judged: {why}"
+        return Result(kind, text + (f"; {early}." if score.early else "."))
     median = (
-        f"median {number(1e3 * float(np.median(score.delays_s)), 0)} ms" if score.delays_s else "tells none"
+        f"median {number(1e3 * float(np.median(score.delays_s)), 0)} ms"
+        if score.delays_s
+        else "none detected"
     )
-    words = (
+    text = (
         f"{paper.id} {paper.name}: the paper's detector misses {score.missed} of {score.scored}, "
         f"{median}: {score.verdict}; the paper says {paper.verdict}."
     )
     agrees = score.verdict == paper.verdict
     if not score.early:
-        return Result(kind, words, agrees)
-    return Result(kind, f"{words} Beside that, {early}.", None if agrees else False)
+        return Result(kind, text, agrees)
+    return Result(kind, f"{text} Beside that, {early}.", None if agrees else False)
 
 
 def _printed(run: Run) -> Mapping[str, Printed]:
@@ -248,7 +250,7 @@ def _tally(score: SensorScore) -> str:
     early = f", {score.early} early" if score.early else ""
     return (
         f"misses {score.missed} of {score.scored}{early}, with {score.alarms} false alarms in "
-        f"{_minutes(score.heard_s)} and {score.touch_alarms} at touch"
+        f"{_minutes(score.quiet_s)} and {score.touch_alarms} at touch"
     )
 
 
@@ -263,7 +265,7 @@ def _disagreements(scores: Sequence[SensorScore]) -> list[str]:
             continue
         median_ms = 1e3 * float(np.median(score.delays_s)) if score.delays_s else float("nan")
         facts = {"id": paper.id, "verdict": score.verdict, "paper": paper.verdict, "scored": score.scored}
-        notes.append(WORDS.said("disagrees", missed=score.missed, median=number(median_ms, 0), **facts))
+        notes.append(TEXTS.sentence("disagrees", missed=score.missed, median=number(median_ms, 0), **facts))
     return notes
 
 
@@ -276,7 +278,7 @@ def _too_slow(scores: Sequence[SensorScore], runs: Sequence[Run]) -> list[str]:
         names = {setting_of(run, "behavior", "sensors", score.sensor, "ours") for run in runs}
         thresholds = {setting_of(run, "detectors", str(name), "threshold") for run in runs for name in names}
         at = " or ".join(f"{value:g}" for value in thresholds if isinstance(value, int | float))
-        notes[score.sensor] = WORDS.said(
+        notes[score.sensor] = TEXTS.sentence(
             "too_slow",
             id=SENSORS[score.sensor].id,
             at=at,
@@ -294,10 +296,10 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Iterator[Figure]:
             continue
         svg = draw_run(figures, run, row, sensor)
         if svg is not None:
-            yield Figure(svg, caption + WORDS.said("shaded"))
+            yield Figure(svg, caption + TEXTS.sentence("shaded"))
         spectra = draw_fingertip_spectra(figures, run, row) if sensor == "fingertip" else None
         if spectra is not None:
-            yield Figure(spectra, WORDS.said("spectra"))
+            yield Figure(spectra, TEXTS.sentence("spectra"))
 
 
 def _drawable(runs: Sequence[Run], sensor: str) -> Iterator[tuple[Run, Any]]:

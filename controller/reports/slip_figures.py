@@ -153,7 +153,7 @@ def _draw_signal(axes: Axes, series: Series, channel: int | None, zero_s: float)
 def _mark(
     run: Run, row: Mapping[str, Any], settings: Mapping[str, Any], axes: Axes, zero_s: float, top: float
 ) -> None:
-    """The words of both detectors, above the product."""
+    """Detections of both detectors, above the product."""
     for event in run.events:
         if event.get("trial") != row["trial"] or event.get("event") != "SlipStarted":
             continue

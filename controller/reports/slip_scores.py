@@ -1,4 +1,4 @@
-"""What slip detectors told, missed and called too early, pooled over trials of one kind."""
+"""What slip detectors detected, missed and called too early, pooled over trials of one kind."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class PaperSensor:
 
     Attributes:
         id: Of the experiment.
-        name: In words.
-        noise: The paper's word for it.
-        verdict: The paper's word for its slip detection.
+        name: As the page prints it.
+        noise: The paper's rating of its noise.
+        verdict: The paper's rating of its slip detection.
         dominant_hz: Frequency of the slip vibration, None where none stands out.
         kind: What the verdict on a simulated sensor is: where its noise or its structure had to be assumed, the
             verdict follows from that (docs/explanation/slip.md).
@@ -76,7 +76,7 @@ PLANT: Mapping[str, tuple[float | str, str]] = {
     "nuisances.bounces": (0, "{:g} bounces"),
     "nuisances.table_m_s": (0.0, "a table at {:g} m/s"),
 }
-"""Settings of the slip bench that change what a sensor feels, each with the value of Table 1 and the words for another.
+"""Settings of the slip bench that change what a sensor feels, each with the value of Table 1 and a text for another.
 Where the table lies (`surface_m`) changes when, not what; the shape of a nuisance nothing without its strength."""
 
 PLAIN = "none"
@@ -87,8 +87,8 @@ class Condition(NamedTuple):
     """Which trials are pooled.
 
     Attributes:
-        nuisance: What is different from Table 1 in words, or `PLAIN`.
-        reflex: Whose word stops the arm, `paper` or `ours`; "" where nobody's does.
+        nuisance: Text of what differs from Table 1, or `PLAIN`.
+        reflex: The detector that stops the arm, `paper` or `ours`; "" for none.
     """
 
     nuisance: str
@@ -106,18 +106,18 @@ def condition_of(run: Run, row: Mapping[str, Any]) -> Condition:
         own = row.get(f"{section}.{key}")
         return setting_of(run, section, *key.split(".")) if own is None else own
 
-    said = []
-    for key, (usual, words) in PLANT.items():
+    changes = []
+    for key, (usual, text) in PLANT.items():
         value = setting("plant", key)
         if isinstance(value, int | float) and value != usual:
-            said.append(words.format(value))
-    said += [
+            changes.append(text.format(value))
+    changes += [
         f"{name} = {value}"
         for name, value in row.items()
         if name.startswith(("detectors.", "behavior.")) and name not in _REFLEX and value is not None
     ]
     reflex = str(setting("behavior", "reflex")) if setting("behavior", "stop_on_slip") is True else ""
-    return Condition("; ".join(said) or PLAIN, reflex)
+    return Condition("; ".join(changes) or PLAIN, reflex)
 
 
 _REFLEX = ("behavior.stop_on_slip", "behavior.reflex")
@@ -131,12 +131,12 @@ class SensorScore:
         sensor: Its name in the profile.
         condition: Under which.
         method: `paper` or `ours`.
-        slips: How many there were; those neither told, missed nor early were cut short.
-        missed: Told by nobody within `missed_after_s`.
+        slips: How many there were; those neither detected, missed nor early were cut short.
+        missed: Not detected within `missed_after_s`.
         early: Called before they began.
-        delays_s: Of those that were told.
-        alarms: False ones, in `heard_s` seconds in which it could have alarmed.
-        touches: Touches at which it listened, and `touch_alarms` what it told of descent and pressing.
+        delays_s: Of those that were detected.
+        alarms: False ones, in `quiet_s` seconds in which it could have alarmed.
+        touches: Touches at which it was armed; `touch_alarms` counts its alarms in descent and pressing.
         least_delay_s: How long it takes at least, by its own settings; NaN where it is not known.
         verdict: good, regular, bad or not judged; a dash where there was no slip.
     """
@@ -149,7 +149,7 @@ class SensorScore:
     early: int
     delays_s: Sequence[float]
     alarms: int
-    heard_s: float
+    quiet_s: float
     touches: int
     touch_alarms: int
     least_delay_s: float
@@ -157,22 +157,22 @@ class SensorScore:
 
     @property
     def scored(self) -> int:
-        """Slips that were told or missed: what missing and delays are shares and quantiles of."""
+        """Slips that were detected or missed: the base of the missed share and of the delays."""
         return len(self.delays_s) + self.missed
 
     @property
     def cut_short(self) -> int:
-        """Slips that the arm's stop ended before they could be told."""
+        """Slips that the arm's stop ended before they could be detected."""
         return self.slips - self.scored - self.early
 
     @property
     def too_slow(self) -> bool:
-        """Whether it could not have told any slip in time, whatever the slip."""
+        """Whether it could not have detected any slip in time."""
         return bool(self.least_delay_s > VERDICTS["missed_after_s"])
 
 
 def measured_rows(run: Run) -> Sequence[Mapping[str, Any]]:
-    """Trials that ran to their end in contact: one that an error or a pause cut off says nothing about detectors."""
+    """Trials that ran to their end in contact: one that an error or a pause cut off shows nothing about detectors."""
     return [row for row in run.trials if row.get("outcome") == "contact" and row.get("slips") is not None]
 
 
@@ -193,7 +193,7 @@ def read_scores(runs: Sequence[Run]) -> list[SensorScore]:
 
 def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mapping[str, Any]]) -> SensorScore:
     slips, missed = total(rows, "slips"), total(rows, f"{method}_missed")
-    # A row holds the median of its trial's one or two slips: it stands for each of them that was told.
+    # A row holds the median of its trial's one or two slips: it stands for each of them that was detected.
     delays_s = [
         float(row[f"{method}_delay_s"] or 0.0)
         for row in rows
@@ -201,12 +201,12 @@ def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mappin
     ]
     touched = [row for row in rows if row.get("touch_s") is not None and row.get("listen_s") is not None]
     if not slips:
-        word = NOTHING
+        grade = NOTHING
     elif condition.reflex not in ("", method):
-        # what the other's word cut short, this detector might have missed
-        word = NOT_JUDGED
+        # a slip that the other detector's stop cut short might have been missed by this one
+        grade = NOT_JUDGED
     else:
-        word = verdict_of([*delays_s, *[math.inf] * missed])
+        grade = verdict_of([*delays_s, *[math.inf] * missed])
     return SensorScore(
         sensor,
         condition,
@@ -220,5 +220,5 @@ def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mappin
         sum(row["listen_s"] <= row["touch_s"] for row in touched),
         total(rows, f"{method}_touch_alarms"),
         max(values(rows, f"{method}_least_delay_s"), default=math.nan),
-        word,
+        grade,
     )

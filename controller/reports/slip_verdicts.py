@@ -20,15 +20,15 @@ VERDICTS: Mapping[str, Any] = tomllib.loads(FILE.read_text(encoding="utf-8"))
 NOT_JUDGED = "not judged"
 
 LEAST = 3
-"""With fewer slips told or missed there is no verdict: the median would be the delay of a single slip."""
+"""With fewer slips detected or missed there is no verdict: the median would be the delay of a single slip."""
 
 
 def verdict_of(delays_s: ArrayLike) -> str:
     """good, regular or bad; `NOT_JUDGED` where fewer than `LEAST` slips are left.
 
     Args:
-        delays_s: Of the slips that were told or missed, infinite where missed, shape (n,). A slip that was called
-            before it began is neither: a failure of its own, to be told beside the verdict.
+        delays_s: Of the slips that were detected or missed, infinite where missed, shape (n,). A slip that was called
+            before it began is neither: a failure of its own, reported beside the verdict.
     """
     delays = np.asarray(delays_s, dtype=np.float64)
     if len(delays) < LEAST:
@@ -43,8 +43,8 @@ def verdict(missed: float, median_s: float) -> str:
         missed: Share of slips that were not reported within `missed_after_s`; NaN where there was none.
         median_s: Median delay, infinite where half or more are missed; NaN where there was no slip.
     """
-    for word in ("good", "regular"):
-        limit = VERDICTS[word]
+    for grade in ("good", "regular"):
+        limit = VERDICTS[grade]
         if missed <= limit["missed"] and median_s <= limit["median_s"]:
-            return word
+            return grade
     return "bad"

@@ -17,8 +17,8 @@ from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.paper import CITATION, SETTLE, STATIC_HZ, STATIC_KINDS, STATIC_TOLERANCE_HZ
 from controller.reports.run_account import series_of, setting_of
 from controller.reports.section import Block, Figure, Kind, Notes, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.text import NOTHING, number, signed
-from controller.reports.words import Words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +79,7 @@ def _float(value: object) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-WORDS = Words("static")
+TEXTS = SectionTexts("static")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -94,14 +94,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     if falls is not None:
         ratio = number(conditions[0].amplitude_m.mean / conditions[-1].amplitude_m.mean, 1)
         how = f"{ratio} times smaller with full contact than without"
-        said = f"Amplitude of motion {how}; it {'falls' if falls else 'does not fall'} from none over light to full."
-        summary.append(Result(Kind.PREDICTED if simulated else Kind.MEASURED, said, falls))
+        text = f"Amplitude of motion {how}; it {'falls' if falls else 'does not fall'} from none over light to full."
+        summary.append(Result(Kind.PREDICTED if simulated else Kind.MEASURED, text, falls))
     return Section(
         title="Static contact (A1)",
-        body=[WORDS.text("intro"), *_body(runs, figures, conditions, falls)],
+        body=[TEXTS.text("intro"), *_body(runs, figures, conditions, falls)],
         citation=CITATION,
         summary=summary,
-        not_the_papers=WORDS.each("ours"),
+        not_the_papers=TEXTS.each("ours"),
         printed=SETTLE,
     )
 
@@ -110,20 +110,20 @@ def _body(
     runs: Sequence[Run], figures: Figures, conditions: Sequence[StaticCondition], falls: bool | None
 ) -> Iterator[Block]:
     if not conditions:
-        yield WORDS.text("nothing", trials=sum(len(run.trials) for run in runs))
+        yield TEXTS.text("nothing", trials=sum(len(run.trials) for run in runs))
         return
-    yield WORDS.table("at_rest", map(_row, conditions))
+    yield TEXTS.table("at_rest", map(_row, conditions))
     notes = []
     if falls is not None:
         too = _falls([condition.amplitude_m_s2 for condition in conditions])
         as_well = "as well" if falls == too else "falls" if too else "does not"
-        notes.append(WORDS.said("falls", falls="falls" if falls else "does not fall", as_well=as_well))
+        notes.append(TEXTS.sentence("falls", falls="falls" if falls else "does not fall", as_well=as_well))
     if times := _erratic(conditions):
-        notes.append(WORDS.said("erratic", times=times))
+        notes.append(TEXTS.sentence("erratic", times=times))
     yield Notes(notes)
     drawn = [(condition, series) for condition in conditions if (series := _waveform(condition)) is not None]
     if drawn:
-        yield Figure(Markup(_draw(figures, drawn)), WORDS.said("figure_4"))
+        yield Figure(Markup(_draw(figures, drawn)), TEXTS.sentence("figure_4"))
 
 
 def _sentence(condition: StaticCondition) -> str:

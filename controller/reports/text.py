@@ -39,5 +39,5 @@ def share(part: int, whole: int) -> str:
 
 
 def title(name: str) -> str:
-    """An identifier as a word: `no_contact` as `no contact`."""
+    """An identifier as text: `no_contact` as `no contact`."""
     return name.replace("_", " ")

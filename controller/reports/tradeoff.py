@@ -14,59 +14,63 @@ from controller.reports.counts import percent
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Figures
 from controller.reports.paper import CITATION, SETTLE
 from controller.reports.section import Figure, Kind, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.text import number
-from controller.reports.words import Words
 
-WORDS = Words("tradeoff")
+TEXTS = SectionTexts("tradeoff")
 
 COLORS = dict(zip(METHODS, (PAPER, OURS, GOOD, RIVAL, FALSE), strict=True))
 
 SIGMAS = (2.0, 3.0, 4.5, 6.0)
 """Thresholds of the table; 3 is the paper's (III.B)."""
 
-Told = dict[str, np.ndarray[Any, Any]]
+Scores = dict[str, np.ndarray[Any, Any]]
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """A table of thresholds, and the curves."""
-    names = WORDS.named("names")
+    names = TEXTS.named("names")
     rows = [row for run in runs for row in run.trials]
-    told: dict[str, Told] = {}
+    scores: dict[str, Scores] = {}
     for method in METHODS:
         own = [[row.get(f"{method}_{when}") for when in WHEN] for row in rows]
         known = np.array([each for each in own if None not in each], dtype=float).reshape(-1, len(WHEN))
         if len(known) > 1:
-            told[method] = dict(zip(WHEN, known.T, strict=True))
+            scores[method] = dict(zip(WHEN, known.T, strict=True))
     kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
-    summary = [Result(None, WORDS.said("none"))] if not told else []
-    n = max((len(each["before"]) for each in told.values()), default=0)
-    if "average" in told:
-        low, high = ((told["average"]["before"] > sigma).mean() for sigma in (2.0, 3.0))
-        said = WORDS.said("tradeoff", low=percent(low), high=percent(high))
-        summary.append(Result(kind, said, bool(low > high) if low else None))
-    if told:
+    summary = [Result(None, TEXTS.sentence("none"))] if not scores else []
+    n = max((len(each["before"]) for each in scores.values()), default=0)
+    if "average" in scores:
+        low, high = ((scores["average"]["before"] > sigma).mean() for sigma in (2.0, 3.0))
+        text = TEXTS.sentence("tradeoff", low=percent(low), high=percent(high))
+        summary.append(Result(kind, text, bool(low > high) if low else None))
+    if scores:
         best = ", ".join(
             f"{names[name]} {percent((each['soon'] > each['before'].max()).mean())}"
-            for name, each in told.items()
+            for name, each in scores.items()
         )
-        summary.append(Result(kind, WORDS.said("best", n=n, best=best)))
+        summary.append(Result(kind, TEXTS.sentence("best", n=n, best=best)))
     facts: dict[str, Any] = {"soon": number(SOON_S, 0, 1e3), "later": number(LATER_S, 1)}
     return Section(
         title="Sensitivity against false contacts (A5)",
         body=[
-            WORDS.text("intro", **facts),
-            *([WORDS.table("thresholds", _rows(told, names), n=n, **facts)] if told else []),
-            *([Figure(Markup(_draw(figures, told, names)), WORDS.said("figure", **facts))] if told else []),
+            TEXTS.text("intro", **facts),
+            *([TEXTS.table("thresholds", _rows(scores, names), n=n, **facts)] if scores else []),
+            *(
+                [Figure(Markup(_draw(figures, scores, names)), TEXTS.sentence("figure", **facts))]
+                if scores
+                else []
+            ),
         ],
         citation=CITATION,
         summary=summary,
-        not_the_papers=WORDS.each("ours"),
+        not_the_papers=TEXTS.each("ours"),
         printed=SETTLE,
     )
 
 
-def _rows(told: dict[str, Told], names: Any) -> Iterator[dict[str, Any]]:
-    for name, each in told.items():
+def _rows(scores: dict[str, Scores], names: Any) -> Iterator[dict[str, Any]]:
+    for name, each in scores.items():
         for sigma in (*SIGMAS, float(each["before"].max())):
             yield {
                 "method": names[name],
@@ -77,10 +81,10 @@ def _rows(told: dict[str, Told], names: Any) -> Iterator[dict[str, Any]]:
             }
 
 
-def _draw(figures: Figures, told: dict[str, Told], names: Any) -> str:
+def _draw(figures: Figures, scores: dict[str, Scores], names: Any) -> str:
     with figures.figure(2.9, columns=2) as drawing:
         left, right = drawing.axes
-        for name, each in told.items():
+        for name, each in scores.items():
             sigmas = np.unique(np.concatenate([each["before"], each["soon"], [0.0, 10.0]]))
             false, soon = ((each[when] > sigmas[:, None]).mean(axis=1) for when in ("before", "soon"))
             left.plot(sigmas, 100.0 * soon, color=COLORS[name])
@@ -92,6 +96,6 @@ def _draw(figures: Figures, told: dict[str, Told], names: Any) -> str:
         left.set_ylabel("approaches (%)")
         right.set_xlim(-1.0, 40.0)
         right.set_xlabel("false contacts (% of approaches)")
-        right.set_ylabel("told in time (%)")
+        right.set_ylabel("detected in time (%)")
         right.legend(loc="lower right")
         return drawing.save("tradeoff")

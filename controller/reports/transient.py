@@ -16,12 +16,12 @@ from controller.reports.approaches import (
     NOISE,
     SAMPLE_HZ,
     ApproachedTrial,
-    Held,
+    ColumnComparison,
     Mean,
     Row,
     StudyCell,
+    compare_columns,
     fitted,
-    held,
     read_approaches,
     study_cells,
     table_rows,
@@ -33,6 +33,7 @@ from controller.reports.figures import Figures
 from controller.reports.paper import CITATION, COLUMNS, RESONANCE, SETTLE, TABLE_1, PaperColumn
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Column, Figure, Kind, Result, Section, Text
+from controller.reports.section_texts import SectionTexts
 from controller.reports.settings import shown
 from controller.reports.text import NOTHING, number, share, signed, spread, title
 from controller.reports.transient_figures import (
@@ -43,22 +44,21 @@ from controller.reports.transient_figures import (
     representative,
     trace_of,
 )
-from controller.reports.words import Words
 
-WORDS = Words("transient")
+TEXTS = SectionTexts("transient")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Tables and figures of all approaches of some runs of equal settings on one kind of bench."""
     approaches = read_approaches(runs)
     rows = table_rows(approaches)
-    beside = held(approaches, rows)
+    beside = compare_columns(approaches, rows)
     acting = str(setting_of(runs[0], "behavior", "detector") or "contact")
     outcomes = Counter(each.outcome for each in approaches).most_common()
     other = _Beside(rows, acting)
     n = len(approaches)
     body: list[Block] = [
-        WORDS.text(
+        TEXTS.text(
             "intro",
             onset=f"{ONSET_N:g}",
             approaches=f"{n} {'approach' if n == 1 else 'approaches'}",
@@ -68,7 +68,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         *_figures(figures, approaches, rows),
         *_study(figures, study_cells(approaches)),
         *_stops(approaches),
-        WORDS.table(
+        TEXTS.table(
             "every_approach",
             [_by_name(each) for each in approaches],
             by_run=", run by run" if len(runs) > 1 else "",
@@ -80,13 +80,13 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         citation=CITATION,
         summary=_summary(approaches, beside, runs[0].simulated),
         not_the_papers=_not_the_papers(runs[0]),
-        terminal=WORDS.table("terminal", other.rows(rows), other.columns("mean_s")) if rows else None,
+        terminal=TEXTS.table("terminal", other.rows(rows), other.columns("mean_s")) if rows else None,
         printed=SETTLE | {f"detectors.{acting}.{name}": printed for name, printed in RESONANCE.items()},
     )
 
 
 class _Beside:
-    """Another detector that listened on the approaches of Table I, and what it said; `name` is "" where none did."""
+    """Another detector that ran on the approaches of Table I, and its scores; `name` is "" without one."""
 
     def __init__(self, rows: Sequence[Row], acting: str) -> None:
         groups = [*(row.approaches for row in rows), [each for row in rows for each in row.approaches]]
@@ -103,20 +103,20 @@ class _Beside:
         ]
 
     def rows(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
-        """Rows of Table I with what it said."""
+        """Rows of Table I with its scores."""
         return [_table_row(row) | self._cells(score) for row, score in zip(rows, self.scores, strict=True)]
 
     @staticmethod
     def _cells(score: DetectorScore | None) -> dict[str, Any]:
         if score is None:
             return dict.fromkeys(("beside.true", "beside.false", "beside.delay_s", "beside.mean_s"))
-        told = {
+        cells = {
             "true": score.true,
             "false": score.false,
             "delay_s": score.delay_s,
             "mean_s": score.delay_s.mean,
         }
-        return {f"beside.{name}": value for name, value in told.items()}
+        return {f"beside.{name}": value for name, value in cells.items()}
 
 
 def _by_name(each: ApproachedTrial) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def _by_name(each: ApproachedTrial) -> dict[str, Any]:
         "force_n",
     )
     row = {name: getattr(each, name) for name in (*names, "force_peak_n", "false_contacts")}
-    return row | {"outcome": title(each.outcome), "varied_says": varied}
+    return row | {"outcome": title(each.outcome), "varied": varied}
 
 
 def _beside_the_paper(
@@ -140,7 +140,7 @@ def _beside_the_paper(
     acting: str,
     approaches: Sequence[ApproachedTrial],
     rows: Sequence[Row],
-    beside: Sequence[Held],
+    beside: Sequence[ColumnComparison],
     other: _Beside,
 ) -> Iterator[Block]:
     """Table I, its bounds and trends, and what of the contacts was false."""
@@ -152,57 +152,59 @@ def _beside_the_paper(
     ]
     star = any(fitted(row, column) for row in rows for column in COLUMNS)
     asterisk = " An asterisk marks what the simulated finger was fitted to." if star else ""
-    listened = WORDS.said("beside", detector=other.name) if other.name else ""
+    observer = TEXTS.sentence("beside", detector=other.name) if other.name else ""
     more += other.columns("delay_s")
-    table = WORDS.table("table_1", other.rows(rows), more, asterisk=asterisk, beside=listened)
+    table = TEXTS.table("table_1", other.rows(rows), more, asterisk=asterisk, beside=observer)
     all_contacts = Row("", 0.0, plain, None)
     overall = [spread(all_contacts.mean(each.name), each.decimals, each.scale) for each in COLUMNS]
     foot = ["all true contacts", *[""] * 4, *(text for mean in overall for text in (mean, "", ""))]
     foot += [str(other.all.true), str(other.all.false), spread(other.all.delay_s)] if other.all else []
     yield replace(table, foot=foot)
     yield Text("The paper's bounds", heading=True)
-    yield WORDS.text("bounds_says")
-    yield WORDS.table("bounds", map(_bound, beside))
+    yield TEXTS.text("bounds_text")
+    yield TEXTS.table("bounds", map(_bound, beside))
     yield Text("The paper's trends", heading=True)
-    yield WORDS.text("trends_says")
-    yield WORDS.table("trends", trends(rows))
-    yield Text("False contacts and the detectors that listened", heading=True)
+    yield TEXTS.text("trends_text")
+    yield TEXTS.table("trends", trends(rows))
+    yield Text("False contacts and the detectors that only observed", heading=True)
     false = share(sum(each.false_contacts for each in plain), len(plain))
-    yield WORDS.text("false_says", false=false, learned=_learned(run, acting))
+    yield TEXTS.text("false_text", false=false, learned=_learned(run, acting))
     scores = score_detectors(plain)
     if scores:
-        yield WORDS.table("detectors", scores)
+        yield TEXTS.table("detectors", scores)
 
 
-def _summary(approaches: Sequence[ApproachedTrial], beside: Sequence[Held], simulated: bool) -> list[Result]:
+def _summary(
+    approaches: Sequence[ApproachedTrial], beside: Sequence[ColumnComparison], simulated: bool
+) -> list[Result]:
     n = len(approaches)
     contacts = sum(each.detected for each in approaches)
     false = sum(each.false_contacts for each in approaches)
-    said = [
+    results = [
         Result(
             None,
             f"{n} {'approach' if n == 1 else 'approaches'}: {contacts} stopped at a contact, {false} at a false contact"
             + (f", {n - contacts - false} otherwise." if n > contacts + false else "."),
         )
     ]
-    said += [
+    results += [
         Result(Kind.PREDICTED if simulated else Kind.MEASURED, _compared(each), each.agrees)
         for each in beside
         if each.worst is not None
     ]
     peaks = [each.force_peak_n for each in approaches if each.detected and each.force_peak_n is not None]
     if peaks:
-        said.append(
+        results.append(
             Result(
                 None,
                 f"The instantaneous peak of the load cell, which the paper does not print, reaches "
                 f"{number(max(peaks), 3)} N.",
             )
         )
-    return said
+    return results
 
 
-def _compared(each: Held) -> str:
+def _compared(each: ColumnComparison) -> str:
     """`Time: 2.5 times quicker than Table I in 14 of 14 rows; mean 0.12 s, 2.4 times below the paper's 0.30 s.`"""
     column = each.column
     bound = (
@@ -216,7 +218,7 @@ def _compared(each: Held) -> str:
         True: ", within the rows' scatter",
         False: ", beyond the rows' scatter",
     }[each.effect.agrees]
-    return f"{column.title.capitalize()}: {each.effect.said(column.words, 'Table I')}{scatter}; {bound}."
+    return f"{column.title.capitalize()}: {each.effect.sentence(column.comparatives, 'Table I')}{scatter}; {bound}."
 
 
 def _printed(column: PaperColumn, value: float) -> str:
@@ -225,8 +227,8 @@ def _printed(column: PaperColumn, value: float) -> str:
 
 def _not_the_papers(run: Run) -> list[str]:
     speeds = [number(row.speed_m_s[0], 3, 1000.0) for row in TABLE_1 if row.fitted]
-    told = WORDS.said("fitted", speeds=", ".join(speeds), rest=len(TABLE_1) - len(speeds))
-    return [*([told] if run.simulated else []), *WORDS.each("ours")]
+    text = TEXTS.sentence("fitted", speeds=", ".join(speeds), rest=len(TABLE_1) - len(speeds))
+    return [*([text] if run.simulated else []), *TEXTS.each("ours")]
 
 
 def _learned(run: Run, acting: str) -> str:
@@ -236,7 +238,7 @@ def _learned(run: Run, acting: str) -> str:
     if not (baseline_s and samples and rate_hz):
         return ""
     independent = number(baseline_s * rate_hz / samples, 1)
-    return WORDS.said(
+    return TEXTS.sentence(
         "learned", baseline_s=baseline_s, samples=samples, rate_hz=rate_hz, independent=independent
     )
 
@@ -255,24 +257,24 @@ def _table_row(row: Row) -> dict[str, Any]:
         theirs = getattr(paper, column.name) if paper else None
         printed = NOTHING if theirs is None else spread(Mean(theirs[0], theirs[1], 0), *shape)
         off = NOTHING if theirs is None else signed(here.mean - theirs[0], *shape)
-        told: dict[str, Any] = {
+        texts: dict[str, Any] = {
             "here": spread(here, *shape),
             "paper": printed,
             "off": off + " *" * fitted(row, column),
         }
         means = {"mean": here.mean, "printed": theirs[0] if theirs else None}
-        cells |= {f"{column.name}.{whose}": value for whose, value in (told | means).items()}
+        cells |= {f"{column.name}.{whose}": value for whose, value in (texts | means).items()}
     return cells
 
 
-def _bound(each: Held) -> dict[str, Any]:
+def _bound(each: ColumnComparison) -> dict[str, Any]:
     column, worst = each.column, each.worst
     why = "No approach ended by a contact."
     if worst is not None:
         speed = f"{number(worst.speed_m_s, 2, 1000.0)} mm/s"
         why = f"Largest: {_printed(column, getattr(worst, column.name))} in trial {worst.trial}, "
         why += f"location {worst.location} at {speed}."
-        why += _filter_says(worst) if column.name == "delay_s" else ""
+        why += _filter_share(worst) if column.name == "delay_s" else ""
         if column.name == "force_n":
             why += f" Its instantaneous peak, stop included, is {number(worst.force_peak_n, 3)} N."
     return {
@@ -285,7 +287,7 @@ def _bound(each: Held) -> dict[str, Any]:
     }
 
 
-def _filter_says(approach: ApproachedTrial) -> str:
+def _filter_share(approach: ApproachedTrial) -> str:
     """What of the delay is the filter's: how long a window of contact takes to fill."""
     samples = approach.setting("detectors", approach.acting, "average_samples")
     rate_hz = approach.setting("detectors", approach.acting, "sample_hz")
@@ -300,7 +302,7 @@ def _figures(figures: Figures, approaches: Sequence[ApproachedTrial], rows: Sequ
     example = representative([each for each in approaches if each.plain]) or representative(approaches)
     trace = trace_of(example) if example else None
     if trace and example:
-        said = WORDS.said(
+        caption = TEXTS.sentence(
             "figure_5",
             trial=example.trial,
             location=example.location,
@@ -309,13 +311,13 @@ def _figures(figures: Figures, approaches: Sequence[ApproachedTrial], rows: Sequ
             onset=f"{ONSET_N:g}",
             force=number(example.force_n, 3),
         )
-        yield Figure(Markup(draw_trial(figures, trace)), said)
+        yield Figure(Markup(draw_trial(figures, trace)), caption)
     papers = [row.paper for row in rows if row.paper and row.contacts]
     for name, side in (("figure_7", "pad"), ("figure_8", "back")):
         if any(paper.side == side and paper.study == "location" for paper in papers):
-            yield Figure(Markup(draw_locations(figures, rows, side)), WORDS.said(name))
+            yield Figure(Markup(draw_locations(figures, rows, side)), TEXTS.sentence(name))
     if any(paper.location == "f" for paper in papers):
-        yield Figure(Markup(draw_speeds(figures, rows)), WORDS.said("figure_9"))
+        yield Figure(Markup(draw_speeds(figures, rows)), TEXTS.sentence("figure_9"))
 
 
 def _study(figures: Figures, cells: Sequence[StudyCell]) -> Iterator[Block]:
@@ -329,7 +331,7 @@ def _study(figures: Figures, cells: Sequence[StudyCell]) -> Iterator[Block]:
         for cell in cells
     ]
     yield Text("What varied settings do", heading=True)
-    yield WORDS.table("study", rows, [Column(name, name) for name in names])
+    yield TEXTS.table("study", rows, [Column(name, name) for name in names])
     drawn = [
         (cell, {name: value for name, value in cell.varied.items() if name not in (NOISE, SAMPLE_HZ)})
         for cell in cells
@@ -338,7 +340,7 @@ def _study(figures: Figures, cells: Sequence[StudyCell]) -> Iterator[Block]:
     like = [cell for cell, rest in drawn if rest == drawn[0][1]]
     if len(like) > 1:
         rest = ", ".join(f"{name} {shown(value)}" for name, value in drawn[0][1].items())
-        caption = WORDS.said("figure_study", rest=f"; {rest}" if rest else "")
+        caption = TEXTS.sentence("figure_study", rest=f"; {rest}" if rest else "")
         yield Figure(Markup(draw_study(figures, like)), caption)
 
 
@@ -370,12 +372,12 @@ def _stops(approaches: Sequence[ApproachedTrial]) -> Iterator[Block]:
             three = {"median": statistics.median(known), "high": high, "largest": known[-1]}
             table.append({"name": name} | {key: number(value, digits, scale) for key, value in three.items()})
     yield Text("Stop certificates", heading=True)
-    yield WORDS.text("stops_say")
+    yield TEXTS.text("stops_text")
     if not table:
         yield Text("No approach ended at a detection.")
         return
-    yield WORDS.table("stops", table)
-    yield WORDS.table("every_stop", [row for row in rows if row["detect_s"] is not None])
+    yield TEXTS.table("stops", table)
+    yield TEXTS.table("every_stop", [row for row in rows if row["detect_s"] is not None])
 
 
 def _span(start_s: float | None, end_s: float | None) -> float | None:

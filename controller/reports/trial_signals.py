@@ -1,4 +1,4 @@
-"""The signals of each trial, small enough for the page: what was heard, said and true, and in which state."""
+"""The signals of each trial, small enough for the page: samples, detections, truth and states."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ POINTS = 1500
 """Most points of one curve: two for each of the dots that a wide screen shows side by side in a plot."""
 
 LEAST_POINTS = 200
-"""Fewest: below that a curve says nothing. What does not fit then is left to the recording."""
+"""Fewest: below that a curve shows nothing. What does not fit then is left to the recording."""
 
 BYTES_A_POINT = 16 / 3
 """Two numbers of 16 bits, as text (base64)."""
@@ -31,13 +31,13 @@ CURVES = 12
 """Most curves of one trial: six panels of two, as many as a page holds one above the other (assumption)."""
 
 SILENCE = 20.0
-"""A step in time so many times the usual one is a stretch in which nobody listened (assumption)."""
+"""A step in time so many times the usual one is a stretch without a subscriber (assumption)."""
 
 FEW = 0.05
 """Samples before such a stretch that are fewer than this share are left out: what follows is what was measured."""
 
 TRUTHS = ("onset_s", "touch_s", "slip_s", "slip_end_s")
-"""Columns that tell an instant of what really happened, beside those that begin with `truth_`."""
+"""Columns that hold an instant of what really happened, beside those that begin with `truth_`."""
 
 
 def payload(runs: Sequence[Run], room: int) -> str:
@@ -48,7 +48,7 @@ def payload(runs: Sequence[Run], room: int) -> str:
     """
     trials = [(run, trial) for run in runs for trial in run.recorded_trials]
     fitting = max(1, int(room / (CURVES * LEAST_POINTS * BYTES_A_POINT)))
-    told: dict[str, Any] = {}
+    signals: dict[str, Any] = {}
     points = POINTS
     for run, trial in trials[: max(fitting, 1)]:
         recording = run.readable(trial)
@@ -57,19 +57,19 @@ def payload(runs: Sequence[Run], room: int) -> str:
         curves = list(_chosen(run, recording))
         share = room / max(1, min(len(trials), fitting)) / max(1, len(curves)) / BYTES_A_POINT
         points = int(min(POINTS, max(LEAST_POINTS, share)))
-        told[key_of(runs, run, trial)] = _trial(run, trial, curves, points)
+        signals[key_of(runs, run, trial)] = _trial(run, trial, curves, points)
     # "</" would end the element that it stands in, "<!--" would hide its end
-    return json.dumps(told, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
+    return json.dumps(signals, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
 
 
 def key_of(runs: Sequence[Run], run: Run, trial: int) -> str:
-    """What a trial is called on the page: `r0t37`."""
+    """Key of a trial on the page: `r0t37`."""
     return f"r{[each.folder.path for each in runs].index(run.folder.path)}t{trial}"
 
 
 def _chosen(run: Run, recording: TrialRecording) -> Iterator[tuple[str, str, Series, int]]:
-    """Curves as (panel, name, series, channel): first what detectors hold against their thresholds, then what they
-    hear, then what else the profile names."""
+    """Curves as (panel, name, series, channel): first the detectors' statistics, then the streams they subscribe to,
+    then what else the profile names."""
     named = json.dumps([setting_of(run, part) for part in ("detectors", "behavior", "limits")], default=str)
 
     def place(stream: str) -> int:
@@ -97,14 +97,14 @@ def _trial(
     panels: dict[str, dict[str, Any]] = {}
     for stream, name, series, channel in curves:
         values, unit = series.values[:, channel], series.unit
-        if stream.endswith(".period"):  # heard as a frequency: what the detectors' thresholds are of
+        if stream.endswith(".period"):  # as a frequency, in which the detectors' thresholds are
             values, unit = 1.0 / values, "Hz"
         elif unit == "m":
             values, unit = 1e3 * values, "mm"
         detector = stream.removeprefix(DETECTOR) if stream.startswith(DETECTOR) else ""
         label = f"{detector}, statistic" if detector else stream
-        told = {"label": f"{label}, {unit}" if unit else label, "whose": _whose(run, detector), "curves": []}
-        panel = panels.setdefault(stream, told)
+        fresh = {"label": f"{label}, {unit}" if unit else label, "whose": _whose(run, detector), "curves": []}
+        panel = panels.setdefault(stream, fresh)
         panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points)})
     factors = ", ".join(f"{name} {row[name]}" for name in run.factors if row.get(name) is not None)
     return {
@@ -130,11 +130,11 @@ def _whose(run: Run, detector: object) -> str:
 
 
 def _marks(run: Run, events: Sequence[Mapping[str, Any]]) -> Iterator[list[Any]]:
-    """What detectors said: when, what, whose method."""
+    """Detections: when, what, whose method."""
     for event in events:
         if event.get("detector") is not None and event["event"] != "BaselineReady":
-            said = f"{event['detector']}: {spaced(event['event'])}"
-            yield [event["t_s"], said, _whose(run, event["detector"])]
+            text = f"{event['detector']}: {spaced(event['event'])}"
+            yield [event["t_s"], text, _whose(run, event["detector"])]
 
 
 def _thresholds(
@@ -142,20 +142,20 @@ def _thresholds(
     panels: Mapping[str, Mapping[str, Any]],
     curves: Sequence[tuple[str, str, Series, int]],
 ) -> Iterator[list[Any]]:
-    """Panel (-1 is none), detector and threshold: as it was recorded, or as the detector's last event tells it."""
-    told = {str(e["detector"]): (-1, e["threshold"]) for e in events if e.get("threshold") is not None}
+    """Panel (-1 is none), detector and threshold: as it was recorded, or from the detector's last event."""
+    thresholds = {str(e["detector"]): (-1, e["threshold"]) for e in events if e.get("threshold") is not None}
     for number, stream in enumerate(panels):
         if stream.startswith(DETECTOR):
-            heard = next(series.values[:, 1] for name, _, series, _ in curves if name == stream)
-            known = heard[np.isfinite(heard)]
+            column = next(series.values[:, 1] for name, _, series, _ in curves if name == stream)
+            known = column[np.isfinite(column)]
             if len(known):
-                told[stream.removeprefix(DETECTOR)] = number, float(known[-1])
-    for detector, (number, threshold) in told.items():
+                thresholds[stream.removeprefix(DETECTOR)] = number, float(known[-1])
+    for detector, (number, threshold) in thresholds.items():
         yield [number, detector, threshold]
 
 
 def _measured(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """A curve with a break where nobody listened; the few samples before the first stretch are left out."""
+    """A curve with a break where there was no subscriber; the few samples before the first stretch are left out."""
     steps_s = np.diff(times_s)
     cuts = np.flatnonzero(steps_s > SILENCE * np.median(steps_s)) + 1
     first = next((cut for cut in cuts[::-1] if cut <= FEW * len(times_s)), 0)
@@ -173,8 +173,8 @@ def _packed(times_s: Floats, values: Floats, points: int) -> dict[str, Any]:
 
     def packed(numbers: Floats, least: float, most: float) -> str:
         scaled = np.round((numbers - least) / ((most - least) or 1.0) * 65534.0)
-        words = np.where(np.isfinite(scaled), scaled, 65535.0).astype("<u2")
-        return base64.b64encode(words.tobytes()).decode()
+        codes = np.where(np.isfinite(scaled), scaled, 65535.0).astype("<u2")
+        return base64.b64encode(codes.tobytes()).decode()
 
     t, y = packed(times_s[keep], *ends), packed(values[keep], low, high)
     return {"span": [*ends, low, high], "t": t, "y": y}

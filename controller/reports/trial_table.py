@@ -11,7 +11,7 @@ from controller.reports.generic import is_number, shown
 from controller.reports.trial_signals import key_of
 
 _DATE = re.compile(r"^\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ_")
-"""What a run folder's name begins with; the rest tells it apart."""
+"""What a run folder's name begins with; the rest distinguishes it."""
 
 
 class Trials(NamedTuple):

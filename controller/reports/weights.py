@@ -14,8 +14,8 @@ from controller.reports.fernandez import BRIDGES, CITATION, PrintedFigure
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Figure, Kind, Result, Section
+from controller.reports.section_texts import SectionTexts
 from controller.reports.text import number
-from controller.reports.words import Words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from controller.recording.reader import Run
     from controller.recording.series import TrialRecording
 
-WORDS = Words("weights")
+TEXTS = SectionTexts("weights")
 
 
 @dataclass(frozen=True, slots=True)
 class Bridge:
-    """One bridge: every trial's steps, and what they tell together."""
+    """One bridge: every trial's steps and their pooled calibration."""
 
     name: str
     trials: Sequence[Sequence[Step]]
@@ -69,29 +69,29 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figures of all calibrations of some runs on one kind of bench."""
     bridges = read_bridges(runs)
     simulated = all(run.simulated for run in runs)
-    body: list[Block] = [WORDS.text("intro", tops=_tops(bridges))]
+    body: list[Block] = [TEXTS.text("intro", tops=_tops(bridges))]
     if bridges:
-        body.append(WORDS.table("ladders", [row for bridge in bridges for row in _rows(bridge)]))
-        body.append(Figure(Markup(_draw(figures, bridges)), WORDS.said("figure_6")))
+        body.append(TEXTS.table("ladders", [row for bridge in bridges for row in _rows(bridge)]))
+        body.append(Figure(Markup(_draw(figures, bridges)), TEXTS.sentence("figure_6")))
     else:
-        body.append(WORDS.text("nothing", trials=sum(len(run.trials) for run in runs)))
-    rest = [WORDS.said("detected", sigma=DETECTED_SIGMA), *map(_note, bridges)]
+        body.append(TEXTS.text("nothing", trials=sum(len(run.trials) for run in runs)))
+    rest = [TEXTS.sentence("detected", sigma=DETECTED_SIGMA), *map(_note, bridges)]
     uncertainties = sorted({float(setting_of(run, "behavior", "weight_uncertainty") or 0.0) for run in runs})
     known = " and ".join(f"{100.0 * value:g} %" for value in uncertainties)
-    ours = [WORDS.said("ours"), WORDS.said("weights", shown=known)]
+    ours = [TEXTS.sentence("ours"), TEXTS.sentence("weights", shown=known)]
     return Section(
         title="Calibration with weights (B6)",
-        body=[*body, WORDS.notes("notes", rest)],
+        body=[*body, TEXTS.notes("notes", rest)],
         citation=CITATION,
         summary=[_sentence(bridge, simulated) for bridge in bridges],
-        not_the_papers=[*ours, WORDS.said("simulated")] if simulated else ours,
+        not_the_papers=[*ours, TEXTS.sentence("simulated")] if simulated else ours,
     )
 
 
 def _tops(bridges: Sequence[Bridge]) -> str:
     tops = [(bridge.calibration.top_n, BRIDGES[bridge.name]) for bridge in bridges]
-    said = [f"{top_n:g} N on {paper.force} (the paper {paper.top_n:g} N)" for top_n, paper in tops]
-    return " and ".join(said) or "the ladder's top"
+    ranges = [f"{top_n:g} N on {paper.force} (the paper {paper.top_n:g} N)" for top_n, paper in tops]
+    return " and ".join(ranges) or "the ladder's top"
 
 
 def _estimates(bridge: Bridge) -> Sequence[tuple[Estimate, PrintedFigure, float, int]]:
@@ -115,9 +115,9 @@ def _sentence(bridge: Bridge, simulated: bool) -> Result:
         f"{'' if len(missed) == 1 else 's'}"
     )
     off = 100.0 * (gain.value / paper.gain_v_n.value - 1.0)
-    said = f"{paper.force}: gain {number(abs(off), 1)} % {'below' if off < 0.0 else 'above'} the paper's "
-    said += f"{paper.gain_v_n.value:.4f} V/N, {number(gain.value, 4)} V/N; {verdict}."
-    return Result(Kind.FITTED if simulated else Kind.MEASURED, said, not missed)
+    text = f"{paper.force}: gain {number(abs(off), 1)} % {'below' if off < 0.0 else 'above'} the paper's "
+    text += f"{paper.gain_v_n.value:.4f} V/N, {number(gain.value, 4)} V/N; {verdict}."
+    return Result(Kind.FITTED if simulated else Kind.MEASURED, text, not missed)
 
 
 def _rows(bridge: Bridge) -> Iterator[Mapping[str, Any]]:
@@ -135,7 +135,7 @@ def _rows(bridge: Bridge) -> Iterator[Mapping[str, Any]]:
 
 def _note(bridge: Bridge) -> str:
     found = bridge.calibration
-    return WORDS.said(
+    return TEXTS.sentence(
         "bridge",
         force=BRIDGES[bridge.name].force,
         cycles=found.cycles,

@@ -2,7 +2,7 @@
 // What the report and the live page share: light and dark, and an empty chart in the page's own colours.
 const root = document.documentElement;
 
-const theme = (changed) => {  // as the system has it, until the switch says otherwise
+const theme = (changed) => {  // as the system has it, until the switch changes it
   const dark = () => root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
   const button = document.getElementById("theme");
   const show = () => { button.textContent = dark() ? "Light" : "Dark"; };

@@ -1,8 +1,8 @@
 (() => {
-  const told = JSON.parse(document.getElementById("signals").textContent);
+  const signals = JSON.parse(document.getElementById("signals").textContent);
   theme(() => draw());
 
-  // --- tables: sort by a head, filter by words and by comparisons such as delay_s>0.2
+  // --- tables: sort by a head, filter by text and by comparisons such as delay_s>0.2
   const value_of = (row, place) => row.cells[place].dataset.v ?? row.cells[place].textContent.trim();
   const order = (a, b) => {
     const [x, y] = [Number(a), Number(b)];
@@ -64,12 +64,12 @@
   });
   document.getElementById("close").addEventListener("click", () => { keys = []; draw(); });
 
-  const words = (text) => new Uint16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+  const codes = (text) => new Uint16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
   const unpacked = (curve) => {
     const [t0, t1, low, high] = curve.span;
     return {
-      t: Array.from(words(curve.t), (w) => t0 + (w / 65534) * (t1 - t0)),
-      y: Array.from(words(curve.y), (w) => w === 65535 ? NaN : low + (w / 65534) * (high - low)),
+      t: Array.from(codes(curve.t), (w) => t0 + (w / 65534) * (t1 - t0)),
+      y: Array.from(codes(curve.y), (w) => w === 65535 ? NaN : low + (w / 65534) * (high - low)),
     };
   };
   const figure_of = (trial, number, x_range, ink) => {
@@ -104,7 +104,7 @@
     for (const row of document.querySelectorAll("tr[data-trial]")) row.classList.toggle("open", keys.includes(row.dataset.trial));
     const ink = inks();
     for (const key of keys) {
-      const trial = told[key];
+      const trial = signals[key];
       const box = document.createElement("div");
       box.className = "signals";
       const heading = document.createElement("h3");
@@ -112,12 +112,12 @@
       box.append(heading);
       place.append(box);
       if (!trial || !trial.panels.length) continue;
-      const words_of = document.createElement("p");
-      words_of.className = "note";
+      const summary = document.createElement("p");
+      summary.className = "note";
       const ends = trial.panels.flatMap(({curves}) => curves.map(({span}) => span));
       const [from, to] = [Math.min(...ends.map((span) => span[0])), Math.max(...ends.map((span) => span[1]))];
       const at = ([t, name]) => `${name} ${Number(t).toFixed(3)} s`;
-      words_of.textContent = [
+      summary.textContent = [
         `States: ${trial.states.map(at).join(", ") || "none"}.`,
         `Detections: ${trial.marks.map(at).join(", ") || "none"}.`,
         trial.thresholds.length ? `Threshold: ${trial.thresholds.map(([, name, value]) => `${name} ${value.toPrecision(5)}`).join(", ")}.` : "",
@@ -128,7 +128,7 @@
       const target = document.createElement("div");
       target.setAttribute("role", "img");
       target.setAttribute("aria-label", `${trial.title}: ${trial.panels.map(({label}) => label).join(", ")}`);
-      box.append(target, words_of);
+      box.append(target, summary);
       await Bokeh.Plotting.show(new Bokeh.Column({children: figures, sizing_mode: "stretch_width"}), target);
       if (mine !== drawing) return;
     }

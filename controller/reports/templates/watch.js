@@ -1,37 +1,37 @@
 (() => {
   const SPAN_S = 60;  // what the charts show, s
-  const QUIET_MS = 2000;  // a run that says nothing for so long is not heard any more
+  const QUIET_MS = 2000;  // after this long without a message the run counts as lost
   const at = (id) => document.getElementById(id);
   const [stop, pause, alarm] = [at("stop"), at("pause"), at("alert")];
   let [wire, now, signals, charts, question, last] = [null, {}, {}, {}, null, 0];
 
   // --- the line to the run; a lost one is made anew
-  const say = (told) => { if (wire?.readyState === WebSocket.OPEN) wire.send(JSON.stringify(told)); };
+  const send = (message) => { if (wire?.readyState === WebSocket.OPEN) wire.send(JSON.stringify(message)); };
   const warn = (text) => { alarm.hidden = !text; alarm.textContent = text; };
   const connect = () => {
     wire = new WebSocket(`ws://${location.host}/wire${location.search}`);
     wire.onopen = () => { at("rows").replaceChildren(); at("events").replaceChildren(); };
-    wire.onmessage = (event) => { last = Date.now(); hear(JSON.parse(event.data)); };
+    wire.onmessage = (event) => { last = Date.now(); update(JSON.parse(event.data)); };
     wire.onclose = () => { if (!now.ended) setTimeout(connect, 1000); };
   };
   setInterval(() => {
     const lost = !now.ended && Date.now() - last > QUIET_MS;
     document.body.dataset.lost = lost;
     stop.disabled = pause.disabled = wire.readyState !== WebSocket.OPEN || Boolean(now.ended);
-    warn(lost ? "No word from the run: this page can stop nothing now. Use the robot’s emergency stop." : now.ended ? `The run has ended: ${now.ended}` : "");
+    warn(lost ? "No message from the run: this page can stop nothing now. Use the robot’s emergency stop." : now.ended ? `The run has ended: ${now.ended}` : "");
   }, 500);
-  stop.addEventListener("click", () => say({do: "stop"}));
-  pause.addEventListener("click", () => say({do: now.paused ? "resume" : "pause"}));
+  stop.addEventListener("click", () => send({do: "stop"}));
+  pause.addEventListener("click", () => send({do: now.paused ? "resume" : "pause"}));
   for (const button of at("question").querySelectorAll("button"))
-    button.addEventListener("click", () => say({do: "answer", number: question.number, done: Boolean(button.dataset.done)}));
+    button.addEventListener("click", () => send({do: "answer", number: question.number, done: Boolean(button.dataset.done)}));
 
-  // --- what is told
+  // --- messages from the run
   const number = (value) => typeof value === "number" ? Number(value.toPrecision(4)) : value ?? "–";
   const cells = (row, values, kind = "td") => { row.append(...values.map((value) => { const cell = document.createElement(kind); cell.textContent = value; return cell; })); return row; };
   const line = (values, kind) => cells(document.createElement("tr"), values, kind);
-  const hear = (told) => {
-    if (told.diagram) { signals = {}; charts = {}; at("panels").replaceChildren(); at("events").replaceChildren(); diagram(told.diagram); }
-    now = {...now, ...told};
+  const update = (message) => {
+    if (message.diagram) { signals = {}; charts = {}; at("panels").replaceChildren(); at("events").replaceChildren(); diagram(message.diagram); }
+    now = {...now, ...message};
     at("title").textContent = `${now.run.title} · ${now.run.folder}`;
     const factors = Object.entries(now.factors ?? {}).map(([name, value]) => `${name} ${number(value)}`).join(", ");
     at("now").textContent = now.ended ? now.ended : `Trial ${now.trial ?? "–"}, ${factors}: ${now.state || "begins"}, ${number(now.t_s ?? 0)} s`;
@@ -45,25 +45,25 @@
     at("question").firstElementChild.textContent = question?.text ?? "";
     for (const state of at("diagram").querySelectorAll("[data-state]")) state.classList.toggle("here", state.dataset.state === now.state);
     at("margins").replaceChildren(...(now.margins ?? []).map(([name, value, limit, unit]) => {
-      const told = document.createElement("label"), meter = document.createElement("meter");
+      const label = document.createElement("label"), meter = document.createElement("meter");
       Object.assign(meter, {max: limit, high: 0.8 * limit, value});
-      told.append(`${name} ${value.toFixed(2)} of ${limit.toFixed(1)} ${unit}`, meter);
-      return told;
+      label.append(`${name} ${value.toFixed(2)} of ${limit.toFixed(1)} ${unit}`, meter);
+      return label;
     }));
     at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => line([name, `${Math.max(0, age_s).toFixed(2)} s`, lost])));
-    for (const [trial, outcome, row] of told.rows) {
+    for (const [trial, outcome, row] of message.rows) {
       const names = ["trial", "outcome", ...Object.keys(row)].slice(0, 9);
       at("heads").replaceChildren(line(names, "th"));
       at("rows").prepend(line([trial, outcome, ...Object.values(row).map(number)].slice(0, 9)));
     }
     at("count").textContent = `${at("rows").rows.length} of ${now.run.trials}`;
-    for (const [t_s, text] of told.events ?? []) {
+    for (const [t_s, text] of message.events ?? []) {
       const item = document.createElement("li");
       item.textContent = `${t_s.toFixed(3)} s  ${text}`;
       at("events").prepend(item);
     }
     while (at("events").children.length > 200) at("events").lastChild.remove();
-    for (const [stream, piece] of Object.entries(told.signals ?? {})) grow(stream, piece);
+    for (const [stream, piece] of Object.entries(message.signals ?? {})) grow(stream, piece);
   };
 
   // --- charts: a signal each, with the threshold that it is held against

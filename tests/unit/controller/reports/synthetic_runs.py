@@ -58,8 +58,8 @@ class Given:
     outcome: str = "contact"
     noise_scale: float | None = None
     sample_hz: float | None = None
-    listener_s: float | None = None
-    """When the detector `listener` spoke, from onset; None: never."""
+    observer_s: float | None = None
+    """When the detector `observer` detects contact, from onset; None: never."""
 
 
 def manifest(bench: str, experiment: str, status: str, settle_s: float = 90.0) -> dict[str, object]:
@@ -123,9 +123,9 @@ def write_approach(recorder: Recorder, trial: int, given: Given, offset_s: float
         row |= {"detect_s": detect_s, "delay_s": given.delay_s, "force_n": given.force_n}
         row["extent_m"] = given.speed_m_s * given.delay_s
     recorder.event(BaselineReady(APPROACH_S, "contact", 28.0, 28.6), state="BASELINE", next_state="APPROACH")
-    if given.listener_s is not None:
-        recorder.event(BaselineReady(APPROACH_S, "listener", 28.0, 29.0), state="APPROACH")
-        recorder.event(Contact(ONSET_S + given.listener_s, "listener", 29.1, 29.0), state="APPROACH")
+    if given.observer_s is not None:
+        recorder.event(BaselineReady(APPROACH_S, "observer", 28.0, 29.0), state="APPROACH")
+        recorder.event(Contact(ONSET_S + given.observer_s, "observer", 29.1, 29.0), state="APPROACH")
     if given.outcome == "guard":
         recorder.event(GuardStopped(93.5, "force 2.1 N above 2 N"), state="APPROACH", next_state="FAILED")
     if detect_s is not None and "detect_s" in row:
@@ -196,7 +196,7 @@ def write_static(root: Path, frequencies_hz: dict[str, float], *, bench: str = "
 
 
 def text_of(path):
-    """The page's words, without figures and markup."""
+    """The page's text, without figures and markup."""
     page = re.sub(
         r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8").replace("<wbr>", ""), flags=re.DOTALL
     )

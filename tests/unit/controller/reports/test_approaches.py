@@ -3,8 +3,8 @@ import math
 import pytest
 
 from controller.reports.approaches import (
+    compare_columns,
     correlate,
-    held,
     mean_of,
     read_approaches,
     study_cells,
@@ -70,7 +70,7 @@ def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approach
         Given("h", 0.01, force_n=0.02, delay_s=0.382),
         Given(outcome="guard"),
     )
-    delay, extent, force = held(approaches, table_rows(approaches))
+    delay, extent, force = compare_columns(approaches, table_rows(approaches))
     assert (force.value, force.met, force.worst.trial) == (0.15, None, 1), (
         "one row is no evidence of agreement"
     )
@@ -81,13 +81,13 @@ def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approach
 def test_a_bound_is_met_where_rows_agree_and_open_where_every_row_lies_far_below(approaches_of):
     def delays(scale):
         rows = [Given(row.location, row.speed_m_s[0], scale * row.delay_s[0]) for row in TABLE_1]
-        return held(approaches := approaches_of(*rows), table_rows(approaches))[0]
+        return compare_columns(approaches := approaches_of(*rows), table_rows(approaches))[0]
 
     assert (delays(1.0).met, delays(1.0).agrees) == (True, True)
     below = delays(0.4)
     assert (below.met, below.agrees) == (None, False)
     assert (
-        below.effect.said(("quicker", "slower"), "Table I")
+        below.effect.sentence(("quicker", "slower"), "Table I")
         == "2.5 times quicker than Table I in 14 of 14 rows"
     )
     assert delays(1.5).met is False, "0.45 s on average"
@@ -97,13 +97,13 @@ def test_forces_that_the_simulated_finger_was_fitted_to_are_not_held_against_the
     rows = [Given(row.location, row.speed_m_s[0], row.delay_s[0], row.force_n[0]) for row in TABLE_1]
     for bench, counted in (("mock", 11), ("hardware", 14)):
         approaches = approaches_of(*rows, bench=bench)
-        delay, _, force = held(approaches, table_rows(approaches))
+        delay, _, force = compare_columns(approaches, table_rows(approaches))
         assert (delay.effect.n, force.effect.n) == (14, counted)
 
 
 def test_without_a_contact_no_bound_is_called_met(approaches_of):
     approaches = approaches_of(Given(outcome="no_contact", delay_s=None))
-    assert [each.met for each in held(approaches, table_rows(approaches))] == [None] * 3
+    assert [each.met for each in compare_columns(approaches, table_rows(approaches))] == [None] * 3
 
 
 def test_rank_correlation_sees_order_alone():
@@ -146,7 +146,7 @@ def test_our_trend_follows_our_forces_and_not_the_papers(approaches_of):
 def test_trials_with_other_noise_stay_out_of_table_and_bounds(approaches_of):
     approaches = approaches_of(Given(), Given(noise_scale=2.0, sample_hz=28.0, force_n=9.0))
     assert [len(row.approaches) for row in table_rows(approaches)] == [1]
-    assert held(approaches, table_rows(approaches))[2].value == 0.05
+    assert compare_columns(approaches, table_rows(approaches))[2].value == 0.05
 
 
 def test_the_study_groups_by_noise_and_rate(approaches_of):
@@ -166,16 +166,16 @@ def test_the_study_groups_by_noise_and_rate(approaches_of):
 def test_a_detector_that_only_listened_is_scored_against_the_truth(approaches_of):
     scores = score_detectors(
         approaches_of(
-            Given(listener_s=0.05, delay_s=0.2),
-            Given(listener_s=-0.3),
-            Given(listener_s=-0.005),  # before onset, after the touch: the truth is 10 ms before the onset
-            Given(listener_s=None),
+            Given(observer_s=0.05, delay_s=0.2),
+            Given(observer_s=-0.3),
+            Given(observer_s=-0.005),  # before onset, after the touch: the truth is 10 ms before the onset
+            Given(observer_s=None),
         )
     )
-    acting, listener = scores
+    acting, observer = scores
     assert (acting.name, acting.n, acting.true, acting.false, acting.silent) == ("contact", 4, 4, 0, 0)
-    assert (listener.true, listener.false, listener.silent) == (2, 1, 1)
-    assert listener.delay_s.mean == pytest.approx((0.05 - 0.005) / 2)
+    assert (observer.true, observer.false, observer.silent) == (2, 1, 1)
+    assert observer.delay_s.mean == pytest.approx((0.05 - 0.005) / 2)
 
 
 def test_rows_come_out_the_same_in_whatever_order_trials_ran(tmp_path):

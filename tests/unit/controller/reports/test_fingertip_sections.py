@@ -33,7 +33,7 @@ TOPS_N = {"x": 6.0, "y": 6.0, "t": 1.0}
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """For tests that read the page's words alone: drawing every figure thrice takes seconds."""
+    """For tests that read the page's text alone: drawing every figure thrice takes seconds."""
     monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
 
 
@@ -118,7 +118,7 @@ def test_the_page_holds_ours_against_the_papers(tmp_path, undrawn):
     )
 
 
-def test_a_bridge_of_another_gain_is_said_to_miss_the_papers(tmp_path, undrawn):
+def test_a_bridge_of_another_gain_is_reported_to_miss_the_papers(tmp_path, undrawn):
     text = text_of(build_report([write_weights(tmp_path, gains={"y": 0.05})]))
     assert re.search(
         r"Fy: gain 5\d\.\d % above the paper's 0\.0326 V/N, 0\.0[45]\d\d V/N; the paper's gain .*?outside",
@@ -177,8 +177,8 @@ def write_pointer(root, forces_n=(1.0, 3.0), *, bench="mock", angles=ANGLES):
         for going, sweep in (("up", angles), ("down", angles[::-1])):
             for angle_rad in sweep:
                 t_s += 1.0
-                told = angle_rad + OFF[going] * force_n
-                row = [force_n * math.sin(told), force_n * math.cos(told), 0.0, force_n, told]
+                measured = angle_rad + OFF[going] * force_n
+                row = [force_n * math.sin(measured), force_n * math.cos(measured), 0.0, force_n, measured]
                 recorder.event(Tick(t_s), state="RESTING", next_state="RECORDING")
                 recorder.record([pose(angle_rad, t_s)])
                 recorder.record(
@@ -207,7 +207,7 @@ def test_sweeps_are_read_from_the_recording_force_by_force(tmp_path):
 def test_trials_of_one_force_are_pooled_and_each_has_its_own_hysteresis(tmp_path):
     (sweep,) = read_sweeps([write_pointer(tmp_path, (2.0, 2.02)), write_pointer(tmp_path, (1.98,))])
     assert len(sweep.trials) == 3
-    # half the trials' touches went one way: pairs are made within a trial, and the widest of the trials' loops is told
+    # half the trials' touches went one way: pairs are made within a trial, and the widest of the trials' loops counts
     assert sweep.errors.hysteresis == pytest.approx(0.04 * 2.02)
 
 
@@ -219,7 +219,7 @@ def test_the_page_states_the_error_over_the_whole_range(tmp_path, undrawn):
         in text
     )
     assert "1.00 N 6 +0.57 1.26 1.28 1.72 2.29 0.00" in text
-    assert "The simulated tip feels Fn sin θ and Fn cos θ exactly" in text
+    assert "The simulated tip reads Fn sin θ and Fn cos θ exactly" in text
 
 
 def test_figures_of_both_sections_are_saved_for_print(tmp_path):
@@ -229,6 +229,6 @@ def test_figures_of_both_sections_are_saved_for_print(tmp_path):
     assert names == {"fig_6_calibration.svg", "fig_2_pointers.svg", "fig_11_theta.svg"}
 
 
-def test_a_trial_without_a_touch_is_told_of(tmp_path, undrawn):
+def test_a_trial_without_a_touch_is_reported(tmp_path, undrawn):
     text = text_of(build_report([write_pointer(tmp_path, (1.0,), angles=())]))
     assert "No touch was recorded (1 trials began)." in text

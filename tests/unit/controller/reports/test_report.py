@@ -19,7 +19,7 @@ from controller.reports import report
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import Figures
 from controller.reports.pages import library
-from controller.reports.report import build_report, tell
+from controller.reports.report import build_report, build_report_with_summary
 from controller.reports.static import read_conditions
 from controller.reports.transient_figures import moving_average, representative, trace_of
 from drivers.messages import SampleBlock
@@ -35,7 +35,7 @@ CAMPAIGN = (
     Given("a", 0.003785, 0.33, 0.111),
     Given("d", 0.004487, 0.40, 0.031),
     Given("d", 0.004487, 0.36, 0.033),
-    Given("f", 0.00254, 0.20, 0.038, listener_s=0.1),
+    Given("f", 0.00254, 0.20, 0.038, observer_s=0.1),
     Given("f", 0.004843, 0.17, 0.2),
     Given("f", 0.004843, outcome="false_contact"),
     Given("f", 0.011997, None, None, "guard"),
@@ -44,7 +44,7 @@ CAMPAIGN = (
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """For tests that read the page's words alone: drawing every figure thrice takes seconds."""
+    """For tests that read the page's text alone: drawing every figure thrice takes seconds."""
     monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
 
 
@@ -108,17 +108,17 @@ def test_table_1_stands_beside_the_papers_with_the_difference(campaign):
 
 
 def test_a_terminal_of_80_columns_has_table_1_for_both_detectors_beside_the_papers(tmp_path, undrawn):
-    given = [Given("f", 0.004843, 0.4, 0.05), Given("f", 0.004843, 0.2, 0.05, listener_s=0.1)]
-    _, lines = tell([write_transient(tmp_path, given)])
+    given = [Given("f", 0.004843, 0.4, 0.05), Given("f", 0.004843, 0.2, 0.05, observer_s=0.1)]
+    _, lines = build_report_with_summary([write_transient(tmp_path, given)])
     head, row = (
-        next(n for n, line in enumerate(lines) if line.startswith(word)) for word in ("where", "pad f")
+        next(n for n, line in enumerate(lines) if line.startswith(start)) for start in ("where", "pad f")
     )
-    assert lines[head - 1].split("  ")[-1].strip() == "detector listener"
+    assert lines[head - 1].split("  ")[-1].strip() == "detector observer"
     assert " ".join(lines[row].split()) == "pad f 4.84 2 0 0.30 0.17 1.45 0.83 0.050 0.050 1 0 0.10"
     assert max(map(len, lines[head - 1 : row + 1])) <= 80
 
 
-def test_a_bound_that_is_missed_is_said_to_be_with_its_worst_approach(campaign):
+def test_a_bound_that_is_missed_is_reported_with_its_worst_approach(campaign):
     text = text_of(campaign[1])
     assert "largest 0.200 N, 1.3 times above the paper's 0.150 N (IV.B)." in text
     assert (
@@ -127,7 +127,7 @@ def test_a_bound_that_is_missed_is_said_to_be_with_its_worst_approach(campaign):
     )
 
 
-def test_the_guards_stop_and_the_stop_certificates_are_told(campaign):
+def test_the_guards_stop_and_the_stop_certificates_are_reported(campaign):
     text = text_of(campaign[1])
     stop = "The guard stopped every mover 2026-11-20T12-00-00Z_mock-transient_"
     assert 0 < text.index(stop) < text.index("7 approaches: 5 stopped at a contact"), "before anything else"
@@ -148,7 +148,7 @@ def test_simulated_numbers_are_called_simulated_and_real_ones_are_not(tmp_path, 
     assert "simulated" not in pages["hardware"]
 
 
-def test_a_figure_of_a_simulated_bench_bears_the_word(tmp_path):
+def test_a_figure_of_a_simulated_bench_is_marked_as_such(tmp_path):
     drawn = {}
     for simulated in (True, False):
         figures = Figures(tmp_path / str(simulated), simulated=simulated)
@@ -187,7 +187,7 @@ def test_figures_are_saved_beside_the_page(campaign):
     assert names == {f"{name}.svg" for name in expected}
 
 
-def test_a_shortened_settling_is_said(tmp_path, undrawn):
+def test_a_shortened_settling_is_reported(tmp_path, undrawn):
     run = write_transient(tmp_path, CAMPAIGN[:1], settle_s=5.0)
     text = text_of(build_report([run]))
     assert "behavior.settle_s is 5 where the paper has 90 (III.B)." in text
@@ -199,7 +199,7 @@ def test_a_title_cannot_break_the_page(campaign):
     assert "<h1>A &lt;title&gt;</h1>" in page
 
 
-def test_a_run_that_was_killed_is_reported_and_said_to_be_cut_off(campaign, tmp_path, undrawn):
+def test_a_run_that_was_killed_is_reported_as_cut_off(campaign, tmp_path, undrawn):
     killed = tmp_path / "killed"
     shutil.copytree(campaign[0].folder.path, killed)
     folder = open_run(killed).folder
@@ -211,7 +211,7 @@ def test_a_run_that_was_killed_is_reported_and_said_to_be_cut_off(campaign, tmp_
     assert "killed was cut off or damaged" in text
     assert "read up to its last whole chunk" in text
     assert "back a 19.05 3.785 1 0 0.33" in text
-    assert "cut off: it never said that it ended" in text
+    assert "cut off: its end was not recorded" in text
 
 
 def test_a_run_without_its_recording_is_reported_and_says_so(campaign, tmp_path, undrawn):
@@ -347,7 +347,7 @@ def test_trials_in_which_a_setting_was_varied_are_in_no_row_of_the_others(tmp_pa
     assert "plant.wander 0 1" in text
 
 
-def test_what_is_said_of_the_profile_is_what_the_manifest_says(tmp_path, undrawn):
+def test_the_profile_on_the_page_is_the_manifests(tmp_path, undrawn):
     detector = {**CONTACT, "kind": "resonance", "baseline_s": 10.0, "sample_hz": 28.0, "threshold_sigma": 5.0}
     run = with_settings(
         write_transient(tmp_path, [Given()] * 10),
@@ -367,9 +367,9 @@ def test_what_is_said_of_the_profile_is_what_the_manifest_says(tmp_path, undrawn
 
 
 def test_no_title_of_a_profile_states_a_number_that_another_profile_may_change():
-    words = r"\b(one|two|three|four|five|six|ten|hour|\d[\d.]*)\b"
+    numbers = r"\b(one|two|three|four|five|six|ten|hour|\d[\d.]*)\b"
     for path in (Path(report.__file__).parents[2] / "config" / "profiles").rglob("*.toml"):
-        assert not re.search(words, tomllib.loads(path.read_text("utf-8")).get("title", "")), path
+        assert not re.search(numbers, tomllib.loads(path.read_text("utf-8")).get("title", "")), path
 
 
 def test_what_was_put_in_or_assumed_has_no_mark_on_a_simulated_bench_and_has_one_on_a_real_one(
@@ -390,9 +390,9 @@ def test_what_was_put_in_or_assumed_has_no_mark_on_a_simulated_bench_and_has_one
 
 
 @pytest.mark.parametrize(
-    ("status", "said"), [("fault", "A fault ended the run"), ("aborted", "The run was interrupted")]
+    ("status", "heading"), [("fault", "A fault ended the run"), ("aborted", "The run was interrupted")]
 )
-def test_a_run_that_ended_early_is_told_at_the_top(tmp_path, undrawn, status, said):
+def test_a_run_that_ended_early_is_reported_at_the_top(tmp_path, undrawn, status, heading):
     run = write_transient(tmp_path, [Given()])
     manifest = run.folder.read_manifest()
     run.folder.write_manifest(
@@ -400,7 +400,9 @@ def test_a_run_that_ended_early_is_told_at_the_top(tmp_path, undrawn, status, sa
     )
     text = text_of(build_report([open_run(run.folder.path)]))
     assert (
-        text.index(said) < text.index(": stage: no reply") < text.index("1 of 9 planned trials were measured")
+        text.index(heading)
+        < text.index(": stage: no reply")
+        < text.index("1 of 9 planned trials were measured")
     )
 
 
@@ -465,9 +467,9 @@ def test_the_moving_average_that_is_drawn_is_the_one_that_the_detector_decided_o
         "contact", ResonancePaperSettings(sample_hz=15.0, average_samples=10, baseline_s=4.0)
     )
     periods_s = (1.0 / frequency_hz).reshape(-1, 1)
-    said = detector.push(SampleBlock("board.period", 0, times_s[0], periods_s, None, times_s, "s"))
+    events = detector.push(SampleBlock("board.period", 0, times_s[0], periods_s, None, times_s, "s"))
     average_s, average_hz = moving_average(times_s, frequency_hz, 15.0, 10)
-    contacts = [event for event in said if isinstance(event, Contact)]
+    contacts = [event for event in events if isinstance(event, Contact)]
     assert contacts
     for event in contacts:
         assert average_hz[np.flatnonzero(average_s == event.t_s)] == pytest.approx(event.value, abs=1e-9)

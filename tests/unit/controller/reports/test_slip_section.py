@@ -27,19 +27,23 @@ def undrawn(monkeypatch):
 
 
 def trial(sensor="fingertip", outcome="contact", slips=1, **more):
-    """A trial in which both detectors told every slip; `paper_…` and `ours_…` say what was otherwise."""
+    """A trial in which both detectors found every slip, but for the cells given as `paper_…` and `ours_…`."""
     row = {"slips": slips, "touch_s": 3.5, "listen_s": 1.0}
-    for who in ("paper", "ours"):
-        row |= {f"{who}_{what}": 0 for what in ("missed", "early", "false_alarms", "touch_alarms")}
-        row |= {f"{who}_detected": slips, f"{who}_delay_s": 0.05 if slips else None, f"{who}_quiet_s": 100.0}
+    for method in ("paper", "ours"):
+        row |= {f"{method}_{what}": 0 for what in ("missed", "early", "false_alarms", "touch_alarms")}
+        row |= {
+            f"{method}_detected": slips,
+            f"{method}_delay_s": 0.05 if slips else None,
+            f"{method}_quiet_s": 100.0,
+        }
     return sensor, outcome, {**row, **more}
 
 
 UNTOLD = {"detected": 0, "delay_s": None}
 
 
-def of(who, **what):
-    return {f"{who}_{name}": value for name, value in what.items()}
+def of(method, **what):
+    return {f"{method}_{name}": value for name, value in what.items()}
 
 
 def write(root, trials, *, factors=("sensor",), planned=None, bench="mock", **resolved):
@@ -74,14 +78,14 @@ def scores_of(*runs):
     return {(each.sensor, each.condition, each.method): each for each in read_scores(runs)}
 
 
-def test_slips_that_were_called_early_are_neither_told_nor_missed(tmp_path):
+def test_slips_that_were_called_early_are_neither_detected_nor_missed(tmp_path):
     early = [trial(**of("paper", early=1, **UNTOLD))] * 5
     score = scores_of(write(tmp_path, [trial(), *early]))["fingertip", TABLE_1, "paper"]
     assert (score.slips, score.scored, score.early, score.cut_short) == (6, 1, 5, 0)
     assert score.verdict == NOT_JUDGED, "one slip of six is no evidence"
 
 
-def test_a_share_missed_is_one_of_those_told_or_missed(tmp_path, undrawn):
+def test_a_share_missed_is_one_of_those_detected_or_missed(tmp_path, undrawn):
     rows = [
         *[trial()] * 4,
         trial(**of("paper", missed=1, **UNTOLD)),
@@ -100,11 +104,13 @@ def test_a_detector_that_was_never_given_its_time_is_not_judged(tmp_path, undraw
     run = write(tmp_path, cut)
     assert scores_of(run)["fingertip", TABLE_1, "paper"].cut_short == 3
     text = text_of(build_report([run]))
-    assert "the paper's detector is not judged: it told or missed 0 of 3 slips, and 3 are the least" in text
+    assert (
+        "the paper's detector is not judged: it detected or missed 0 of 3 slips, and 3 are the least" in text
+    )
     assert "not judged (0 of 3)" in text
 
 
-def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_told(tmp_path, undrawn):
+def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_detected(tmp_path, undrawn):
     run = write(tmp_path, [trial()] * 3, behavior={"stop_on_slip": True})
     stopped = condition_of(run, run.trials[0])
     assert (stopped.nuisance, stopped.reflex) == (PLAIN, "ours")
@@ -112,7 +118,7 @@ def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_told(tmp_
     assert scores["fingertip", stopped, "paper"].verdict == NOT_JUDGED
     assert scores["fingertip", stopped, "ours"].verdict == "good"
     text = text_of(build_report([run]))
-    assert "B1: the arm stops when ours tells slip; the paper's detector is not judged." in text
+    assert "B1: the arm stops when ours detects slip; the paper's detector is not judged." in text
     assert "the paper says" not in text
 
 
@@ -124,7 +130,7 @@ def test_trials_that_did_not_run_to_their_end_are_left_out(tmp_path, outcome):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "nuisance"),
     [
         ("rolling_scale", 2.0, "rolling × 2"),
         ("noise_scale", 3.0, "noise × 3"),
@@ -136,17 +142,17 @@ def test_trials_that_did_not_run_to_their_end_are_left_out(tmp_path, outcome):
         ("nuisances.hum", 3.0, "hum of 3 noise"),
     ],
 )
-def test_another_bench_is_not_table_1_be_it_the_profiles_or_the_trials(tmp_path, key, value, said):
+def test_another_bench_is_not_table_1_be_it_the_profiles_or_the_trials(tmp_path, key, value, nuisance):
     profile = write(tmp_path, [trial()], plant={key: value})
-    assert condition_of(profile, profile.trials[0]).nuisance == said
+    assert condition_of(profile, profile.trials[0]).nuisance == nuisance
     usual = PLANT[key][0]
     usual = 0.2 if usual == "none" else usual
     factor = f"plant.{key}"
     each = write(tmp_path, [trial(**{factor: value})], factors=("sensor", factor))
-    assert condition_of(each, each.trials[0]).nuisance == said
+    assert condition_of(each, each.trials[0]).nuisance == nuisance
     if key != "friction":
         back = write(tmp_path, [trial(**{factor: usual})], factors=("sensor", factor), plant={key: value})
-        assert condition_of(back, back.trials[0]).nuisance == PLAIN, "the trial's own word counts"
+        assert condition_of(back, back.trials[0]).nuisance == PLAIN, "the trial's own setting counts"
 
 
 def test_a_trial_with_another_threshold_is_not_table_1(tmp_path):
@@ -189,7 +195,7 @@ def test_without_an_alarm_the_interval_has_a_lower_end():
     assert interval(0, 0.0) == "–"
 
 
-def test_a_detector_that_cannot_be_in_time_is_told_of(tmp_path, undrawn):
+def test_a_detector_that_cannot_be_in_time_is_reported(tmp_path, undrawn):
     late = trial("dsa", ours_least_delay_s=2.35, **of("ours", missed=1, **UNTOLD))
     settings = {
         "behavior": {"sensors": {"dsa": {"ours": "dsa_ours"}}},
@@ -207,7 +213,7 @@ def test_table_1_says_that_it_is_not_at_equal_false_alarms(tmp_path, undrawn):
 
 
 @pytest.mark.parametrize(
-    ("delays_s", "word"),
+    ("delays_s", "grade"),
     [
         ([0.1] * 2, NOT_JUDGED),
         ([], NOT_JUDGED),
@@ -218,5 +224,5 @@ def test_table_1_says_that_it_is_not_at_equal_false_alarms(tmp_path, undrawn):
         ([0.1, NEVER, NEVER], "bad"),
     ],
 )
-def test_a_verdict_needs_three_slips_that_were_told_or_missed(delays_s, word):
-    assert verdict_of(delays_s) == word
+def test_a_verdict_needs_three_slips_that_were_detected_or_missed(delays_s, grade):
+    assert verdict_of(delays_s) == grade

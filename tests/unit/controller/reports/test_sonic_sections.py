@@ -22,18 +22,18 @@ START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 CAPTIONS = {
     "sides": "Pre-touch by side",
     "pre-touch": "Pre-touch: in how many",
-    "contact": "Contact: touches that were felt",
+    "contact": "Contact: touches that were detected",
     "touches": "Contact by side: touches",
-    "said": "as it was said",
+    "reported": "as it was reported",
     "errors": "Errors of the middle",
     "grasps": "Search and grasp",
-    "stops": "Seen, arm told to stop",
+    "stops": "Seen to stop command",
 }
 
 
 @pytest.fixture(autouse=True)
 def undrawn(monkeypatch):
-    """These tests read words and numbers alone: drawing every figure thrice takes seconds."""
+    """These tests read text and numbers alone: drawing every figure thrice takes seconds."""
     monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
 
 
@@ -101,51 +101,52 @@ TRUTH = (
 )
 
 
-def untold(**cells):
-    """The same where nobody knows what touched: on a real bench, or over the wire."""
+def unknown(**cells):
+    """The same where it is not known what touched: on a real bench, or over the wire."""
     return approached(**dict.fromkeys(TRUTH)) | cells
 
 
 @pytest.mark.parametrize("bench", ["hardware", "emulated"])
-def test_contact_on_a_bench_without_truth_is_counted_as_it_was_said(tmp_path, bench):
+def test_contact_on_a_bench_without_truth_is_counted_as_it_was_reported(tmp_path, bench):
     rows = [
-        untold(words_ours=3, said_of_nothing_paper=1),
-        untold(said_ended_ours=0, outcome="contact"),
-        untold(said_ours=0, said_held_ours=0, said_ended_ours=0, words_ours=0),
-        untold(side="top"),
+        unknown(words_ours=3, said_of_nothing_paper=1),
+        unknown(said_ended_ours=0, outcome="contact"),
+        unknown(said_ours=0, said_held_ours=0, said_ended_ours=0, words_ours=0),
+        unknown(side="top"),
     ]
     section = section_of(aura, write(tmp_path, "aura", rows, bench=bench, behavior={"touch": True}))
     assert section.title == "Contact (C4)"
-    assert table(section, "said") == {
+    assert table(section, "reported") == {
         ("normal", "the paper's"): ["3", "0", "0", "0", "0", "1"],
         ("normal", "ours"): ["3", "2", "4", "2", "1", "0"],
         ("top", "the paper's"): ["1", "0", "0", "0", "0", "0"],
         ("top", "ours"): ["1", "1", "1", "1", "1", "0"],
     }
     assert table(section, "touches") is None, "no touch is known, so none was felt or missed"
-    contact = [result for result in section.summary if result.said.startswith("Contact")]
+    contact = [result for result in section.summary if result.text.startswith("Contact")]
     assert contact == [
         Result(
-            None, f"Contact, {name}: said in {said} of 4 approaches; what touched is not known on this bench."
+            None,
+            f"Contact, {name}: reported in {found} of 4 approaches; what touched is not known on this bench.",
         )
-        for name, said in (("the paper's", 0), ("ours", 3))
+        for name, found in (("the paper's", 0), ("ours", 3))
     ]
     assert not any("are simulated: no detector" in sentence for sentence in section.not_the_papers)
 
 
 def test_without_truth_objects_have_no_rates_of_contact(tmp_path):
-    rows = [untold(object="mug"), untold(object="notebook"), untold(object="none", seen_ours=None)]
+    rows = [unknown(object="mug"), unknown(object="notebook"), unknown(object="none", seen_ours=None)]
     section = section_of(
         aura, write(tmp_path, "aura", rows, bench="hardware", behavior={"touch": True}, planned=3)
     )
     assert section.title == "Objects (C5)"
     assert table(section, "contact") is None
-    assert set(table(section, "said")) == {
+    assert set(table(section, "reported")) == {
         (name, method) for name in ("mug", "notebook", "none") for method in ("the paper's", "ours")
     }
 
 
-def test_what_is_told_of_contact_follows_the_profile_and_not_what_happened(tmp_path):
+def test_the_report_on_contact_follows_the_profile_and_not_what_happened(tmp_path):
     missed = approached(touches=0, felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None, false_ours=1)
     touching = write(tmp_path, "aura", [missed], behavior={"touch": True})
     passing = write(tmp_path, "aura", [missed], behavior={"touch": False})
@@ -176,8 +177,8 @@ def test_touches_are_counted_by_side_and_detector(tmp_path):
     assert counted["normal", "ours"] == ["3", "66.7 % (20.8 to 93.9)", "100", "2", "1", "1 of 3"]
     assert counted["normal", "the paper's"] == ["3", "0.0 % (0.0 to 56.1)", "–", "0", "0", "1 of 3"]
     assert counted["top", "ours"][0] == "1"
-    assert table(section, "said") is None
-    (felt,) = [result for result in section.summary if "2 of 3 touches felt" in result.said]
+    assert table(section, "reported") is None
+    (felt,) = [result for result in section.summary if "2 of 3 touches detected" in result.text]
     assert not felt.met, "the paper's finger felt every touch of that side"
     assert felt.mark == "neither", "but what the simulated finger feels was assumed"
 
@@ -187,8 +188,8 @@ def test_a_finger_need_not_feel_with_its_top(tmp_path):
     section = section_of(aura, write(tmp_path, "aura", [approached(), deaf], behavior={"touch": True}))
     assert (
         Kind.ASSUMED,
-        "Contact, ours: 1 of 1 touches felt with the other sides than the top, 0 of 1 with the top; "
-        "the paper felt all of the former.",
+        "Contact, ours: 1 of 1 touches detected with the other sides than the top, 0 of 1 with the top; "
+        "the paper detected all of the former.",
         True,
     ) in section.summary
 
@@ -203,11 +204,11 @@ def test_soft_objects_and_the_pipe_are_not_held_against_the_papers_rates(tmp_pat
     ]
     section = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True}))
     all_of_two = "100.0 % (34.2 to 100.0)"  # n / (n + z²)
-    for said in (
+    for text in (
         f"Pre-touch, ours: 7.6 points above the paper's 92.4 % of its own objects: 2 of 2 approaches, {all_of_two}.",
         f"Contact, ours: 6.3 points above the paper's 93.7 % of its own objects: 2 of 2 touches, {all_of_two}.",
     ):
-        assert (Kind.ASSUMED, said, True) in section.summary
+        assert (Kind.ASSUMED, text, True) in section.summary
     seen, felt = table(section, "pre-touch"), table(section, "contact")
     assert list(seen)[-4:-1] == [
         ("cloth (soft)",),
@@ -216,13 +217,13 @@ def test_soft_objects_and_the_pipe_are_not_held_against_the_papers_rates(tmp_pat
     ]
     assert seen["all but the soft ones and the pipe",][::2] == ["2", all_of_two]
     assert seen["sponge (soft)",][2].startswith("0.0 %")
-    assert seen["nothing: not said",][::2] == ["4", "75.0 % (30.1 to 95.4)"]
+    assert seen["nothing: not reported",][::2] == ["4", "75.0 % (30.1 to 95.4)"]
     assert felt["all but the soft ones and the pipe", "ours"] == ["2", all_of_two, "2", all_of_two]
     assert felt["sponge (soft)", "ours"][:2] == ["1", "0.0 % (0.0 to 79.3)"]
     assert table(section, "sides")["normal", "x"][1] == "3", "the soft ones are not in it"
 
 
-def test_contact_said_of_nothing_counts_against_the_true_negatives(tmp_path):
+def test_contact_reported_of_nothing_counts_against_the_true_negatives(tmp_path):
     rows = [
         approached(object="mug"),
         approached(object="notebook", approaches=3, false_ours=2),
@@ -289,7 +290,7 @@ def test_errors_searches_and_stops_are_counted(tmp_path):
 
 def test_touches_and_grasps_that_nobody_knows_of_are_not_called_none(tmp_path):
     section = section_of(centering, write(tmp_path, "centering", [centred(0.001)], bench="hardware"))
-    assert table(section, "grasps") == {("pipe", "ours"): ["0.01", "–", "unknown", "not asked for"]}
+    assert table(section, "grasps") == {("pipe", "ours"): ["0.01", "–", "unknown", "not requested"]}
 
 
 # --- runs that ended early ---------------------------------------------------------------------------
@@ -336,12 +337,12 @@ def test_a_trial_that_was_run_again_counts_once(tmp_path):
 def test_the_papers_way_beside_its_own_worst_is_no_good_news_and_ours_is_held_against_it(tmp_path):
     rows = [centred(0.0035, method="paper"), centred(0.0002)]
     theirs, ours = section_of(centering, write(tmp_path, "centering", rows)).summary[::-1]
-    assert theirs.said.startswith(
+    assert theirs.text.startswith(
         "Pipe, the paper's, 0.01 m/s: 2.3 times below the 8.0 mm that the paper has"
     )
     assert theirs.mark == "neither"
     assert (
-        "17.5 times smaller than the paper's way on this bench, 12.5 times below the 2.5 mm aimed at"
-        in ours.said
+        "17.5 times smaller than the paper's method on this bench, 12.5 times below the 2.5 mm aimed at"
+        in ours.text
     )
     assert ours.mark == "met"

@@ -11,9 +11,9 @@ from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 def unpacked(curve):
     low, high = curve["span"][2:]
-    words = np.frombuffer(base64.b64decode(curve["y"]), "<u2").astype(float)
-    words[words == 65535] = np.nan
-    return low + words / 65534 * (high - low)
+    codes = np.frombuffer(base64.b64decode(curve["y"]), "<u2").astype(float)
+    codes[codes == 65535] = np.nan
+    return low + codes / 65534 * (high - low)
 
 
 def test_a_reduced_curve_keeps_every_peak():

@@ -12,8 +12,8 @@ from controller.reports.section import Column, Notes, ReportTable, Text
 from controller.reports.text import NOTHING, number, spread
 
 
-class Words:
-    """What a section says, with the facts of a run put in.
+class SectionTexts:
+    """Sentences and tables of a section, with the facts of a run put in.
 
     A table's columns are lines of `head; key; decimals; scale; look; group`, of which the last four may be missing.
 
@@ -26,7 +26,7 @@ class Words:
             Path(__file__).with_name(f"{name}.toml").read_text("utf-8")
         )
 
-    def said(self, name: str, **facts: object) -> str:
+    def sentence(self, name: str, **facts: object) -> str:
         """A sentence."""
         return str(self._file[name]).format(**facts)
 
@@ -40,7 +40,7 @@ class Words:
 
     def text(self, name: str, **facts: object) -> Text:
         """A paragraph."""
-        return Text(self.said(name, **facts))
+        return Text(self.sentence(name, **facts))
 
     def notes(self, name: str, rest: Sequence[str] = ()) -> Notes:
         """Sentences, and others after them."""
@@ -57,14 +57,14 @@ class Words:
             more: Columns that the run brings, before the last ones.
             facts: For caption and heads.
         """
-        told = self._file[name]
-        columns = [_column(line, facts) for line in told["columns"].strip().splitlines()]
-        place = told.get("more_after", len(columns))
+        given = self._file[name]
+        columns = [_column(line, facts) for line in given["columns"].strip().splitlines()]
+        place = given.get("more_after", len(columns))
         columns[place:place] = more
         body = [[cell(row, column) for column in columns] for row in rows]
-        caption = told.get("caption", "").format(**facts)
+        caption = given.get("caption", "").format(**facts)
         return ReportTable(
-            columns, body, caption, told.get("left", 1), folded=told.get("folded", "").format(**facts)
+            columns, body, caption, given.get("left", 1), folded=given.get("folded", "").format(**facts)
         )
 
 
@@ -75,7 +75,7 @@ def _column(line: str, facts: Mapping[str, object]) -> Column:
 
 
 def cell(row: Any, column: Column) -> Any:
-    """What a row has in a column, as it is printed; a verdict stays what it is."""
+    """A row's cell in a column, as it is printed; a verdict is returned as it is."""
     value = row.get(column.of) if isinstance(row, Mapping) else getattr(row, column.of)
     if column.look == "verdict":
         return value
