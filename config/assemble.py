@@ -293,7 +293,7 @@ def plan_campaign(
         trials=_trial_plans(profile, left, seed),
         factors=tuple(names),
         columns=measures.COLUMNS,
-        telling=getattr(measures, "TELLING", ()),
+        telling=getattr(measures, "HIGHLIGHTS", ()),
         loop=profile.loop,  # type: ignore[arg-type]
         roles=roles,
         signals={signal.info.name: signal.info for signal in make_signals(profile)},

@@ -505,7 +505,7 @@ class Loop:
         if heard == self._heard:
             return
         now_s = self._clock.now()
-        asked = self._signals.hear(heard)
+        asked = self._signals.subscribe(heard)
         for name in self._rig.devices:
             wanted = frozenset(stream for stream in asked if stream.partition(".")[0] == name)
             present = frozenset(stream for stream in self._asked if stream.partition(".")[0] == name)

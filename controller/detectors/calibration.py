@@ -15,13 +15,13 @@ from drivers.messages import SampleBlock
 Floats = NDArray[np.float64]
 
 SPAN_S = 1.0
-"""Alarms closer together than this are one alarm. Assumption: longer than a bump rings, shorter than a user
+"""Alarms closer together than this count as one. Assumption: longer than a bump rings, shorter than a user
 forgives."""
 
 SHORT_SPAN_S = 0.05
 SHORT_S = 40.0
 """Of recordings shorter than the second, that time is shorter in proportion, down to the first: a few seconds of quiet
-then say something, though neighbouring maxima may belong to one disturbance."""
+then suffice, though neighbouring maxima may belong to one disturbance."""
 
 ENOUGH = 5
 """So many alarms must be expected within the recording for its own quantile to be used; fewer are extrapolated to.
@@ -33,7 +33,7 @@ TAIL_LEAST = 20
 spans where there are fewer than twice as many."""
 
 LEAST = 10
-"""Fewer spans say nothing. Assumption: a tail through five maxima is known to a factor of two."""
+"""Least number of spans. Assumption: a tail through five maxima is known to a factor of two."""
 
 FOLDS = 5
 """Parts of a single recording of which each is left out in turn."""
@@ -50,47 +50,47 @@ WHOLE = 0.5
 
 @runtime_checkable
 class Statistic(Protocol):
-    """A detector that can show the number which it holds against its threshold."""
+    """A detector that can return the statistic it compares with its threshold."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Streams that it hears; the first one is what its statistic is made of."""
+        """Streams it subscribes to; its statistic is computed from the first one."""
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
-        """The number after each sample of a whole recording, shape (n,); NaN where a sample decides nothing."""
+        """The statistic after each sample of a whole recording, shape (n,); NaN where a sample decides nothing."""
 
 
 @runtime_checkable
 class Joined(Statistic, Protocol):
-    """One whose statistic is made of several streams side by side."""
+    """A detector whose statistic is computed from several streams."""
 
     def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
-        """What `statistic` asks for, a row for each sample of the first input, shape (n, columns).
+        """Input of `statistic`, a row for each sample of the first input, shape (n, columns).
 
         Args:
             values: The first input, NaN where samples were lost, shape (n, channels).
-            times_s: When, NaN likewise, shape (n,).
+            times_s: Their times, NaN likewise, shape (n,).
             blocks: The whole recording.
         """
 
 
 class Calibration(NamedTuple):
-    """A threshold and how well it is known.
+    """A threshold and its uncertainty.
 
     Attributes:
         threshold: One false alarm in `false_alarm_interval_s`, on average.
         low: Lower end of its 95 % confidence interval.
         high: Upper end; infinite where the recording is too short to have one.
-        false_alarm_interval_s: What was asked for.
+        false_alarm_interval_s: As requested.
         recording_s: Length of the recording used: the seconds in which the detector decides.
-        sees_s: Longest interval for which such a recording contains alarms enough; beyond it is extrapolated.
-        extrapolated: True where the recording is too short to contain the alarms that it is asked about, so that the
-            tail beyond its largest values was assumed to be exponential.
-        pieces: How many the recording is in; a detector begins anew in each.
-        checked_interval_s: Interval of the thresholds that were set without each piece (without each fifth of a
-            single one) in turn, and tried on it; NaN where that leaves too little to set one.
-        checked_expected: False alarms that they ought to give in all.
-        checked_found: False alarms that they gave.
+        sees_s: Longest interval for which such a recording contains enough alarms; longer ones are extrapolated.
+        extrapolated: True where the recording is too short to contain the alarms in question, so that the tail
+            beyond its largest values was assumed to be exponential.
+        pieces: Number of pieces of the recording; the detector is reset before each.
+        checked_interval_s: Interval of the thresholds of the cross-validation: each piece (each fifth of a single
+            one) is left out in turn and then tested; NaN where too little is left to set a threshold.
+        checked_expected: False alarms expected in the cross-validation.
+        checked_found: False alarms found there.
     """
 
     threshold: float
@@ -109,16 +109,16 @@ class Calibration(NamedTuple):
 def calibrate(
     detector: Statistic, values: Floats, rate_hz: float, false_alarm_interval_s: float
 ) -> Calibration:
-    """The threshold that a recording without events asks for.
+    """Calibrate the threshold on a recording without events.
 
     Args:
-        detector: Whose threshold; its own setting of it does not matter.
+        detector: The detector; its own threshold setting is ignored.
         values: The recording, shape (n, channels) or (n,).
         rate_hz: Its sample rate.
         false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
-        ValueError: a recording too short or too quiet to say anything, or on which the detector decides nothing.
+        ValueError: the recording is too short or too quiet, or the detector decides nothing on it.
     """
     columns = values[:, None] if values.ndim == 1 else values
     maxima = span_maxima(detector.statistic(columns, rate_hz), rate_hz)
@@ -128,10 +128,9 @@ def calibrate(
 def calibrate_pieces(
     pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]], false_alarm_interval_s: float
 ) -> Calibration:
-    """The threshold that recorded streams ask for, tried on pieces that were left out when it was set.
+    """Calibrate the threshold on recorded streams, with cross-validation over the pieces.
 
-    A detector begins anew with each piece, and after each gap longer than a second; samples lost in a shorter one
-    are a gap to it.
+    The detector is reset before each piece and after each gap longer than a second; a shorter loss is a gap to it.
 
     Args:
         pieces: Detector and recording: each stream in order, the detector's first input at one rate.
@@ -153,7 +152,7 @@ def calibrate_pieces(
 
 
 class StatisticCourse(NamedTuple):
-    """A stretch of a recording, and a detector's number along it; NaN where samples were lost.
+    """A stretch of a recording with the detector's statistic; NaN where samples were lost.
 
     Attributes:
         times_s: Shape (n,).
@@ -175,33 +174,33 @@ class StatisticCourse(NamedTuple):
 
 
 def courses_of(detector: Statistic, blocks: Sequence[SampleBlock]) -> Sequence[StatisticCourse]:
-    """The number that a detector holds against its threshold, along a recording; begun anew after each long gap.
+    """A detector's statistic along a recording, restarted after each long gap.
 
     Raises:
         ValueError: values that are not finite, irregular times, more than half lost.
     """
     courses = []
-    for heard in _stretches([b for b in blocks if len(b) and b.stream == detector.inputs[0]]):
-        values, times_s, rate_hz = _joined(heard)
+    for stretch in _stretches([b for b in blocks if len(b) and b.stream == detector.inputs[0]]):
+        values, times_s, rate_hz = _joined(stretch)
         columns = detector.columns(values, times_s, blocks) if isinstance(detector, Joined) else values
         courses.append(StatisticCourse(times_s, values, detector.statistic(columns, rate_hz), rate_hz))
     return courses
 
 
 def _dead(values: Floats) -> bool:
-    """Whether all values that are known are the same."""
+    """Whether all known values are equal."""
     known = values[~np.isnan(values).any(axis=1)]
     return bool((known == known[:1]).all())
 
 
 def _sound(found: Calibration, maxima: Floats, dead: bool) -> Calibration:
-    """The same, where it can be believed."""
+    """The same calibration, if it is plausible."""
     if (dead and not found.threshold > 0.0) or not found.threshold < math.inf:
         raise ValueError(
             f"the recording asks for a threshold of {found.threshold:g}, which is none; is the sensor alive, is its "
             "range exceeded?"
         )
-    # a detector that asks for a shape says 0 where it finds none: no tail can be followed through such seconds
+    # a detector that looks for a shape returns 0 where it finds none: no tail can be fitted to such seconds
     moved = int(np.count_nonzero(maxima > 0.0))
     if not found.threshold > 0.0 or (found.extrapolated and moved <= _tail(len(maxima))):
         raise ValueError(
@@ -212,7 +211,7 @@ def _sound(found: Calibration, maxima: Floats, dead: bool) -> Calibration:
 
 
 def _checked(found: Calibration, pieces: Sequence[Floats], span_s: float) -> Calibration:
-    """The same, with what thresholds do on the piece that they were set without, all pieces in turn."""
+    """The same calibration with the results of the cross-validation."""
     parts = pieces if len(pieces) > 1 else np.array_split(pieces[0], FOLDS)
     total_s = sum(map(len, parts)) * span_s
     interval_s = min(found.false_alarm_interval_s, total_s / CHECKED)
@@ -228,7 +227,7 @@ def _checked(found: Calibration, pieces: Sequence[Floats], span_s: float) -> Cal
 
 
 def _stretches(blocks: Sequence[SampleBlock]) -> Sequence[Sequence[SampleBlock]]:
-    """The blocks of a stream, cut where more than a second is missing, or where it begins anew."""
+    """The blocks of a stream, cut where more than a second is missing or the stream restarts."""
     cuts = [
         place
         for place, (a, b) in enumerate(pairwise(blocks), start=1)
@@ -247,13 +246,15 @@ def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, Floats, float]:
     rate_hz = blocks[0].rate_hz
     if rate_hz is None or len(rates) > 1:
         raise ValueError(
-            "samples at irregular times have no threshold; where they are regular, say --rate HZ"
+            "samples at irregular times have no threshold; where they are regular, pass --rate HZ"
         )
-    heard = sum(len(block) for block in blocks)
+    received = sum(len(block) for block in blocks)
     begin = blocks[0].seq
     length = blocks[-1].seq + len(blocks[-1]) - begin
-    if heard < (1.0 - WHOLE) * length:
-        raise ValueError(f"{length - heard} of {length} samples are missing; record more of it in one piece")
+    if received < (1.0 - WHOLE) * length:
+        raise ValueError(
+            f"{length - received} of {length} samples are missing; record more of it in one piece"
+        )
     values = np.full((length, blocks[0].values.shape[1]), np.nan)
     times_s = np.full(length, np.nan)
     for block in blocks:
@@ -276,7 +277,7 @@ def span_maxima(statistic: Floats, rate_hz: float, span_s: float = SPAN_S) -> Fl
 
 
 def threshold_for(maxima: Floats, false_alarm_interval_s: float, span_s: float = SPAN_S) -> Calibration:
-    """The threshold from the maxima of spans without an event.
+    """The threshold from the maxima of event-free spans.
 
     Args:
         maxima: Largest value in each span, shape (spans,).
@@ -347,5 +348,5 @@ def _extrapolated(
 
 
 def _tail(count: int) -> int:
-    """How many of so many maxima the tail is fitted to."""
+    """How many of `count` maxima the tail is fitted to."""
     return max(min(TAIL_LEAST, count // 2), int(TAIL * count))

@@ -12,7 +12,7 @@ from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
 from controller.detectors.protocol import Reading, largest
-from controller.signals.along import Along, Heard, as_complex, silence
+from controller.signals.along import Along, EnvelopeSamples, as_complex, silence
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
 
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 AHEAD = (1.0, 0.0, 0.0)
-"""These detectors hear no encoder, so no direction matters."""
+"""These detectors use no encoder, so the direction is irrelevant."""
 
 
 class LevelPaperSettings(Settings):
@@ -40,7 +40,7 @@ class LevelPaperSettings(Settings):
     second at 1 kHz."""
 
     hold_s: float = Field(default=0.1, gt=0.0, le=600.0)
-    """After so long above it contact is said to persist, s. Not printed; in a window of 2 s contact is forgotten after
+    """Contact persists after this time above it, s. Not printed; in a window of 2 s contact is forgotten after
     0.2 s at gamma 3, and sooner at more."""
 
 
@@ -48,12 +48,12 @@ class LevelPaperDetector:
     """Contact while a sample is farther from its own window's mean than some of the window's standard deviations.
 
     |z| of the newest of n samples is at most (n - 1) / sqrt(n), and that of a level which fills the share p of the
-    window sqrt((1 - p) / p): with gamma 3 no window of 10 samples or fewer ever says anything, and a contact that lasts
-    a tenth of the window is forgotten; its end is then said to be a contact as well. That is the paper's criterion,
-    kept as it is.
+    window sqrt((1 - p) / p): with gamma 3 no window of 10 samples or fewer detects anything, and a contact that lasts
+    a tenth of the window is forgotten; its end is then reported as a contact as well. That is the paper's criterion,
+    unchanged.
 
-    It says `Contact` above gamma, `ContactHeld` once after `hold_s`, `ContactLost` below; nothing until the window is
-    full. A gap begins the window anew; values that are not finite are left out.
+    Emits `Contact` above gamma, `ContactHeld` once after `hold_s`, `ContactLost` below; nothing until the window is
+    full. A gap restarts the window; values that are not finite are ignored.
 
     Reference: S. Rupavatharam, C. Escobedo et al., "SonicFinger: Pre-touch and Contact Detection Tactile Sensor for
     Reactive Pregrasping", section III.E.
@@ -61,8 +61,8 @@ class LevelPaperDetector:
     Example:
         >>> detector = LevelPaperDetector("touch", LevelPaperSettings(window_s=0.1, threshold=4.0))
         >>> level = np.where(np.arange(300) < 200, 0.01, 0.02)[:, None] + 1e-5 * np.sin(np.arange(300))[:, None]
-        >>> said = detector.push(SampleBlock("signals.right", 0, 0.0, level, rate_hz=1000.0))
-        >>> [(type(event).__name__, event.t_s) for event in said]
+        >>> events = detector.push(SampleBlock("signals.right", 0, 0.0, level, rate_hz=1000.0))
+        >>> [(type(event).__name__, event.t_s) for event in events]
         [('Contact', 0.2), ('ContactLost', 0.205)]
     """
 
@@ -75,7 +75,7 @@ class LevelPaperDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget window and contact."""
+        """Clear window and contact."""
         self.reading: Reading | None = None
         self._along.reset()
         self._window: Window | None = None
@@ -83,40 +83,40 @@ class LevelPaperDetector:
         self._lasted = 0
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
-        LevelPaperDetector(self.name, self.settings)._hear(silence(), 1000.0)
+        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
+        LevelPaperDetector(self.name, self.settings)._process(silence(), 1000.0)
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples.
+        """Process the next samples.
 
         Raises:
             ValueError: samples at irregular times.
         """
-        heard, self.reading = self._along.push(block), None
+        samples, self.reading = self._along.push(block), None
         rate_hz = self._along.rate_hz
-        if not len(heard.times_s) or rate_hz is None:
+        if not len(samples.times_s) or rate_hz is None:
             return []
-        scores = np.abs(self._hear(heard, rate_hz))
-        self.reading = largest(heard.times_s, scores, self.settings.threshold)
+        scores = np.abs(self._process(samples, rate_hz))
+        self.reading = largest(samples.times_s, scores, self.settings.threshold)
         hold = max(1, round(self.settings.hold_s * rate_hz))
         events: list[Detected] = []
         above = scores > self.settings.threshold  # NaN is not
         known = ~np.isnan(scores)
         first = 0 if self._touching else int(np.argmax(above))
         if self._touching or above.any():
-            events = self._from(first, heard, scores, above, known, hold)
+            events = self._from(first, samples, scores, above, known, hold)
         return events
 
     def _from(
         self,
         first: int,
-        heard: Heard,
+        samples: EnvelopeSamples,
         scores: Floats,
         above: NDArray[np.bool_],
         known: NDArray[np.bool_],
         hold: int,
     ) -> list[Detected]:
-        """What there is to say from the first sample on that can change anything."""
+        """Events from sample `first` on, the first that can change the state."""
         events: list[Detected] = []
         for i in range(first, len(scores)):
             if not known[i]:
@@ -129,7 +129,7 @@ class LevelPaperDetector:
                 self._lasted += 1
                 kind = ContactHeld if self._lasted == hold else None
             if kind is not None:
-                t_s, threshold = float(heard.times_s[i]), self.settings.threshold
+                t_s, threshold = float(samples.times_s[i]), self.settings.threshold
                 events.append(kind(t_s, self.name, float(scores[i]), threshold))
         return events
 
@@ -137,17 +137,17 @@ class LevelPaperDetector:
         """|z| after each sample, NaN until the window is full, shape (n,); the first column is used."""
         twin = LevelPaperDetector(self.name, self.settings)
         z = values[:, 0].astype(np.complex128)
-        heard = Heard(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
-        found: Floats = np.abs(twin._hear(heard, rate_hz))
+        samples = EnvelopeSamples(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
+        found: Floats = np.abs(twin._process(samples, rate_hz))
         return found
 
-    def _hear(self, heard: Heard, rate_hz: float) -> Floats:
+    def _process(self, samples: EnvelopeSamples, rate_hz: float) -> Floats:
         from controller.signals.level import window, z_scores
 
         if self._window is None:
             self._window = window(max(2, round(self.settings.window_s * rate_hz)))
-        scores = np.empty(len(heard.z))
-        z_scores(self._window, np.ascontiguousarray(heard.z.real), heard.missing, scores)
+        scores = np.empty(len(samples.z))
+        z_scores(self._window, np.ascontiguousarray(samples.z.real), samples.missing, scores)
         return scores
 
 
@@ -158,8 +158,8 @@ class LevelSettings(Settings):
     """Envelope of one finger: I and Q, full scales, at a fixed rate."""
 
     threshold: float = Field(default=7.0, gt=0.0, le=1e9)
-    """Jump that is contact, in root mean squares of what jumps there are otherwise. White Gaussian noise would reach
-    3.8 once an hour, but an arm that sets out is none: chosen on simulated approaches, of which some 1 % reach it
+    """Jump that means contact, in root mean squares of the other jumps. White Gaussian noise would reach 3.8 once an
+    hour, but a starting arm is not white: chosen on simulated approaches, of which some 1 % reach it
     without contact (benchmarks/pretouch). Better calibrate it on approaches without contact."""
 
     spans_s: Annotated[tuple[float, ...], Strict(False)] = (0.004, 0.008, 0.016)
@@ -170,25 +170,25 @@ class LevelSettings(Settings):
     """How long after a jump the level may take to settle, s. Assumption: a gripper reaches its force sooner."""
 
     stay_s: float = Field(default=0.06, gt=0.0, le=10.0)
-    """How long it must then have stayed before contact is said, s. Assumption: an undulation at 0.01 m/s turns by 50
+    """How long it must then stay before contact is reported, s. Assumption: an undulation at 0.01 m/s turns by 50
     degrees."""
 
     rise_s: float = Field(default=0.06, ge=0.0, le=10.0)
-    """How late the scales hear of a jump, s, so that one that rises slowly is not held against itself. Assumption: a
+    """Delay after which a jump enters the scales, s, so that a slow one is not compared with itself. Assumption: a
     finger at 0.01 m/s has pressed its foam by 0.6 mm."""
 
     flat: float = Field(default=0.1, gt=0.0, le=1.0)
-    """How little it may change in that time, as a share of the step. What changes steadily since the jump is never
-    as flat."""
+    """Largest change in that time, as a share of the step. A steady change since the jump always exceeds it."""
 
     scale_s: float = Field(default=0.5, gt=0.0, le=600.0)
-    """Memory of what jumps there are otherwise, s. Assumption: an undulation at 0.01 m/s."""
+    """Memory of the other jumps, s. Assumption: an undulation at 0.01 m/s."""
 
     fast_scale_s: float = Field(default=0.04, gt=0.0, le=600.0)
-    """A second, faster one: when an arm sets out its noise comes at once. The larger scale counts."""
+    """A second, faster one: a starting arm's noise comes at once. The larger scale counts."""
 
     learn_s: float = Field(default=0.3, gt=0.0, le=600.0)
-    """Time after a reset that makes the level at rest, s; the finger stands still in it, or far from everything."""
+    """Time after a reset over which the level at rest is averaged, s; the finger must stand still or be far from
+    everything."""
 
     drift_fs_s: float = Field(default=5e-5, ge=0.0, le=1.0)
     """How fast the level at rest may drift, full scales a second. Assumption: a thousandth of what a touch does."""
@@ -200,19 +200,19 @@ class LevelSettings(Settings):
     """Speed of sound: air at 20 degrees."""
 
     acceleration_m_s2: float = Field(default=0.5, ge=0.0, le=100.0)
-    """How hard the mover accelerates and brakes: what it can make of an undulation is no touch."""
+    """How hard the mover accelerates and brakes: its effect on an undulation is not a touch."""
 
     end_s: float = Field(default=0.015, gt=0.0, le=10.0)
     """How long half the step must be gone before contact is over, s."""
 
     hold_s: float = Field(default=0.5, gt=0.0, le=600.0)
-    """After so long contact is said to persist, s."""
+    """Contact persists after this time, s."""
 
     follow_s: float = Field(default=2.0, gt=0.0, le=3600.0)
     """How fast the level in contact is followed, by a third of the step at most, s: drift."""
 
     max_gap_s: float = Field(default=0.004, ge=0.0, le=1.0)
-    """Bad samples that are bridged, s; after more, and after lost ones, no level is compared with one from before."""
+    """Bad samples that are bridged, s; after more, and after lost ones, levels are not compared across the gap."""
 
     @field_validator("spans_s")
     @classmethod
@@ -226,27 +226,27 @@ class LevelDetector:
     """Contact when I and Q leave the circle on which an undulation turns, and stay where they are.
 
     About the level at rest an undulation turns steadily. At each length of `spans_s` its turning is measured over the
-    last spans and continued; the distance of what came from what was to come is the jump. It is held against the root
-    mean square of earlier jumps of that length, and against what a mover that brakes can do: that turns the wave less
-    than foretold but leaves its size. Then the level must stay: within `settle_s` of the jump there must be `stay_s` in
-    which all thirds are near their mean, measured by the change since before the jump, and which is not merely a piece
-    of a steady change since then. Where a motion begins there is a jump as well, but nothing stays.
+    last spans and extrapolated; the distance of the measured from the predicted value is the jump. It is compared with
+    the root mean square of earlier jumps of that length, and with the effect of a braking mover, which turns the wave
+    less than predicted but leaves its size. Then the level must stay: within `settle_s` of the jump there must be
+    `stay_s` in which all thirds are near their mean, measured by the change since before the jump, and which is not
+    merely part of a steady change since then. The start of a motion jumps as well, but does not stay.
 
     `Contact` comes when the level has stayed; `ContactHeld` once, after `hold_s`; `ContactLost` when half of the step
-    has been back for `end_s`. The step is kept for as long as the contact lasts: nothing is forgotten. A slow drift in
-    contact is followed by a third of the step at most, so that a contact that goes slowly is seen to go. The level at
+    has been back for `end_s`. The step is kept for as long as the contact lasts. A slow drift in contact is
+    followed by a third of the step at most, so that a slow release is still detected. The level at
     rest is the mean of the first `learn_s` and follows drift, no faster than `drift_fs_s`, while there is no contact.
     `value` is the jump in scales, at the end the share of the step that is left.
 
-    What it cannot see: a contact that comes more slowly than an undulation does, one that changes the level by less
+    Not detected: a contact that comes more slowly than an undulation does, one that changes the level by less
     than braking does, and one that begins within a gap.
 
     Example:
         >>> detector = LevelDetector("touch", LevelSettings())
         >>> noise = 1e-5 * np.random.default_rng(1).standard_normal((3000, 2))
         >>> level = np.where((np.arange(3000) < 1000) | (np.arange(3000) >= 2000), 0.01, 0.02)[:, None] + noise
-        >>> said = detector.push(SampleBlock("signals.right", 0, 0.0, level, rate_hz=1000.0))
-        >>> [type(event).__name__ for event in said]
+        >>> events = detector.push(SampleBlock("signals.right", 0, 0.0, level, rate_hz=1000.0))
+        >>> [type(event).__name__ for event in events]
         ['Contact', 'ContactHeld', 'ContactLost']
     """
 
@@ -259,58 +259,58 @@ class LevelDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget levels, scales and contact."""
+        """Clear levels, scales and contact."""
         self.reading: Reading | None = None
         self._along.reset()
         self._steps: Steps | None = None
         self._search: LevelSearch | None = None
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
-        LevelDetector(self.name, self.settings)._hear(silence(), 1000.0, self.settings.threshold)
+        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
+        LevelDetector(self.name, self.settings)._process(silence(), 1000.0, self.settings.threshold)
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples.
+        """Process the next samples.
 
         Raises:
             ValueError: samples at irregular times.
         """
-        heard, self.reading = self._along.push(block), None
-        if not len(heard.times_s) or self._along.rate_hz is None:
+        samples, self.reading = self._along.push(block), None
+        if not len(samples.times_s) or self._along.rate_hz is None:
             return []
         threshold = self.settings.threshold
-        scores, said = self._hear(heard, self._along.rate_hz, threshold)
-        self.reading = largest(heard.times_s, np.nan_to_num(scores), threshold)
+        scores, changes = self._process(samples, self._along.rate_hz, threshold)
+        self.reading = largest(samples.times_s, np.nan_to_num(scores), threshold)
         events: list[Detected] = []
-        for i in np.flatnonzero(said).tolist():
-            kind = (Contact, ContactHeld, ContactLost)[said[i] - 1]
-            events.append(kind(float(heard.times_s[i]), self.name, float(scores[i]), threshold))
+        for i in np.flatnonzero(changes).tolist():
+            kind = (Contact, ContactHeld, ContactLost)[changes[i] - 1]
+            events.append(kind(float(samples.times_s[i]), self.name, float(scores[i]), threshold))
         return events
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """The jump after which the level stays, in scales, 0 where there is none, NaN while it learns, shape (n,).
 
         Args:
-            values: I and Q, or I alone, shape (n, channels). Without contact: nothing here is taken for one.
+            values: I and Q, or I alone, shape (n, channels). Without contact.
             rate_hz: Of both.
         """
         twin = LevelDetector(self.name, self.settings)
         z = as_complex(values)
-        heard = Heard(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
-        found = twin._hear(heard, rate_hz, math.inf)[0]
+        samples = EnvelopeSamples(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
+        found = twin._process(samples, rate_hz, math.inf)[0]
         learnt = found[round(self.settings.learn_s * rate_hz) :]
         learnt[np.isnan(learnt)] = 0.0
         return found
 
-    def _hear(self, heard: Heard, rate_hz: float, threshold: float) -> tuple[Floats, Ints]:
+    def _process(self, samples: EnvelopeSamples, rate_hz: float, threshold: float) -> tuple[Floats, Ints]:
         from controller.signals.level import find_steps, search
 
         if self._steps is None or self._search is None:
             self._steps = self._constants(rate_hz)
             self._search = search(self._steps)
-        scores, said = np.empty(len(heard.z)), np.empty(len(heard.z), np.int64)
-        find_steps(self._steps, self._search, threshold, heard.z, heard.missing, scores, said)
-        return scores, said
+        scores, changes = np.empty(len(samples.z)), np.empty(len(samples.z), np.int64)
+        find_steps(self._steps, self._search, threshold, samples.z, samples.missing, scores, changes)
+        return scores, changes
 
     def _constants(self, rate_hz: float) -> Steps:
         from controller.signals.level import Steps
@@ -327,7 +327,7 @@ class LevelDetector:
         return Steps(
             spans=spans,
             hops=hops,
-            # in two spans a mover that brakes falls behind by a t^2 / 2, and the wave by 2 k times that
+            # in two spans a braking mover falls behind by a t^2 / 2, and the wave by 2 k times that
             bends=np.asarray(0.5 * kappa_rad_m * settings.acceleration_m_s2 * (2.0 * spans / rate_hz) ** 2),
             keeps=np.exp(-hops[:, None] / memories),
             delays=np.maximum(3 * spans, samples(settings.rise_s)) // hops,

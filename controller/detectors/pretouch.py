@@ -1,4 +1,4 @@
-"""Pre-touch by a matched filter along the way: the envelope's I and Q beside the mover's own encoder."""
+"""Pre-touch by a matched filter along the path: the envelope's I and Q against the mover's encoder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
 from controller.detectors.protocol import Reading, largest
-from controller.signals.along import Along, Heard, as_complex, silence
+from controller.signals.along import Along, EnvelopeSamples, as_complex, silence
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
 
@@ -51,22 +51,22 @@ class PreTouchSettings(Settings):
     eighth, which the memory bridges, between objects that go and come at 0.3 to 0.4 of the mover's speed."""
 
     memory_m: float = Field(default=0.008, gt=0.0, le=1.0)
-    """Distance after which a sample counts for 1/e. Assumption: two undulations at 40 kHz; an echo that grows by two
-    in that distance is seen no worse for it."""
+    """Distance after which a sample counts for 1/e. Assumption: two undulations at 40 kHz; an echo that
+    doubles in that distance is detected as well."""
 
     least_m: float = Field(default=0.005, gt=0.0, le=1.0)
-    """Way to go before anything is said. Assumption: a little more than one undulation at 40 kHz."""
+    """Distance before the first decision. Assumption: a little more than one undulation at 40 kHz."""
 
     threshold: float = Field(default=18.0, gt=0.0, le=1e12)
-    """F ratio that means pre-touch: what the wave explains over what it leaves and a still background may make, each
-    for one degree of freedom. Calibrate it on motion before nothing."""
+    """F ratio that means pre-touch: explained over residual variance plus that of a static background, each per degree
+    of freedom. Calibrate it on motion without an object."""
 
     background_fs: float = Field(default=1.5e-4, ge=0.0, le=1.0)
     """Amplitude that walls, a table or gears may have in the envelope. A wave that was there `learn_m` ago counts as
-    background up to this; before, all of it is granted. 0 for a room that sends nothing back: then it sees farthest."""
+    background up to this; before, all of it is granted. 0 for a room without echoes: longest range."""
 
     learn_m: float = Field(default=0.015, gt=0.0, le=1.0)
-    """Way after which what was heard counts as background. An echo that doubles in it, as an object's within some 4 cm
+    """Distance after which an echo counts as background. An echo that doubles in it, as an object's within some 4 cm
     does, stands out. Chosen on simulated rooms."""
 
     release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
@@ -74,14 +74,14 @@ class PreTouchSettings(Settings):
 
     level_fs: float = Field(default=0.0, ge=0.0, le=1.0)
     """Amplitude of the wave (times `gain`) that pre-touch needs beside it, full scales; 0 asks for none. An amplitude
-    belongs to a distance: with it two fingers speak at the same one, which is what centering needs."""
+    belongs to a distance: with it both fingers detect at the same one, which centering needs."""
 
     gain: float = Field(default=1.0, gt=0.0, le=1e3)
-    """By which this finger's amplitude is multiplied before it is held against `level_fs`: calibrates fingers that are
-    not alike."""
+    """Factor on this finger's amplitude before it is compared with `level_fs`: calibrates fingers against each
+    other."""
 
     pause_s: float = Field(default=5.0, gt=0.0, le=3600.0)
-    """After standing still for so long the fit begins anew. Assumption: the bridge's offset drifts little in it."""
+    """A standstill of this length restarts the fit. Assumption: the bridge's offset drifts little in it."""
 
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """The same for lost or unusable samples."""
@@ -109,14 +109,14 @@ class PreTouchSettings(Settings):
 class PreTouchDetector:
     """Pre-touch while a wave of the reflected sound's wavelength is in the envelope along the way.
 
-    Amplitude, phase, decay, offset and slow drift are unknown to it and fitted; of what the fit leaves, it learns the
-    noise, and of the way so far what stands still in the room: that hardly grows, an object's echo does. It says
+    Amplitude, phase, decay, offset and slow drift are fitted; from the residual it learns the
+    noise, and from the path so far the static background of the room: that hardly grows, an object's echo does. Emits
     `PreTouch` at the sample that completes the first cell (a sixteenth of an undulation) whose F ratio is above the
     threshold, and `PreTouchLost` at the first one below `release_ratio` of it; `value` is the ratio.
-    Standing still tells nothing, so nothing is said. One bad sample, or a gap, costs a cell; a jump of the level, as at
-    contact, begins the fit anew and leaves the last word standing until the way is long enough again.
+    At standstill there are no events. A bad sample, or a gap, costs a cell; a jump of the level, as at contact,
+    restarts the fit, and the last event stands until the path is long enough again.
 
-    It hears two streams, and speaks of a time when both have reached it.
+    It subscribes to two streams, and decides about a time once both have reached it.
 
     Example:
         >>> detector = PreTouchDetector("near", PreTouchSettings())
@@ -133,7 +133,7 @@ class PreTouchDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was near, and the way here."""
+        """Clear the object and the path."""
         self.reading: Reading | None = None
         self._along.reset()
         self._way: Way | None = None
@@ -141,20 +141,20 @@ class PreTouchDetector:
         self._near = False
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
-        PreTouchDetector(self.name, self.settings)._hear(silence(), 1000.0)
+        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
+        PreTouchDetector(self.name, self.settings)._process(silence(), 1000.0)
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples of either stream.
+        """Process the next samples of either stream.
 
         Raises:
             ValueError: an envelope at irregular times.
         """
-        heard, self.reading = self._along.push(block), None
-        if not len(heard.times_s) or self._along.rate_hz is None:
+        samples, self.reading = self._along.push(block), None
+        if not len(samples.times_s) or self._along.rate_hz is None:
             return []
-        ratios, amplitudes_fs = self._hear(heard, self._along.rate_hz)
-        self.reading = largest(heard.times_s, ratios, self.settings.threshold)
+        ratios, amplitudes_fs = self._process(samples, self._along.rate_hz)
+        self.reading = largest(samples.times_s, ratios, self.settings.threshold)
         events: list[Detected] = []
         settings = self.settings
         for i in np.flatnonzero(np.isfinite(ratios)).tolist():
@@ -164,7 +164,7 @@ class PreTouchDetector:
             if near != self._near:
                 self._near = near
                 kind = PreTouch if near else PreTouchLost
-                t_s, position_m = float(heard.times_s[i]), float(heard.position_m[i])
+                t_s, position_m = float(samples.times_s[i]), float(samples.position_m[i])
                 events.append(kind(t_s, self.name, ratio, settings.threshold, position_m))
         return events
 
@@ -182,15 +182,15 @@ class PreTouchDetector:
             raise ValueError(
                 "pretouch: a recording of I, Q and the mover's position (m), three columns, is needed to calibrate it"
             )
-        # in one piece, as samples come on a bench: a column of a table would be compiled for anew
+        # contiguous, as live samples are: a strided column would compile another specialization
         return self.traced(as_complex(values[:, :2]), values[:, 2].copy(), rate_hz)[0]
 
     def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
-        """I, Q and the mover's position (m, NaN where unknown) as `statistic` asks for them, shape (n, 3).
+        """I, Q and the mover's position (m, NaN where unknown) as input of `statistic`, shape (n, 3).
 
         Args:
             values: The envelope, NaN where samples were lost, shape (n, channels).
-            times_s: When, NaN likewise, shape (n,).
+            times_s: Their times, NaN likewise, shape (n,).
             blocks: The recording, with the encoder's blocks.
         """
         settings, along = self.settings, self._beside()
@@ -201,32 +201,32 @@ class PreTouchDetector:
             readings_s = np.concatenate([block.times for block in encoder])
             readings = np.concatenate([block.physical for block in encoder])
             along.push(SampleBlock(settings.position_input, 0, readings_s[0], readings, times_s=readings_s))
-            asked_s = times_s[known]
-            asked = SampleBlock(settings.input, 0, asked_s[0], values[known], rate_hz=1.0, times_s=asked_s)
-            found_m = along.push(asked).position_m
+            wanted_s = times_s[known]
+            wanted = SampleBlock(settings.input, 0, wanted_s[0], values[known], rate_hz=1.0, times_s=wanted_s)
+            found_m = along.push(wanted).position_m
             position_m[known[: len(found_m)]] = found_m
         z = as_complex(values)
         return np.column_stack((z.real, z.imag, position_m))
 
     def traced(self, z: NDArray[np.complex128], position_m: Floats, rate_hz: float) -> tuple[Floats, Floats]:
         """F ratio and amplitude (full scales) of a whole recording from its first sample, shape (n,) each; the
-        detector itself hears nothing of it."""
+        detector's own state is unchanged."""
         twin = PreTouchDetector(self.name, self.settings)
-        heard = Heard(np.empty(0), z, position_m, np.zeros(len(z), np.int64))
-        return twin._hear(heard, rate_hz)
+        samples = EnvelopeSamples(np.empty(0), z, position_m, np.zeros(len(z), np.int64))
+        return twin._process(samples, rate_hz)
 
     def _beside(self) -> Along:
         settings = self.settings
         return Along(settings.input, settings.position_input, settings.direction, "detecting pre-touch")
 
-    def _hear(self, heard: Heard, rate_hz: float) -> tuple[Floats, Floats]:
+    def _process(self, samples: EnvelopeSamples, rate_hz: float) -> tuple[Floats, Floats]:
         from controller.signals.undulation import empty_fit, undulate
 
         if self._way is None or self._fit is None:
             self._way = self._constants(rate_hz)
             self._fit = empty_fit(self._way)
-        ratios, amplitudes_fs = np.empty(len(heard.z)), np.empty(len(heard.z))
-        undulate(self._way, self._fit, heard.z, heard.position_m, heard.missing, ratios, amplitudes_fs)
+        ratios, amplitudes_fs = np.empty(len(samples.z)), np.empty(len(samples.z))
+        undulate(self._way, self._fit, samples.z, samples.position_m, samples.missing, ratios, amplitudes_fs)
         return ratios, amplitudes_fs
 
     def _constants(self, rate_hz: float) -> Way:
@@ -249,5 +249,4 @@ class PreTouchDetector:
 
 
 LONGEST_CELL_S = 0.5
-"""Time over which a cell averages at most, s: a mover that creeps is not asked where the offset was long ago.
-Assumption."""
+"""Longest time over which a cell averages, s: limits the effect of drift on a creeping mover. Assumption."""

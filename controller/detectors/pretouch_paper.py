@@ -12,7 +12,7 @@ from pydantic import Field, Strict
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
 from controller.detectors.protocol import Reading
-from controller.signals.along import Along, Heard
+from controller.signals.along import Along, EnvelopeSamples
 from drivers.messages import SampleBlock
 from drivers.settings import Settings, StreamName
 
@@ -26,7 +26,7 @@ class PreTouchPaperSettings(Settings):
     """Envelope of one finger, full scales, at a fixed rate; its first channel, the in-phase one, is used."""
 
     position_input: StreamName | None = None
-    """The mover's encoder, told with each event and used for nothing else; None hears none, and events say NaN."""
+    """The mover's encoder, reported with each event and not used otherwise; None: no encoder, position NaN."""
 
     direction: Annotated[tuple[float, float, float], Strict(False)] = (1.0, 0.0, 0.0)
     """Along which a pose is measured; a position has its direction already."""
@@ -38,8 +38,8 @@ class PreTouchPaperSettings(Settings):
     """Power is summed from 0 to this (III.C: 0 to 100 Hz)."""
 
     remove_dc: bool = True
-    """Take the window's mean off first. The literal method does not, and its sum is the bridge's imbalance squared: it
-    says pre-touch for ever, or never."""
+    """Take the window's mean off first. The literal method does not, and its sum is the bridge's imbalance squared:
+    pre-touch always, or never."""
 
     threshold: float = Field(default=1e-8, gt=0.0, le=1e12)
     """gamma, full scales squared. Not printed ("heuristic"); here the power of a wave of 0.00014 full scales."""
@@ -51,7 +51,7 @@ class PreTouchPaperDetector:
     Windows follow each other without overlap. Power is |DFT / N|^2 over both signs of frequency, so the sum over all
     frequencies is the window's mean square. `PreTouch` comes with the last sample of the first window above the
     threshold, `PreTouchLost` with that of the first one below. A gap begins a new window; one with a value that is not
-    finite says nothing.
+    finite is skipped.
 
     Reference: S. Rupavatharam, C. Escobedo et al., "SonicFinger: Pre-touch and Contact Detection Tactile Sensor for
     Reactive Pregrasping", section III.C.
@@ -73,27 +73,27 @@ class PreTouchPaperDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the window begun and what was near."""
+        """Clear the window begun and the object."""
         self.reading: Reading | None = None
         self._along.reset()
         self._begun = np.empty(0)
         self._near = False
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples.
+        """Process the next samples.
 
         Raises:
             ValueError: an envelope at irregular times, or so slow that a window has no two samples.
         """
-        heard, self.reading = self._along.push(block), None
-        if not len(heard.times_s) or self._along.rate_hz is None:
+        samples, self.reading = self._along.push(block), None
+        if not len(samples.times_s) or self._along.rate_hz is None:
             return []
         events: list[Detected] = []
-        for i, power in self._windows(heard, self._along.rate_hz):
+        for i, power in self._windows(samples, self._along.rate_hz):
             near = power > self.settings.threshold
             if math.isnan(power):
                 continue
-            t_s, position_m = float(heard.times_s[i]), float(heard.position_m[i])
+            t_s, position_m = float(samples.times_s[i]), float(samples.position_m[i])
             if self.reading is None or power > self.reading.statistic:
                 self.reading = Reading(t_s, power, self.settings.threshold)
             if near == self._near:
@@ -122,16 +122,16 @@ class PreTouchPaperDetector:
             )
         return size
 
-    def _windows(self, heard: Heard, rate_hz: float) -> list[tuple[int, float]]:
+    def _windows(self, samples: EnvelopeSamples, rate_hz: float) -> list[tuple[int, float]]:
         """Which samples completed a window, and its power."""
         size = self._size(rate_hz)
         found: list[tuple[int, float]] = []
-        starts = [0, *np.flatnonzero(heard.missing).tolist()]
-        for start, end in zip(starts, [*starts[1:], len(heard.z)], strict=True):
-            if start or (end and heard.missing[0]):
+        starts = [0, *np.flatnonzero(samples.missing).tolist()]
+        for start, end in zip(starts, [*starts[1:], len(samples.z)], strict=True):
+            if start or (end and samples.missing[0]):
                 self._begun = np.empty(0)
             waiting = len(self._begun)
-            joined = np.concatenate((self._begun, heard.z.real[start:end]))
+            joined = np.concatenate((self._begun, samples.z.real[start:end]))
             count = len(joined) // size
             self._begun = joined[count * size :]
             powers = self._powers(joined[: count * size].reshape(count, size), rate_hz).tolist()

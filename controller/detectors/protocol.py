@@ -1,4 +1,4 @@
-"""What every detector is, and how several inputs are kept in step."""
+"""The detector interface, and the reading that a detector shows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Detector(Protocol):
     """Turns samples into events.
 
     The same samples give the same events, whether they come one by one, in blocks of 64 or all at once; with
-    several inputs a detector speaks of time t when all inputs have reached t, however they interleave. An
+    several inputs a detector decides about time t once all inputs have reached t, however they interleave. An
     event's time is the time of the sample that decided.
     """
 
@@ -25,22 +25,22 @@ class Detector(Protocol):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Streams it hears, as `device.stream`."""
+        """Streams it subscribes to, as `device.stream`."""
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next block of one of the inputs; returns what it found, in order of time."""
+        """Process the next block of one of the inputs; returns events in order of time."""
 
     def reset(self) -> None:
-        """Forget everything, as on the day it was made."""
+        """Return to the initial state."""
 
 
 class Reading(NamedTuple):
-    """What a detector held against its threshold.
+    """The statistic that a detector compared with its threshold.
 
     Attributes:
         t_s: Time of the sample.
-        statistic: The largest number of what was heard last.
-        threshold: NaN while it is not known yet.
+        statistic: The largest value in the last block.
+        threshold: NaN until it is known.
     """
 
     t_s: float
@@ -49,8 +49,8 @@ class Reading(NamedTuple):
 
 
 def reading_of(detector: object) -> Reading | None:
-    """What a detector shows of its last `push`, as its attribute `reading`: None where nothing was held against the
-    threshold. One of the user's own need not, and what it shows wrongly counts for nothing."""
+    """The detector's `reading` after its last `push`; None where nothing was compared with the threshold. Optional for
+    user detectors; an attribute of another type, or one that raises, counts as None."""
     try:
         reading = getattr(detector, "reading", None)
     except Exception:
@@ -59,7 +59,7 @@ def reading_of(detector: object) -> Reading | None:
 
 
 def largest(times_s: NDArray[np.float64], statistic: NDArray[np.float64], threshold: float) -> Reading | None:
-    """The reading of a block: times (n,), and the number after each sample (n,), NaN where it decides nothing."""
+    """The reading of a block: times (n,), and the statistic after each sample (n,), NaN where it decides nothing."""
     most = float(np.fmax.reduce(statistic, initial=math.nan))
     if math.isnan(most):
         return None
@@ -71,12 +71,12 @@ class Compiled(Protocol):
     """A detector or signal whose numerics are compiled code."""
 
     def warm_up(self) -> None:
-        """Let it load, or compile on first use; leaves the detector as on the day it was made."""
+        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
 
 
 @runtime_checkable
-class HearsEnvelope(Protocol):
-    """A detector that hears the envelope of a finger: where there is sound alone, I and Q are made of it first."""
+class EnvelopeDetector(Protocol):
+    """A detector whose input is a finger's envelope: raw sound is demodulated to I and Q first."""
 
     envelope: str
-    """Which of its inputs that is."""
+    """Which of its inputs is the envelope."""

@@ -1,4 +1,4 @@
-"""Contact from the waveform of an oscillating finger: phase and amplitude against what the last periods foretell."""
+"""Contact from the waveform of an oscillating finger: phase and amplitude against their prediction."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HOPS = 9
 """Values of the envelope in a free period: one each 4 ms at 28 Hz."""
 
 LEADS, PERIODS, LEVELS = (HOPS, 2 * HOPS), 6, 3
-"""What is foretold: amplitude and phase one period and two ahead, in hops, from the frequencies of six periods and the
+"""What is predicted: amplitude and phase one period and two ahead, in hops, from the frequencies of six periods and the
 amplitudes of three. Chosen on the finger of mock/transient_hard (benchmarks/contact), where from four to ten periods
 little changes."""
 
@@ -44,32 +44,32 @@ stiffens the finger, so the phase leads; the swing's energy is cut a little. Fre
 two."""
 
 QUIET, SURPRISE = 3.0, 4.5
-"""Deviations within which the oscillation is as it was before the contact: frequency and amplitude, and what was not
-foretold, which a loop that locks again makes for a while. Chosen on 224 approaches with a contact that is held."""
+"""Deviations within which the oscillation is as before the contact: frequency and amplitude, and the residual, which is
+large while the loop locks again. Chosen on 224 approaches with a held contact."""
 
 DOUBT = 3
-"""A hop that is not as before takes back so many that were. Chosen there as well."""
+"""A hop that is not as before cancels this many that were. Chosen there as well."""
 
 PERIODS_A_VALUE = 2.0
-"""Values of the baseline so many periods apart are independent of one another. Assumption: twice the window."""
+"""Values of the baseline this many periods apart are independent. Assumption: twice the window."""
 
 
 class ResonanceSettings(Settings):
-    """Of the detector. Times are in periods of the finger, which it learns, or in seconds: any sample rate will do."""
+    """Settings of the detector. Times are in periods of the finger, which it learns, or in seconds."""
 
     input: StreamName = "board.accelerometer"
     """Waveform of the finger's oscillation, at a fixed rate of ten samples a period or more."""
 
     baseline_s: float = Field(default=10.0, ge=0.6, le=600.0)
-    """Time without contact in which the free oscillation is learned, s. A short one asks for a higher threshold by
-    itself, as Student's t does for a normal deviate."""
+    """Time without contact in which the free oscillation is learned, s. A short one raises the threshold, as
+    Student's t does for a normal deviate."""
 
     threshold: float = Field(default=4.6, gt=0.0, le=1e3)
-    """Deviations of the free finger that are contact, with a baseline that knows them. Chosen on 500 simulated
+    """Contact threshold in deviations of the free finger, for a long baseline. Chosen on 500 simulated
     approaches to the hard finger: by the tail of their maxima one in 10,000 exceeds it (benchmarks/contact)."""
 
     senses: Literal["all", "phase", "amplitude", "frequency"] = "all"
-    """What of the waveform is held against the threshold."""
+    """Which quantity of the waveform is compared with the threshold."""
 
     free_hz_from: float = Field(default=15.0, gt=0.0, le=1e4)
     """The free finger oscillates no slower, Hz: else the baseline is refused. Assumption: half of the paper's 28."""
@@ -79,36 +79,36 @@ class ResonanceSettings(Settings):
 
     erratic: float = Field(default=0.05, gt=0.0, le=1.0)
     """Spread of the frequency from period to period, relative, beyond which a baseline is taken to be in contact. Light
-    contact has 0.1 (paper IV.A in words; the simulated finger), the hard finger 0.02 without contact."""
+    contact has 0.1 (paper IV.A, as text; the simulated finger), the hard finger 0.02 without contact."""
 
     creep: float = Field(default=0.06, gt=0.0, le=1.0)
-    """A frequency that lasts so much above the one followed, relative, is contact as well, however slowly it came."""
+    """A lasting rise of the frequency above the followed one, relative, is contact as well, however slow."""
 
     follow_s: float = Field(default=10.0, gt=0.0, le=3600.0)
     """Memory of that frequency, s. It stands still while there is contact."""
 
     hold_s: float = Field(default=0.1, ge=0.0, le=600.0)
-    """After so long contact is said to persist, s."""
+    """Contact persists after this time, s."""
 
     release_s: float = Field(default=0.6, gt=0.0, le=600.0)
     """Contact has ended when the oscillation has been as it was before for so long, s: seventeen periods, for in light
     contact single ones look free."""
 
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
-    """A silence that is longer forgets the contact; what was learned stays."""
+    """A longer silence clears the contact; the baseline stays."""
 
 
 class ResonanceDetector:
-    """Contact where the oscillation leads what its own last periods foretell.
+    """Contact where the oscillation leads the prediction from its last periods.
 
     The waveform is mixed with the free frequency and averaged over one free period, which leaves amplitude and phase.
-    From the six periods before, phase and amplitude one period and two ahead are foretold, with weights that the
-    baseline teaches. Of the four differences one weighted sum is taken, whitened by their covariance in the baseline:
-    so slow drift is followed and no contact learned. It says `BaselineReady` (`value`: the free frequency in Hz;
+    Phase and amplitude one and two periods ahead are predicted from the six periods before, with weights learned from
+    the baseline. The statistic is a weighted sum of the four residuals, whitened by their covariance in the baseline:
+    slow drift is followed, contact is not learned. Emits `BaselineReady` (`value`: the free frequency in Hz;
     `threshold`: the frequency that a lasting rise within a period would have to reach) or `BaselineRefused`, then
     `Contact`, `ContactHeld` once after `hold_s`, and `ContactLost`.
 
-    Samples that are lost or not finite begin the memory anew: for some eight periods nothing is said.
+    Lost samples, or ones that are not finite, restart the memory: no events for some eight periods.
     """
 
     def __init__(self, name: str, settings: ResonanceSettings) -> None:
@@ -118,28 +118,28 @@ class ResonanceDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Return to the initial state."""
         self.reading: Reading | None = None
         self._envelope: Envelope | None = None
         self._raw: list[Floats] = []
         self._raw_times: list[Floats] = []
-        self._heard = 0
+        self._collected = 0
         self._refused = False
         self._next_seq: int | None = None
         self._last_s = math.nan
         self._contact_s = math.nan
-        self._said_held = False
+        self._held_reported = False
         self._forget()
 
     def _forget(self) -> None:
-        """Begin the memory anew: the next prediction needs all of it."""
+        """Restart the memory: the next prediction needs all of it."""
         self._past = np.empty((0, 3))  # time, logarithm of the amplitude, phase
         self._quiet_hops = 0
         if self._envelope is not None:
             self._envelope.restart()
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples.
+        """Process the next samples.
 
         Raises:
             ValueError: samples at irregular times.
@@ -170,22 +170,22 @@ class ResonanceDetector:
     def _interrupted(self, without_s: Floats) -> list[Detected]:
         self._forget()
         if self._envelope is None:
-            self._raw, self._raw_times, self._heard = [], [], 0  # a baseline half of before the gap is none
+            self._raw, self._raw_times, self._collected = [], [], 0  # a baseline must not span a gap
         too_long_s = without_s[without_s - self._last_s > self.settings.max_gap_s]
         if math.isnan(self._contact_s) or not len(too_long_s):
             return []
-        self._contact_s, self._said_held = math.nan, False
+        self._contact_s, self._held_reported = math.nan, False
         return [ContactLost(float(too_long_s[0]), self.name, 0.0, self._limit)]
 
     def _finite(self, times_s: Floats, x: Floats, rate_hz: float) -> list[Detected]:
         if self._envelope is not None:
             return self._follow(*self._envelope.push(times_s, x - self._mean))
         wanted = max(2, round(self.settings.baseline_s * rate_hz))
-        taken = min(wanted - self._heard, len(x))
+        taken = min(wanted - self._collected, len(x))
         self._raw.append(x[:taken])
         self._raw_times.append(times_s[:taken])
-        self._heard += taken
-        if self._heard < wanted:
+        self._collected += taken
+        if self._collected < wanted:
             return []
         learnt = self._learn(np.concatenate(self._raw_times), np.concatenate(self._raw), rate_hz)
         self._raw, self._raw_times = [], []
@@ -197,7 +197,7 @@ class ResonanceDetector:
     # the baseline
 
     def _learn(self, times_s: Floats, x: Floats, rate_hz: float, mistuned: float = 1.0) -> Detected:
-        """Free frequency, mean and covariance of what is foretold wrongly."""
+        """Learn free frequency, and mean and covariance of the residuals."""
         t_s, settings = float(times_s[-1]), self.settings
         free_hz = mistuned * _frequency(x - x.mean(), rate_hz)
         found, reason = np.empty((0, 3)), ""
@@ -219,7 +219,7 @@ class ResonanceDetector:
         assert self._envelope is not None
         self._past = found[-(MEMORY + LEADS[-1]) :]
         self._reference_hz = self._slow_hz = free_hz + float(_rates_hz(found, HOPS).mean())
-        # what a lasting rise of 1 Hz makes of the weighted sum: phase gained over each lead
+        # effect of a lasting rise of 1 Hz on the weighted sum: phase gained over each lead
         gains = self._weights[1::2] * np.asarray(LEADS) * 2.0 * math.pi * self._envelope.hop_s
         rise_hz = self._limit / float(gains.sum()) if gains.sum() > 0.0 else math.nan
         return BaselineReady(t_s, self.name, self._reference_hz, self._reference_hz + rise_hz)
@@ -237,7 +237,7 @@ class ResonanceDetector:
         if spread > self.settings.erratic:
             return f"the frequency varies by {spread:.1%} from period to period: is something touching?"
         self._teach = _regression(plain, seen, PRIOR_VALUES / values)
-        features = _foretold(plain, seen, self._teach)
+        features = _residuals(plain, seen, self._teach)
         # robust: single knocks in the baseline do not widen it
         middle = np.median(features, axis=0)
         scale = 1.4826 * np.median(np.abs(features - middle), axis=0)
@@ -266,12 +266,12 @@ class ResonanceDetector:
     def deviations(
         self, times_s: Floats, x: Floats, mistuned: float = 1.0
     ) -> tuple[Floats, Mapping[str, Floats]]:
-        """What a recording whose first `baseline_s` are without contact would be held against the threshold with.
+        """The statistics of a recording whose first `baseline_s` are without contact.
 
         Args:
             times_s: At a fixed rate, shape (n,).
             x: The waveform, finite, shape (n,).
-            mistuned: It is mixed with so many times the free frequency, for studies.
+            mistuned: Factor on the mixing frequency, for studies.
 
         Returns:
             Times, and the deviations for each value of `senses`; empty where the baseline is refused.
@@ -282,18 +282,18 @@ class ResonanceDetector:
         twin._learn(times_s[:wanted], x[:wanted], rate_hz, mistuned)
         if twin._refused or twin._envelope is None:
             return np.empty(0), dict.fromkeys(LOOK, np.empty(0))
-        found = np.column_stack(twin._envelope.push(times_s[wanted:], x[wanted:] - twin._mean))
-        joined = np.concatenate([twin._past, found])
-        features = _foretold(*_features(joined), twin._teach) - twin._middle
-        told = {senses: (features * weights).sum(axis=1) for senses, weights in twin._looks.items()}
-        return joined[MEMORY + LEADS[-1] :, 0], told | {"amplitude": np.abs(told["amplitude"])}
+        follows = np.column_stack(twin._envelope.push(times_s[wanted:], x[wanted:] - twin._mean))
+        joined = np.concatenate([twin._past, follows])
+        features = _residuals(*_features(joined), twin._teach) - twin._middle
+        found = {senses: (features * weights).sum(axis=1) for senses, weights in twin._looks.items()}
+        return joined[MEMORY + LEADS[-1] :, 0], found | {"amplitude": np.abs(found["amplitude"])}
 
     def _deviations(self, features: Floats) -> Floats:
         s: Floats = ((features - self._middle) * self._weights).sum(axis=1)
         return np.abs(s) if self.settings.senses == "amplitude" else s
 
     def _follow(self, times_s: Floats, levels: Floats, phases: Floats) -> list[Detected]:
-        """What there is to say of new values of the envelope."""
+        """Events from new values of the envelope."""
         fresh = len(times_s)
         if not fresh:
             return []
@@ -301,13 +301,13 @@ class ResonanceDetector:
         events: list[Detected] = []
         plain, seen = _features(self._past)
         if len(plain):
-            told = min(fresh, len(plain))
-            features = _foretold(plain[-told:], seen[-told:], self._teach)
-            events = self._told(self._past[-told:], features, _rates_hz(self._past, HOPS)[-told:])
+            new = min(fresh, len(plain))
+            features = _residuals(plain[-new:], seen[-new:], self._teach)
+            events = self._decide(self._past[-new:], features, _rates_hz(self._past, HOPS)[-new:])
         self._past = self._past[-(MEMORY + LEADS[-1]) :]
         return events
 
-    def _told(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
+    def _decide(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
         assert self._envelope is not None
         s = self._deviations(features)
         self.reading = largest(past[:, 0], s, self._limit)
@@ -323,7 +323,7 @@ class ResonanceDetector:
             crept = self._slow_hz > self._reference_hz + self._creep_hz
             if free:
                 if s[i] > self._limit or crept:
-                    self._contact_s, self._said_held, self._quiet_hops = t_s, False, 0
+                    self._contact_s, self._held_reported, self._quiet_hops = t_s, False, 0
                     value, limit = (float(s[i]), self._limit)
                     if s[i] <= self._limit:
                         value, limit = self._slow_hz, self._reference_hz + self._creep_hz
@@ -332,10 +332,10 @@ class ResonanceDetector:
                     self._reference_hz += (1.0 - keep) * float(rate_hz[i] - self._reference_hz)
                 continue
             if (
-                not self._said_held
+                not self._held_reported
                 and t_s - self._contact_s >= self.settings.hold_s - 0.5 * self._envelope.hop_s
             ):
-                self._said_held = True
+                self._held_reported = True
                 events.append(ContactHeld(t_s, self.name, float(s[i]), self._limit))
             quiet = (
                 surprise[i] < SURPRISE
@@ -351,7 +351,7 @@ class ResonanceDetector:
 
 
 def _features(past: Floats) -> tuple[Floats, Floats]:
-    """What came otherwise than if all had stayed, and what could have foretold it.
+    """Deviations from a steady oscillation, and the features that predict them.
 
     Args:
         past: Time, logarithm of the amplitude and phase, shape (n + MEMORY + LEADS[-1], 3).
@@ -378,7 +378,7 @@ def _features(past: Floats) -> tuple[Floats, Floats]:
 
 
 def _regression(plain: Floats, seen: Floats, prior: float) -> Floats:
-    """Weights of what foretells, shape (leads, PERIODS + LEVELS, 2), drawn towards none as by so much of prior data."""
+    """Weights of the prediction, shape (leads, PERIODS + LEVELS, 2), shrunk toward zero by a share `prior` of data."""
     weights = np.empty((*seen.shape[1:], 2))
     for place in range(seen.shape[1]):
         x = seen[:, place]
@@ -390,10 +390,10 @@ def _regression(plain: Floats, seen: Floats, prior: float) -> Floats:
     return weights
 
 
-def _foretold(plain: Floats, seen: Floats, weights: Floats) -> Floats:
-    """What is left of it when what can be foretold is taken away, shape (n, 4); the same however it is cut."""
-    said: Floats = (seen[:, :, :, None] * weights).sum(axis=2).reshape(len(plain), -1)
-    return plain - said
+def _residuals(plain: Floats, seen: Floats, weights: Floats) -> Floats:
+    """Deviations less their prediction, shape (n, 4); independent of the block size."""
+    predicted: Floats = (seen[:, :, :, None] * weights).sum(axis=2).reshape(len(plain), -1)
+    return plain - predicted
 
 
 def _rates_hz(past: Floats, hops: int) -> Floats:
@@ -403,7 +403,7 @@ def _rates_hz(past: Floats, hops: int) -> Floats:
 
 
 def _frequency(x: Floats, rate_hz: float) -> float:
-    """The frequency that most of the power is at, Hz: the middle of the spectrum's peak."""
+    """Centroid of the largest peak of the spectrum, Hz."""
     power = np.abs(np.fft.rfft(x * np.hanning(len(x)), 4 * len(x))) ** 2
     peak = int(np.argmax(power))
     near = slice(max(0, peak - 8), peak + 9)
@@ -414,5 +414,5 @@ def _frequency(x: Floats, rate_hz: float) -> float:
 
 
 def _students(threshold: float, values: float) -> float:
-    """The threshold of Student's t that is as rare as a normal one (D. L. Wallace, 1959), with so many values."""
+    """The threshold of Student's t as rare as a normal one (D. L. Wallace, 1959), for `values` values."""
     return math.sqrt(values * math.expm1(min(threshold**2 / values, 60.0)))

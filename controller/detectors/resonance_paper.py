@@ -27,7 +27,7 @@ class ResonancePaperSettings(Settings):
 
     sample_hz: float | None = Field(default=15.0, gt=0.0, le=1000.0)
     """How often the frequency is sampled (Hz): the first whole period after each point of the grid, so at most
-    every period. The paper says that about 30 Hz of oscillation limits it to 15; None takes every period."""
+    every period. According to the paper about 30 Hz of oscillation limits it to 15; None takes every period."""
 
     average_samples: int = Field(default=10, ge=1, le=1000)
     """Length of the moving average (III.B: 10)."""
@@ -42,8 +42,8 @@ class ResonancePaperSettings(Settings):
     """A silence of the input longer than this empties the moving average. Assumption: 14 periods of 28 Hz."""
 
     tendon: StreamName | None = None
-    """Stream of the tendon's position (m). With it the threshold follows the tendon (V.C): the baseline, in which the
-    tendon is to be moved over its range, teaches the frequency for each position."""
+    """Stream of the tendon's position (m). With it the threshold follows the tendon (V.C): the frequency for each
+    position is learned from the baseline, in which the tendon must move over its range."""
 
     hysteresis: float = Field(default=0.0, ge=0.0)
     """Of the software comparator, in the waveform's unit; unused where the input is periods or frequencies."""
@@ -53,12 +53,12 @@ class ResonancePaperDetector:
     """Contact when the averaged frequency exceeds the baseline's mean by some standard deviations.
 
     After a reset the moving average fills, then `baseline_s` seconds of it give mean and standard deviation
-    (`BaselineReady`), then every sample is held against the threshold: `Contact` when it rises above,
-    `ContactLost` when it falls back. A period that is not finite or not positive is passed over; a baseline
+    (`BaselineReady`), then every sample is compared with the threshold: `Contact` when it rises above,
+    `ContactLost` when it falls back. A period that is not finite or not positive is skipped; a baseline
     without two values or without variance is refused, once, and the detector stays silent.
 
     With a tendon the mean is a curve: the averaged frequency as a parabola of the tendon's averaged position, and in
-    proportion to its speed, for the loop lags behind. `BaselineReady` tells it where the tendon is then.
+    proportion to its speed, because the loop lags. `BaselineReady` reports it at the tendon's current position.
 
     Reference: S. B. Backus, A. M. Dollar, "Robust, Inexpensive Resonant Frequency Based Contact Detection for
     Robotic Manipulators", section III.B.
@@ -76,7 +76,7 @@ class ResonancePaperDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget baseline, average and contact."""
+        """Clear baseline, average and contact."""
         self.reading: Reading | None = None
         self._cycles = CycleCounter(self.settings.hysteresis)
         self._window: deque[tuple[float, float, float]] = deque(maxlen=self.settings.average_samples)
@@ -88,22 +88,22 @@ class ResonancePaperDetector:
         self._baseline: list[tuple[float, Floats]] = []
         self._baseline_start_s = math.nan
         self._curve: Floats | None = None
-        self._sigma_hz = self._threshold_hz = self._heard_sigma = math.nan
+        self._sigma_hz = self._threshold_hz = self._above_sigma = math.nan
         self._refused = False
         self._contact = False
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next periods, frequencies or waveform samples."""
+        """Process the next periods, frequencies or waveform samples."""
         self.reading = None
         if block.stream == self.settings.tendon:
             self._tendon_s = np.concatenate([self._tendon_s, block.times])
             self._tendon_m = np.concatenate([self._tendon_m, block.physical[:, 0]])
         else:
             self._waiting.extend(self._frequencies(block))
-        return [event for t_s, frequency_hz in self._ready() if (event := self._said(t_s, frequency_hz))]
+        return [event for t_s, frequency_hz in self._ready() if (event := self._update(t_s, frequency_hz))]
 
     def deviations(self, times_s: Floats, values: Floats) -> tuple[Floats, Mapping[str, Floats]]:
-        """Times of the averages after the baseline of a recording, and how many of its sigmas each lies above its mean.
+        """Times of the averages after the baseline of a recording, and how many sigmas each lies above the mean.
 
         Args:
             times_s: When each period ended, shape (n,).
@@ -112,20 +112,20 @@ class ResonancePaperDetector:
         twin = ResonancePaperDetector(self.name, self.settings)
         found = []
         for t_s, period_s in zip(times_s.tolist(), values.tolist(), strict=True):
-            twin._said(t_s, 1.0 / period_s)
-            found.append((t_s, twin._heard_sigma))
-        told = np.array([each for each in found if math.isfinite(each[1])]).reshape(-1, 2)
-        return told[:, 0], {"average": told[:, 1]}
+            twin._update(t_s, 1.0 / period_s)
+            found.append((t_s, twin._above_sigma))
+        known = np.array([each for each in found if math.isfinite(each[1])]).reshape(-1, 2)
+        return known[:, 0], {"average": known[:, 1]}
 
     def _ready(self) -> Iterator[tuple[float, float]]:
-        """What has come and can be judged: where there is a tendon, as far as its position is known."""
+        """Waiting frequencies; with a tendon, only as far as its position is known."""
         known_s = math.inf
         if self.settings.tendon:
             known_s = float(self._tendon_s[-1]) if len(self._tendon_s) else -math.inf
         while self._waiting and self._waiting[0][0] <= known_s:
             yield self._waiting.popleft()
 
-    def _said(self, t_s: float, frequency_hz: float) -> Detected | None:
+    def _update(self, t_s: float, frequency_hz: float) -> Detected | None:
         return self._averaged(t_s, frequency_hz) if self._due(t_s, frequency_hz) else None
 
     def _frequencies(self, block: SampleBlock) -> Iterator[tuple[float, float]]:
@@ -143,14 +143,14 @@ class ResonancePaperDetector:
     def _due(self, t_s: float, frequency_hz: float) -> bool:
         """Whether the period that ends at `t_s` is one that the frequency is sampled at.
 
-        The sampling grid is absolute (k / sample_hz), so that blocks change nothing; the first period to end after
-        a grid point is taken, whole, so that nothing is known before it has happened.
+        The sampling grid is absolute (k / sample_hz), so that the block size changes nothing; the first period to
+        end after a grid point is taken, whole, so that the detector stays causal.
         """
         if not (math.isfinite(frequency_hz) and frequency_hz > 0.0 and math.isfinite(t_s)):
             return False
         if t_s - self._last_s > self.settings.max_gap_s:
             self._window.clear()
-            self._baseline.clear()  # a baseline half of before the silence is none
+            self._baseline.clear()  # a baseline must not span a silence
         self._last_s = t_s
         if self.settings.sample_hz is None:
             return True
@@ -168,7 +168,7 @@ class ResonancePaperDetector:
         if self._curve is not None:
             mean_hz = float(terms @ self._curve)
             self._threshold_hz = mean_hz + settings.threshold_sigma * self._sigma_hz
-            self._heard_sigma = (average_hz - mean_hz) / self._sigma_hz
+            self._above_sigma = (average_hz - mean_hz) / self._sigma_hz
         if self.reading is None or average_hz >= self.reading.statistic:
             self.reading = Reading(t_s, average_hz, self._threshold_hz)
         if self._curve is None:
@@ -199,12 +199,12 @@ class ResonancePaperDetector:
         if t_s - self._baseline_start_s < self.settings.baseline_s - 5e-10:
             return None
         n = len(self._baseline)
-        heard_hz = np.array([each[0] for each in self._baseline])
+        averages_hz = np.array([each[0] for each in self._baseline])
         given = np.array([each[1] for each in self._baseline])
-        plain_hz = np.array([math.fsum(heard_hz) / n])
-        curve = np.linalg.lstsq(given, heard_hz, rcond=None)[0] if self.settings.tendon else plain_hz
+        plain_hz = np.array([math.fsum(averages_hz) / n])
+        curve = np.linalg.lstsq(given, averages_hz, rcond=None)[0] if self.settings.tendon else plain_hz
         free = n - given.shape[1]
-        variance = math.fsum((heard_hz - given @ curve) ** 2) / free if free > 0 else 0.0
+        variance = math.fsum((averages_hz - given @ curve) ** 2) / free if free > 0 else 0.0
         mean_hz = float(terms @ curve)
         if variance <= 0.0:
             self._refused = True

@@ -1,4 +1,4 @@
-"""Slip from the vibration of a force sensor: the paper's spectral peak; knocks that no past foretells, and octaves."""
+"""Slip from the vibration of a force sensor: the paper's spectral peak; unpredicted knocks, and octaves."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Floats = NDArray[np.float64]
 
 
 class SlipStreamSettings(Settings):
-    """What every slip detector must know of its input."""
+    """Input settings of every slip detector."""
 
     input: StreamName = "board.tangential"
     """Stream of the force sensor."""
 
     channel: int | None = Field(default=None, ge=0, le=4095)
-    """Which of its channels; None hears all of them."""
+    """Which of its channels; None uses all of them."""
 
     def chosen(self, values: Floats) -> Floats:
-        """The channels to hear, shape (n, 1) or (n, channels).
+        """The channels in use, shape (n, 1) or (n, channels).
 
         Raises:
             ValueError: the stream has fewer channels.
@@ -63,7 +63,7 @@ class SlipPaperDetector:
     Every N samples: DFT without its DC term, power |Phi(k)|^2 / N, the largest k. Of several channels the one with
     the highest frequency decides. `SlipStarted` comes with the last sample of the first block above the threshold,
     `SlipEnded` with that of the first block below. A gap begins a new block; a block with a value that is not
-    finite says nothing.
+    finite is skipped.
 
     Reference: R. Fernandez, I. Payo, A. S. Vazquez, J. Becedas, "Micro-Vibration-Based Slip Detection in Tactile
     Force Sensors", Sensors 2014, 14, section 3.
@@ -82,14 +82,14 @@ class SlipPaperDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the block begun and the slip."""
+        """Clear the block begun and the slip."""
         self.reading: Reading | None = None
         self._blocks: SpectrumBlocks | None = None
         self._next_seq: int | None = None
         self._slipping = False
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples."""
+        """Process the next samples."""
         rate_hz = _rate_hz(block)
         if self._blocks is None:
             self._blocks = SpectrumBlocks(self._size(rate_hz))
@@ -130,14 +130,14 @@ class SlipPaperDetector:
 
 
 STORED_RATIO = 3.0
-"""A first second that vibrates so many times as strongly as the stored quiet is not taken for quiet. Assumption: noise
-of one sensor differs by less from day to day, a slip by more."""
+"""A first second that vibrates this many times as strongly as the stored quiet is refused. Assumption: noise of one
+sensor differs by less from day to day, a slip by more."""
 
 FOLLOW_SAMPLES = 50.0
-"""So many samples are enough to follow a running median: at 10 kHz noise that grows is followed in 5 ms. Chosen on the
+"""Samples that suffice to follow a running median: at 10 kHz noise that grows is followed in 5 ms. Chosen on the
 choosing half of the recordings and on simulated seeds from 40,000 on, as is DENSE. With 25 samples steps of noise to
-twice are called slip at 11 nats in 0 to 5 % instead of 20 to 50, but the recordings' slips are told after 19 ms and 75
-(nine in ten) instead of 15 and 70, and half of BarrettHand's among bumps after 33 ms instead of 27."""
+twice are called slip at 11 nats in 0 to 5 % instead of 20 to 50, but the recordings' slips are detected after 19 ms and
+75 (nine in ten) instead of 15 and 70, and half of BarrettHand's among bumps after 33 ms instead of 27."""
 
 FOLLOWED_DENSE_NAT, FOLLOWED_RARE_NAT, DENSE = math.log(2.25), math.log(9.0), 0.2
 """So far the median is followed where a fifth of the samples are knocks, as at 1 kHz, and where hardly any are: there
@@ -145,24 +145,24 @@ noise three times as strong is followed. Where they are dense, slip lifts the me
 would be followed as noise; in between by proportion."""
 
 PATIENCE = 2.0
-"""After so many times the time that it needs to learn, a detector that has learned nothing says so."""
+"""A detector that has learned nothing after this many times its learning time reports so."""
 
 
 class SlipSettings(SlipStreamSettings):
-    """The detector that waits for several knocks. Times in seconds: they hold at any sample rate."""
+    """Settings of the detector that waits for several knocks. Times in seconds: they hold at any sample rate."""
 
     threshold: float = Field(default=25.0, gt=0.0, le=1e12)
     """Evidence that means slip, nats; calibrate it on a recording without slip. Beyond 15, as by default, only several
     knocks reach it, so bumps do not: the simulated sensors ask for 17.0 to 23.5 for one false alarm an hour among
     bumps (six hours each, benchmarks/results/slip_thresholds.md), and none of 64 recorded blows reaches it. Below 15
-    vibration alone reaches it, too: slip is told sooner, and a single blow is told as well."""
+    vibration alone reaches it, too: slip is detected sooner, but so is a single blow."""
 
     quiet_rms: float | None = Field(default=None, gt=0.0, le=1e300)
     """Vibration above 15 Hz in quiet, in the input's unit: `value` of an earlier `BaselineReady`. Where it is given, a
     first second that is three times as loud is refused, by name, and learning begins anew."""
 
     knocks_hz: float = Field(default=200.0, gt=0.0, le=1e5)
-    """How often friction lets go while it slips, Hz. Assumption: about once a period of the structure; half or
+    """How often stick-slip releases while it slips, Hz. Assumption: about once a period of the structure; half or
     twice as much changes the delay by a third."""
 
     jumps_hz: float = Field(default=1.0, gt=0.0, le=1e3)
@@ -176,38 +176,38 @@ class SlipSettings(SlipStreamSettings):
     """Variance of a knock over that of noise. The bounded likelihood hardly depends on it."""
 
     order: int = Field(default=16, ge=2, le=64)
-    """Past values that the prediction uses. Sixteen foretell a ring at a tenth of the sample rate in noise; ten do
+    """Past values that the prediction uses. Sixteen predict a ring at a tenth of the sample rate in noise; ten do
     not."""
 
     model_error: float = Field(default=0.1, ge=0.0, le=1.0)
-    """Part of a ring's amplitude that may go unforetold."""
+    """Part of a ring's amplitude that the prediction may miss."""
 
     memory_s: float = Field(default=4.0, gt=0.0, le=3600.0)
-    """Memory of what ringing looks like, s."""
+    """Memory of the ringing's shape, s."""
 
     energy_s: float = Field(default=0.01, gt=0.0, le=10.0)
-    """Memory of how strongly it rings, s."""
+    """Memory of the ringing's strength, s."""
 
     scale_s: float = Field(default=2.0, gt=0.0, le=3600.0)
     """How fast the noise level is followed, s."""
 
     follow_s: float = Field(default=0.05, gt=0.0, le=60.0)
-    """Time in which the running median of what surprises, which knocks and octaves are held against, follows by a
-    factor e, s; 50 samples where those are less. It follows to 1.5 times the amplitude of noise at 1 kHz, to 2.8 times
+    """Time in which the running median of the innovations, the reference for knocks and octaves, follows by a factor e,
+    s; 50 samples where those are less. It follows to 1.5 times the amplitude of noise at 1 kHz, to 2.8 times
     at 10 kHz."""
 
     vibration_s: float = Field(default=0.032, gt=0.0, le=1.0)
     """Longest window in which innovations are compared with noise, s."""
 
     learn_s: float = Field(default=0.5, gt=0.0, le=60.0)
-    """Time that sets the first guess of the noise, s; after as long again it is armed."""
+    """Time of the first noise estimate, s; armed after twice this time."""
 
     hold_s: float = Field(default=0.05, ge=0.0, le=10.0)
     """The evidence must have stayed one knock's worth below the threshold for so long before a slip is over, s."""
 
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
-    """After a gap longer than this all is learned anew. Assumption: a slip is over or lost by then, and what is quiet
-    may be another."""
+    """A longer gap restarts learning. Assumption: a slip is over or lost by then, and the quiet level may have
+    changed."""
 
 
 class SlipDetector:
@@ -216,17 +216,17 @@ class SlipDetector:
     Three opinions on one scale, nats; the evidence is the larger of knocks and vibration.
 
     *Knocks*: the signal's second difference is predicted from its own past, so that offset, load ramps, rolling and
-    the ringing of the structure are foretold. What is not foretold, over noise whose running median is followed, is
-    judged by the log-likelihood ratio of "knocks at `knocks_hz`" against "knocks at `jumps_hz`". No single sample can
+    the ringing of the structure are predicted. The innovation, over noise whose running median is followed, is judged
+    by the log-likelihood ratio of "knocks at `knocks_hz`" against "knocks at `jumps_hz`". No single sample can
     drive it beyond ln(knocks_hz / jumps_hz), and a blow of less than `jump_s` cannot add twice. The sum is kept from
     falling below zero (Page's CUSUM).
 
     *Vibration*: the smaller of what three neighbouring octaves from 15 Hz together exceed their own quiet by, and of
-    the likelihood ratio of a larger innovation. Hum shakes one octave; an arm that sets out surprises nobody. It is
-    worth 15 nats at most: one blow rings as a slip does.
+    the likelihood ratio of a larger innovation. Hum shakes one octave; a starting arm makes no innovation. It
+    is worth 15 nats at most: one blow rings as a slip does.
 
-    It needs `2 * learn_s` to arm after a reset or a gap beyond `max_gap_s`, and says `BaselineReady` (`value`: the
-    vibration that it took for quiet, root mean square) or `BaselineRefused`. Of several channels the one with the
+    It needs `2 * learn_s` to arm after a reset or a gap beyond `max_gap_s`, and emits `BaselineReady` (`value`: the
+    vibration in quiet, root mean square) or `BaselineRefused`. Of several channels the one with the
     most evidence decides. `SlipEnded` comes when the evidence has been one knock's worth
     below the threshold for `hold_s`.
 
@@ -246,25 +246,25 @@ class SlipDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget noise, ringing and evidence."""
+        """Clear noise, ringing and evidence."""
         self.reading: Reading | None = None
         self._channels: list[_Channel] = []
         self._next_seq: int | None = None
         self._slipping = False
         self._below = 0
-        self._heard = 0
-        self._told = False
-        self._said_refused = False
+        self._received = 0
+        self._ready_reported = False
+        self._refusal_reported = False
 
     def arming_s(self, rate_hz: float) -> float:
-        """How long it learns after a reset, s: before that it tells nothing."""
+        """Learning time after a reset, s: no events before its end."""
         return 2 * _settling(self.settings, rate_hz).learn / rate_hz
 
     def least_delay_s(self, rate_hz: float) -> float:
-        """From a slip's first sample to the soonest that can tell it where there was no evidence before, s.
+        """Shortest detection delay from a slip's first sample, with no evidence before, s.
 
-        Vibration is worth `MOST_VIBRATION_NAT` at most; beyond that no sample is worth more than one knock, and none
-        after the first more than the credit gets back in its time.
+        Vibration is worth `MOST_VIBRATION_NAT` at most; beyond that no sample is worth more than one knock, and after
+        the first none more than the credit regained in its time.
         """
         from controller.signals.evidence import MOST_VIBRATION_NAT
 
@@ -274,14 +274,14 @@ class SlipDetector:
         return math.ceil((threshold - odds.cap) / min(odds.cap, odds.refill)) / rate_hz
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
+        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
         self.statistic(np.zeros((64, (self.settings.channel or 0) + 1)), 1000.0)
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples."""
+        """Process the next samples."""
         begun_anew = self._begin(block)
-        trace = self.hear(block)
-        events = [] if self._told else self._baseline(block)
+        trace = self.evidence(block)
+        events = [] if self._ready_reported else self._baseline(block)
         threshold = self.settings.threshold
         self.reading = largest(block.times, trace, threshold)
         if begun_anew and self._slipping:
@@ -322,7 +322,7 @@ class SlipDetector:
         return changes
 
     def _begin(self, block: SampleBlock) -> bool:
-        """Whether a gap, or a stream that began anew, makes it forget what it had learned."""
+        """Reset after a long gap or a restart of the stream; returns whether."""
         if self._next_seq is None:
             return False
         lost = block.seq - self._next_seq
@@ -334,46 +334,50 @@ class SlipDetector:
         return True
 
     def _baseline(self, block: SampleBlock) -> list[Detected]:
-        """That it has learned what quiet is, or that it could not; once each."""
-        before = self._heard
-        self._heard += len(block)
+        """Report that the quiet level is learned, or cannot be; once each."""
+        before = self._received
+        self._received += len(block)
         events: list[Detected] = []
         armed = [channel for channel in self._channels if channel.armed is not None]
         first = min(armed, key=lambda channel: channel.armed or 0, default=None)
         ready = (first.armed or 0) if first else len(block)
         late = round(PATIENCE * self.arming_s(_rate_hz(block)) * _rate_hz(block)) - before - 1
         refused = sorted(found for channel in self._channels for found in channel.refused)
-        if refused and refused[0][0] < min(ready, late if late >= 0 else ready) and not self._said_refused:
+        if (
+            refused
+            and refused[0][0] < min(ready, late if late >= 0 else ready)
+            and not self._refusal_reported
+        ):
             place, level = refused[0]
             stored = self.settings.quiet_rms or math.nan
             reason = (
                 f"the first {self.arming_s(_rate_hz(block)):g} s vibrate with {level:.3g}, the stored quiet is"
                 f" {stored:.3g}: does it slip already, or is quiet_rms that of another sensor?"
             )
-            self._said_refused = True
+            self._refusal_reported = True
             events.append(
                 BaselineRefused(float(block.times[place]), self.name, level, STORED_RATIO * stored, reason)
             )
-        if 0 <= late < ready and not self._said_refused:
+        if 0 <= late < ready and not self._refusal_reported:
             reason = (
                 "no quiet could be learned: the samples are constant, or not finite; is the sensor alive?"
             )
-            self._said_refused = True
+            self._refusal_reported = True
             events.append(
                 BaselineRefused(float(block.times[late]), self.name, 0.0, self.settings.threshold, reason)
             )
         if first:
-            self._told = True
+            self._ready_reported = True
             events.append(
                 BaselineReady(float(block.times[ready]), self.name, first.quiet, self.settings.threshold)
             )
         return events
 
-    def hear(self, block: SampleBlock) -> Floats:
-        """Hear the next samples.
+    def evidence(self, block: SampleBlock) -> Floats:
+        """Process the next samples.
 
         Returns:
-            Evidence after each, nats, held at one knock's worth above the threshold; 0 while it learns, shape (n,).
+            Evidence after each, nats, capped at one knock's worth above the threshold; 0 while it learns, shape (n,).
         """
         values, rate_hz = self.settings.chosen(block.physical), _rate_hz(block)
         if not self._channels:
@@ -382,24 +386,27 @@ class SlipDetector:
             for channel in self._channels:
                 channel.skip(block.seq - self._next_seq)
         self._next_seq = block.seq + len(block)
-        trace = self._evidence(self._channels, values, self.settings.threshold + self._channels[0].odds.cap)
+        trace = self._largest_evidence(
+            self._channels, values, self.settings.threshold + self._channels[0].odds.cap
+        )
         trace[np.isnan(trace)] = 0.0
         return trace
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Evidence after each sample of a whole recording, nats, shape (n,); NaN for the `2 * learn_s` in which it
         learns."""
-        heard = self.settings.chosen(values)
+        chosen = self.settings.chosen(values)
         channels = [
             _Channel(self.settings.model_copy(update={"quiet_rms": None}), rate_hz)
-            for _ in range(heard.shape[1])
+            for _ in range(chosen.shape[1])
         ]
-        return self._evidence(channels, heard, math.inf)
+        return self._largest_evidence(channels, chosen, math.inf)
 
     @staticmethod
-    def _evidence(channels: Sequence[_Channel], values: Floats, ceiling: float) -> Floats:
+    def _largest_evidence(channels: Sequence[_Channel], values: Floats, ceiling: float) -> Floats:
         traces = [
-            channel.hear(np.ascontiguousarray(values[:, i]), ceiling) for i, channel in enumerate(channels)
+            channel.evidence(np.ascontiguousarray(values[:, i]), ceiling)
+            for i, channel in enumerate(channels)
         ]
         most: Floats = traces[0] if len(traces) == 1 else np.fmax.reduce(traces, axis=0)
         return most
@@ -409,9 +416,9 @@ class _Channel:
     """Predictor, octaves and evidence of one channel.
 
     Attributes:
-        armed: The sample of the last block with which it had learned what quiet is; None in other blocks.
-        quiet: The vibration that it took for quiet.
-        refused: Samples of the last block at which what it had learned was louder than the stored quiet, and how loud.
+        armed: The sample of the last block at which the quiet level was learned; None in other blocks.
+        quiet: The vibration in quiet.
+        refused: Samples of the last block at which the learned level exceeded the stored quiet, and that level.
     """
 
     def __init__(self, settings: SlipSettings, rate_hz: float) -> None:
@@ -432,13 +439,13 @@ class _Channel:
         self.armed: int | None = None
         self.refused: list[tuple[int, float]] = []
 
-    def hear(self, x: Floats, ceiling: float) -> Floats:
+    def evidence(self, x: Floats, ceiling: float) -> Floats:
         """Evidence after each sample, shape (n,); NaN while it learns."""
         out = np.empty(x.size)
         self.armed, self.refused = None, []
         begin = 0
         while begin < x.size:
-            knew = self._state[self._places.HEARD] > 0.0
+            knew = self._state[self._places.USED] > 0.0
             begin += self._accumulate(
                 self.odds,
                 self._settling,
@@ -450,24 +457,24 @@ class _Channel:
                 ceiling,
                 out[begin:],
             )
-            if not knew and self._state[self._places.HEARD] > 0.0:
+            if not knew and self._state[self._places.USED] > 0.0:
                 self._judge(begin - 1, out)
         return out
 
     def _judge(self, place: int, out: Floats) -> None:
-        """Takes what was learned for quiet, or learns anew."""
+        """Accept the learned quiet level, or learn again."""
         self.quiet = float(self._state[self._places.QUIET])
         if self._stored is None or self.quiet <= STORED_RATIO * self._stored:
             self.armed = place
             return
         self.refused.append((place, self.quiet))
         self._predictor.counts[self._whitening.COUNT] = 0
-        self._state[self._places.HEARD] = 0.0
+        self._state[self._places.USED] = 0.0
         self._state[self._places.SUM] = 0.0
         out[place] = math.nan
 
     def skip(self, samples: int) -> None:
-        """Samples were lost."""
+        """Skip lost samples."""
         self._predictor.counts[self._whitening.FRESH] = 0
         self._state[self._places.MISSING] += samples
 
@@ -475,7 +482,7 @@ class _Channel:
 def _odds(s: SlipSettings, rate_hz: float) -> Odds:
     from controller.signals.evidence import Odds
 
-    # at low rates knocks come with every sample: odds stay odds, and a jump stays the rarer
+    # at low rates knocks come with every sample: probabilities stay below 1, and a jump the rarer
     knock = min(0.3, s.knocks_hz / rate_hz)
     jump = min(0.2 * knock, s.jumps_hz / rate_hz)
     cap = math.log(knock / jump)

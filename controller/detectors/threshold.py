@@ -1,4 +1,4 @@
-"""Contact from a force that rises above its level at rest: what tells a hand that it has come to the table."""
+"""Contact from a force that rises above its level at rest, as when a hand reaches the table."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from drivers.settings import Settings, StreamName
 Floats = NDArray[np.float64]
 
 NOISE_SIGMA = 8.0
-"""A threshold that is not set is so many times the noise of the running mean at rest. Assumption: half a second knows
-its noise to a seventh, and six sigma never happen in a day."""
+"""Default threshold, in standard deviations of the running mean at rest. Assumption: half a second gives the noise to
+a seventh, and six sigma never happen in a day."""
 
 
 class ForceThresholdSettings(Settings):
@@ -29,18 +29,18 @@ class ForceThresholdSettings(Settings):
     """Stream of the force sensor; it needs a rate."""
 
     channels: Annotated[tuple[int, ...], Strict(False)] | None = None
-    """Which of its channels; None hears all of them."""
+    """Which of its channels; None uses all of them."""
 
     baseline_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """Time over which the level at rest is taken, from the first sample on, s."""
 
     average_s: float = Field(default=0.02, gt=0.0, le=10.0)
-    """Length of the running mean that is held against the threshold, s. Assumption: shorter than anyone's reaction,
+    """Length of the running mean that is compared with the threshold, s. Assumption: shorter than a human reaction,
     long enough to quiet an arm's own force sensor."""
 
     threshold: float | None = Field(default=None, gt=0.0, le=1e6)
     """Distance from the level at rest that means contact, in the input's unit; that of the vector where several
-    channels are heard. None takes it from the noise of the baseline."""
+    channels are used. None derives it from the noise of the baseline."""
 
     tared: bool = False
     """Whether the sensor reads zero at rest: a baseline farther from zero than the threshold is then a contact, and
@@ -53,10 +53,10 @@ class ForceThresholdSettings(Settings):
 class ForceThresholdDetector:
     """Contact while the running mean is farther from the baseline than a threshold.
 
-    It says `BaselineReady` once the level at rest is known (`value`: how far a running mean was from it at most),
-    `BaselineRefused` where that is more than the threshold, something was not finite or nothing moved that a threshold
-    could be taken from, then `Contact` and `ContactLost` in turn. A gap begins a new running mean; samples that are not
-    finite are left out of it.
+    Emits `BaselineReady` once the level at rest is known (`value`: largest distance of a running mean from it), or
+    `BaselineRefused` where that exceeds the threshold, a value is not finite or there is no noise to derive a threshold
+    from; then `Contact` and `ContactLost` in turn. A gap begins a new running mean; samples that are not finite are
+    ignored.
 
     Example:
         >>> detector = ForceThresholdDetector("touch", ForceThresholdSettings(baseline_s=0.1, threshold=0.3))
@@ -72,7 +72,7 @@ class ForceThresholdDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget level and contact."""
+        """Clear level and contact."""
         self.reading: Reading | None = None
         self._waiting: Floats | None = None
         self._level: Floats | None = None
@@ -83,7 +83,7 @@ class ForceThresholdDetector:
         self._touching = False
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear the next samples.
+        """Process the next samples.
 
         Raises:
             ValueError: samples at irregular times, or channels that are not there.
@@ -120,7 +120,7 @@ class ForceThresholdDetector:
         return block.rate_hz, values[:, list(wanted)]
 
     def _learn(self, values: Floats, times_s: Floats, rate_hz: float) -> tuple[int, list[Detected]]:
-        """Collect the baseline; returns how many samples it took, and what there is to say."""
+        """Collect the baseline; returns how many samples it took, and the events."""
         wanted = max(1, round(self.settings.baseline_s * rate_hz))
         had = self._waiting if self._waiting is not None else np.empty((0, values.shape[1]))
         taken = min(wanted - len(had), len(values))
@@ -172,8 +172,8 @@ class ForceThresholdDetector:
         begin, size = max(1, round(self.settings.baseline_s * rate_hz)), self._size(rate_hz)
         found = np.full(len(values), math.nan)
         if len(values) > begin + size:
-            heard = chosen[begin:]
-            away = _running(heard, size) - chosen[:begin].mean(axis=0)
+            after = chosen[begin:]
+            away = _running(after, size) - chosen[:begin].mean(axis=0)
             found[begin + size - 1 :] = np.linalg.norm(away, axis=1)
         return found
 

@@ -1,4 +1,4 @@
-"""C2, C4, C5: what each detector said of approaches, touches and nothing at all (Rupavatharam et al., IV)."""
+"""C2, C4, C5: each detector's events on approaches, touches and empty space (Rupavatharam et al., IV)."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from controller.measures.trial import TrialEvidence
 Floats = NDArray[np.float64]
 
 METHODS = ("paper", "ours")
-"""Whose detectors: `pretouch_METHOD` and `contact_METHOD`."""
+"""Detectors are named `pretouch_METHOD` and `contact_METHOD`."""
 
 LATE_S = 0.5
-"""How long after a contact began or ended a word about it still counts. Assumption: half a finger's hold."""
+"""How long after a contact began or ended an event still counts for it. Assumption: half a finger's hold."""
 
 EARLY_S = 0.05
-"""How much sooner it may come: what is known of a simulated contact is known at the bench's own steps."""
+"""How much earlier it may come: the time of a simulated contact is known to a step of the bench."""
 
 OURS_AND_PAPERS = (
     "alarms",
@@ -40,8 +40,8 @@ OURS_AND_PAPERS = (
     "words",
     "said_of_nothing",
 )
-TELLING = ("seen_ours", "distance_m_ours", "felt_ours")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("seen_ours", "distance_m_ours", "felt_ours")
+"""Columns shown during a run."""
 
 COLUMNS = (
     "approaches",
@@ -53,7 +53,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """One approach: when the rest before it, it, the rest at its end and the way back began, and when that ended."""
+    """One approach: start of the rest before it, of the motion, of the rest after it and of the return; and its end."""
 
     rest_s: float
     begun_s: float
@@ -68,14 +68,13 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
     Returns:
         The outcome, and the columns. `approaches` completed; `undulations_per_cm` of the last one (its dominant
         spatial frequency); `touches` that really happened (simulated benches; else unknown). For each method:
-        `alarms`, approaches in which pre-touch was said where nothing was near (in the rest before, or before nothing);
-        `seen`, approaches to an object in which it was said in time; `distance_m`, median distance at which;
-        `felt`, touches that were said; `delay_s`, median delay; `false`, approaches in which contact was said that was
-        none; `held`, touches whose persistence was said and not taken back too soon; `ended`, touches whose
-        end was said in time. These five are unknown where `touches` is. What was said is known on every bench:
-        `said`, approaches in which contact was; `said_held` and `said_ended`, in which its persistence and its end
-        were after that; `words`, how often contact was said in them; `said_of_nothing`, approaches in which it was
-        said where nothing can touch (in the rest before, or before nothing).
+        `alarms`, approaches with pre-touch where nothing was near (in the rest before, or without an object); `seen`,
+        approaches to an object with pre-touch in time; `distance_m`, its median distance; `felt`, detected touches;
+        `delay_s`, median delay; `false`, approaches with a false contact; `held`, touches reported to persist and not
+        revoked too soon; `ended`, touches whose end was reported in time. These five are unknown where `touches` is.
+        The reports are known on every bench: `said`, approaches with a reported contact; `said_held` and
+        `said_ended`, those whose persistence and end were then reported; `words`, number of contacts reported in them;
+        `said_of_nothing`, approaches with a contact where nothing can touch (in the rest before, or without an object).
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     passages = _passages(evidence)
@@ -88,17 +87,17 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
         pose = evidence.covered(settings.pose_stream, passage.rest_s, passage.over_s)
         for method in settings.methods:
             for what in ("pretouch", "contact"):
-                evidence.heard(f"{what}_{method}", passage.rest_s, passage.over_s)
+                evidence.require_samples(f"{what}_{method}", passage.rest_s, passage.over_s)
     row["undulations_per_cm"] = _undulations(evidence, settings, passages[-1]) if there else None
     if contacts is not None:
         row["touches"] = len(contacts)
     for method in settings.methods:
-        words = [
+        events = [
             event
             for event in evidence.events
             if isinstance(event, Detected) and event.detector.endswith(f"_{method}")
         ]
-        seen = [_seen(words, passage, contacts, there) for passage in passages]
+        seen = [_seen(events, passage, contacts, there) for passage in passages]
         distances_m = [
             _distance(pose.times_s, pose.values[:, :3], t_s, passage, contacts, settings.end_gap_m)
             for (t_s, _), passage in zip(seen, passages, strict=True)
@@ -109,14 +108,14 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
             row[f"seen_{method}"] = sum(t_s is not None for t_s, _ in seen)
         if distances_m:
             row[f"distance_m_{method}"] = float(np.median(distances_m))
-        row.update(_said_columns(words, passages, there, method))
+        row.update(_reported_columns(events, passages, there, method))
         if contacts is not None:
-            row.update(_contact_columns(words, passages, contacts, method))
+            row.update(_contact_columns(events, passages, contacts, method))
     return outcome, row
 
 
 def _passages(evidence: TrialEvidence) -> list[Passage]:
-    """The approaches that came to their end."""
+    """The completed approaches."""
     passages = []
     visits = evidence.visits
     for place, (state, begun_s) in enumerate(visits):
@@ -125,7 +124,7 @@ def _passages(evidence: TrialEvidence) -> list[Passage]:
         after: dict[str, float] = {}
         over_s: float | None = None
         for name, t_s in visits[place + 1 :]:
-            # one that was broken off by a pause goes straight back, and ends where the next one's rest begins
+            # an approach interrupted by a pause returns at once, and ends where the next one's rest begins
             if name in ("BASELINE", "LEAVING"):
                 over_s = t_s
                 break
@@ -137,7 +136,7 @@ def _passages(evidence: TrialEvidence) -> list[Passage]:
 
 
 def _spans(truth: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
-    """From instants at which contact was made and lost to spans; fingers that touch together are one contact."""
+    """Spans of contact from instants of making and losing it; overlapping contacts of several fingers are one."""
     spans: list[tuple[float, float]] = []
     touching, begun_s = 0, math.nan
     for t_s, made in truth:
@@ -155,14 +154,14 @@ def _within(spans: Sequence[tuple[float, float]] | None, passage: Passage) -> tu
 
 
 def _seen(
-    words: Sequence[Any], passage: Passage, contacts: Sequence[tuple[float, float]] | None, there: bool
+    events: Sequence[Any], passage: Passage, contacts: Sequence[tuple[float, float]] | None, there: bool
 ) -> tuple[float | None, bool]:
-    """When pre-touch was first said in an approach to something, and whether it was said of nothing."""
+    """Time of the first pre-touch in an approach to an object, and whether there was a false one."""
     contact = _within(contacts, passage)
     until_s = passage.arrived_s if contact is None else min(contact[0], passage.arrived_s)
-    said = [event.t_s for event in words if isinstance(event, PreTouch)]
-    first = next((t_s for t_s in said if passage.begun_s <= t_s <= until_s), None)
-    early = any(passage.rest_s <= t_s < passage.begun_s for t_s in said)
+    seen = [event.t_s for event in events if isinstance(event, PreTouch)]
+    first = next((t_s for t_s in seen if passage.begun_s <= t_s <= until_s), None)
+    early = any(passage.rest_s <= t_s < passage.begun_s for t_s in seen)
     return (first, early) if there else (None, early or first is not None)
 
 
@@ -184,42 +183,42 @@ def _distance(
     return float(np.linalg.norm(place(end_s) - place(t_s))) + gap_m
 
 
-def _said_columns(
-    words: Sequence[Detected], passages: Sequence[Passage], there: bool, method: str
+def _reported_columns(
+    events: Sequence[Detected], passages: Sequence[Passage], there: bool, method: str
 ) -> dict[str, Any]:
-    """What was said of contact, whatever was true."""
-    said = held = ended = spoken = of_nothing = 0
+    """The reported contacts, whether true or not."""
+    approaches = held = ended = contacts = of_nothing = 0
     for passage in passages:
-        own = [event for event in words if passage.begun_s <= event.t_s < passage.over_s]
+        own = [event for event in events if passage.begun_s <= event.t_s < passage.over_s]
         begins = [event.t_s for event in own if isinstance(event, Contact)]
         early = any(
-            isinstance(event, Contact) and passage.rest_s <= event.t_s < passage.begun_s for event in words
+            isinstance(event, Contact) and passage.rest_s <= event.t_s < passage.begun_s for event in events
         )
         of_nothing += early or bool(begins and not there)
         if not begins:
             continue
-        said += 1
-        spoken += len(begins)
+        approaches += 1
+        contacts += len(begins)
         held += any(isinstance(event, ContactHeld) and event.t_s > begins[0] for event in own)
         ended += any(isinstance(event, ContactLost) and event.t_s > begins[0] for event in own)
     return {
-        f"said_{method}": said,
+        f"said_{method}": approaches,
         f"said_held_{method}": held,
         f"said_ended_{method}": ended,
-        f"words_{method}": spoken,
+        f"words_{method}": contacts,
         f"said_of_nothing_{method}": of_nothing,
     }
 
 
 def _contact_columns(
-    words: Sequence[Detected],
+    events: Sequence[Detected],
     passages: Sequence[Passage],
     contacts: Sequence[tuple[float, float]],
     method: str,
 ) -> dict[str, Any]:
-    begins = [event.t_s for event in words if isinstance(event, Contact)]
-    holds = [event.t_s for event in words if isinstance(event, ContactHeld)]
-    ends = [event.t_s for event in words if isinstance(event, ContactLost)]
+    begins = [event.t_s for event in events if isinstance(event, Contact)]
+    holds = [event.t_s for event in events if isinstance(event, ContactHeld)]
+    ends = [event.t_s for event in events if isinstance(event, ContactLost)]
     delays_s, held, ended = [], 0, 0
     for begun_s, over_s in contacts:
         felt = next(
@@ -231,13 +230,13 @@ def _contact_columns(
         lost = next((t_s for t_s in ends if t_s > felt), math.inf)
         held += any(felt < t_s <= over_s for t_s in holds) and lost >= over_s - EARLY_S
         ended += over_s - EARLY_S <= lost <= over_s + LATE_S
-    spoken_of = [(begun_s - EARLY_S, over_s + EARLY_S) for begun_s, over_s in contacts]
-    strange = [t_s for t_s in begins if not any(a_s <= t_s <= b_s for a_s, b_s in spoken_of)]
+    allowed = [(begun_s - EARLY_S, over_s + EARLY_S) for begun_s, over_s in contacts]
+    false = [t_s for t_s in begins if not any(a_s <= t_s <= b_s for a_s, b_s in allowed)]
     return {
         f"felt_{method}": len(delays_s),
         f"delay_s_{method}": float(np.median(delays_s)) if delays_s else None,
         f"false_{method}": sum(
-            any(passage.rest_s <= t_s < passage.over_s for t_s in strange) for passage in passages
+            any(passage.rest_s <= t_s < passage.over_s for t_s in false) for passage in passages
         ),
         f"held_{method}": held,
         f"ended_{method}": ended,

@@ -1,4 +1,4 @@
-"""C3: where the middle was found, and what it cost (Rupavatharam et al., III.D, IV.A.2, Fig. 8c)."""
+"""C3: the middle found, and the time taken (Rupavatharam et al., III.D, IV.A.2, Fig. 8c)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from behaviors.search import SearchSettings
 from controller.measures.trial import TrialEvidence
 from drivers.messages import Gripped, Reached, Standstill
 
-TELLING = ("error_m", "search_s", "touched")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("error_m", "search_s", "touched")
+"""Columns shown during a run."""
 
 COLUMNS = (
     "error_m",
@@ -33,17 +33,16 @@ def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> 
     """Measure one search.
 
     Returns:
-        The outcome, and the columns: where the gripper came to stand against where the object's middle is, positive
-        where it went too far forward; that place; where the left and the right finger saw the object; from the time
-        of the sample that decided it to the mover being told to stop; how long the search took; how often something
-        was really touched during it (simulated benches alone); whether the jaws held it; from the grip's beginning to
-        each finger's contact.
+        The outcome, and the columns: the gripper's final position relative to the object's middle, positive if too far
+        forward; that position; where the left and the right finger detected the object; from the deciding sample to
+        the stop command; duration of the search; number of true touches during it (simulated benches only); whether
+        the jaws held it; from the grip's beginning to each finger's contact.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     begun_s = evidence.entered_s.get("RUNNING_UP", evidence.entered_s.get("SEEKING_FORWARD"))
     if begun_s is None:
         return outcome, row
-    # after a pause the search begins anew: what the one before it came to counts no more
+    # after a pause the search restarts: the result of the one before is discarded
     entered_s = {state: t_s for state, t_s in evidence.entered_s.items() if t_s >= begun_s}
     ended_s = entered_s.get("CENTERING")
     over_s = ended_s if ended_s is not None else entered_s.get("LEAVING", math.inf)
@@ -53,7 +52,7 @@ def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> 
     seeking = (("left", "SEEKING_FORWARD", "TURNING"), ("right", "SEEKING_BACKWARD", "STOPPING"))
     for finger, state, following in seeking:
         if state in entered_s:
-            evidence.heard(f"{finger}_{method}", entered_s[state], entered_s.get(following, over_s))
+            evidence.require_samples(f"{finger}_{method}", entered_s[state], entered_s.get(following, over_s))
         row[f"{finger}_m"] = _seen_at(evidence, settings, finger, entered_s.get(state))
     for finger, state in (("left", "TURNING"), ("right", "STOPPING")):
         row[f"seen_to_stop_{finger}_s"] = _stopped_after(evidence, settings, entered_s.get(state))
@@ -70,7 +69,7 @@ def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> 
 def _seen_at(
     evidence: TrialEvidence, settings: SearchSettings, finger: str, since_s: float | None
 ) -> float | None:
-    """Where the mover was when a finger's detector spoke, or where it came to stand if the detector does not say."""
+    """The mover's position at a finger's detection, or at standstill if the event has none."""
     if since_s is None:
         return None
     detector = f"{finger}_{evidence.factors.get('method', 'ours')}"
@@ -84,7 +83,7 @@ def _seen_at(
 
 
 def _stopped_after(evidence: TrialEvidence, settings: SearchSettings, seen_s: float | None) -> float | None:
-    """From a finger's seeing the object, which is when the state was entered, to the last byte of Stop."""
+    """From a finger's detection, when the state was entered, to the last byte of Stop."""
     if seen_s is None:
         return None
     sent_s = evidence.stop_sent_s(settings.mover, seen_s)
@@ -99,7 +98,7 @@ def _grasp(evidence: TrialEvidence, settings: SearchSettings) -> Mapping[str, An
     found: dict[str, Any] = {"gripped": int(held is not None)}
     until_s = evidence.entered_s.get("RELEASING", math.inf)
     for finger in ("left", "right"):
-        evidence.heard(f"{finger}_contact", closing_s, until_s)
+        evidence.require_samples(f"{finger}_contact", closing_s, until_s)
         felt = evidence.first(Contact, closing_s, until_s, detector=f"{finger}_contact")
         found[f"contact_{finger}_s"] = None if felt is None else felt.t_s - closing_s
     return found

@@ -17,11 +17,11 @@ STEP_HZ = 250.0
 """Width of the bands in which the sweep is averaged: a hundred in a sweep of 26 kHz, each well above a millisecond."""
 
 LATENCY_UNSURE_S = 0.001
-"""How far a device's own word on its latency may be off, s. Assumption: converters' filters, of which it knows nothing,
-take some 0.4 ms each."""
+"""Error of the latency that a device reports, s. Assumption: converters' filters, which it does not include, take some
+0.4 ms each."""
 
-TELLING = ("best_hz", "unsure_hz", "over_noise_db")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("best_hz", "unsure_hz", "over_noise_db")
+"""Columns shown during a run."""
 
 COLUMNS = (
     "best_hz",
@@ -73,9 +73,9 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
 
 
 def beginning(ended_s: float, settings: ChirpSettings) -> float:
-    """When the sweep was first heard, s: counted back from its end, which the device tells by the frames it hears.
+    """When the sweep was first received, s: counted back from its end, which the device reports by frame.
 
-    The order to sweep is no such time: the sweep begins a buffer later and comes back after the card's latency, at the
+    The time of the command does not do: the sweep begins a buffer later and comes back after the card's latency, at the
     default 6.5 Hz for each millisecond.
     """
     return ended_s - settings.duration_s
@@ -89,7 +89,7 @@ def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[
     """Mean square of what comes back while the sweep passes through each band.
 
     Args:
-        times_s: Since the sweep was first heard, shape (n,).
+        times_s: Since the sweep was first received, shape (n,).
         values: Of the fingers, shape (n, fingers).
         settings: Of the sweep.
 

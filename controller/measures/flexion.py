@@ -14,8 +14,8 @@ from behaviors.flexion import FlexionSettings
 from controller.measures import transient
 from controller.measures.trial import TrialEvidence
 
-TELLING = ("contact_false", "following_false", "free_rise_hz")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("contact_false", "following_false", "free_rise_hz")
+"""Columns shown during a run."""
 
 LISTENERS = ("contact", "following", "ours")
 """Names that the profile gives: the paper's fixed threshold, the one that follows, the waveform's detector."""
@@ -34,8 +34,8 @@ def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) ->
     Returns:
         As `measures.transient`, and: `flexed_s`, how long the tendon moved with nothing touched after the baseline;
         `free_rise_hz`, how much higher the free finger oscillates fully flexed than extended. For each detector:
-        `…_false`, contacts that it told in that time; `…_share` of it in which it said contact; `…_blind`, 1 where it
-        said so when the probe touched, so that it could tell nothing; `…_told_s`, from the touch to its word.
+        `…_false`, contacts reported in that time; `…_share` of it in contact by the detector; `…_blind`, 1 where it was
+        in contact already when the probe touched; `…_told_s`, from the touch to its event.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
     row |= dict.fromkeys(COLUMNS[len(transient.COLUMNS) :])
@@ -47,7 +47,7 @@ def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) ->
     for name in LISTENERS:
         if name in evidence.detectors:
             row |= {
-                f"{name}_{what}": value for what, value in _said(evidence, name, begun_s, until_s, touch_s)
+                f"{name}_{what}": value for what, value in _scores(evidence, name, begun_s, until_s, touch_s)
             }
     if evidence.truth is None or outcome not in ("contact", "false_contact"):
         return outcome, row
@@ -55,23 +55,23 @@ def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) ->
     return outcome, row
 
 
-def _said(
+def _scores(
     evidence: TrialEvidence, name: str, begun_s: float, until_s: float, touch_s: float | None
 ) -> list[tuple[str, float | None]]:
-    evidence.heard(name, begun_s, until_s)
-    told = [
+    evidence.require_samples(name, begun_s, until_s)
+    changes = [
         (event.t_s, isinstance(event, Contact))
         for event in evidence.events
         if isinstance(event, Contact | ContactLost) and event.detector == name
     ]
-    before = [made for t_s, made in told if t_s < begun_s]
-    inside = [(t_s, made) for t_s, made in told if begun_s <= t_s < until_s]
+    before = [made for t_s, made in changes if t_s < begun_s]
+    inside = [(t_s, made) for t_s, made in changes if begun_s <= t_s < until_s]
     edges = [(begun_s, bool(before and before[-1])), *inside, (until_s, False)]
-    said_s = sum(b[0] - a[0] for a, b in pairwise(edges) if a[1])
-    after = [t_s for t_s, made in told if made and touch_s is not None and t_s >= touch_s]
+    contact_s = sum(b[0] - a[0] for a, b in pairwise(edges) if a[1])
+    after = [t_s for t_s, made in changes if made and touch_s is not None and t_s >= touch_s]
     return [
         ("false", float(sum(made for _, made in inside))),
-        ("share", said_s / (until_s - begun_s)),
+        ("share", contact_s / (until_s - begun_s)),
         ("blind", float(edges[-2][1]) if touch_s is not None else None),
         ("told_s", after[0] - touch_s if after and touch_s is not None else None),
     ]

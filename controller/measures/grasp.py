@@ -20,8 +20,8 @@ def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> t
 
     Returns:
         The outcome, and the columns of centering with five more: how far the tool was lifted, how long the object was
-        held up there, how often slip was detected meanwhile, how often it really slipped (simulated benches alone),
-        and how hard the jaws were told to press at the end.
+        held there, how often slip was detected meanwhile, how often it really slipped (simulated benches only), and the
+        last commanded grip force.
     """
     outcome, row = centering.measure(evidence, settings, outcome)
     row |= dict.fromkeys(_OWN)
@@ -30,7 +30,7 @@ def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> t
         return outcome, row
     over_s = evidence.entered_s.get("LOWERING", math.inf)
     for detector in settings.slip:
-        evidence.heard(detector, lifting_s, over_s)
+        evidence.require_samples(detector, lifting_s, over_s)
     slips = [event for event in evidence.events if isinstance(event, SlipStarted)]
     row["slips"] = sum(e.detector in settings.slip and lifting_s <= e.t_s <= over_s for e in slips)
     if evidence.slips is not None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from controller.recording.series import TrialRecording
 
 DETECTED_SIGMA = 3.5
-"""A change counts as detected when it is as many standard deviations of one sample. Assumption: the paper does not say;
+"""A change is detected when it is as many standard deviations of one sample. Assumption: the paper gives no value;
 with Gaussian noise one sample in 4,300 goes as far by itself in either direction."""
 
 CONFIDENCE = 0.95
@@ -49,7 +49,7 @@ class Step(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A value with its 95 % interval; NaN where there is too little to tell."""
+    """A value with its 95 % interval; NaN where there is too little data."""
 
     value: float
     low: float
@@ -65,7 +65,7 @@ UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class BridgeCalibration:
-    """What the ladder tells of a bridge.
+    """Result of a ladder for one bridge.
 
     Attributes:
         gain_v_n: Slope of the line through zero, V/N.
@@ -98,11 +98,11 @@ def steps_of(
 ) -> list[Step]:
     """The loads of a trial, in order; the first is the empty bridge.
 
-    A load that was asked for twice in a row (after a pause) counts as it was recorded the second time.
+    A load that was requested twice in a row (after a pause) counts as it was recorded the second time.
 
     Args:
         recording: Of the trial.
-        load_stream: What hung, by the person's word.
+        load_stream: The load, as confirmed by the operator.
         bridges_stream: The bridges, V.
         bridge: "x", "y" or "t".
         preloads: How often the largest weight hung before the first cycle.

@@ -12,8 +12,8 @@ from behaviors.pointer import PointerSettings
 from controller.measures.touches import RECORDED, ZERO, errors_of, spans_of, touches_of
 from controller.measures.trial import TrialEvidence
 
-TELLING = ("theta_rms_rad", "theta_max_rad", "force_n")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("theta_rms_rad", "theta_max_rad", "force_n")
+"""Columns shown during a run."""
 
 COLUMNS = (
     "touches",
@@ -28,7 +28,7 @@ COLUMNS = (
 
 
 def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) -> tuple[str, dict[str, Any]]:
-    """Hold the fingertip's angle against the arm's, touch by touch.
+    """Compare the fingertip's angle with the arm's, touch by touch.
 
     Returns:
         The outcome, and the columns: touches recorded; their mean normal force; mean, standard deviation, root mean

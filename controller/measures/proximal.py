@@ -11,26 +11,26 @@ from behaviors.transient import TransientSettings
 from controller.measures import transient
 from controller.measures.trial import TrialEvidence
 
-TELLING = ("told", "ratio_db", "delay_s")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("told", "ratio_db", "delay_s")
+"""Columns shown during a run."""
 
 COLUMNS = (*transient.COLUMNS, "told", "ratio_db")
 
 LISTENS_S = 0.3
-"""From the detection on the two swings are compared for so long, eight periods. Assumption: from 0.07 to 0.3 s after
+"""Time after the detection over which the two swings are compared, eight periods. Assumption: from 0.07 to 0.3 s after
 the touch it made little difference on 240 other approaches, to a kind and a hard finger."""
 
 
 def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
-    """Measure one approach, and tell the link.
+    """Measure one approach, and identify the link touched.
 
-    A link that is touched is held: its accelerometer hears the knocks, and the other link swings on. So the distal
-    swing is divided by the proximal one; where that ratio has grown since the baseline, the distal link was touched.
-    Nothing is fitted.
+    Contact holds a link: its accelerometer measures the knocks, and the other link swings on. The distal swing is
+    divided by the proximal one; if that ratio has grown since the baseline, the distal link was touched. Nothing is
+    fitted.
 
     Returns:
         As `measures.transient`, and: `told`, "proximal" or "distal"; `ratio_db`, by how much the ratio of the distal to
-        the proximal accelerometer's standard deviation has grown, dB. Both are empty where no contact was told.
+        the proximal accelerometer's standard deviation has grown, dB. Both are empty where no contact was detected.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
     row |= {"told": None, "ratio_db": None}

@@ -1,4 +1,4 @@
-"""B8: what each slip detector told, when the tip really slipped, and what the paper's statistic showed."""
+"""B8: events of each slip detector, true slip, and the paper's statistic."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ _EACH = (
     *("false_alarms", "touch_alarms", "quiet_s"),
 )
 
-TELLING = ("ours_delay_s", "paper_delay_s", "ours_false_alarms")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("ours_delay_s", "paper_delay_s", "ours_false_alarms")
+"""Columns shown during a run."""
 
 COLUMNS = (
     "clock_s",
@@ -56,13 +56,13 @@ COLUMNS = (
     "slip_to_stop_s",
     "stop_travel_m",
 )
-"""`clock_s` is where the paper's time axis begins. `reference` says what the delays run from: the truth of a simulated
-bench, or the moment at which the arm was told to slide. `slide_s` is the first such moment, `slip_s` the first true
-slip, `told_s` a detector's first word after `slide_s`. `early` counts slips that were called between the arm's start
-and the true slip, or that began while the detector called slip already: neither detected nor missed. A slip that was
-cut short before it could be told is none of the three. `listen_s` is when the slip detectors began to listen;
-`touch_alarms` are the false ones of descent and pressing, `quiet_s` is the time in which a detector could have alarmed
-at any other time without slip. `ours_least_delay_s` is how long ours takes at least, whatever the slip."""
+"""`clock_s` is where the paper's time axis begins. `reference` is the origin of the delays: true slip on a simulated
+bench, or the command to slide. `slide_s` is the first such command, `slip_s` the first true slip, `told_s` a
+detector's first event after `slide_s`. `early` counts slips reported between the arm's start and the true slip, or that
+began while the detector reported slip already: neither detected nor missed. A slip cut short before it could be
+detected is none of the three. `listen_s` is when the slip detectors were subscribed; `touch_alarms` are the false
+alarms during descent and pressing, `quiet_s` is the other time without slip in which a detector could have alarmed.
+`ours_least_delay_s` is our detector's shortest delay, whatever the slip."""
 
 BLOCK_S = 0.064
 SLOW_BLOCK_S = 0.16
@@ -70,7 +70,7 @@ SLOW_HZ = 200.0
 """Blocks of the paper's statistic: N = 64 at 1 kHz (section 3), N = 16 at 100 Hz (5.4)."""
 
 AFTER_S = 0.2
-"""A detector that tells slip so soon after its end is late, not wrong: a block and a half of the slowest sensor's."""
+"""Slip reported this soon after its end is late, not false: a block and a half of the slowest sensor."""
 
 
 class SlipSpan(NamedTuple):
@@ -81,9 +81,9 @@ class SlipSpan(NamedTuple):
 
 
 class Slip(NamedTuple):
-    """A slip, bench time in seconds: when the arm was told to slide, when the tip slipped, when it ceased to."""
+    """A slip, bench time in seconds: command to slide, beginning and end of the slip."""
 
-    told_s: float
+    commanded_s: float
     begin_s: float
     end_s: float
 
@@ -92,7 +92,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     """Measure one trial.
 
     Returns:
-        The outcome and the row's columns; what was not seen is None.
+        The outcome and the row's columns; None for what did not occur.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     run = settings.sensors[evidence.factors["sensor"]]
@@ -101,7 +101,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row["touch_s"] = None if touch is None else touch.t_s
     if evidence.truth is not None:
         row["touch_truth_s"] = next((t_s for t_s, made in evidence.truth if made), None)
-    _heard(evidence, run, row["touch_s"])
+    _require_samples(evidence, run, row["touch_s"])
     commanded = _commanded(evidence)
     true_slips = None if evidence.slips is None else _spans(evidence.slips)
     slips = [Slip(t.begin_s, *t) for t in commanded] if true_slips is None else _true(commanded, true_slips)
@@ -110,24 +110,24 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row["slide_s"] = commanded[0].begin_s if commanded else None
     if slips:
         row["slip_s"], row["slip_end_s"] = slips[0].begin_s, slips[-1].end_s
-    excused = [SlipSpan(slip.told_s, slip.end_s) for slip in slips] + (true_slips or [])
+    slipping = [SlipSpan(slip.commanded_s, slip.end_s) for slip in slips] + (true_slips or [])
     descent = _descent(evidence)
     row["listen_s"] = listen_s = _listen_s(evidence, run)
     arming_s, row["ours_least_delay_s"] = _ours_at_best(evidence, run)
     cuts_s = _cuts_s(evidence)
-    for who in DETECTORS:
-        if _unlearnt(evidence, getattr(run, who)):
+    for detector in DETECTORS:
+        if _unlearnt(evidence, getattr(run, detector)):
             continue
-        words = _words(evidence.events, getattr(run, who), listen_s)
+        events = _events_of(evidence.events, getattr(run, detector), listen_s)
         if listen_s is not None:
-            armed_s = listen_s + (arming_s if who == "ours" else 0.0)
-            row[f"{who}_quiet_s"] = _quiet_s(armed_s, _silent_s(evidence, run), excused, descent)
-        scored = _score(words, slips, settings.missed_after_s, cuts_s)
-        alarms = _alarms(words, excused, descent)
+            armed_s = listen_s + (arming_s if detector == "ours" else 0.0)
+            row[f"{detector}_quiet_s"] = _quiet_s(armed_s, _silent_s(evidence, run), slipping, descent)
+        scored = _score(events, slips, settings.missed_after_s, cuts_s)
+        alarms = _alarms(events, slipping, descent)
         if commanded:
-            after = [w.t_s for w in words if isinstance(w, SlipStarted) and w.t_s >= commanded[0].begin_s]
-            row[f"{who}_told_s"] = after[0] if after else None
-        row.update({f"{who}_{what}": value for what, value in {**scored, **alarms}.items()})
+            after = [w.t_s for w in events if isinstance(w, SlipStarted) and w.t_s >= commanded[0].begin_s]
+            row[f"{detector}_told_s"] = after[0] if after else None
+        row.update({f"{detector}_{what}": value for what, value in {**scored, **alarms}.items()})
     row["press_n"] = _press(evidence, settings)
     row.update(_spectrum(evidence, run, slips, listen_s))
     row.update(_stop(evidence, settings, run))
@@ -135,28 +135,28 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
 
 
 def _unlearnt(evidence: TrialEvidence, detector: str) -> bool:
-    """Whether a detector refused what it was to learn from, and has learned nothing since: its silence says nothing."""
+    """Whether a detector refused its baseline and has learned none since: its silence means nothing."""
     refused = evidence.last(BaselineRefused, detector=detector)
     ready = evidence.last(BaselineReady, detector=detector)
     return refused is not None and (ready is None or ready.t_s < refused.t_s)
 
 
-def _heard(evidence: TrialEvidence, run: SensorRunSettings, touch_s: float | None) -> None:
-    """What the detectors said, and what they did not, counts only where they heard."""
+def _require_samples(evidence: TrialEvidence, run: SensorRunSettings, touch_s: float | None) -> None:
+    """Require the detectors' samples wherever their events are counted."""
     descending_s, listen_s = evidence.entered_s.get("RESTING"), _listen_s(evidence, run)
     silent_s = _silent_s(evidence, run)
     if descending_s is not None:
-        evidence.heard(run.touch, descending_s, silent_s if touch_s is None else touch_s)
+        evidence.require_samples(run.touch, descending_s, silent_s if touch_s is None else touch_s)
     if listen_s is not None:
-        for who in DETECTORS:
-            evidence.heard(getattr(run, who), listen_s, silent_s)
+        for detector in DETECTORS:
+            evidence.require_samples(getattr(run, detector), listen_s, silent_s)
 
 
 # --- when it slipped ------------------------------------------------------------------------------
 
 
 def _commanded(evidence: TrialEvidence) -> list[SlipSpan]:
-    """From when the arm was told to slide until it stood or was told something else."""
+    """From each command to slide until standstill or the next command."""
     ends_s = [t_s for _, t_s in evidence.visits[1:]]
     if evidence.visits:
         ends_s.append(_end_s(evidence))
@@ -175,19 +175,19 @@ def _spans(changes: Sequence[tuple[float, bool]]) -> list[SlipSpan]:
 
 
 def _true(commanded: Sequence[SlipSpan], true_slips: Sequence[SlipSpan]) -> list[Slip]:
-    """For each time the arm was told to slide, when the tip really slipped; none where it held."""
+    """True slip for each command to slide; none where the tip held."""
     found = []
-    for told in commanded:
-        within = [slip for slip in true_slips if slip.end_s >= told.begin_s and slip.begin_s <= told.end_s]
+    for span in commanded:
+        within = [slip for slip in true_slips if slip.end_s >= span.begin_s and slip.begin_s <= span.end_s]
         if within:
-            found.append(Slip(told.begin_s, max(told.begin_s, within[0].begin_s), within[-1].end_s))
+            found.append(Slip(span.begin_s, max(span.begin_s, within[0].begin_s), within[-1].end_s))
     return found
 
 
 def _cuts_s(evidence: TrialEvidence) -> Sequence[float]:
-    """When the course of the trial was broken off: by the reflex, the guard, a pause or a fault.
+    """When the trial was interrupted: by the reflex, the guard, a pause or a fault.
 
-    A step that ends as planned breaks nothing off: what nobody told of a slip until its end was missed.
+    A step that ends as planned is no interruption: a slip not detected by then was missed.
     """
     cuts_s = [event.t_s for event in evidence.events if isinstance(event, GuardStopped | Paused)]
     cuts_s += [evidence.entered_s[state] for state in ("HALTING", "FAILED") if state in evidence.entered_s]
@@ -200,10 +200,12 @@ def _end_s(evidence: TrialEvidence) -> float:
     return max(last_s, default=0.0)
 
 
-# --- what the detectors said ----------------------------------------------------------------------
+# --- what the detectors reported ------------------------------------------------------------------
 
 
-def _words(events: Sequence[Event], detector: str, listen_s: float | None) -> list[SlipStarted | SlipEnded]:
+def _events_of(
+    events: Sequence[Event], detector: str, listen_s: float | None
+) -> list[SlipStarted | SlipEnded]:
     return [
         event
         for event in events
@@ -215,28 +217,30 @@ def _words(events: Sequence[Event], detector: str, listen_s: float | None) -> li
 
 
 def _score(
-    words: Sequence[SlipStarted | SlipEnded],
+    events: Sequence[SlipStarted | SlipEnded],
     slips: Sequence[Slip],
     missed_after_s: float,
     cuts_s: Sequence[float],
 ) -> Mapping[str, Any]:
-    """Slip by slip; one that was broken off before a detector's time was up is not held against that detector."""
+    """Score slip by slip; one interrupted before the detector's time was up does not count as missed."""
     delays_s: list[float] = []
     early = missed = 0
     for slip in slips:
-        before = [word for word in words if word.t_s < slip.begin_s]
+        before = [event for event in events if event.t_s < slip.begin_s]
         latest_s = min(slip.begin_s + missed_after_s, slip.end_s + AFTER_S)
-        told = [
-            word.t_s
-            for word in words
-            if isinstance(word, SlipStarted) and slip.begin_s <= word.t_s <= latest_s
+        found = [
+            event.t_s
+            for event in events
+            if isinstance(event, SlipStarted) and slip.begin_s <= event.t_s <= latest_s
         ]
-        called = [word for word in before if word.t_s >= slip.told_s and isinstance(word, SlipStarted)]
+        called = [
+            event for event in before if event.t_s >= slip.commanded_s and isinstance(event, SlipStarted)
+        ]
         if called or (before and isinstance(before[-1], SlipStarted)):
             early += 1
-        elif told:
-            delays_s.append(told[0] - slip.begin_s)
-        elif not any(slip.told_s <= cut_s <= latest_s for cut_s in cuts_s):
+        elif found:
+            delays_s.append(found[0] - slip.begin_s)
+        elif not any(slip.commanded_s <= cut_s <= latest_s for cut_s in cuts_s):
             missed += 1
     return {
         "detected": len(delays_s),
@@ -248,21 +252,21 @@ def _score(
 
 
 def _alarms(
-    words: Sequence[SlipStarted | SlipEnded], slips: Sequence[SlipSpan], descent: SlipSpan
+    events: Sequence[SlipStarted | SlipEnded], slips: Sequence[SlipSpan], descent: SlipSpan
 ) -> Mapping[str, int]:
-    """Words of slip where there was none: while the tip came down and pressed, and at any other time."""
+    """False alarms: during descent and pressing, and at any other time."""
     alarms = [
-        word.t_s
-        for word in words
-        if isinstance(word, SlipStarted)
-        and not any(slip.begin_s <= word.t_s <= slip.end_s + AFTER_S for slip in slips)
+        event.t_s
+        for event in events
+        if isinstance(event, SlipStarted)
+        and not any(slip.begin_s <= event.t_s <= slip.end_s + AFTER_S for slip in slips)
     ]
     touching = sum(descent.begin_s <= t_s < descent.end_s for t_s in alarms)
     return {"false_alarms": len(alarms) - touching, "touch_alarms": touching}
 
 
 def _listen_s(evidence: TrialEvidence, run: SensorRunSettings) -> float | None:
-    """When the slip detectors began to listen; anew where a pause before the contact began the trial anew."""
+    """When the slip detectors were subscribed; the later time where a pause before contact restarted the trial."""
     if run.listen == "rest":
         return evidence.entered_s.get("RESTING")
     moving = ("LOADING", "ROLLING", "SLIPPING")
@@ -270,7 +274,7 @@ def _listen_s(evidence: TrialEvidence, run: SensorRunSettings) -> float | None:
 
 
 def _ours_at_best(evidence: TrialEvidence, run: SensorRunSettings) -> tuple[float, float | None]:
-    """How long ours learns before it can tell anything, and how long it takes at least to tell a slip, s."""
+    """Learning time and shortest detection delay of our detector, s."""
     ours: object = evidence.detectors.get(run.ours)
     rate_hz = next((block.rate_hz for block in evidence.recording.blocks(run.stream)), None)
     if not isinstance(ours, SlipDetector) or rate_hz is None:
@@ -279,7 +283,7 @@ def _ours_at_best(evidence: TrialEvidence, run: SensorRunSettings) -> tuple[floa
 
 
 def _silent_s(evidence: TrialEvidence, run: SensorRunSettings) -> float:
-    """When the slip detectors ceased to listen; those that began with motion do so when the reflex has stopped it."""
+    """When the slip detectors were unsubscribed; those subscribed with motion, when the reflex has stopped it."""
     states = ("LIFTING",) if run.listen == "rest" else ("LIFTING", "STOPPED")
     return min(
         (evidence.entered_s[state] for state in states if state in evidence.entered_s),
@@ -287,9 +291,9 @@ def _silent_s(evidence: TrialEvidence, run: SensorRunSettings) -> float:
     )
 
 
-def _quiet_s(begin_s: float, end_s: float, excused: Sequence[SlipSpan], descent: SlipSpan) -> float:
-    """Time from when a detector can tell slip to when it hears no more, without descent, pressing and slips."""
-    busy = sorted([descent, *(SlipSpan(span.begin_s, span.end_s + AFTER_S) for span in excused)])
+def _quiet_s(begin_s: float, end_s: float, slipping: Sequence[SlipSpan], descent: SlipSpan) -> float:
+    """Time in which a detector can alarm, without descent, pressing and slips."""
+    busy = sorted([descent, *(SlipSpan(span.begin_s, span.end_s + AFTER_S) for span in slipping)])
     quiet_s, here_s = 0.0, begin_s
     for span in busy:
         quiet_s += max(0.0, min(span.begin_s, end_s) - here_s)
@@ -334,17 +338,17 @@ class PaperBlocks(NamedTuple):
 
     @property
     def product(self) -> Floats:
-        """What the paper holds against its threshold."""
+        """What the paper compares with its threshold."""
         return self.power * self.frequency_hz
 
 
 def paper_blocks(recorded: Sequence[SampleBlock], channel: int | None, listen_s: float | None) -> PaperBlocks:
-    """Cut a stream as the paper's detector does: anew when it begins to listen, and after each gap.
+    """Cut a stream as the paper's detector does: restarted when it is subscribed, and after each gap.
 
     Args:
         recorded: The stream's blocks, in order, at one rate.
-        channel: Which one is heard; None hears all.
-        listen_s: When the detector began to listen; None where it never did.
+        channel: Which one is used; None uses all.
+        listen_s: When the detector was subscribed; None where it never was.
     """
     found: list[PaperBlocks] = []
     spectra: SpectrumBlocks | None = None
@@ -382,13 +386,13 @@ def _spectrum(
     if not slips:
         return {}
     for slip in slips:
-        evidence.covered(run.stream, slip.told_s, slip.end_s)
+        evidence.covered(run.stream, slip.commanded_s, slip.end_s)
     blocks = paper_blocks(evidence.recording.blocks(run.stream), run.channel, listen_s)
     inside = np.zeros(len(blocks.end_s), bool)
     for slip in slips:
         inside |= (blocks.begin_s >= slip.begin_s) & (blocks.end_s <= slip.end_s)
-    before = (blocks.begin_s >= _descent(evidence).end_s) & (blocks.end_s < slips[0].told_s)
-    # a block that says nothing counts for nothing
+    before = (blocks.begin_s >= _descent(evidence).end_s) & (blocks.end_s < slips[0].commanded_s)
+    # a block with a value that is not finite does not count
     inside &= ~np.isnan(blocks.power)
     before &= ~np.isnan(blocks.power)
     return {
@@ -399,18 +403,18 @@ def _spectrum(
 
 
 def _stop(evidence: TrialEvidence, settings: RollSlipSettings, run: SensorRunSettings) -> Mapping[str, float]:
-    """From the sample that told slip to the arm being told to stop, and how far the tool went until it stood."""
+    """From the deciding sample to the stop command, and the tool's travel to standstill."""
     halted_s = evidence.entered_s.get("HALTING")
     if halted_s is None:
         return {}
-    told = evidence.last(SlipStarted, detector=getattr(run, settings.reflex), t_s=halted_s)
+    started = evidence.last(SlipStarted, detector=getattr(run, settings.reflex), t_s=halted_s)
     sent_s = evidence.stop_sent_s(settings.mover, halted_s)
-    if told is None or sent_s is None:
+    if started is None or sent_s is None:
         return {}
-    found = {"slip_to_stop_s": sent_s - told.t_s}
+    found = {"slip_to_stop_s": sent_s - started.t_s}
     still_s = evidence.entered_s.get("STOPPED")
     if still_s is not None:
-        poses = evidence.covered(settings.pose_stream, told.t_s, still_s)
-        here_m, there_m = np.interp((told.t_s, still_s), poses.times_s, poses.values[:, 0])
+        poses = evidence.covered(settings.pose_stream, started.t_s, still_s)
+        here_m, there_m = np.interp((started.t_s, still_s), poses.times_s, poses.values[:, 0])
         found["stop_travel_m"] = float(abs(there_m - here_m))
     return found

@@ -11,8 +11,8 @@ from behaviors.static import StaticSettings
 from controller.measures.trial import TrialEvidence
 from controller.signals.spectrum import dominant_frequency
 
-TELLING = ("frequency_hz", "amplitude_m", "force_n")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("frequency_hz", "amplitude_m", "force_n")
+"""Columns shown during a run."""
 
 COLUMNS = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
 
@@ -30,7 +30,7 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
     begun_s = evidence.entered_s.get("RECORDING")
     if begun_s is None:
         return outcome, row
-    # The guard hears the load cell while the probe retracts: that is no part of the sample.
+    # The guard subscribes to the load cell while the probe retracts: not part of the sample.
     ended_s = evidence.entered_s.get("RETRACTING", math.inf)
     times_s, acceleration_m_s2 = evidence.series(settings.accelerometer_stream, begun_s, ended_s)
     if len(times_s) > 1:

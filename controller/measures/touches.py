@@ -1,4 +1,4 @@
-"""The touches of a pointer trial: the angle that the fingertip tells, and the arm's."""
+"""The touches of a pointer trial: the angle measured by the fingertip, and the arm's."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ class Touch(NamedTuple):
 
     Attributes:
         true_rad: Angle by which the arm has turned the tip about base y since the start pose.
-        told_rad: atan2(Fx, Fy) of the mean forces.
+        measured_rad: atan2(Fx, Fy) of the mean forces.
         spread_rad: Standard deviation of the angle from sample to sample.
         force_n: hypot(Fx, Fy) of the mean forces.
         going: "up" or "down": whether the angles ascend.
     """
 
     true_rad: float
-    told_rad: float
+    measured_rad: float
     spread_rad: float
     force_n: float
     going: str
 
     @property
     def error_rad(self) -> float:
-        """What it tells less what is true, between half a turn either way."""
-        return math.remainder(self.told_rad - self.true_rad, FULL_TURN)
+        """Measured less true angle, between half a turn either way."""
+        return math.remainder(self.measured_rad - self.true_rad, FULL_TURN)
 
 
 class Errors(NamedTuple):
@@ -96,12 +96,12 @@ def touches_of(
         if len(own) < 2 or not len(places):
             continue
         fx_n, fy_n = own[:, 0], own[:, 1]
-        told_rad = math.atan2(float(fx_n.mean()), float(fy_n.mean()))
-        each_rad = np.arctan2(fx_n, fy_n) - told_rad
+        measured_rad = math.atan2(float(fx_n.mean()), float(fy_n.mean()))
+        each_rad = np.arctan2(fx_n, fy_n) - measured_rad
         touches.append(
             Touch(
                 true_rad=turned_rad(start, _mean_vector(places[:, 3:])),
-                told_rad=told_rad,
+                measured_rad=measured_rad,
                 spread_rad=float(np.std((each_rad + math.pi) % FULL_TURN - math.pi)),
                 force_n=math.hypot(float(fx_n.mean()), float(fy_n.mean())),
                 going="up" if len(touches) < angles else "down",

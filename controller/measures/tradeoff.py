@@ -1,4 +1,4 @@
-"""A5: what each threshold would have told, on approaches that no detector stopped (Backus and Dollar, III.B, V.C)."""
+"""A5: what each threshold would have detected, on approaches without a stop (Backus and Dollar, III.B, V.C)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from controller.measures import transient
 from controller.measures.trial import TrialEvidence
 
 METHODS = ("average", *LOOK)
-"""The paper's averaged frequency, and what the waveform's detector can be set to hear."""
+"""The paper's averaged frequency, and what the waveform's detector can be set to sense."""
 
 WHEN = ("before", "soon", "later")
 SOON_S, LATER_S = 0.07, 0.3
 """Spans after the touch: two periods, and the paper's own mean delay (V.B)."""
 
-TELLING = ("average_before", "average_later", "all_soon")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("average_before", "average_later", "all_soon")
+"""Columns shown during a run."""
 
 COLUMNS = (
     *transient.COLUMNS,
@@ -28,13 +28,13 @@ COLUMNS = (
 
 
 def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
-    """Measure one approach that goes to its depth whatever anybody hears.
+    """Measure one approach that goes to its full depth whatever is detected.
 
     Returns:
         The outcome, `contact` where the probe touched; and beside the columns of `measures.transient` for each method
         the largest statistic, in deviations of the free finger: `…_before` the touch, from the approach's start on, and
         within 0.07 s (`…_soon`) and 0.3 s (`…_later`) after it. A threshold below the first is a false contact, one
-        below the others tells the contact in time.
+        below the others detects the contact in time.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
     row |= dict.fromkeys(COLUMNS[len(transient.COLUMNS) :])
@@ -45,14 +45,14 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         if not isinstance(detector, ResonanceDetector | ResonancePaperDetector):
             continue
         until_s = evidence.entered_s.get("RETRACTING", math.inf)
-        heard = evidence.series(detector.settings.input, evidence.entered_s["BASELINE"], until_s)
-        times_s, told = detector.deviations(*heard)
+        waveform = evidence.series(detector.settings.input, evidence.entered_s["BASELINE"], until_s)
+        times_s, deviations = detector.deviations(*waveform)
         spans = (
             (times_s >= begun_s) & (times_s < touch_s),
             (times_s >= touch_s) & (times_s <= touch_s + SOON_S),
             (times_s >= touch_s) & (times_s <= touch_s + LATER_S),
         )
-        for method, values in told.items():
+        for method, values in deviations.items():
             for when, span in zip(WHEN, spans, strict=True):
                 row[f"{method}_{when}"] = float(values[span].max()) if span.any() else None
     return "contact" if outcome == "no_contact" else outcome, row

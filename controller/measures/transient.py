@@ -17,8 +17,8 @@ from drivers.messages import Standstill
 ONSET_N = 0.005
 """The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
 
-TELLING = ("delay_s", "extent_m", "force_n")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("delay_s", "extent_m", "force_n")
+"""Columns shown during a run."""
 
 COLUMNS = (
     "truth_contact_s",
@@ -45,7 +45,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     then negative.
 
     Returns:
-        The outcome, with a false contact told from a true one, and the row's columns; what was not seen is None.
+        The outcome, which distinguishes false from true contact, and the row's columns; None for what did not occur.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     position = settings.position_stream
@@ -54,10 +54,10 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     if ready is not None:
         row.update(baseline_hz=ready.value, threshold_hz=ready.threshold)
     contact = evidence.last(Contact, detector=settings.detector)
-    heard_s = evidence.entered_s.get("BASELINE")
-    if heard_s is not None:
+    baseline_s = evidence.entered_s.get("BASELINE")
+    if baseline_s is not None:
         ended_s = evidence.entered_s.get("STOPPING", evidence.entered_s.get("RETRACTING", math.inf))
-        evidence.heard(settings.detector, heard_s, ended_s)
+        evidence.require_samples(settings.detector, baseline_s, ended_s)
     if begun_s is None:
         if contact is not None:  # before the approach there is nothing to touch
             row.update(detect_s=contact.t_s, false_contacts=1)
@@ -70,7 +70,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     if evidence.truth is not None:
         touched_s = next((t_s for t_s, made in evidence.truth if made and t_s >= begun_s), None)
     row.update(onset_s=onset_s, truth_contact_s=touched_s, force_peak_n=_largest(force_n), false_contacts=0)
-    # the word that stopped the approach may be of samples from just before it
+    # the event that stopped the approach may come from samples just before it
     if contact is None or (contact.t_s < begun_s and outcome != "contact"):
         return outcome, row
     detect_s = contact.t_s

@@ -1,4 +1,4 @@
-"""What a measure is given: the trial's events and streams, live or read again."""
+"""Input of a measure: the trial's events and streams, live or from a recording."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ E = TypeVar("E", bound=Event)
 
 EDGE_S = 0.1
 """How late a stream may begin after it was subscribed, and how long before the end of a span its last sample may be:
-what is under way when a state ends is not waited for. As long as `limits.stale_s` is by default."""
+samples in transit when a state ends are not awaited. As long as `limits.stale_s` is by default."""
 
 
 class MissingDataError(Exception):
-    """A span that a measure uses is not covered by samples: there is no number to be had from it."""
+    """A span that a measure uses is not covered by samples."""
 
 
 @dataclass(slots=True)
 class TrialEvidence:
-    """Everything that a trial left behind.
+    """Events and data of a trial.
 
     Attributes:
         factors: What the trial varied.
         recording: The streams; a measure reads them through `stream`, `series` and `covered`.
         events: In the order in which they were handled.
         entered_s: Bench time at which each state was last entered, by name.
-        visits: Every state in the order of its being entered, with the bench time.
-        truth: Instants at which contact really began and ended, where the bench is simulated here; else None.
-        slips: Instants at which slip really did, where the bench knows slip; else None.
-        detectors: Who could be asked to listen, by name.
-        streams: What is known of the streams, by name.
-        sources: Of which other streams a signal is made, by its stream.
+        visits: Every state in order of entry, with the bench time.
+        truth: Instants at which contact really began and ended, on simulated benches; else None.
+        slips: Instants at which slip really did, on benches that simulate slip; else None.
+        detectors: Available detectors, by name.
+        streams: Descriptions of the streams, by name.
+        sources: Input streams of each signal, by the signal's stream.
     """
 
     factors: Mapping[str, Any]
@@ -98,8 +98,8 @@ class TrialEvidence:
         wanted = (series.times_s >= since_s) & (series.times_s <= until_s)
         return series.times_s[wanted], series.values[wanted, 0]
 
-    def heard(self, detector: str, since_s: float, until_s: float) -> None:
-        """See that a detector has heard a span of which its words, or its silence, are counted.
+    def require_samples(self, detector: str, since_s: float, until_s: float) -> None:
+        """Check that a detector's inputs cover a span in which its events are counted.
 
         Raises:
             MissingDataError: as `covered`.
@@ -133,14 +133,14 @@ class TrialEvidence:
         self, kind: type[E], since_s: float = -math.inf, until_s: float = math.inf, **wanted: object
     ) -> E | None:
         """First event of a kind in a span (since_s <= t < until_s) whose attributes are as wanted, or None."""
-        return next(_told(self.events, kind, since_s, until_s, wanted), None)
+        return next(_matching(self.events, kind, since_s, until_s, wanted), None)
 
     def last(self, kind: type[E], **wanted: object) -> E | None:
         """Last event of a kind whose attributes are as wanted, or None."""
-        return next(_told(reversed(self.events), kind, -math.inf, math.inf, wanted), None)
+        return next(_matching(reversed(self.events), kind, -math.inf, math.inf, wanted), None)
 
 
-def _told(
+def _matching(
     events: Iterable[Event], kind: type[E], since_s: float, until_s: float, wanted: Mapping[str, object]
 ) -> Iterator[E]:
     for event in events:
@@ -150,7 +150,7 @@ def _told(
 
 
 def _holes(series: Series, since_s: float, until_s: float, longest_s: float) -> Iterator[tuple[float, float]]:
-    """Where samples are missing in a span: nobody subscribed, lost ones, a late beginning, a silence, an early end."""
+    """Where samples are missing in a span: no subscription, lost samples, a late start, a silence, an early end."""
     for gap in series.gaps:
         if min(gap.t1_s, until_s) - max(gap.t0_s, since_s) > longest_s:
             yield gap.t0_s, gap.t1_s

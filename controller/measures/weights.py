@@ -10,8 +10,8 @@ from controller.measures.ladder import BridgeCalibration, calibrate, steps_of
 from controller.measures.touches import spans_of
 from controller.measures.trial import TrialEvidence
 
-TELLING = ("gain_v_n", "hysteresis", "resolution_n")
-"""Results that say most, for who watches a run."""
+HIGHLIGHTS = ("gain_v_n", "hysteresis", "resolution_n")
+"""Columns shown during a run."""
 
 COLUMNS = (
     "gain_v_n",
@@ -52,11 +52,13 @@ def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) ->
     )
     calibration = calibrate([steps], settings.weight_uncertainty)
     if calibration is not None:
-        row.update({name: None if math.isnan(value) else value for name, value in _told(calibration).items()})
+        row.update(
+            {name: None if math.isnan(value) else value for name, value in _columns(calibration).items()}
+        )
     return outcome, row
 
 
-def _told(calibration: BridgeCalibration) -> dict[str, float]:
+def _columns(calibration: BridgeCalibration) -> dict[str, float]:
     gain, hysteresis, resolution = calibration.gain_v_n, calibration.hysteresis, calibration.resolution_n
     return {
         "gain_v_n": gain.value,

@@ -184,8 +184,8 @@ def _draw_pointers(figures: Figures, sweeps: Sequence[PointerSweep]) -> str:
                     [touch.true_rad] * 2, [0.0, touch.force_n], color=FAINT, lw=3.4, solid_capstyle="butt"
                 )
             for touch in sweep.trials[0]:
-                polar.plot([touch.told_rad] * 2, [0.0, touch.force_n], color=OURS, lw=0.8)
-                polar.plot([touch.told_rad], [touch.force_n], color=OURS, marker="o", ms=2.0)
+                polar.plot([touch.measured_rad] * 2, [0.0, touch.force_n], color=OURS, lw=0.8)
+                polar.plot([touch.measured_rad], [touch.force_n], color=OURS, marker="o", ms=2.0)
             angles = [-90, -60, -30, 0, 30, 60, 90]
             polar.set_thetagrids(angles, [f"{signed(angle, 0)}°" for angle in angles])
             polar.set_rmax(1.08 * max(touch.force_n for touch in sweep.trials[0]))

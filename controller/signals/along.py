@@ -1,4 +1,4 @@
-"""Samples of an envelope, each with the place at which the mover was: what a detector of distances hears."""
+"""Samples of an envelope, each with the mover's position: the input of the pre-touch detectors."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
 
 UNKNOWN = -1
-"""Of `missing`: the stream began anew, so nobody knows how long the gap is."""
+"""In `missing`: the stream restarted, so the length of the gap is unknown."""
 
 LONGEST_STEP_S = 0.1
-"""Between two positions farther apart than this no position is made up. Assumption: 50 samples at 500 Hz; in this time
-an arm at 0.3 m/s that stops, stops."""
+"""Positions are not interpolated across a longer gap. Assumption: 50 samples at 500 Hz; an arm at 0.3 m/s stops within
+this time."""
 
 
-class Heard(NamedTuple):
+class EnvelopeSamples(NamedTuple):
     """Consecutive samples of an envelope.
 
     Attributes:
         times_s: Bench time, shape (n,).
         z: I + jQ in full scales, shape (n,); Q is 0 where the stream has one channel.
-        position_m: The mover's, NaN where unknown, shape (n,).
-        missing: Samples lost just before each, `UNKNOWN` where the stream began anew, shape (n,).
+        position_m: Of the mover, NaN where unknown, shape (n,).
+        missing: Samples lost just before each, `UNKNOWN` where the stream restarted, shape (n,).
     """
 
     times_s: Floats
@@ -45,16 +45,16 @@ def as_complex(values: Floats) -> Complexes:
 
 
 class Along:
-    """Keeps an envelope and an encoder in step: a sample is given when the encoder has reached its time.
+    """Synchronizes an envelope with an encoder: a sample is released once the encoder has reached its time.
 
-    Between two readings of the encoder the position is interpolated linearly. Readings that are not finite are left
-    out. Without an encoder samples pass at once.
+    Between two readings of the encoder the position is interpolated linearly. Readings that are not finite are
+    ignored. Without an encoder samples pass at once.
 
     Args:
         signal: Stream of the envelope; it needs a rate.
         encoder: Stream of the mover's position (one channel, m) or pose (three or more, the first three in m).
         direction: Along which a pose is measured, any length but 0.
-        doing: What for, in words, for the error.
+        doing: The purpose, as text for the error message.
     """
 
     def __init__(
@@ -69,14 +69,14 @@ class Along:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what waits."""
+        """Drop the waiting samples."""
         self._next_seq: int | None = None
         self._waiting: list[tuple[Floats, Complexes, Ints]] = []
         self._known_s = np.empty(0)
         self._known_m = np.empty(0)
 
-    def push(self, block: SampleBlock) -> Heard:
-        """Hear the next block of either stream; returns the samples whose position is now known, maybe none.
+    def push(self, block: SampleBlock) -> EnvelopeSamples:
+        """Process the next block of either stream; returns the samples whose position is now known, maybe none.
 
         Raises:
             ValueError: an envelope at irregular times.
@@ -107,38 +107,40 @@ class Along:
         self._known_s = np.concatenate((self._known_s, block.times[good]))
         self._known_m = np.concatenate((self._known_m, metres[good]))
 
-    def _ready(self) -> Heard:
+    def _ready(self) -> EnvelopeSamples:
         if not self._waiting:
             return _nothing()
         times_s, z, missing = (np.concatenate(parts) for parts in zip(*self._waiting, strict=True))
         if self._encoder is None:
             self._waiting = []
-            return Heard(times_s, z, np.full(len(times_s), np.nan), missing)
+            return EnvelopeSamples(times_s, z, np.full(len(times_s), np.nan), missing)
         count = int(np.searchsorted(times_s, self._known_s[-1], side="right")) if len(self._known_s) else 0
         self._waiting = [(times_s[count:], z[count:], missing[count:])] if count < len(times_s) else []
         if not count:
             return _nothing()
-        heard = Heard(times_s[:count], z[:count], self._positions(times_s[:count]), missing[:count])
+        samples = EnvelopeSamples(
+            times_s[:count], z[:count], self._positions(times_s[:count]), missing[:count]
+        )
         # the reading before the first sample that waits is still needed
         kept = max(0, int(np.searchsorted(self._known_s, times_s[count - 1], side="right")) - 1)
         self._known_s, self._known_m = self._known_s[kept:], self._known_m[kept:]
-        return heard
+        return samples
 
     def _positions(self, times_s: Floats) -> Floats:
         known_s = self._known_s
         found: Floats = np.interp(times_s, known_s, self._known_m, left=np.nan)
         after = np.minimum(np.searchsorted(known_s, times_s), len(known_s) - 1)
         before = np.maximum(after - 1, 0)
-        # on a reading itself nothing is made up, however far the one before it is
+        # a sample at the time of a reading needs no interpolation
         guessed = (known_s[after] - known_s[before] > LONGEST_STEP_S) & (times_s != known_s[after])
         found[guessed] = np.nan
         return found
 
 
-def silence() -> Heard:
-    """A few samples of nothing, as a detector hears them: compiled code is warmed up with them."""
-    return Heard(np.zeros(8), np.zeros(8, np.complex128), np.zeros(8), np.zeros(8, np.int64))
+def silence() -> EnvelopeSamples:
+    """A few zero samples: input for warming up compiled code."""
+    return EnvelopeSamples(np.zeros(8), np.zeros(8, np.complex128), np.zeros(8), np.zeros(8, np.int64))
 
 
-def _nothing() -> Heard:
-    return Heard(np.empty(0), np.empty(0, np.complex128), np.empty(0), np.empty(0, np.int64))
+def _nothing() -> EnvelopeSamples:
+    return EnvelopeSamples(np.empty(0), np.empty(0, np.complex128), np.empty(0), np.empty(0, np.int64))

@@ -1,4 +1,4 @@
-"""The beat of a drive and a converter that run on clocks of their own: how fast what is left of the drive turns."""
+"""The beat of a drive and a converter on separate clocks: how fast the residual of the drive turns."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 SEGMENT_S: Final = 1.0
-"""Between two looks at the phase. Assumption: 40 us of two crystals 20 ppm apart are 0.8 of a turn."""
+"""Interval between phase estimates. Assumption: 40 us of two crystals 20 ppm apart are 0.8 of a turn."""
 
 MEMORY_S: Final = 60.0
-"""A look's weight falls to 1/e in this time. Assumption: crystals warm up in minutes."""
+"""The weight of an estimate falls to 1/e in this time. Assumption: crystals warm up in minutes."""
 
 QUIETEST_RAD: Final = 1e-5
-"""Phase noise that a look is always granted: what 24 bits leave of a tone at a hundredth of full scale."""
+"""Least phase noise of an estimate: 24-bit quantization of a tone at a hundredth of full scale."""
 
 
 class Beat:
-    """Finds the beat of I + jQ, once a second, and takes it off.
+    """Estimates the beat of I + jQ, once a second, and removes it.
 
-    A line is laid through the phase of each second, and the slopes are averaged with the inverse of what the line
-    leaves over: seconds in which nothing moves count for thousands of others, a contact's step for nothing. Only a
-    steady turn about the origin is taken off: slow drifts, undulations and steps stay, whatever their frequency.
+    A line is fitted to the phase of each second, and the slopes are averaged with the inverse of the residual variance:
+    quiet seconds count for thousands of others, a contact's step for nothing. Only a steady turn about the origin is
+    removed: slow drifts, undulations and steps stay, whatever their frequency.
 
     Args:
         rate_hz: Of the samples.
@@ -54,7 +54,7 @@ class Beat:
         return self.turn_rad / (2.0 * math.pi) * self._rate_hz
 
     def push(self, z: Complexes, number: int) -> Complexes:
-        """Hear the next samples, the first of them the stream's `number`-th.
+        """Process the next samples, the first of them the stream's `number`-th.
 
         Returns:
             The last of them, those after the first second, turned back.

@@ -33,11 +33,11 @@ class CycleCounter:
         self._pending_s = math.nan
 
     def push(self, times_s: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-        """Hear the next samples.
+        """Process the next samples.
 
         Args:
             times_s: Shape (n,).
-            x: Shape (n,). A sample that is not finite breaks the count: the next period begins anew after it.
+            x: Shape (n,). A sample that is not finite breaks the count: the next period begins after it.
 
         Returns:
             The instants at which periods ended and their lengths, both in seconds.

@@ -56,9 +56,9 @@ class Demodulator(Protocol):
     """Counts (of the input's own) per count of `values`."""
 
     def push(self, counts: Counts, frame: int) -> Thinned:
-        """Hear the next frames; `frame` is the first one's number, and a jump is loss.
+        """Process the next frames; `frame` is the number of the first, and a jump is loss.
 
-        Outputs whose window is not whole are not given.
+        Outputs with an incomplete window are omitted.
 
         Args:
             counts: int32, shape (n, channels), or packed little-endian 24-bit counts, uint8, shape (n, 3 channels).
@@ -66,14 +66,14 @@ class Demodulator(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget all frames."""
+        """Drop all frames."""
 
 
 class Fused:
     """A FIR of 6 periods of the output, 576 taps at 96 kHz and 1 kHz; see `lowpass.cosine_taps` for its response.
 
     Args:
-        channels: Of the fingers, from 0; all are heard in one pass.
+        channels: Of the fingers, from 0; all are processed in one pass.
         oscillator: The drive.
         decimation: Frames an output.
         quadrature: False gives I alone, and Q as 0: the paper's chain (Rupavatharam et al., III.B).
@@ -96,7 +96,7 @@ class Fused:
         self._q_taps = np.rint(taps.imag / self._unit)
         assert max(np.abs(self._i_taps).sum(), np.abs(self._q_taps).sum()) < 2.0 ** (53 - FULL_SCALE_BITS)
         self._quadrature = quadrature
-        # a window that begins with phase zero needs no turning, and its Q nobody
+        # a window that begins at phase zero needs no turning, and without quadrature no Q
         if not quadrature and self._jump == 0:
             self._q_taps = np.empty(0)
         self.delay_frames = 0.5 * (len(low_pass) - 1)
@@ -119,8 +119,8 @@ class Fused:
         first = (self._first + self._size) // decimation - 1
         self._fill += len(counts) - start
         out = np.empty((max(0, (self._fill - self._size) // decimation + 1), 2 * len(self._channels)))
-        hear = fused_packed if counts.dtype == np.uint8 else fused_counts
-        hear(
+        kernel = fused_packed if counts.dtype == np.uint8 else fused_counts
+        kernel(
             counts,
             start,
             self._channels,
@@ -198,8 +198,8 @@ class Cic:
         n, decimation = len(counts), self._decimation
         first, end = frame // decimation, (frame + n) // decimation
         out = np.empty((end - first, 2), np.int64)
-        hear = cic_packed if counts.dtype == np.uint8 else cic_counts
-        hear(
+        kernel = cic_packed if counts.dtype == np.uint8 else cic_counts
+        kernel(
             counts,
             self._channel,
             self._work,

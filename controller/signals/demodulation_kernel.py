@@ -44,7 +44,7 @@ def take_packed_pair(packed, start, n, work, fill):  # type: ignore[no-untyped-d
 
 @compiled(nogil=True)
 def _take_words(words, fours, right, left):  # type: ignore[no-untyped-def]
-    """Counts of both channels: four frames are three words of 64 bits."""
+    """Counts of both channels: four frames are three 64-bit words."""
     for i in range(fours):
         first, second, third = words[3 * i], words[3 * i + 1], words[3 * i + 2]
         # each count comes to the highest bytes of 32 bits, and down again with its sign
@@ -218,7 +218,7 @@ def cascade(mixed, n, state, place, decimation, out):  # type: ignore[no-untyped
 def fused_counts(  # type: ignore[no-untyped-def]
     counts, start, channels, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
 ):
-    """Hear int32 frames from `start` on: see `_fused`, `take_counts`, `sums` and `turn` for what the names mean."""
+    """Process int32 frames from `start` on; `_fused`, `take_counts`, `sums` and `turn` explain the arguments."""
     done = 0
     while start < counts.shape[0]:
         taken = min(work.shape[1] - fill, counts.shape[0] - start)
@@ -274,7 +274,7 @@ def _fused(work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
 
 @compiled(nogil=True)
 def cic_counts(counts, channel, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
-    """Hear int32 frames: see `_cic`, `take_counts` and `cascade` for what the names mean."""
+    """Process int32 frames; `_cic`, `take_counts` and `cascade` explain the arguments."""
     start, done = 0, 0
     while start < counts.shape[0]:
         taken = min(work.size, counts.shape[0] - start)

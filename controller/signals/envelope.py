@@ -37,7 +37,7 @@ class Envelope:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew: the next value comes a period later."""
+        """Restart: the next value comes a period later."""
         self._mixed = np.empty(0, dtype=np.complex128)
         self._times = np.empty(0)
         self._count = 0
@@ -45,7 +45,7 @@ class Envelope:
         self._phase = 0.0
 
     def push(self, times_s: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Hear the next samples.
+        """Process the next samples.
 
         Args:
             times_s: Shape (n,).

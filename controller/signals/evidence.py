@@ -32,7 +32,7 @@ from drivers.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-SUM, CREDIT, MISSING, MEDIAN, TAIL, TOTAL, HEARD, VIBRATION, QUIET = range(9)
+SUM, CREDIT, MISSING, MEDIAN, TAIL, TOTAL, USED, VIBRATION, QUIET = range(9)
 """Places in the evidence: the sum over knocks; what may still be added now; samples missing since the last good one;
 logarithms of the innovations' running median and of their 98 % quantile over those of normal noise; sum of the
 innovations, and how many; what vibration was worth last; its root mean square in the quiet that was learned, in the
@@ -44,7 +44,7 @@ MOST_BARE = 25.0
 PER_OCTAVE_NAT = 2.0
 PER_INNOVATION_NAT = 0.75
 """Weights of the two opinions on vibration, of which the smaller counts, beside that of knocks. Chosen on the choosing
-half of the recordings: the first so that octaves tell what knocks are too late for there, the second so that an
+half of the recordings: the first so that octaves detect slips there that knocks detect too late, the second so that an
 arm's start, which innovations do not show, stays below a threshold of knocks."""
 
 MOST_VIBRATION_NAT = 15.0
@@ -57,10 +57,10 @@ TAIL_SHARE = 0.02
 and the share beyond. Quiet of real sensors has heavy tails: servos, converters."""
 
 MOST_TAIL_NAT = math.log(2.25)
-"""So far the tail is followed, 1.5 times the amplitude: beyond that a weak slip among load steps is swallowed."""
+"""Limit of following the tail, 1.5 times the amplitude: beyond it a weak slip among load steps is missed."""
 
 FLOOR = 1e-3
-"""Share of the noise's variance that is added to an octave's energy: of a converter that stands still there is none."""
+"""Share of the noise's variance that is added to an octave's energy: a constant converter reading has none."""
 
 
 class Odds(NamedTuple):
@@ -72,7 +72,7 @@ class Odds(NamedTuple):
         ratio: Variance of a knock's innovation over that of noise.
         cap: Largest log-likelihood ratio, ln(knock / jump): what one knock is worth.
         refill: What may be added per sample in the long run: a knock counts once, however many samples it lasts.
-        patience: Missing samples after which the sum begins anew.
+        patience: Missing samples after which the sum restarts.
         follow: How far the logarithm of the running median moves in a sample; that of the tail, at most.
         most_followed: Largest value of that of the median.
     """
@@ -137,10 +137,10 @@ def _knocks(o: Odds, evidence: Floats, squared: float, ceiling: float) -> None:
 
 @compiled()
 def _vibration(bands: Octaves, evidence: Floats, totals: Floats, floor: float) -> float:
-    """What octaves and innovations both say, nats."""
+    """Evidence on which octaves and innovations agree, nats."""
     found = PER_OCTAVE_NAT * judge_octaves(bands, floor, evidence[MEDIAN])
     if found > 0.0:
-        found = min(found, MOST_VIBRATION_NAT, PER_INNOVATION_NAT * louder(totals, int(evidence[HEARD])))
+        found = min(found, MOST_VIBRATION_NAT, PER_INNOVATION_NAT * louder(totals, int(evidence[USED])))
     return found
 
 
@@ -156,7 +156,7 @@ def accumulate(
     ceiling: float,
     out: Floats,
 ) -> int:
-    """Hears samples of one channel, up to the one with which it has learned what quiet is.
+    """Process samples of one channel, up to the one at which the quiet level is learned.
 
     Args:
         o: The two opinions.
@@ -166,11 +166,11 @@ def accumulate(
         evidence: Shape (9,), advanced.
         totals: Running sums of innovations, a ring, shape (size,), advanced.
         x: Samples, shape (n,); NaN is a gap.
-        ceiling: The sum is held at this: what was certain long ago must not delay the end.
+        ceiling: Upper limit of the sum, so that old evidence does not delay the end.
         out: Written: the evidence after each sample, NaN while it learns, shape (n,).
 
     Returns:
-        How many samples were heard.
+        How many samples were processed.
     """
     noise = p.scalars
     for i in range(x.size):
@@ -186,25 +186,25 @@ def accumulate(
             if count % bands.stride == 0:
                 learn_octaves(bands, FLOOR * noise[NOISE], (count - s.learn - 1) // bands.stride + 1)
             if 2 * count > 3 * s.learn:
-                # there are weights by now; what is left of the time is short
+                # weights exist by now, and little time is left
                 _follow(o, evidence, noise[BARE], 4.0 * o.follow)
         if math.isfinite(squared):
             _knocks(o, evidence, squared, ceiling)
             evidence[MISSING] = 0.0
-            heard = int(evidence[HEARD]) + 1
-            evidence[HEARD] = heard
+            used = int(evidence[USED]) + 1
+            evidence[USED] = used
             evidence[TOTAL] += min(noise[BARE], MOST_BARE)
-            totals[heard % totals.size] = evidence[TOTAL]
-            if heard == 1:
+            totals[used % totals.size] = evidence[TOTAL]
+            if used == 1:
                 evidence[QUIET] = quiet_level(bands)
-            if heard % bands.stride == 0:
+            if used % bands.stride == 0:
                 evidence[VIBRATION] = _vibration(bands, evidence, totals, FLOOR * noise[NOISE])
         else:
             evidence[MISSING] += 1.0
             if evidence[MISSING] > o.patience:
                 evidence[SUM] = 0.0
                 evidence[VIBRATION] = 0.0
-        out[i] = max(evidence[SUM], evidence[VIBRATION]) if evidence[HEARD] > 0.0 else math.nan
-        if math.isfinite(squared) and evidence[HEARD] == 1.0:
+        out[i] = max(evidence[SUM], evidence[VIBRATION]) if evidence[USED] > 0.0 else math.nan
+        if math.isfinite(squared) and evidence[USED] == 1.0:
             return i + 1
     return x.size

@@ -28,10 +28,10 @@ FULL_SCALE: Final = 1 << 23
 """Counts of a 24-bit converter; sound in floats is rounded to them."""
 
 CLEAR_S: Final = 0.1
-"""So long without a clipped frame ends an excursion to full scale (assumption, as of the audio driver)."""
+"""Time without a clipped frame that ends an excursion to full scale (assumption, as of the audio driver)."""
 
 CONVERTER_HZ: Final = 96_000.0
-"""Rate of a run's sound, whatever it comes from; a recording by itself may have another one."""
+"""Sample rate of sound in a run; a single recording may have another one."""
 
 GUARD: Final = {"fused": 3.0, "in_phase": 3.0, "cic": 10.0}
 """How far from the drive its image and the converter's own offset must stay, in output rates: beyond, the low-pass
@@ -42,8 +42,8 @@ OUTPUT_MIN_HZ: Final = 100.0
 
 DRIFT_MAX_PPM: Final = 0.01
 """Clocks that are farther apart are two. At 0.01 ppm a bridge's imbalance of 0.2 of full scale turns by 5e-4 of full
-scale a second at 40 kHz, and the level detector still hears a step of 0.001 after 15 s; at 0.02 it misses half of
-them, at 0.3 the paper's pre-touch calls the turning itself an object. On one clock 0.004 were measured at the most
+scale a second at 40 kHz, and the level detector still detects a step of 0.001 after 15 s; at 0.02 it misses half of
+them, at 0.3 the paper's pre-touch takes the turning itself for an object. On one clock at most 0.004 was measured
 (centering, 96 trials of 11 s on the mock bench)."""
 
 
@@ -68,24 +68,24 @@ class IqSettings(Settings):
     the end, 1.5 ms of delay, -0.43 dB at 100 Hz. `in_phase`: the paper's, without Q: one channel, and blind spots."""
 
     clocks: Literal["locked", "watched", "tracked"] = "locked"
-    """`locked`: drive and converter share a clock. `watched`: the same is believed, and their difference is measured
-    (`drift_ppm`). `tracked`: they do not, and their beat is taken off; I and Q begin after a second."""
+    """`locked`: drive and converter share a clock. `watched`: the same is assumed, and their difference is measured
+    (`drift_ppm`). `tracked`: separate clocks, and their beat is removed; I and Q begin after a second."""
 
     @model_validator(mode="after")
     def _in_phase_cannot_turn(self) -> IqSettings:
         if self.variant == "in_phase" and self.clocks != "locked":
             raise ValueError(
-                f'in-phase alone cannot tell a beat: clocks = "{self.clocks}" needs another variant'
+                f'in-phase alone cannot show a beat: clocks = "{self.clocks}" needs another variant'
             )
         return self
 
     @property
     def silent_s(self) -> float:
-        """How long the clocks are listened to before the first I and Q, s; 0 where they are not tracked."""
+        """Time over which the beat is measured before the first I and Q, s; 0 where it is not tracked."""
         return SEGMENT_S + SPAN / self.output_hz if self.clocks == "tracked" else 0.0
 
     def misfit(self, rate_hz: float = CONVERTER_HZ) -> tuple[str, str] | None:
-        """Which setting does not suit sound of so many frames a second, and why in words; None where all do."""
+        """Which setting does not suit sound at this frame rate, and the reason as text; None where all do."""
         output_hz, drive_hz, guard = self.output_hz, self.drive_hz, GUARD[self.variant]
         if rate_hz / output_hz != round(rate_hz / output_hz):
             return "output_hz", f" = {output_hz:g}: {rate_hz:g} frames a second are no multiple of it"
@@ -96,11 +96,11 @@ class IqSettings(Settings):
         if least_hz <= drive_hz <= most_hz:
             return None
         able = f"{least_hz:g} to {most_hz:g} Hz" if least_hz <= most_hz else "no drive at all"
-        said = (
+        reason = (
             f' = {drive_hz:g}: {rate_hz:g} frames a second with variant = "{self.variant}" and output_hz ='
             f" {output_hz:g} can do {able}; {self._remedy(rate_hz)}"
         )
-        return "drive_hz", said
+        return "drive_hz", reason
 
     def _remedy(self, rate_hz: float) -> str:
         """What to do about a drive that sound of this rate cannot hold."""
@@ -128,12 +128,12 @@ class FrameRun(NamedTuple):
 class Iq:
     """Sound → I and Q of one finger, full scale 1.0: a tone a cos(phase of the drive + p) is (a cos p, a sin p).
 
-    Frames are known by their number: the drive's phase is zero at frame 0, so that a gap turns nothing. Outputs whose
-    window is not whole are not given, which leaves a jump in `seq`; values that are not finite count as lost. An
-    output's time is the middle of its window. A stream below 4 kHz is taken for an envelope already, (I0, Q0, I1, Q1,
-    …), and the finger's pair is passed on.
+    Frames are numbered: the drive's phase is zero at frame 0, so that a gap does not shift it. Outputs with an
+    incomplete window are omitted, which leaves a jump in `seq`; values that are not finite count as lost. An
+    output's time is the middle of its window. A stream below 4 kHz counts as an envelope, (I0, Q0, I1, Q1, …), and the
+    finger's pair is passed on.
 
-    A finger at full scale is told as `Saturated`, once each time.
+    A finger at full scale is reported as `Saturated`, once each time.
 
     Args:
         name: In the profile; the stream is `signals.<name>`.
@@ -152,45 +152,45 @@ class Iq:
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster the drive's clock is than the converter's; NaN where nobody looks or knows yet.
+        """How much faster the drive's clock is than the converter's; NaN while unknown, or if `locked`.
 
-        Only a finger whose bridge is out of balance by more than what it hears tells it.
+        Measurable only on a finger whose bridge's imbalance exceeds its signal.
         """
         return math.nan if self._beat is None else 1e6 * self._beat.hz / self._settings.drive_hz
 
     def account(self) -> Mapping[str, object]:
-        """How the clocks went, for the manifest: `drift_ppm`, and a `warning` where they are two and taken for one.
+        """The clocks, for the manifest: `drift_ppm`, and a `warning` where separate clocks are used as one.
 
-        Empty where nobody looks or knows yet.
+        Empty while unknown, or where the clocks are `locked`.
         """
         drift_ppm = self.drift_ppm
         if math.isnan(drift_ppm):
             return {}
         clocks = self._settings.clocks
-        told: dict[str, object] = {"clocks": clocks, "drift_ppm": drift_ppm}
+        found: dict[str, object] = {"clocks": clocks, "drift_ppm": drift_ppm}
         if clocks == "watched" and abs(drift_ppm) > DRIFT_MAX_PPM:
-            told["warning"] = (
+            found["warning"] = (
                 f"{self.info.name}: drive and converter are {abs(drift_ppm):.3g} ppm apart, more than "
                 f'{DRIFT_MAX_PPM:g}: set clocks = "tracked", or use one card for both'
             )
-        return told
+        return found
 
     def reset(self) -> None:
-        """Forget all that was heard."""
+        """Return to the initial state."""
         if self._demodulator is not None:
             self._demodulator.reset()
         self._beat: Beat | None = None
         self._clipped = -math.inf  # frame
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anything moves; changes nothing here."""
+        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
         settings = self._settings
         counts = np.zeros((round(16 * CONVERTER_HZ / settings.output_hz), settings.channel + 1), np.int32)
         silence = SampleBlock(settings.input, 0, 0.0, counts, rate_hz=CONVERTER_HZ, scale=1.0 / FULL_SCALE)
         Iq(self.name, settings).push(silence)
 
     def push(self, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
-        """Hear the next frames of both fingers.
+        """Process the next frames of both fingers.
 
         Raises:
             ValueError: the stream is at irregular times, has no such channel, or its rate does not suit drive and

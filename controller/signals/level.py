@@ -39,7 +39,7 @@ class Window(NamedTuple):
 
 
 def window(size: int) -> Window:
-    """A window that has heard nothing."""
+    """An empty window."""
     return Window(np.zeros(size), np.zeros(3), np.zeros(2, np.int64))
 
 
@@ -47,13 +47,13 @@ def window(size: int) -> Window:
 def z_scores(w: Window, y: Floats, missing: Ints, out: Floats) -> None:
     """(y - mean) / std of the last n samples, the newest among them; std with n - 1.
 
-    The sums are relative to the window's mean as it was when the ring last began anew, and are then taken afresh: no
-    rounding adds up.
+    The sums are relative to the window's mean at the last wrap of the ring, and recomputed there: rounding does not
+    accumulate.
 
     Args:
         w: State, advanced.
         y: Samples, shape (n,); one that is not finite is left out.
-        missing: Samples lost just before each, shape (n,): the window begins anew there.
+        missing: Samples lost just before each, shape (n,): the window restarts there.
         out: Written: NaN until the window is full, and where it does not vary. Shape (n,).
     """
     ring, v, counts = w.ring, w.scalars, w.counts
@@ -84,7 +84,7 @@ def z_scores(w: Window, y: Floats, missing: Ints, out: Floats) -> None:
         if counts[COUNT] == n:
             mean = v[SUM] / n
             variance = (v[SQUARES] - n * mean * mean) / (n - 1)
-            # what rounding leaves of a window that does not vary
+            # below: rounding of a constant window
             if variance > 1e-15 * v[SHIFT] * v[SHIFT]:
                 out[i] = (y[i] - v[SHIFT] - mean) / math.sqrt(variance)
 
@@ -97,19 +97,19 @@ class Steps(NamedTuple):
 
     Attributes:
         spans: Lengths at which a jump is looked for, samples, growing, shape (k,).
-        hops: For each how often it is looked at, samples, shape (k,).
+        hops: Interval between looks at each, samples, shape (k,).
         bends: For each by how much a mover's acceleration bends the envelope, as a share of its distance from the
             level at rest, shape (k,).
-        keeps: For each the shares of its slow and of its fast scale that one look leaves, shape (k, 2).
-        delays: For each how many looks late its scales hear, so that a jump is not held against itself, shape (k,).
+        keeps: Decay of the slow and the fast scale of each per look, shape (k, 2).
+        delays: Looks after which a jump enters the scales, so that it is not compared with itself, shape (k,).
         settle: Samples for which a jump is remembered.
-        third: A third of how long the level must stay, samples.
-        flat: How far each third may be from their mean, as a share of the step.
-        learn: Samples that make the level at rest, and before the first word.
-        drift_fs: By how much a sample may move the level at rest.
+        third: A third of the time for which the level must stay, samples.
+        flat: Largest distance of each third from their mean, as a share of the step.
+        learn: Samples averaged for the level at rest; no events before their end.
+        drift_fs: Largest change of the level at rest per sample.
         end: Samples in a row that must be back for contact to be over.
-        hold: Samples after which contact is said to persist.
-        keep_level: Share of the contact's own level that a sample leaves.
+        hold: Samples after which contact persists.
+        keep_level: Decay of the contact's own level per sample.
         patience: Bad samples in a row that are bridged.
     """
 
@@ -130,25 +130,25 @@ class Steps(NamedTuple):
 
 
 CLIP = 9.0
-"""A deviation counts for its scale no more than this many times the scale: what is strange does not blind."""
+"""A deviation enters its scale with no more than this many times the scale: outliers do not desensitize it."""
 
 PAST = 4
-"""Turns from span to span of which the one to come is foretold."""
+"""Turns from span to span from which the next one is predicted."""
 
 GROWTH = 1.5
-"""An echo grows by no more than this factor from span to span: ten times what a finger at 0.03 m/s hears."""
+"""An echo grows by no more than this factor from span to span: ten times the growth at 0.03 m/s."""
 
 RADIAL = 0.25
-"""What braking does to the wave's size, as a share of what it does to its phase. Assumption: nothing, but the level at
-rest, from which both are measured, may be off by a quarter of the wave."""
+"""Effect of braking on the wave's size, as a share of that on its phase. Assumption: none, but the level at rest, from
+which both are measured, may be off by a quarter of the wave."""
 
 STEADY = 0.5
 """The level's rate, had it been the same since the jump, makes no more than this share of the step. Of a wave that goes
 on turning it makes all of it or more; of a contact that rises exponentially never more than 0.37."""
 
 NOISY = 3.0
-"""What is foretold of white noise is off by so many times the variance of a span's mean: 1 of what came, up to 1 of
-what was before it, half as much again because an arm's noise is not quite white. Assumption."""
+"""Prediction error of white noise, in variances of a span's mean: 1 of the new value, up to 1 of the values before,
+half as much again because an arm's noise is not quite white. Assumption."""
 
 SURE = 6.0
 """A change of level is so many times the standard deviation that the shortest span's mean has in white noise like
@@ -158,17 +158,17 @@ BACK = 0.5
 """Contact is over when this share of the step has gone back."""
 
 WANDER = 0.3
-"""The contact's own level follows slow changes by no more than this share of the step: one that goes back slowly is
-seen to go."""
+"""The contact's own level follows slow changes by no more than this share of the step, so that a slow release is still
+detected."""
 
 FLOOR_FS = 1e-7
 """A scale is never below this: the step of a 24-bit converter, 2^-23."""
 
 NOTHING, BEGAN, HELD, ENDED = range(4)
-"""What can be said at a sample."""
+"""Changes at a sample."""
 
-HEARD, SINCE, SEEN_BAD, RETURNING, LASTED, FRESH, AGE = range(7)
-"""Places among the counts: samples in the ring since it began anew; samples since the beginning, up to `learn`; bad
+FILLED, SINCE, SEEN_BAD, RETURNING, LASTED, FRESH, AGE = range(7)
+"""Places among the counts: samples in the ring since its restart; samples since the beginning, up to `learn`; bad
 ones in a row; samples in a row that are back; samples since contact began, -1 while there is none; samples in the
 median filter; samples since the jump that is remembered."""
 
@@ -183,9 +183,9 @@ class LevelSearch(NamedTuple):
     Attributes:
         ring: The last samples, twice, so that any run of them is in one piece, shape (2 * size,).
         scales: For each span the mean square of its deviation, slow and fast, 0 while unknown, shape (k, 2).
-        late: Squared deviations that its scales have still to hear, shape (k, looks).
+        late: Squared deviations still to enter the scales, shape (k, looks).
         counts: Shape (7,).
-        looks: Looks at each span since the ring began anew, shape (k,).
+        looks: Looks at each span since the ring's restart, shape (k,).
         levels: Shape (7,).
         jump: The jump that is remembered, in scales; its square; one over its span; shape (3,).
     """
@@ -200,7 +200,7 @@ class LevelSearch(NamedTuple):
 
 
 def search(s: Steps) -> LevelSearch:
-    """A search that has heard nothing."""
+    """The initial state of a search."""
     counts = np.zeros(7, np.int64)
     counts[LASTED] = -1
     size = max((PAST + 3) * int(s.spans[-1]), 3 * s.third)
@@ -231,14 +231,14 @@ def _squared(z: complex) -> float:
 
 @compiled()
 def _look(s: Steps, f: LevelSearch, end: int) -> None:
-    """Looks at all spans that are due, and remembers the largest jump."""
+    """Check all spans that are due, and keep the largest jump."""
     counts, scales = f.counts, f.scales
     rest = f.levels[REST]
     for k in range(s.spans.size):
         m = s.spans[k]
-        if counts[HEARD] < (PAST + 3) * m or counts[HEARD] % s.hops[k] != 0:
+        if counts[FILLED] < (PAST + 3) * m or counts[FILLED] % s.hops[k] != 0:
             continue
-        # what turned from span to span goes on turning, two spans from the last of them to the newest
+        # a steady turn continues, two spans from the last of them to the newest
         near = _mean(f.ring, end - 2 * m, m) - rest
         new, across, size = near, 0j, 0.0
         for j in range(PAST):
@@ -261,7 +261,7 @@ def _look(s: Steps, f: LevelSearch, end: int) -> None:
                     share = 1.0 - s.keeps[k, speed]
                     kept = min(old_squared, CLIP * scales[k, speed])
                     scales[k, speed] += share * (kept - scales[k, speed])
-            # a mover that brakes turns the wave less than foretold, and hardly changes its size
+            # a braking mover turns the wave less than predicted, and hardly changes its size
             size = _squared(near)
             along = (near.real * jump.real + near.imag * jump.imag) ** 2 / (size + FLOOR_FS * FLOOR_FS)
             bend = s.bends[k] * s.bends[k] * size
@@ -276,9 +276,9 @@ def _look(s: Steps, f: LevelSearch, end: int) -> None:
 
 @compiled()
 def _stays(s: Steps, f: LevelSearch, end: int) -> tuple[float, complex]:
-    """The jump that is remembered, in scales, if the level has stayed away since, else 0; and how far away it is."""
+    """The remembered jump, in scales, if the level has stayed away since, else 0; and the change of level."""
     third = s.third
-    if f.counts[AGE] > s.settle or f.counts[AGE] < 2 * third or f.counts[HEARD] < 3 * third:
+    if f.counts[AGE] > s.settle or f.counts[AGE] < 2 * third or f.counts[FILLED] < 3 * third:
         return 0.0, 0j
     old = _mean(f.ring, end - 2 * third, third)
     mid = _mean(f.ring, end - third, third)
@@ -289,11 +289,11 @@ def _stays(s: Steps, f: LevelSearch, end: int) -> tuple[float, complex]:
     for part in (old, mid, new):
         if not _squared(part - level) < allowed:
             return 0.0, 0j
-    # what has gone on steadily since the jump has come at least as far as its chord
+    # a steady change since the jump reaches at least its chord
     gone = _squared(new - old) * (f.counts[AGE] / (2.0 * third)) ** 2
     if not gone < STEADY * STEADY * _squared(change):
         return 0.0, 0j
-    # an arm that sets out makes noise at once: neither jump nor change may be of it
+    # a starting arm makes noise at once: neither jump nor change may come from it
     noise = 0.0
     for i in range(end - 3 * third, end):
         noise += _squared(f.ring[i] - level)
@@ -318,8 +318,8 @@ def _rest(s: Steps, f: LevelSearch, z: complex) -> None:
 
 @compiled()
 def _restart(f: LevelSearch) -> None:
-    """Nothing from before is compared with anything from now on; scales are kept."""
-    f.counts[HEARD] = 0
+    """Drop the samples so far; scales are kept."""
+    f.counts[FILLED] = 0
     f.looks[:] = 0
     f.jump[0] = 0.0
 
@@ -335,7 +335,7 @@ def _turn(f: LevelSearch, z: complex) -> None:
 
 @compiled()
 def _touch(s: Steps, f: LevelSearch, z: complex) -> tuple[float, int]:
-    """One sample of a contact; returns how much of the step is left, and what is to be said."""
+    """One sample of a contact; returns the share of the step left, and the change."""
     counts, levels = f.counts, f.levels
     counts[LASTED] += 1
     step = levels[STEP]
@@ -365,9 +365,9 @@ def _middle(a: float, b: float, c: float) -> float:
 
 @compiled()
 def find_steps(
-    s: Steps, f: LevelSearch, threshold: float, z: Complexes, missing: Ints, scores: Floats, said: Ints
+    s: Steps, f: LevelSearch, threshold: float, z: Complexes, missing: Ints, scores: Floats, changes: Ints
 ) -> None:
-    """Hears n samples.
+    """Process n samples.
 
     Args:
         s: Constants.
@@ -377,12 +377,12 @@ def find_steps(
         missing: Samples lost just before each, shape (n,).
         scores: Written: without contact the jump, in scales, after which the level stays, NaN where it does not; in
             contact the share of the step that is left. Shape (n,).
-        said: Written: `NOTHING`, `BEGAN`, `HELD` or `ENDED`, shape (n,).
+        changes: Written: `NOTHING`, `BEGAN`, `HELD` or `ENDED`, shape (n,).
     """
     counts, levels, ring = f.counts, f.levels, f.ring
     size = ring.size // 2
     for i in range(z.size):
-        scores[i], said[i] = math.nan, NOTHING
+        scores[i], changes[i] = math.nan, NOTHING
         if missing[i] != 0:
             counts[FRESH] = 0
             counts[SEEN_BAD] = s.patience + 1
@@ -405,12 +405,12 @@ def find_steps(
             _middle(before.real, last.real, z[i].real), _middle(before.imag, last.imag, z[i].imag)
         )
         if counts[LASTED] >= 0:
-            scores[i], said[i] = _touch(s, f, sample)
+            scores[i], changes[i] = _touch(s, f, sample)
             continue
-        place = counts[HEARD] % size
+        place = counts[FILLED] % size
         ring[place] = ring[place + size] = sample
         end = place + size + 1
-        counts[HEARD] += 1
+        counts[FILLED] += 1
         counts[AGE] += 1
         _rest(s, f, sample)
         _look(s, f, end)
@@ -423,4 +423,4 @@ def find_steps(
                 levels[AT] = levels[FIRST] = levels[LEFT] + change
                 levels[STEP] = change
                 counts[LASTED] = counts[RETURNING] = 0
-                said[i] = BEGAN
+                changes[i] = BEGAN

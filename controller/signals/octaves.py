@@ -1,6 +1,6 @@
 """Vibration in octaves, each against its own quiet level. Compiled.
 
-A slip shakes several neighbouring octaves at once. Hum shakes one, and an arm that sets out smoothly the lowest alone.
+A slip shakes several neighbouring octaves at once. Hum shakes one, and a smoothly starting arm the lowest alone.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from drivers.compiled import compiled
 Floats = NDArray[np.float64]
 
 LOWEST_HZ = 15.0
-"""Where the lowest octave begins. Real slip of a soft fingertip lies at 10 to 80 Hz; below is what arms do."""
+"""Where the lowest octave begins. Real slip of a soft fingertip lies at 10 to 80 Hz; below is the arm's motion."""
 
 TREND_HZ = 10.0
-"""A high-pass of first order ahead of all octaves takes out what an arm does. At 5 Hz starts of the arm are heard; of
-second order the slip of a soft fingertip is told later. Chosen on the choosing half of the recordings and on simulated
+"""A first-order high-pass ahead of all octaves removes the arm's motion. At 5 Hz starts of the arm pass; with a second
+order the slip of a soft fingertip is detected later. Chosen on the choosing half of the recordings and on simulated
 starts."""
 
 CYCLES = 0.3
@@ -37,10 +37,10 @@ FOLLOW_NATS_S = 0.5
 the air did is the new quiet after seconds."""
 
 SINK_NATS_S, QUIETER_NAT, QUIETER_S = 4.0, 1.0, 0.3
-"""So fast it falls besides where the log energy has lain so far below it, in the mean of so long: quiet that was
-learned beside running servos is forgotten before a slip that is no louder. Chosen on the choosing half and on
-simulated seeds from 40,000 on, which it leaves as they are: with 0.7 nats or 0.15 s the recordings' slips are told
-later."""
+"""Additional rate of fall where the log energy has been this far below it, averaged over this time: quiet that was
+learned beside running servos is unlearned before a slip that is no louder. Chosen on the choosing half and on
+simulated seeds from 40,000 on, which it leaves as they are: with 0.7 nats or 0.15 s the recordings' slips are
+detected later."""
 
 DECIDES_HZ = 2000.0
 """The logarithms are taken no more often than this: they cost most."""
@@ -74,7 +74,7 @@ class Octaves(NamedTuple):
 
 
 def octaves(rate_hz: float) -> Octaves:
-    """Filters that have heard nothing; at rates below 60 Hz there are none."""
+    """Filters in their initial state; none at rates below 60 Hz."""
 
     def pole(frequency_hz: float) -> float:
         warped = math.tan(math.pi * frequency_hz / rate_hz)
@@ -93,7 +93,7 @@ def octaves(rate_hz: float) -> Octaves:
 
 @compiled()
 def filter_octaves(o: Octaves, x: float, most: float) -> None:
-    """Hears one sample; `most` bounds the step from the one before, so that a glitch does not ring for long."""
+    """Process one sample; `most` bounds the step from the one before, so that a glitch does not ring for long."""
     scalars, states = o.scalars, o.states
     step = min(max(x - scalars[TREND_IN], -most), most)
     scalars[TREND_IN] = x
@@ -112,10 +112,10 @@ def filter_octaves(o: Octaves, x: float, most: float) -> None:
 
 
 @compiled()
-def learn_octaves(o: Octaves, floor: float, heard: int) -> None:
-    """Takes one more decision into the mean that is the quiet level, the `heard`th."""
+def learn_octaves(o: Octaves, floor: float, count: int) -> None:
+    """Takes one more decision into the mean that is the quiet level, the `count`th."""
     for k in range(o.states.shape[0]):
-        o.states[k, LEVEL] += (math.log(o.states[k, ENERGY] + floor) - o.states[k, LEVEL]) / heard
+        o.states[k, LEVEL] += (math.log(o.states[k, ENERGY] + floor) - o.states[k, LEVEL]) / count
         o.states[k, LATELY] = 0.0
 
 

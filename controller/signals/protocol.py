@@ -1,4 +1,4 @@
-"""Signals: streams that are made of other streams, where somebody hears them."""
+"""Signals: streams computed from other streams, while they are subscribed."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ class Signal(Protocol):
     """Makes one stream out of others: calibrated forces out of bridges, an envelope out of a carrier.
 
     Pure, as a detector is: the same samples in give the same samples out, however they are cut into blocks. A sample's
-    time is the time of what it tells of; a filter's delay is taken off. Lost samples leave a jump in `seq`.
+    time is that of the event it shows: filter delays are compensated. Lost samples leave a jump in `seq`.
     """
 
     name: str
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Streams it hears: `device.stream`, or another signal's `signals.name`."""
+        """Streams it subscribes to: `device.stream`, or another signal's `signals.name`."""
 
     info: StreamInfo
-    """What comes out; its name is `signals.` and the signal's own."""
+    """The output stream; its name is `signals.` and the signal's own."""
 
     def push(self, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
-        """Hear the next block of one of the inputs."""
+        """Process the next block of one of the inputs."""
 
     def reset(self) -> None:
-        """Forget everything, as on the day it was made."""
+        """Return to the initial state."""
 
 
 @runtime_checkable
 class Accountable(Protocol):
-    """A signal that knows something about the bench which belongs into the manifest."""
+    """A signal with findings for the manifest."""
 
     def account(self) -> Mapping[str, object]:
-        """What it found since its last reset; a `warning` in it is told to the person at the bench."""
+        """Findings since the last reset; a `warning` among them is shown to the operator."""
 
 
 class Signals:
-    """The signals of a trial; those that nobody hears cost nothing.
+    """The signals of a trial; those without a subscriber cost nothing.
 
     Args:
-        signals: By any name.
+        signals: In any order.
     """
 
     def __init__(self, signals: Iterable[Signal] = ()) -> None:
@@ -52,21 +52,21 @@ class Signals:
 
     @property
     def streams(self) -> frozenset[str]:
-        """What can be heard."""
+        """Streams that can be subscribed."""
         return frozenset(self._made)
 
     @property
     def awake(self) -> Sequence[Signal]:
-        """Those that somebody hears."""
+        """Signals with a subscriber."""
         return self._awake
 
-    def hear(self, streams: frozenset[str]) -> frozenset[str]:
-        """Wake the signals among `streams` and those behind them, put the others to sleep.
+    def subscribe(self, streams: frozenset[str]) -> frozenset[str]:
+        """Activate the signals among `streams` and their sources, deactivate the others.
 
-        A signal that wakes begins anew.
+        A newly activated signal is reset.
 
         Returns:
-            The devices' streams that are needed for it.
+            The devices' streams that are needed.
         """
         awake: dict[str, Signal] = {}
         devices: set[str] = set()
@@ -85,10 +85,10 @@ class Signals:
         elif stream not in awake:
             for source in signal.inputs:
                 self._follow(source, awake, devices)
-            awake[stream] = signal  # after what it hears
+            awake[stream] = signal  # after its inputs
 
     def push(self, blocks: Sequence[SampleBlock]) -> tuple[list[SampleBlock], list[Saturated]]:
-        """What the waking signals make of one turn's blocks: blocks of their own, and words about their range."""
+        """Process one turn's blocks; returns the active signals' blocks, and their `Saturated` statuses."""
         made: list[SampleBlock] = []
         saturated: list[Saturated] = []
         for signal in self._awake:

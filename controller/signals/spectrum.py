@@ -19,7 +19,7 @@ def dominant_frequency(x: NDArray[np.float64], rate_hz: float) -> float:
     Returns:
         Frequency in hertz; NaN for a record without variance or with values that are not finite.
     """
-    from scipy.signal import periodogram  # half a second, and whoever only names a measure needs none of it
+    from scipy.signal import periodogram  # takes half a second to load
 
     if len(x) < 8 or not np.isfinite(x).all() or np.ptp(x) == 0.0:
         return float("nan")

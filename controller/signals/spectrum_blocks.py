@@ -47,7 +47,7 @@ class SpectrumBlocks:
         self._begun: Floats | None = None
 
     def push(self, values: Floats, rate_hz: float) -> Peaks:
-        """Hear the next samples.
+        """Process the next samples.
 
         Args:
             values: Shape (n, channels), without a gap to those before.
@@ -75,7 +75,7 @@ def block_peaks(blocks: Floats, rate_hz: float) -> tuple[Floats, Floats]:
     size = blocks.shape[-1]
     usable = np.asarray(np.isfinite(blocks).all(axis=-1))
     spectrum = np.fft.rfft(np.where(usable[..., None], blocks, 0.0), axis=-1)[..., 1:]
-    # a number so large that its square overflows is above every threshold, and infinity says so
+    # a number so large that its square overflows is above every threshold, as is infinity
     with np.errstate(over="ignore", invalid="ignore"):
         powers = (spectrum.real**2 + spectrum.imag**2) / size
     k = np.argmax(powers, axis=-1)

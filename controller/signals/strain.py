@@ -31,7 +31,7 @@ class StrainSettings(Settings):
     """What each bridge reads without a force, V."""
 
     overload_n: Three = (10.0, 10.0, 1.5)
-    """Never beyond these forces, N (B of the acceptance list: tested to 7, 7, 1 N, never beyond 10, 10, 1.5 N)."""
+    """Force limits, N (B of the acceptance list: tested to 7, 7, 1 N, never beyond 10, 10, 1.5 N)."""
 
     overload_s: float = Field(default=0.003, ge=0.0, le=1.0)
     """How long a force must be beyond to count, s. Assumption: three samples at 1 kHz, so that a single spike stops
@@ -41,7 +41,7 @@ class StrainSettings(Settings):
 class Strain:
     """Turns bridges into forces: Fn = hypot(Fx, Fy), theta = atan2(Fx, Fy), Ft = Mz / r (Fernandez et al., section 2).
 
-    A force beyond `overload_n` is told as `Saturated`, once each time; where several are, the first of them. Without
+    A force beyond `overload_n` is reported as `Saturated`, once each time; of several the first. Without
     contact theta is that of the noise.
 
     Args:
@@ -60,13 +60,13 @@ class Strain:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was beyond its range."""
+        """Clear the overloads."""
         self._next_seq: int | None = None
         self._beyond = np.zeros(len(FORCES), np.int64)
-        self._told = np.zeros(len(FORCES), bool)
+        self._reported = np.zeros(len(FORCES), bool)
 
     def push(self, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
-        """Hear the next samples of the bridges.
+        """Process the next samples of the bridges.
 
         Raises:
             ValueError: the stream has not three channels.
@@ -99,16 +99,16 @@ class Strain:
         beyond = np.abs(forces_n) > self._overload_n
         if not beyond.any():
             self._beyond[:] = 0
-            self._told[:] = False
+            self._reported[:] = False
             return []
         patience = max(1, round(self._overload_s * (block.rate_hz or 0.0)))
-        told = []
+        overloads = []
         for place, row in enumerate(beyond):
             self._beyond = np.where(row, self._beyond + 1, 0)
-            self._told &= row
-            found = np.flatnonzero((self._beyond >= patience) & ~self._told)
+            self._reported &= row
+            found = np.flatnonzero((self._beyond >= patience) & ~self._reported)
             if found.size:
-                self._told[found] = True
+                self._reported[found] = True
                 value_n = float(forces_n[place, found[0]])
-                told.append(Saturated(float(block.times[place]), "signals", self.info.name, value_n))
-        return told
+                overloads.append(Saturated(float(block.times[place]), "signals", self.info.name, value_n))
+        return overloads

@@ -107,7 +107,7 @@ class Fit(NamedTuple):
 
 
 def empty_fit(way: Way) -> Fit:
-    """A fit that has heard nothing."""
+    """An empty fit."""
     scalars = np.zeros(10)
     scalars[CELL_FROM_M] = np.nan
     return Fit(
@@ -218,9 +218,9 @@ def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
         _, amplitude, level, _, variance = _judge(f)
         if math.isfinite(variance):
             phase = w.kappa_rad_m[counts[CANDIDATE]] * (x_m - v[REFERENCE_M])
-            foretold = level + amplitude * complex(math.cos(phase), math.sin(phase))
-            # what is fitted may be as wrong as what is left over
-            if abs(z - foretold) ** 2 > OUTLIER * OUTLIER * variance:
+            predicted = level + amplitude * complex(math.cos(phase), math.sin(phase))
+            # the prediction may be as wrong as the residual
+            if abs(z - predicted) ** 2 > OUTLIER * OUTLIER * variance:
                 counts[STRANGE] += 1
                 if counts[STRANGE] >= PATIENCE:
                     _forget(f)
@@ -250,7 +250,7 @@ def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
 def undulate(
     w: Way, f: Fit, z: Complexes, x_m: Floats, missing: Ints, ratios: Floats, amplitudes_fs: Floats
 ) -> None:
-    """Hears n samples.
+    """Process n samples.
 
     Args:
         w: Constants.

@@ -1,8 +1,8 @@
-"""Innovations of a sampled signal: what the past does not foretell, against what noise and a known ring would do.
+"""Innovations of a sampled signal: prediction errors, relative to those of noise and a known ring.
 Compiled.
 
-The signal's second difference, which forgets offset and slope at once, is predicted from its own last values by
-weighted least squares. Free ringing of a structure is foretold, whatever its frequency and damping; a blow to it is
+The signal's second difference, free of offset and slope, is predicted from its own last values by
+weighted least squares. Free ringing of a structure is predicted, whatever its frequency and damping; a blow to it is
 not.
 """
 
@@ -25,8 +25,7 @@ square of the second difference; variance of the innovation that white noise of 
 innovation over the variance that noise alone gives it."""
 
 FRESH, COUNT = range(2)
-"""Places among the counts: samples since the last gap; second differences heard, up to the end of learning and
-beyond."""
+"""Places among the counts: samples since the last gap; second differences received, during learning and beyond."""
 
 SOLVE_EVERY = 8
 """The weights are solved for after so many samples: the sums behind them remember hundreds."""
@@ -37,7 +36,7 @@ rounding error of the weights, to 1e-10 after any history."""
 
 DRIFT = 1e-4
 """Mean square of a constant part that the second difference may have, relative to its own: the weights then
-foretell most of a constant acceleration, as when an arm sets out. Chosen on simulated starts: none alarms, and slip
+predict most of a constant acceleration, as when an arm starts. Chosen on simulated starts: none alarms, and slip
 is found as fast."""
 
 LIMIT = 1000.0
@@ -58,7 +57,7 @@ KEPT_MEAN_SQUARE = 0.3685241
 deviate: 1 - 2 a phi(a) / 0.75 with a = 1.150349."""
 
 BEYOND = 1e100
-"""A larger magnitude is no measurement: its square would overflow. Treated like a missing sample."""
+"""A larger magnitude counts as a missing sample: its square would overflow."""
 
 
 class Settling(NamedTuple):
@@ -88,7 +87,7 @@ class Predictor(NamedTuple):
         past: Last second differences, the newest first, shape (order,).
         weights: Of the prediction, shape (order,).
         factor: Cholesky factor, scratch, shape (order, order).
-        first: Magnitudes heard while learning, shape (learn,).
+        first: Magnitudes received while learning, shape (learn,).
         scalars: Shape (6,).
         counts: Shape (2,).
     """
@@ -104,7 +103,7 @@ class Predictor(NamedTuple):
 
 
 def predictor(order: int, learn: int) -> Predictor:
-    """A predictor that has heard nothing."""
+    """A predictor in its initial state."""
     scalars = np.zeros(6)
     scalars[GAIN] = SECOND_DIFFERENCE_GAIN
     return Predictor(
@@ -180,7 +179,7 @@ def _solve(p: Predictor) -> None:
 
 @compiled()
 def innovate(s: Settling, p: Predictor, x: float) -> float:
-    """Hears one sample.
+    """Process one sample.
 
     Args:
         s: Constants.
@@ -210,7 +209,7 @@ def innovate(s: Settling, p: Predictor, x: float) -> float:
             v[NOISE] = first_level(p.first)
             v[ENERGY] = SECOND_DIFFERENCE_GAIN * v[NOISE]
             if v[NOISE] == 0.0:
-                # nothing moves: no noise level can be had from this
+                # a constant signal gives no noise level
                 counts[COUNT] = 0
         return math.nan
     bound = LIMIT * math.sqrt(SECOND_DIFFERENCE_GAIN * v[NOISE])
@@ -226,7 +225,7 @@ def innovate(s: Settling, p: Predictor, x: float) -> float:
         allowed = floor + s.model_error * s.model_error * v[ENERGY]
         ratio = squared / allowed
         v[BARE] = squared / floor
-        # a signal that stands still to the last bit says nothing about its noise
+        # a constant signal shows nothing of its noise
         if squared > 0.0:
             v[NOISE] *= 1.0 + (min(v[BARE], CUT) - CUT_MEAN) / s.scale
             _learn(s, p, d, min(1.0, 1.0 / ratio))
@@ -242,8 +241,7 @@ def innovate(s: Settling, p: Predictor, x: float) -> float:
 
 @compiled()
 def _learn(s: Settling, p: Predictor, d: float, weight: float) -> None:
-    """Adds one row to the normal equations; one that surprises counts less, for a blow says nothing about
-    ringing."""
+    """Add one row to the normal equations; large innovations count less, since a blow shows nothing of ringing."""
     gram, cross, past = p.gram, p.cross, p.past
     for i in range(past.size):
         row = weight * past[i]

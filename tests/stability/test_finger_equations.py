@@ -48,19 +48,19 @@ def equations(s: FingerSettings, location: str, mode: str, comparator: int, osci
         beta_rate = (bend + held) / s.base_inertia_kg_m2 - 1.5 * shaken / rod_m
         push = (arm + s.slide_m) * force if location != "p" else 0.0
         omega_rate = (-bend + drive + push) / s.inertia_kg_m2 - 1.5 * shaken / rod_m
-        heard = 2 * math.pi * s.accelerometer_hz
+        coupling = 2 * math.pi * s.accelerometer_hz
         return [
             omega,
             omega_rate,
             beta,
             beta_rate,
-            heard * (-shaken - s.accelerometer_arm_m * beta_rate - a),
+            coupling * (-shaken - s.accelerometer_arm_m * beta_rate - a),
             omega_h * output(x),
             omega_h * g1,
             2 * math.pi * s.loop_hz * ((comparator ^ oscillator) - v),
             s.oscillator_lowest_hz + s.oscillator_range_hz * v,
             0.0 if sliding else beta,
-            heard * (-shaken - s.distal_accelerometer_arm_m * omega_rate - a2),
+            coupling * (-shaken - s.distal_accelerometer_arm_m * omega_rate - a2),
         ]
 
     guards: dict[str, Any] = {

@@ -156,7 +156,7 @@ def test_a_trial_at_a_million_seconds_is_as_exact_as_one_at_zero():
     late, late_thetas = run_plant(s, pieces=[(origin_s, 0.0, 0.03, 0.0)], start_s=origin_s, **scene)
     # the instants asked for are 6e-11 s off, half a unit in the last place of 1e6 s: so are the angles, at 2 rad/s
     assert late_thetas == pytest.approx(thetas, abs=2e-10)
-    # switches are told in whole seconds: 1.2e-10 s is one unit in the last place of 1e6 s
+    # switches are given in whole seconds: 1.2e-10 s is one unit in the last place of 1e6 s
     assert [t - origin_s for t, _ in late] == pytest.approx([t for t, _ in first], abs=1.2e-10)
 
 

@@ -151,7 +151,7 @@ def test_a_saturated_converter_shows_its_end_and_leaves_the_loop_alone():
     assert np.max(np.abs(waves[0])) > 1.0
     assert np.max(waves[1]) == 0.5 == -np.min(waves[1])
     assert np.array_equal(np.clip(waves[0], -0.5, 0.5), waves[1])
-    assert np.array_equal(*periods), "the comparator hears the sign, which no converter takes away"
+    assert np.array_equal(*periods), "the comparator sees the sign, which no converter removes"
 
 
 def test_the_load_cell_ends_at_its_range():
@@ -161,7 +161,7 @@ def test_the_load_cell_ends_at_its_range():
     assert plant.sample("load_cell", np.array([2.9]))[0] == 0.1
 
 
-def test_a_contact_beyond_all_means_ends_with_an_error_that_says_so(monkeypatch):
+def test_a_contact_beyond_all_means_ends_with_a_clear_error(monkeypatch):
     monkeypatch.setattr("drivers.mock.physics.finger_course.MOST_PIECES", 10_000)
     settings = FingerSettings(**QUIET).model_copy(
         update={"contact_n_s_m": 1e9}
@@ -172,7 +172,7 @@ def test_a_contact_beyond_all_means_ends_with_an_error_that_says_so(monkeypatch)
         plant.advance(0.1, SWITCHES)
 
 
-def test_a_damping_that_nobody_can_wait_for_is_refused_with_its_cost():
+def test_an_unaffordable_damping_is_refused_with_its_cost():
     assert FingerSettings(contact_n_s_m=1e6).contact_n_s_m == 1e6
     with pytest.raises(ValueError, match=r"would cost 5.6e\+03 s of computing.* must be <= 1e\+06 N s/m"):
         FingerSettings(contact_n_s_m=1e9)

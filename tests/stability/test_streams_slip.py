@@ -22,14 +22,14 @@ def ringing(n, seed, knocks_hz, size):
     return rng.standard_normal(n) + np.convolve(knocks, ring)[:n]
 
 
-def told(x):
-    """What is said of slip."""
-    said = SlipDetector("slip", SlipSettings(threshold=25.0)).push(block(x))
-    return [event for event in said if not isinstance(event, BaselineReady)]
+def slip_events(x):
+    """Slip events of the detector."""
+    events = SlipDetector("slip", SlipSettings(threshold=25.0)).push(block(x))
+    return [event for event in events if not isinstance(event, BaselineReady)]
 
 
 def evidence(x):
-    return SlipDetector("slip", SlipSettings(threshold=1e6)).hear(block(x))
+    return SlipDetector("slip", SlipSettings(threshold=1e6)).evidence(block(x))
 
 
 def test_an_offset_a_million_times_the_noise_changes_no_evidence():
@@ -65,7 +65,7 @@ def test_a_glitch_of_1e9_is_one_bump_and_forgotten_at_once():
 @pytest.mark.parametrize("disturbed", ["glitch", "gap", "offset", "jumps"])
 def test_slip_is_found_as_fast_after_a_disturbance_as_without(disturbed):
     x = np.concatenate([ringing(20_000, 4, 0.0, 0.0), ringing(1000, 5, 200.0, 20.0)])
-    plain = told(x)[0].t_s
+    plain = slip_events(x)[0].t_s
     if disturbed == "glitch":
         x[15_000] = 1e9
     elif disturbed == "gap":
@@ -75,16 +75,16 @@ def test_slip_is_found_as_fast_after_a_disturbance_as_without(disturbed):
     else:
         x[15_000:15_010] = np.inf
         x[16_000:16_003] = -1e200
-    events = told(x)
+    events = slip_events(x)
     assert type(events[0]) is SlipStarted
     assert events[0].t_s == pytest.approx(plain, abs=0.005)
 
 
 def test_a_noise_floor_that_rises_tenfold_is_an_alarm_that_ends():
-    """Nothing but noise can tell it from slip at first; after a while it is the new normal, and slip is found again."""
+    """Louder noise may look like slip at first; after a while it is the new normal, and slip is detected again."""
     x = np.concatenate([ringing(20_000, 6, 0.0, 0.0), 10.0 * ringing(120_000, 7, 0.0, 0.0)])
     x[-1000:] += ringing(1000, 8, 200.0, 300.0)
-    events = told(x)
+    events = slip_events(x)
     assert [type(event) for event in events[:2]] == [SlipStarted, SlipEnded]
     assert events[1].t_s < 100.0
     assert events[-1].t_s > 139.0
@@ -95,7 +95,7 @@ def test_a_dead_stretch_neither_alarms_nor_deafens():
     x = ringing(30_000, 9, 0.0, 0.0)
     x[5000:9000] = x[5000]
     x[29_000:] += ringing(1000, 10, 200.0, 20.0)
-    events = told(x)
+    events = slip_events(x)
     assert [event.t_s > 29.0 for event in events] == [True]
 
 
@@ -114,12 +114,12 @@ def test_the_papers_detector_loses_one_block_to_a_glitch_and_two_to_a_gap():
 
 
 def test_an_hour_of_noise_leaves_the_state_as_an_hour_before():
-    """What an hour may not do: the evidence of the last minute is that of a detector which heard that minute alone."""
+    """After an hour the evidence of the last minute is that of a detector which received that minute alone."""
     rng = np.random.default_rng(12)
     detector = SlipDetector("slip", SlipSettings())
     last = np.empty(0)
     for minute in range(60):
         last = 1000.0 + rng.standard_normal(60_000)
-        long = detector.hear(block(last, seq=60_000 * minute))
-    fresh = SlipDetector("slip", SlipSettings()).hear(block(last))
+        long = detector.evidence(block(last, seq=60_000 * minute))
+    fresh = SlipDetector("slip", SlipSettings()).evidence(block(last))
     assert np.max(np.abs(long[-10_000:] - fresh[-10_000:])) < 0.05

@@ -363,8 +363,8 @@ def test_the_results_that_say_most_come_first():
 def test_every_measure_names_columns_of_its_own():
     for name in EXPERIMENTS.keys() - {"grasp"}:
         measures = import_module(f"controller.measures.{name}")
-        assert len(measures.TELLING) == RESULTS
-        assert set(measures.TELLING) <= set(measures.COLUMNS), name
+        assert len(measures.HIGHLIGHTS) == RESULTS
+        assert set(measures.HIGHLIGHTS) <= set(measures.COLUMNS), name
 
 
 def test_what_was_not_seen_is_a_dash():

@@ -21,13 +21,13 @@ def test_within_the_recording_the_threshold_is_its_own_quantile():
     assert found.recording_s == 36_000.0
 
 
-def test_beyond_the_recording_the_tail_is_extrapolated_and_says_so():
+def test_beyond_the_recording_the_tail_is_extrapolated_and_marked():
     found = threshold_for(exponential(1800), 3600.0 * 10)
     assert found.extrapolated
     assert found.low < math.log(36_000.0) < found.high
 
 
-def test_the_interval_covers_the_truth_about_as_often_as_it_says():
+def test_the_interval_covers_the_truth_about_as_often_as_stated():
     truth = math.log(3600.0)
     found = [threshold_for(exponential(36_000, seed), 3600.0) for seed in range(200)]
     covered = np.mean([each.low <= truth <= each.high for each in found])
@@ -35,7 +35,7 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says():
 
 
 @pytest.mark.parametrize("interval_s", [250.0, 1e4, 1e6])
-def test_the_interval_of_an_extrapolation_covers_the_truth_about_as_often_as_it_says(interval_s):
+def test_the_interval_of_an_extrapolation_covers_the_truth_about_as_often_as_stated(interval_s):
     rng = np.random.default_rng(11)
     found = [threshold_for(rng.exponential(size=1000), interval_s) for _ in range(2000)]
     assert all(each.extrapolated for each in found)
@@ -60,13 +60,13 @@ def test_a_calibrated_detector_alarms_as_often_as_was_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("maxima", "interval_s", "said"),
+    ("maxima", "interval_s", "reason"),
     [
         (exponential(9), 3600.0, "too few"),
         (exponential(100), 1.0, "too short"),
         (exponential(100), math.nan, "too short"),
     ],
 )
-def test_what_cannot_be_calibrated_is_refused_in_one_line(maxima, interval_s, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_cannot_be_calibrated_is_refused_in_one_line(maxima, interval_s, reason):
+    with pytest.raises(ValueError, match=reason):
         threshold_for(maxima, interval_s)

@@ -32,7 +32,7 @@ def paper(**settings):
     return LevelPaperDetector("touch", LevelPaperSettings(**settings))
 
 
-def said(detector, *blocks):
+def events_of(detector, *blocks):
     return [event for part in blocks for event in detector.push(part)]
 
 
@@ -69,8 +69,8 @@ def approach(speed_m_s, end_m, size=0.015, seed=1, rest_s=1.5, hold_s=1.0):
 # --- ours ----------------------------------------------------------------------------------------
 
 
-def test_start_persistence_and_end_of_a_contact_are_told_in_time():
-    events = said(ours(), block(level(5.0, 2.0, 3.5)))
+def test_start_persistence_and_end_of_a_contact_are_reported_in_time():
+    events = events_of(ours(), block(level(5.0, 2.0, 3.5)))
     assert kinds(events) == [Contact, ContactHeld, ContactLost]
     assert 2.0 < events[0].t_s < 2.15
     assert events[1].t_s == pytest.approx(events[0].t_s + 0.5, abs=0.002)
@@ -81,14 +81,14 @@ def test_start_persistence_and_end_of_a_contact_are_told_in_time():
 @pytest.mark.parametrize("end_m", [0.004, 0.02])
 def test_undulations_are_no_contact_even_where_the_finger_stops_and_sets_out_again(speed_m_s, end_m):
     for seed in range(3):
-        assert said(ours(), block(approach(speed_m_s, end_m, seed=seed))) == []
+        assert events_of(ours(), block(approach(speed_m_s, end_m, seed=seed))) == []
 
 
 def test_a_contact_of_ten_minutes_that_drifts_is_held_to_its_end():
     n = 600_000
     t_s = np.arange(n) / RATE_HZ
     z = REST + STEP * pressed(t_s, 2.0, 590.0) + 0.003 * np.sin(2.0 * np.pi * t_s / 300.0) + noise(n)
-    events = said(ours(), *(block(z[k : k + 5000], k) for k in range(0, n, 5000)))
+    events = events_of(ours(), *(block(z[k : k + 5000], k) for k in range(0, n, 5000)))
     assert kinds(events) == [Contact, ContactHeld, ContactLost]
     assert events[2].t_s == pytest.approx(590.0, abs=0.1)
 
@@ -96,21 +96,21 @@ def test_a_contact_of_ten_minutes_that_drifts_is_held_to_its_end():
 def test_a_contact_that_goes_slowly_is_seen_to_go():
     t_s = np.arange(20_000) / RATE_HZ
     z = REST + STEP * (pressed(t_s, 2.0, 1e9) * np.interp(t_s, [5.0, 15.0], [1.0, 0.0])) + noise(len(t_s))
-    events = said(ours(), block(z))
+    events = events_of(ours(), block(z))
     assert kinds(events) == [Contact, ContactHeld, ContactLost]
     assert 10.0 < events[2].t_s < 15.0
 
 
-def test_contact_again_and_again_is_told_each_time():
+def test_contact_again_and_again_is_reported_each_time():
     z = np.concatenate([level(4.0, 2.0, 3.0) for _ in range(5)])
-    assert kinds(said(ours(), block(z))) == 5 * [Contact, ContactHeld, ContactLost]
+    assert kinds(events_of(ours(), block(z))) == 5 * [Contact, ContactHeld, ContactLost]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1.0, -50.0])
 def test_a_single_bad_sample_is_no_contact_and_no_end_of_one(bad):
     z = level(5.0, 2.0, 3.5)
     z[[1200, 2800]] = bad
-    events = said(ours(), block(z))
+    events = events_of(ours(), block(z))
     assert kinds(events) == [Contact, ContactHeld, ContactLost]
     assert events[0].t_s > 2.0
     assert events[2].t_s > 3.5
@@ -118,12 +118,12 @@ def test_a_single_bad_sample_is_no_contact_and_no_end_of_one(bad):
 
 def test_lost_samples_are_no_contact_even_where_the_level_has_changed_meanwhile():
     still = REST + noise(4000)
-    assert said(ours(), block(still[:2000]), block(still[2100:] + 0.001, 2100)) == []
+    assert events_of(ours(), block(still[:2000]), block(still[2100:] + 0.001, 2100)) == []
 
 
 def test_contact_survives_lost_samples():
     z = level(6.0, 2.0, 5.0)
-    events = said(ours(), block(z[:3000]), block(z[3300:], 3300))
+    events = events_of(ours(), block(z[:3000]), block(z[3300:], 3300))
     assert kinds(events) == [Contact, ContactHeld, ContactLost]
     assert events[2].t_s > 5.0
 
@@ -137,7 +137,7 @@ def test_after_a_gap_over_which_the_drives_phase_stepped_small_contacts_are_seen
     t_s = np.arange(8000) / RATE_HZ
     z = REST + size_fs * np.exp(1j * towards_rad) * pressed(t_s, 5.0, 7.0) + noise(len(t_s), seed=2)
     z[3000:] *= np.exp(1j * turned_rad)
-    events = said(ours(), block(z[:3000]), block(z[3037:], 3037))
+    events = events_of(ours(), block(z[:3000]), block(z[3037:], 3037))
     assert kinds(events) == [Contact, ContactHeld, ContactLost]
     assert events[0].t_s == pytest.approx(5.0, abs=0.1)
     assert events[2].t_s == pytest.approx(7.0, abs=0.1)
@@ -146,12 +146,12 @@ def test_after_a_gap_over_which_the_drives_phase_stepped_small_contacts_are_seen
 def test_noise_that_comes_at_once_is_no_contact():
     for seed in range(20):
         z = REST + np.concatenate([noise(2000, 1e-5, seed), noise(4000, 1e-4, seed + 100)])
-        assert said(ours(), block(z)) == []
+        assert events_of(ours(), block(z)) == []
 
 
 def test_ten_minutes_of_noise_are_quiet():
     z = REST + noise(600_000, 5e-5)
-    assert said(ours(), *(block(z[k : k + 10_000], k) for k in range(0, len(z), 10_000))) == []
+    assert events_of(ours(), *(block(z[k : k + 10_000], k) for k in range(0, len(z), 10_000))) == []
 
 
 def test_a_smaller_step_gives_a_smaller_value_and_a_threshold_above_it_silences_it():
@@ -159,16 +159,16 @@ def test_a_smaller_step_gives_a_smaller_value_and_a_threshold_above_it_silences_
     for share in (0.03, 0.01):
         t_s = np.arange(4000) / RATE_HZ
         z = REST + share * STEP * pressed(t_s, 2.0, 1e9) + noise(4000)
-        values.append(said(ours(), block(z))[0].value)
+        values.append(events_of(ours(), block(z))[0].value)
     assert values[1] < values[0]
     z = REST + 0.01 * STEP * pressed(t_s, 2.0, 1e9) + noise(4000)
-    assert said(ours(threshold=1.5 * values[1]), block(z)) == []
+    assert events_of(ours(threshold=1.5 * values[1]), block(z)) == []
 
 
 def test_one_channel_will_do_where_there_is_no_other():
     z = level(5.0, 2.0, 3.5)
     in_phase = SampleBlock("signals.right", 0, 0.0, z.real[:, None], rate_hz=RATE_HZ)
-    assert kinds(said(ours(), in_phase)) == [Contact, ContactHeld, ContactLost]
+    assert kinds(events_of(ours(), in_phase)) == [Contact, ContactHeld, ContactLost]
 
 
 def unsettled(count, gap_s=1.25, seed=1):
@@ -212,14 +212,14 @@ def test_with_gamma_3_the_papers_window_of_ten_samples_or_fewer_never_fires(n):
     """|z| is at most (n - 1) / sqrt(n): 2.85 for n = 10."""
     z = REST + noise(5000)
     z[2500:] += 10.0 * STEP
-    assert said(paper(window_s=n / RATE_HZ, threshold=3.0), block(z)) == []
+    assert events_of(paper(window_s=n / RATE_HZ, threshold=3.0), block(z)) == []
 
 
 def test_the_paper_forgets_a_contact_once_it_fills_a_tenth_of_the_window():
     """A level that fills the share p of the window is sqrt((1 - p) / p) from its mean: 3 at p = 0.1."""
     z = REST + noise(8000, 1e-6)
     z[4000:] += STEP
-    events = said(paper(window_s=2.0, threshold=3.0, hold_s=0.1), block(z))
+    events = events_of(paper(window_s=2.0, threshold=3.0, hold_s=0.1), block(z))
     during = [event for event in events if event.t_s >= 4.0]
     assert kinds(during[:3]) == [Contact, ContactHeld, ContactLost]
     assert during[2].t_s - during[0].t_s == pytest.approx(0.2, abs=0.01)
@@ -227,11 +227,11 @@ def test_the_paper_forgets_a_contact_once_it_fills_a_tenth_of_the_window():
 
 def test_the_paper_takes_the_end_of_a_forgotten_contact_for_a_contact():
     z = level(12.0, 4.0, 8.0)
-    starts = [event.t_s for event in said(paper(threshold=8.0), block(z)) if isinstance(event, Contact)]
+    starts = [event.t_s for event in events_of(paper(threshold=8.0), block(z)) if isinstance(event, Contact)]
     assert [round(t_s) for t_s in starts] == [4, 8]
 
 
-def test_the_papers_window_says_nothing_until_it_is_full():
+def test_the_papers_window_reports_nothing_until_it_is_full():
     z = level(3.0, 1.0, 2.0)
-    events = said(paper(window_s=1.5), block(z))
+    events = events_of(paper(window_s=1.5), block(z))
     assert all(event.t_s >= 1.499 for event in events)

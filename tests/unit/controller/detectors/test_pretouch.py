@@ -24,7 +24,7 @@ def trip(*legs):
     return np.concatenate(([0.0], np.cumsum(speeds) / RATE_HZ))[:-1]
 
 
-def heard(way_m, size=0.001, seed=1, sigma=5e-5, undulation_m=UNDULATION_M, sign=-1.0):
+def blocks_of(way_m, size=0.001, seed=1, sigma=5e-5, undulation_m=UNDULATION_M, sign=-1.0):
     """Envelope of a finger whose object is SURFACE_M ahead, and its encoder."""
     rng = np.random.default_rng(seed)
     gap_m = SURFACE_M - way_m
@@ -38,18 +38,18 @@ def heard(way_m, size=0.001, seed=1, sigma=5e-5, undulation_m=UNDULATION_M, sign
 
 
 def ours(**settings):
-    """In a room that sends nothing back, before an object straight ahead, unless it is told otherwise."""
+    """In a room without echoes, before an object straight ahead, by default."""
     return PreTouchDetector(
         "near", PreTouchSettings(**{"background_fs": 0.0, "obliquity": (1.0,)} | settings)
     )
 
 
-def said(detector, *blocks):
+def events_of(detector, *blocks):
     return [event for block in blocks for event in detector.push(block)]
 
 
 def first_m(way_m, **settings):
-    events = said(ours(**settings), *heard(way_m))
+    events = events_of(ours(**settings), *blocks_of(way_m))
     assert isinstance(events[0], PreTouch)
     return events[0].position_m
 
@@ -65,8 +65,8 @@ def test_a_change_of_speed_and_a_pause_on_the_way_change_little():
     assert uneven == pytest.approx(steady, abs=0.002)
 
 
-def test_it_says_the_position_of_its_own_event():
-    events = said(ours(), *heard(trip((0.01, 5.0))))
+def test_an_event_holds_its_own_position():
+    events = events_of(ours(), *blocks_of(trip((0.01, 5.0))))
     assert events[0].position_m == pytest.approx(0.01 * events[0].t_s, abs=1e-4)
     assert events[0].value > events[0].threshold
 
@@ -75,28 +75,28 @@ def test_it_says_the_position_of_its_own_event():
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_speed_of_sound_that_is_off_by_two_per_cent_and_the_sense_of_rotation_do_not_matter(off, sign):
     way_m = trip((0.01, 5.0))
-    events = said(ours(), *heard(way_m, undulation_m=off * UNDULATION_M, sign=sign))
+    events = events_of(ours(), *blocks_of(way_m, undulation_m=off * UNDULATION_M, sign=sign))
     assert isinstance(events[0], PreTouch)
     assert events[0].position_m < 0.02
 
 
 def test_standing_still_is_no_reason_to_speak_near_or_far():
     way_m = trip((0.01, 4.0), (0.0, 30.0))
-    events = said(ours(), *heard(way_m))
+    events = events_of(ours(), *blocks_of(way_m))
     assert [type(event) for event in events] == [PreTouch]
     assert events[0].t_s < 4.0
 
 
-def test_it_tells_when_the_object_is_left_behind():
+def test_it_reports_when_the_object_is_left_behind():
     way_m = trip((0.01, 5.0), (0.0, 1.0), (-0.03, 5.0))
-    events = said(ours(), *heard(way_m, sigma=1e-4))
+    events = events_of(ours(), *blocks_of(way_m, sigma=1e-4))
     assert [type(event) for event in events] == [PreTouch, PreTouchLost]
     assert events[1].t_s > 6.0
 
 
 def test_motion_before_nothing_is_quiet_for_a_hundred_passages():
     way_m = trip((0.0, 0.5), (0.01, 4.0), (0.0, 0.3), (-0.03, 4.0 / 3.0))
-    quiet = [not said(ours(), *heard(way_m, size=0.0, seed=seed)) for seed in range(100)]
+    quiet = [not events_of(ours(), *blocks_of(way_m, size=0.0, seed=seed)) for seed in range(100)]
     assert sum(quiet) >= 99  # at its own threshold of 18
 
 
@@ -106,10 +106,10 @@ def test_a_wall_that_stands_still_is_no_object_at_its_own_settings_and_an_object
     wall = 1e-4 * np.exp(2j * np.pi * cosine * way_m / UNDULATION_M)
     found = []
     for size in (0.0, 0.02):
-        signal, encoder = heard(way_m, size=size)
+        signal, encoder = blocks_of(way_m, size=size)
         values = signal.values + np.column_stack([wall.real, wall.imag])
         block = SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ)
-        found.append(said(PreTouchDetector("near", PreTouchSettings()), block, encoder))
+        found.append(events_of(PreTouchDetector("near", PreTouchSettings()), block, encoder))
     assert found[0] == []
     assert isinstance(found[1][0], PreTouch)
     assert SURFACE_M - found[1][0].position_m > 0.025
@@ -117,16 +117,16 @@ def test_a_wall_that_stands_still_is_no_object_at_its_own_settings_and_an_object
 
 def test_a_drifting_level_is_no_object():
     way_m = trip((0.01, 5.0))
-    signal, encoder = heard(way_m, size=0.0)
+    signal, encoder = blocks_of(way_m, size=0.0)
     drifted = signal.values + np.linspace(0.0, 0.003, len(signal))[:, None]
     block = SampleBlock("signals.right", 0, 0.0, drifted, rate_hz=RATE_HZ)
-    assert said(ours(), block, encoder) == []
+    assert events_of(ours(), block, encoder) == []
 
 
-def test_whoever_comes_first_and_in_which_pieces_the_events_are_the_same():
+def test_events_do_not_depend_on_block_order_or_size():
     rng = np.random.default_rng(4)
-    signal, encoder = heard(trip((0.01, 4.0), (-0.03, 2.5)), sigma=2e-4)
-    expected = said(ours(), signal, encoder)
+    signal, encoder = blocks_of(trip((0.01, 4.0), (-0.03, 2.5)), sigma=2e-4)
+    expected = events_of(ours(), signal, encoder)
     assert len(expected) >= 2
     for _ in range(5):
         pieces = []
@@ -144,56 +144,56 @@ def test_whoever_comes_first_and_in_which_pieces_the_events_are_the_same():
         while pieces[0] or pieces[1]:
             source = pieces[int(rng.random() < 0.5)] or pieces[0] or pieces[1]
             mixed.append(source.pop(0))
-        events = said(ours(), *mixed)
+        events = events_of(ours(), *mixed)
         assert [type(event) for event in events] == [type(event) for event in expected]
         assert [event.t_s for event in events] == pytest.approx([event.t_s for event in expected], abs=1e-9)
 
 
-def test_nothing_is_said_of_a_time_that_the_encoder_has_not_reached():
-    signal, encoder = heard(trip((0.01, 5.0)))
+def test_no_events_for_a_time_that_the_encoder_has_not_reached():
+    signal, encoder = blocks_of(trip((0.01, 5.0)))
     detector = ours()
-    assert said(detector, signal) == []
+    assert events_of(detector, signal) == []
     half = SampleBlock("arm.position", 0, 0.0, encoder.values[:1000], rate_hz=RATE_HZ / 2.0)
-    assert all(event.t_s <= half.last_s for event in said(detector, half))
+    assert all(event.t_s <= half.last_s for event in events_of(detector, half))
 
 
 def test_a_pose_along_another_axis_serves_as_well():
-    signal, encoder = heard(trip((0.01, 5.0)))
+    signal, encoder = blocks_of(trip((0.01, 5.0)))
     poses = np.zeros((len(encoder), 6))
     poses[:, 1] = -encoder.values[:, 0]
     block = SampleBlock("arm.pose", 0, 0.0, poses, rate_hz=RATE_HZ / 2.0)
-    turned = said(ours(position_input="arm.pose", direction=(0.0, -1.0, 0.0)), signal, block)
-    straight = said(ours(), signal, encoder)
+    turned = events_of(ours(position_input="arm.pose", direction=(0.0, -1.0, 0.0)), signal, block)
+    straight = events_of(ours(), signal, encoder)
     assert [event.t_s for event in turned] == [event.t_s for event in straight]
     assert turned[0].position_m == pytest.approx(straight[0].position_m)
 
 
 def test_fingers_of_different_gain_speak_at_one_distance_once_they_are_calibrated():
     way_m = trip((0.01, 5.4))
-    plain = said(ours(level_fs=1e-4), *heard(way_m, size=0.001))[0].position_m
-    deaf = said(ours(level_fs=1e-4), *heard(way_m, size=0.0005))[0].position_m
-    calibrated = said(ours(level_fs=1e-4, gain=2.0), *heard(way_m, size=0.0005))[0].position_m
+    plain = events_of(ours(level_fs=1e-4), *blocks_of(way_m, size=0.001))[0].position_m
+    deaf = events_of(ours(level_fs=1e-4), *blocks_of(way_m, size=0.0005))[0].position_m
+    calibrated = events_of(ours(level_fs=1e-4, gain=2.0), *blocks_of(way_m, size=0.0005))[0].position_m
     assert calibrated == pytest.approx(plain, abs=0.0005)
     assert deaf > plain + 0.002
 
 
-def test_an_object_beside_the_way_is_found_by_whoever_looks_there():
+def test_an_object_beside_the_path_is_found_at_its_obliquity():
     """The distance grows with the cosine of 60 degrees: so do the undulations' lengths."""
-    blocks = heard(trip((0.01, 5.0)), undulation_m=2.0 * UNDULATION_M)
-    assert said(ours(), *blocks) == [] or said(ours(), *blocks)[0].position_m > 0.02
-    assert said(ours(obliquity=(1.0, 0.5)), *blocks)[0].position_m < 0.02
+    blocks = blocks_of(trip((0.01, 5.0)), undulation_m=2.0 * UNDULATION_M)
+    assert events_of(ours(), *blocks) == [] or events_of(ours(), *blocks)[0].position_m > 0.02
+    assert events_of(ours(obliquity=(1.0, 0.5)), *blocks)[0].position_m < 0.02
 
 
 @pytest.mark.parametrize("share", [0.7, 1.0, 1.15, 1.3, 1.42])
 def test_an_object_that_moves_by_itself_or_a_wave_of_another_length_is_seen_as_far(share):
-    """By default, in a room that is not told to be empty."""
-    blocks = heard(trip((0.01, 5.0)), undulation_m=UNDULATION_M / share)
-    assert said(PreTouchDetector("near", PreTouchSettings()), *blocks)[0].position_m < 0.026
+    """By default, in a room not known to be empty."""
+    blocks = blocks_of(trip((0.01, 5.0)), undulation_m=UNDULATION_M / share)
+    assert events_of(PreTouchDetector("near", PreTouchSettings()), *blocks)[0].position_m < 0.026
 
 
 def test_it_can_be_calibrated_with_the_position_as_third_column_and_not_without():
     back_and_forth_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
-    signal, _ = heard(back_and_forth_m, size=0.0)
+    signal, _ = blocks_of(back_and_forth_m, size=0.0)
     columns = np.column_stack([signal.values, back_and_forth_m])
     found = calibrate(ours(), columns, RATE_HZ, 30.0)
     assert 3.0 < found.threshold < 30.0
@@ -212,7 +212,7 @@ def test_calibrating_compiles_nothing_beside_what_a_bench_needs():
 
 def test_blocks_of_envelope_and_encoder_give_the_threshold_of_the_three_columns():
     way_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
-    signal, encoder = heard(way_m, size=0.0)
+    signal, encoder = blocks_of(way_m, size=0.0)
     from_columns = calibrate(ours(), np.column_stack([signal.values, way_m]), RATE_HZ, 30.0)
     cut = [
         SampleBlock(block.stream, at, at / block.rate_hz, block.values[at : at + 500], rate_hz=block.rate_hz)
@@ -225,9 +225,9 @@ def test_blocks_of_envelope_and_encoder_give_the_threshold_of_the_three_columns(
     )
 
 
-def test_the_position_beside_a_recorded_sample_is_the_one_that_was_heard_live():
+def test_the_position_beside_a_recorded_sample_is_the_live_one():
     """A pose along a slanting direction, an encoder that falls silent for a second, and lost samples."""
-    signal, encoder = heard(trip((0.01, 6.0)))
+    signal, encoder = blocks_of(trip((0.01, 6.0)))
     pose = np.column_stack([encoder.values[:, 0], 0.3 - encoder.values[:, 0], np.zeros((len(encoder), 4))])
     kept = np.r_[0:1000, 1500 : len(pose)]
     readings = SampleBlock("arm.pose", 0, 0.0, pose[kept], times_s=encoder.times[kept], unit="m")
@@ -246,10 +246,10 @@ def test_the_position_beside_a_recorded_sample_is_the_one_that_was_heard_live():
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"), [({"direction": (0.0, 0.0, 0.0)}, "length"), ({"obliquity": (0.0,)}, "shares")]
+    ("settings", "reason"), [({"direction": (0.0, 0.0, 0.0)}, "length"), ({"obliquity": (0.0,)}, "shares")]
 )
-def test_settings_that_make_no_sense_are_refused(settings, words):
-    with pytest.raises(ValueError, match=words):
+def test_settings_that_make_no_sense_are_refused(settings, reason):
+    with pytest.raises(ValueError, match=reason):
         PreTouchSettings(**settings)
 
 
@@ -279,24 +279,24 @@ def test_literally_the_bridges_imbalance_swamps_the_papers_power():
 
 def test_the_papers_events_come_with_the_last_sample_of_a_window_and_in_turn():
     values = np.concatenate([tone(0.0, 5.0).values, tone(0.01, 5.0).values, tone(0.0, 5.0).values])
-    events = said(paper(), SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ))
+    events = events_of(paper(), SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ))
     assert [(type(event), event.t_s) for event in events] == [(PreTouch, 2.499), (PreTouchLost, 4.499)]
     assert math.isnan(events[0].position_m)
 
 
-def test_the_papers_detector_tells_the_position_where_it_hears_an_encoder():
-    events = said(paper(position_input="arm.position"), *heard(trip((0.01, 5.4)), size=0.01))
+def test_the_papers_detector_reports_the_position_with_an_encoder():
+    events = events_of(paper(position_input="arm.position"), *blocks_of(trip((0.01, 5.4)), size=0.01))
     assert events[0].position_m == pytest.approx(0.01 * events[0].t_s, abs=1e-4)
 
 
-def test_a_window_with_a_value_that_is_not_finite_or_with_a_gap_says_nothing():
+def test_a_window_with_a_value_that_is_not_finite_or_with_a_gap_is_skipped():
     values = tone(0.01, 5.0).values.copy()
     values[100] = np.nan
-    spoiled = said(paper(), SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ))
+    spoiled = events_of(paper(), SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ))
     assert spoiled[0].t_s == pytest.approx(0.999)
     whole = tone(0.01, 5.0)
     parts = (
         SampleBlock("signals.right", 0, 0.0, whole.values[:400], rate_hz=RATE_HZ),
         SampleBlock("signals.right", 450, 0.45, whole.values[450:1000], rate_hz=RATE_HZ),
     )
-    assert said(paper(), *parts)[0].t_s == pytest.approx(0.949)
+    assert events_of(paper(), *parts)[0].t_s == pytest.approx(0.949)

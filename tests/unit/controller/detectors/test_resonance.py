@@ -34,7 +34,7 @@ def bouncing(seconds):
     return 30.0 + 3.0 * np.sin(2.0 * np.pi * 7.3 * t_s) + 1.5 * np.sin(2.0 * np.pi * 12.1 * t_s)
 
 
-def heard(x, **settings):
+def events_of(x, **settings):
     detector = ResonanceDetector("contact", ResonanceSettings(**settings))
     return detector.push(SampleBlock("board.accelerometer", 0, 0.0, x[:, None], rate_hz=RATE_HZ, unit="m/s2"))
 
@@ -43,9 +43,9 @@ def names(events):
     return [type(event).__name__ for event in events]
 
 
-def test_contact_is_told_within_two_periods_and_its_hold_and_end_as_well():
+def test_contact_is_reported_within_two_periods_and_its_hold_and_end_as_well():
     x = wave(np.concatenate([free(12.0), bouncing(1.0), free(2.0)]))
-    events = heard(x)
+    events = events_of(x)
     assert names(events) == ["BaselineReady", "Contact", "ContactHeld", "ContactLost"]
     assert events[0].value == pytest.approx(28.0, abs=0.3)
     assert events[0].value + 0.1 < events[0].threshold < events[0].value + 3.0
@@ -58,7 +58,7 @@ def test_slow_drift_is_followed():
     """Two percent in 20 s, four times the wander's deviation: no contact."""
     frequency = free(32.0)
     frequency[12_000:] += np.linspace(0.0, 0.56, 20_000)
-    assert names(heard(wave(frequency))) == ["BaselineReady"]
+    assert names(events_of(wave(frequency))) == ["BaselineReady"]
 
 
 def test_a_contact_that_creeps_up_is_not_learned():
@@ -66,7 +66,7 @@ def test_a_contact_that_creeps_up_is_not_learned():
     frequency = free(20.0)
     frequency[12_000:18_000] += np.linspace(0.0, 3.0, 6_000)
     frequency[18_000:] += 3.0
-    events = heard(wave(frequency))
+    events = events_of(wave(frequency))
     assert isinstance(events[1], Contact)
     assert ContactLost not in map(type, events)
 
@@ -77,20 +77,20 @@ def test_a_contact_that_creeps_up_is_not_learned():
     ids=["light contact", "full contact"],
 )
 def test_a_baseline_in_contact_is_refused_once(frequency, why):
-    events = heard(wave(frequency))
+    events = events_of(wave(frequency))
     assert names(events) == ["BaselineRefused"]
     assert why in events[0].reason
 
 
 def test_a_silent_converter_is_no_baseline():
-    assert isinstance(heard(np.zeros(12_000))[0], BaselineRefused)
+    assert isinstance(events_of(np.zeros(12_000))[0], BaselineRefused)
 
 
 def test_a_baseline_of_any_length_will_do_and_a_short_one_asks_for_more():
     limits = []
     for baseline_s in (1.0, 1.5, 3.0, 30.0):
         x = wave(np.concatenate([free(baseline_s + 2.0), bouncing(0.5)]))
-        ready, contact = heard(x, baseline_s=baseline_s)[:2]
+        ready, contact = events_of(x, baseline_s=baseline_s)[:2]
         assert isinstance(ready, BaselineReady)
         assert isinstance(contact, Contact)
         assert baseline_s + 2.0 < contact.t_s < baseline_s + 2.2
@@ -102,18 +102,18 @@ def test_a_baseline_of_any_length_will_do_and_a_short_one_asks_for_more():
 def test_a_knock_in_the_baseline_does_not_deafen_it():
     x = wave(np.concatenate([free(12.0), bouncing(0.5)]))
     x[4_000:4_020] += 20.0
-    assert heard(x)[1].t_s < 12.1
+    assert events_of(x)[1].t_s < 12.1
 
 
 @pytest.mark.parametrize("senses", ["phase", "frequency", "all"])
-def test_phase_or_frequency_alone_tell_it_too(senses):
+def test_phase_or_frequency_alone_detect_it_too(senses):
     x = wave(np.concatenate([free(12.0), bouncing(0.5)]))
-    assert isinstance(heard(x, senses=senses)[1], Contact)
+    assert isinstance(events_of(x, senses=senses)[1], Contact)
 
 
-def test_amplitude_alone_tells_a_swing_that_is_cut():
+def test_amplitude_alone_detects_a_damped_swing():
     x = wave(free(13.0), amplitude=np.where(np.arange(13_000) < 12_000, 1.8, 1.2))
-    assert 12.0 < heard(x, senses="amplitude")[1].t_s < 12.1
+    assert 12.0 < events_of(x, senses="amplitude")[1].t_s < 12.1
 
 
 def test_lost_samples_raise_no_alarm_and_the_baseline_stays():
@@ -135,9 +135,9 @@ def test_periods_are_sent_to_the_papers_detector():
         ResonanceDetector("contact", ResonanceSettings()).push(block)
 
 
-def test_it_holds_where_held_is_said_once():
+def test_a_lasting_contact_is_reported_held_once():
     x = wave(np.concatenate([free(12.0), bouncing(3.0)]))
-    assert sum(isinstance(event, ContactHeld) for event in heard(x)) == 1
+    assert sum(isinstance(event, ContactHeld) for event in events_of(x)) == 1
 
 
 @pytest.mark.parametrize("size", [1, 64, 5000])

@@ -28,7 +28,7 @@ def wandering(n, seed=1, mean_hz=28.0, sd_hz=0.05):
     return mean_hz + sd_hz * np.random.default_rng(seed).standard_normal(n)
 
 
-def heard(block, **settings):
+def events_of(block, **settings):
     """Eight sigma, not three: with a baseline of 1 s the paper's three alarm falsely now and then."""
     return ResonancePaperDetector(
         "contact", ResonancePaperSettings(**{"threshold_sigma": 8.0, **settings})
@@ -38,7 +38,7 @@ def heard(block, **settings):
 def test_a_rise_beyond_the_threshold_is_contact():
     frequencies = np.concatenate([wandering(200), np.full(40, 31.0)])
     block = periods(frequencies)
-    events = heard(block)
+    events = events_of(block)
     assert [type(event) for event in events] == [BaselineReady, Contact]
     rise_s = block.times[199]
     # A tenth of 3 Hz lifts the average by 0.3 Hz, beyond 8 sigma of 0.05 / sqrt(10) Hz: the first samples do.
@@ -49,7 +49,7 @@ def test_a_rise_beyond_the_threshold_is_contact():
 def test_baseline_is_mean_and_sample_deviation_of_the_averaged_frequency():
     """Against the definition, worked out by numpy on every period."""
     frequencies = wandering(60)
-    ready = heard(periods(frequencies), sample_hz=None, threshold_sigma=3.0)[0]
+    ready = events_of(periods(frequencies), sample_hz=None, threshold_sigma=3.0)[0]
     averages = np.convolve(frequencies, np.ones(10) / 10, mode="valid")
     ends_s = np.cumsum(1.0 / frequencies)[9:]
     within = averages[: np.searchsorted(ends_s, ends_s[0] + 1.0 - 5e-10) + 1]
@@ -59,21 +59,21 @@ def test_baseline_is_mean_and_sample_deviation_of_the_averaged_frequency():
 
 def test_return_below_the_threshold_ends_the_contact():
     frequencies = np.concatenate([wandering(100), np.full(40, 31.0), np.full(60, 27.9)])
-    assert [type(event) for event in heard(periods(frequencies))] == [BaselineReady, Contact, ContactLost]
+    assert [type(event) for event in events_of(periods(frequencies))] == [BaselineReady, Contact, ContactLost]
 
 
 @pytest.mark.parametrize("sample_hz", [10.0, 15.0, 28.0])
 def test_no_more_samples_are_taken_than_asked_for(sample_hz):
     """n samples at a rate r take n / r seconds: the baseline cannot be ready before (10 - 1) / r + 1 s."""
-    ready = heard(periods(wandering(400, mean_hz=28.3)), sample_hz=sample_hz)[0]
+    ready = events_of(periods(wandering(400, mean_hz=28.3)), sample_hz=sample_hz)[0]
     assert 9 / sample_hz + 1.0 <= ready.t_s <= 9 / sample_hz + 1.0 + 3 / sample_hz
 
 
-def test_frequencies_are_heard_as_well_as_periods():
+def test_frequencies_are_accepted_as_well_as_periods():
     frequencies = np.concatenate([wandering(100), np.full(40, 31.0)])
     block = periods(frequencies)
     direct = SampleBlock("f", 0, block.t0_s, frequencies[:, None], times_s=block.times, unit="Hz")
-    assert heard(direct, input="f") == heard(block)
+    assert events_of(direct, input="f") == events_of(block)
 
 
 def test_a_waveform_is_counted_in_software():
@@ -83,7 +83,7 @@ def test_a_waveform_is_counted_in_software():
     frequency = np.where(t_s < 4.0, 28.0, 31.0)
     x = 12.0 * np.sin(2 * np.pi * np.cumsum(frequency) / rate_hz) + 0.01 * rng.standard_normal(len(t_s))
     block = SampleBlock("a", 0, 0.0, x[:, None], rate_hz=rate_hz, unit="m/s2")
-    contact = heard(block, input="a", hysteresis=1.0)[-1]
+    contact = events_of(block, input="a", hysteresis=1.0)[-1]
     assert isinstance(contact, Contact)
     assert 4.0 < contact.t_s < 4.5
 
@@ -94,11 +94,11 @@ def test_values_that_are_no_frequency_are_passed_over():
     spoiled = block.physical.copy()
     spoiled[50:53, 0] = [math.nan, 0.0, -1.0]
     other = SampleBlock("board.period", 0, block.t0_s, spoiled, times_s=block.times, unit="s")
-    assert [type(event) for event in heard(other)] == [BaselineReady]
+    assert [type(event) for event in events_of(other)] == [BaselineReady]
 
 
 def test_a_baseline_without_variance_is_refused_once():
-    events = heard(periods(np.full(200, 28.0)), sample_hz=None)
+    events = events_of(periods(np.full(200, 28.0)), sample_hz=None)
     assert [type(event) for event in events] == [BaselineRefused]
     assert "no variance" in events[0].reason
 
@@ -150,11 +150,11 @@ def following(block, tendon, size=10_000, **settings):
 
 def test_flexing_is_a_contact_to_a_fixed_threshold_and_none_to_one_that_follows_the_tendon():
     block, tendon = flexed()
-    assert Contact in {type(event) for event in heard(block)}
+    assert Contact in {type(event) for event in events_of(block)}
     assert [type(event) for event in following(block, tendon)] == [BaselineReady]
 
 
-def test_a_contact_is_told_while_the_tendon_moves():
+def test_a_contact_is_detected_while_the_tendon_moves():
     block, tendon = flexed(touched_from=1000)
     ready, contact, *_ = following(block, tendon)
     assert isinstance(ready, BaselineReady)

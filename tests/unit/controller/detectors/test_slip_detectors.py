@@ -79,8 +79,8 @@ def test_a_lost_block_starts_the_papers_block_anew():
 # --- ours ----------------------------------------------------------------------------------------
 
 
-def said(detector, *blocks):
-    """What it says of slip."""
+def events_of(detector, *blocks):
+    """Its slip events."""
     return [e for each in blocks for e in detector.push(each) if isinstance(e, SlipStarted | SlipEnded)]
 
 
@@ -90,7 +90,7 @@ def ours(**settings):
 
 @pytest.mark.parametrize("rate_hz", [500.0, 1000.0, 2000.0, 4000.0])
 def test_slip_is_found_and_its_end_too_at_any_rate(rate_hz):
-    events = said(ours(), block(slip_after_quiet(rate_hz), rate_hz))
+    events = events_of(ours(), block(slip_after_quiet(rate_hz), rate_hz))
     assert [type(event) for event in events] == [SlipStarted, SlipEnded]
     assert 3.0 < events[0].t_s < 3.1
     assert 4.0 < events[1].t_s < 4.3
@@ -101,7 +101,7 @@ def test_slip_is_found_and_its_end_too_at_any_rate(rate_hz):
 def test_bumps_are_not_slip(frequency):
     """Ten minutes of one bump a second, half as strong again as the knocks of slip above."""
     x = shaken(600_000, 0.001, seed=5, frequency=frequency, size=0.15)
-    assert said(ours(threshold=40.0), block(x)) == []
+    assert events_of(ours(threshold=40.0), block(x)) == []
 
 
 def test_an_offset_a_ramp_and_a_step_are_not_slip():
@@ -109,10 +109,10 @@ def test_an_offset_a_ramp_and_a_step_are_not_slip():
     x[8000:] += 0.0001 * np.arange(12_000)
     x[12_000:] += 1.0
     x[16_000:] -= 1.0
-    assert said(ours(), block(x)) == []
+    assert events_of(ours(), block(x)) == []
 
 
-def test_it_says_what_it_took_for_quiet_once_it_has_learned():
+def test_it_reports_the_quiet_level_once_it_has_learned():
     first, *more = ours().push(block(shaken(3000, 0.0, seed=7)))
     assert type(first) is BaselineReady
     assert first.t_s == pytest.approx(1.0, abs=0.02)
@@ -159,18 +159,18 @@ def test_a_slip_of_a_second_and_a_half_is_not_followed_as_noise(sensor):
     arm_m = 0.01 * np.maximum(0.0, np.arange(1, n + 1) / 1000.0 - 2.5)
     values = plant.advance(arm_m, np.full(n, 1e-3), np.zeros(n))
     slid = np.flatnonzero(np.diff(plant.slid_m) > 0.0)
-    events = said(ours(threshold=20.0), block(values))
+    events = events_of(ours(threshold=20.0), block(values))
     assert 2.5 < events[0].t_s < slid[0] / 1000.0 + 0.1
-    assert len(events) == 1, "it is not said to have ended"
+    assert len(events) == 1, "no end is reported"
 
 
 def test_weak_hum_that_is_switched_on_is_not_slip():
     x = shaken(8000, 0.0, seed=10)
     x[4000:] += 0.006 * np.sin(2.0 * np.pi * 160.0 * np.arange(4000) / 1000.0)
-    assert said(ours(), block(x)) == []
+    assert events_of(ours(), block(x)) == []
 
 
-def test_slip_at_low_frequencies_is_told_that_no_second_difference_shows():
+def test_slip_at_low_frequencies_is_detected_that_no_second_difference_shows():
     """A soft fingertip's slip: noise of 10 to 80 Hz, ten times the quiet; within a quarter of a period, about."""
     from scipy.signal import butter, sosfilt
 
@@ -178,7 +178,7 @@ def test_slip_at_low_frequencies_is_told_that_no_second_difference_shows():
     x = rng.standard_normal(3 * 2200)
     low = sosfilt(butter(2, [10.0, 80.0], "bandpass", fs=2200.0, output="sos"), rng.standard_normal(2200))
     x[2 * 2200 :] += 20.0 * low / low.std()
-    started = said(ours(threshold=11.0), block(x[: 3 * 2200], 2200.0))
+    started = events_of(ours(threshold=11.0), block(x[: 3 * 2200], 2200.0))
     assert started
     assert 2.0 < started[0].t_s < 2.05
 
@@ -186,9 +186,9 @@ def test_slip_at_low_frequencies_is_told_that_no_second_difference_shows():
 def test_of_several_channels_the_one_that_slips_decides():
     slipping = slip_after_quiet()
     still = shaken(len(slipping), 0.0, seed=9)
-    both = said(ours(), block(np.column_stack([still, slipping])))
-    alone = said(ours(channel=1), block(np.column_stack([still, slipping])))
-    other = said(ours(channel=0), block(np.column_stack([still, slipping])))
+    both = events_of(ours(), block(np.column_stack([still, slipping])))
+    alone = events_of(ours(channel=1), block(np.column_stack([still, slipping])))
+    other = events_of(ours(channel=0), block(np.column_stack([still, slipping])))
     assert [event.t_s for event in both] == [event.t_s for event in alone]
     assert len(alone) == 2
     assert other == []
@@ -196,7 +196,7 @@ def test_of_several_channels_the_one_that_slips_decides():
 
 def test_lost_samples_in_slip_do_not_end_it():
     x = slip_after_quiet()
-    events = said(ours(), block(x[:3500]), block(x[3550:], seq=3550))
+    events = events_of(ours(), block(x[:3500]), block(x[3550:], seq=3550))
     assert [type(event) for event in events] == [SlipStarted, SlipEnded]
     assert 4.0 < events[1].t_s < 4.3
 
@@ -205,7 +205,7 @@ def test_lost_samples_in_slip_do_not_end_it():
 def test_after_a_long_gap_or_a_stream_begun_anew_quiet_is_learned_anew(lost):
     x = slip_after_quiet()
     detector = ours()
-    started = said(detector, block(x[:3500]))
+    started = events_of(detector, block(x[:3500]))
     after = detector.push(block(shaken(1500, 0.0, seed=8), seq=3500 + lost))
     assert [type(event) for event in (*started, *after)] == [SlipStarted, SlipEnded, BaselineReady]
     assert after[0].t_s == pytest.approx((3500 + lost) / 1000.0)
@@ -216,14 +216,14 @@ def test_statistic_is_what_push_holds_against_the_threshold():
     x = slip_after_quiet()
     settings = SlipSettings(threshold=20.0)
     statistic = SlipDetector("slip", settings).statistic(x[:, None], 1000.0)
-    started = said(SlipDetector("slip", settings), block(x))[0]
+    started = events_of(SlipDetector("slip", settings), block(x))[0]
     first = int(np.argmax(statistic > 20.0))
     assert started.t_s == pytest.approx(first / 1000.0)
     assert started.value == statistic[first]
 
 
 @pytest.mark.parametrize("kind", [SlipDetector, SlipPaperDetector])
-def test_a_channel_that_is_not_there_is_said_in_one_line(kind):
+def test_a_channel_that_is_not_there_is_refused_in_one_line(kind):
     settings = SlipSettings(channel=3) if kind is SlipDetector else SlipPaperSettings(channel=3)
     with pytest.raises(ValueError, match=r"board.tangential: no channel 3 .* it has 1"):
         kind("slip", settings).push(block(np.zeros(10)))
@@ -246,7 +246,7 @@ def test_settings_out_of_bounds_are_refused(field):
 
 
 @pytest.mark.parametrize("size", [1, 10, 997])
-def test_that_it_slips_at_reset_is_said_once_however_blocks_are_cut(size):
+def test_a_slip_at_reset_is_reported_once_however_blocks_are_cut(size):
     x = 0.1 * np.random.default_rng(2).standard_normal(6000)
     whole = ours(quiet_rms=0.01).push(block(x))
     detector = ours(quiet_rms=0.01)

@@ -25,7 +25,7 @@ def step(offset=0.0):
     return offset + np.concatenate([np.zeros(200), np.full(100, 2.0), np.zeros(100)])
 
 
-def test_it_learns_the_level_then_tells_contact_and_its_end_with_the_running_mean():
+def test_it_learns_the_level_then_reports_contact_and_its_end_with_the_running_mean():
     ready, contact, lost = detector().push(block(step(offset=-3.0)))
     assert (type(ready), type(contact), type(lost)) == (BaselineReady, Contact, ContactLost)
     assert ready.t_s == pytest.approx(0.099)
@@ -91,7 +91,7 @@ def test_a_channel_that_is_not_there_and_a_stream_without_a_rate_are_one_clear_l
         detector().push(irregular)
 
 
-def test_a_baseline_in_contact_is_refused_with_the_reason_and_nothing_is_told_after_it():
+def test_a_baseline_in_contact_is_refused_with_the_reason_and_nothing_is_reported_after_it():
     values = np.concatenate([np.zeros(50), np.full(150, 131.0), np.zeros(200)])
     (refused,) = detector().push(block(values))
     assert isinstance(refused, BaselineRefused)
@@ -103,11 +103,11 @@ def test_a_baseline_in_contact_is_refused_with_the_reason_and_nothing_is_told_af
 def test_a_threshold_that_is_not_set_is_taken_from_the_noise_of_the_baseline():
     rng = np.random.default_rng(5)
     noise = 0.01 * rng.standard_normal(60_000)
-    told = detector(threshold=None, baseline_s=0.5)
-    (ready,) = told.push(block(noise))
+    touch = detector(threshold=None, baseline_s=0.5)
+    (ready,) = touch.push(block(noise))
     assert isinstance(ready, BaselineReady), "a minute of noise is no contact"
     assert ready.threshold == pytest.approx(8.0 * 0.01 / np.sqrt(10.0), rel=0.3)
-    (contact,) = told.push(block(np.full(20, 0.05), seq=60_000))
+    (contact,) = touch.push(block(np.full(20, 0.05), seq=60_000))
     assert isinstance(contact, Contact)
     assert contact.threshold == ready.threshold
 
@@ -118,12 +118,12 @@ def test_a_baseline_without_noise_gives_no_threshold():
     assert "set threshold" in refused.reason
 
 
-@pytest.mark.parametrize(("offset", "said"), [(0.1, BaselineReady), (2.0, BaselineRefused)])
-def test_a_tared_sensor_that_reads_more_than_the_threshold_at_rest_is_in_contact(offset, said):
+@pytest.mark.parametrize(("offset", "kind"), [(0.1, BaselineReady), (2.0, BaselineRefused)])
+def test_a_tared_sensor_that_reads_more_than_the_threshold_at_rest_is_in_contact(offset, kind):
     rng = np.random.default_rng(3)
     event = detector(threshold=0.5, tared=True).push(block(offset + 0.01 * rng.standard_normal(1000)))[0]
-    assert type(event) is said
-    assert said is BaselineReady or "in contact" in event.reason
+    assert type(event) is kind
+    assert kind is BaselineReady or "in contact" in event.reason
 
 
 def test_its_statistic_is_what_is_held_against_the_threshold():

@@ -65,7 +65,7 @@ def test_pre_touch_in_time_is_seen_and_its_distance_is_to_the_touch():
     row = row_of([near(4.0)], TOUCH)
     assert (row["seen_ours"], row["alarms_ours"]) == (1, 0)
     assert row["distance_m_ours"] == pytest.approx(0.02, abs=1e-4)
-    assert row["seen_paper"] == 0, "it said nothing"
+    assert row["seen_paper"] == 0, "it reported nothing"
     assert row_of([near(4.0)], TOUCH, methods=("ours",))["seen_paper"] is None, "it was not asked"
 
 
@@ -98,24 +98,24 @@ def test_pre_touch_before_nothing_is_an_alarm():
 
 
 def test_a_touch_is_felt_held_and_ended():
-    words = [
+    events = [
         Contact(6.02, "contact_ours", 9.0, 5.0),
         ContactHeld(7.0, "contact_ours", 9.0, 5.0),
         ContactLost(9.6, "contact_ours", 1.0, 5.0),
     ]
-    row = row_of(words, TOUCH)
+    row = row_of(events, TOUCH)
     assert (row["touches"], row["felt_ours"], row["held_ours"], row["ended_ours"]) == (1, 1, 1, 1)
     assert row["delay_s_ours"] == pytest.approx(0.02)
     assert row["false_ours"] == 0
 
 
 def test_a_contact_that_is_taken_back_too_soon_is_not_held():
-    words = [
+    events = [
         Contact(6.02, "contact_ours", 9.0, 5.0),
         ContactHeld(6.5, "contact_ours", 9.0, 5.0),
         ContactLost(7.5, "contact_ours", 1.0, 5.0),
     ]
-    row = row_of(words, TOUCH)
+    row = row_of(events, TOUCH)
     assert (row["felt_ours"], row["held_ours"], row["ended_ours"]) == (1, 0, 0)
 
 
@@ -125,15 +125,15 @@ def test_contact_where_nothing_touches_is_false():
     assert (late["felt_ours"], late["false_ours"]) == (0, 0), "late, yet true"
 
 
-SPOKEN = ("said", "said_held", "said_ended", "words", "said_of_nothing")
+REPORTED = ("said", "said_held", "said_ended", "words", "said_of_nothing")
 
 
-def spoken(row, method="ours"):
-    return tuple(row[f"{name}_{method}"] for name in SPOKEN)
+def reported(row, method="ours"):
+    return tuple(row[f"{name}_{method}"] for name in REPORTED)
 
 
-def test_where_no_touch_is_known_what_was_said_of_contact_is_counted():
-    words = [
+def test_where_no_touch_is_known_the_reported_contacts_are_counted():
+    events = [
         Contact(6.02, "contact_ours", 9.0, 5.0),
         ContactHeld(7.0, "contact_ours", 9.0, 5.0),
         ContactLost(9.6, "contact_ours", 1.0, 5.0),
@@ -141,25 +141,25 @@ def test_where_no_touch_is_known_what_was_said_of_contact_is_counted():
         Contact(1.0, "contact_paper", 9.0, 5.0),
         ContactLost(2.5, "contact_paper", 1.0, 5.0),
     ]
-    row = row_of(words, truth=None)
-    assert spoken(row) == (1, 1, 1, 2, 0)
-    assert spoken(row, "paper") == (0, 0, 0, 0, 1), "in the rest before nothing can touch"
+    row = row_of(events, truth=None)
+    assert reported(row) == (1, 1, 1, 2, 0)
+    assert reported(row, "paper") == (0, 0, 0, 0, 1), "in the rest before nothing can touch"
     unknown = ("touches", *(f"{name}_ours" for name in ("felt", "delay_s", "false", "held", "ended")))
     assert [row[name] for name in unknown] == [None] * 6
-    assert spoken(row_of(words, TOUCH)) == spoken(row), "a known touch changes nothing of what was said"
+    assert reported(row_of(events, TOUCH)) == reported(row), "a known touch does not change the reports"
 
 
-def test_persistence_and_end_are_those_of_a_contact_that_was_said_in_this_approach():
-    words = [
+def test_persistence_and_end_are_those_of_a_contact_reported_in_this_approach():
+    events = [
         ContactLost(2.5, "contact_ours", 1.0, 5.0),
         ContactHeld(3.0, "contact_ours", 9.0, 5.0),
         Contact(6.0, "contact_ours", 9.0, 5.0),
     ]
-    assert spoken(row_of(words, truth=None)) == (1, 0, 0, 1, 0)
+    assert reported(row_of(events, truth=None)) == (1, 0, 0, 1, 0)
 
 
-def test_contact_before_nothing_was_said_of_nothing():
-    assert spoken(row_of([Contact(4.0, "contact_ours", 9.0, 5.0)], truth=None, thing="none")) == (
+def test_contact_without_an_object_is_counted():
+    assert reported(row_of([Contact(4.0, "contact_ours", 9.0, 5.0)], truth=None, thing="none")) == (
         1,
         0,
         0,
@@ -168,19 +168,19 @@ def test_contact_before_nothing_was_said_of_nothing():
     )
 
 
-def test_what_was_said_is_counted_by_approach():
-    """A second approach like the first, 14 s later, in which contact is said and nothing of its end."""
-    words = [
+def test_reports_are_counted_by_approach():
+    """A second approach like the first, 14 s later, in which contact is reported but not its end."""
+    events = [
         Contact(6.0, "contact_ours", 9.0, 5.0),
         ContactLost(9.6, "contact_ours", 1.0, 5.0),
         Contact(20.0, "contact_ours", 9.0, 5.0),
     ]
-    evidence = approach(words, None, until_s=28.0)
+    evidence = approach(events, None, until_s=28.0)
     first = [*evidence.visits[:-1], ("BASELINE", 14.0)]
     evidence.visits = [*first, *((state, t_s + 14.0) for state, t_s in evidence.visits[1:])]
     _, row = aura.measure(evidence, AuraSettings(paths=PATHS), "no_contact")
     assert row["approaches"] == 2
-    assert spoken(row) == (2, 0, 1, 2, 0)
+    assert reported(row) == (2, 0, 1, 2, 0)
 
 
 def search(events, visits, truth=(), **factors):
@@ -225,7 +225,7 @@ def test_what_a_search_before_a_pause_came_to_counts_no_more():
     assert all(row[name] is None for name in ("error_m", "middle_m", "left_m", "right_m", "search_s"))
 
 
-def test_a_grasp_says_when_each_finger_felt_it():
+def test_a_grasp_reports_when_each_finger_felt_it():
     events = [
         Reached(9.0, "arm", 0.002),
         Contact(11.4, "left_contact", 9.0, 5.0),

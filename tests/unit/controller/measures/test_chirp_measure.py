@@ -55,7 +55,7 @@ def test_a_sweep_that_a_pause_broke_off_is_not_taken_for_silence():
     assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.5 / 1e-6), abs=1.0)
 
 
-def test_a_sweep_that_did_not_come_to_its_end_tells_no_frequency():
+def test_a_sweep_that_did_not_come_to_its_end_gives_no_frequency():
     recording = TrialRecording(1)
     recording.add(SampleBlock("audio.fingers", 0, 0.0, np.ones((96_000, 2)), rate_hz=96_000.0, unit="FS"))
     evidence = TrialEvidence({}, recording, entered_s={"SILENT": 0.0, "SWEEPING": 0.2, "FAILED": 0.9})

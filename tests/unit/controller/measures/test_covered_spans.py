@@ -10,8 +10,8 @@ from drivers.messages import SampleBlock, StreamInfo
 FORCE = StreamInfo("board.force", ("force",), "N", rate_hz=1000.0)
 PLACE = StreamInfo("arm.position", ("position",), "m", rate_hz=500.0, longest_s=0.02)
 PERIOD = StreamInfo("board.period", ("period",), "s", longest_s=0.2)
-WORD = StreamInfo("person.load", ("x",), "N")
-INFOS = {info.name: info for info in (FORCE, PLACE, PERIOD, WORD)}
+LOAD = StreamInfo("person.load", ("x",), "N")
+INFOS = {info.name: info for info in (FORCE, PLACE, PERIOD, LOAD)}
 
 
 class Listener:
@@ -54,7 +54,7 @@ def test_a_covered_span_is_given():
         ([], "0.500 to 1.500"),
     ],
 )
-def test_a_span_with_a_hole_gives_no_number_and_says_where_it_is(spans_s, hole):
+def test_a_span_with_a_hole_gives_no_number_but_its_place(spans_s, hole):
     with pytest.raises(
         MissingDataError, match=rf"board.force: no samples from {hole} s, .* of board, then run"
     ):
@@ -66,7 +66,7 @@ def test_what_is_missing_outside_of_the_span_is_not_asked_for():
     assert len(found.stream("board.force", 0.5, 1.5)) == 1000
 
 
-def test_what_nobody_subscribed_is_no_hole_unless_it_is_all():
+def test_an_unsubscribed_span_is_no_hole_unless_it_is_all():
     halves = evidence(FORCE, (0.0, 1.0), (1.4, 2.0), skipped=[(1.0, 1.4)])
     assert len(halves.stream("board.force", 0.5, 1.5)) == 600
     with pytest.raises(MissingDataError, match=r"1.050 to 1.350"):
@@ -79,7 +79,7 @@ def test_what_is_under_way_when_a_span_ends_is_not_waited_for():
 
 
 @pytest.mark.parametrize(("gap_s", "borne"), [(0.016, True), (0.03, False)])
-def test_a_stream_bears_holes_as_long_as_it_says(gap_s, borne):
+def test_a_stream_bears_holes_as_long_as_it_states(gap_s, borne):
     found = evidence(PLACE, (0.0, 1.0), (1.0 + gap_s, 2.0))
     if borne:
         assert len(found.stream("arm.position", 0.5, 1.5))
@@ -88,11 +88,11 @@ def test_a_stream_bears_holes_as_long_as_it_says(gap_s, borne):
             found.stream("arm.position", 0.5, 1.5)
 
 
-def test_periods_have_a_bound_of_their_own_and_a_persons_word_has_none():
+def test_periods_have_a_bound_of_their_own_and_an_operators_entry_has_none():
     assert len(evidence(PERIOD, (0.0, 2.0)).stream("board.period", 0.5, 1.5))
     with pytest.raises(MissingDataError, match=r"0.950 to 1.300"):
         evidence(PERIOD, (0.0, 1.0), (1.3, 2.0)).stream("board.period", 0.5, 1.5)
-    assert len(evidence(WORD, (0.0, 0.1)).covered("person.load", 0.0, 90.0)) == 2
+    assert len(evidence(LOAD, (0.0, 0.1)).covered("person.load", 0.0, 90.0)) == 2
 
 
 def test_an_open_span_ends_with_the_trial():
@@ -106,9 +106,9 @@ def test_an_open_span_ends_with_the_trial():
 def test_a_detectors_silence_counts_only_where_all_its_inputs_came():
     found = evidence(FORCE, (0.0, 2.0), detectors={"touch": Listener()})
     with pytest.raises(MissingDataError, match=r"arm.position: no samples from 0.500 to 1.500 s"):
-        found.heard("touch", 0.5, 1.5)
+        found.require_samples("touch", 0.5, 1.5)
     found.recording.add(part(PLACE, 0.0, 2.0))
-    found.heard("touch", 0.5, 1.5)
+    found.require_samples("touch", 0.5, 1.5)
 
 
 def test_a_signal_of_which_nothing_came_is_as_strict_as_its_source():

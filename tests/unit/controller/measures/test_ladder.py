@@ -14,7 +14,7 @@ GAIN_V_N, WIDTH, TOP_N = 0.05, 0.06, 4.0
 
 
 def volts(load_n, going, zero_v=0.0):
-    """A loop that is as wide in its middle as it says, closed at the top and symmetric about the line."""
+    """A loop of the given width in its middle, closed at the top and symmetric about the line."""
     open_ = {1.0: 0.5, 2.0: 1.0, 3.0: 0.5}.get(load_n, 0.0) * WIDTH * GAIN_V_N * TOP_N / 2.0
     return zero_v + GAIN_V_N * load_n + (open_ if going == "down" else -open_ if going == "up" else 0.0)
 
@@ -106,7 +106,7 @@ def test_cycles_that_differ_show_in_the_repeatability_and_in_the_hysteresis():
     assert found.hysteresis.high - found.hysteresis.low > 0.0
 
 
-def test_the_intervals_hold_the_truth_as_often_as_they_say():
+def test_the_intervals_hold_the_truth_as_often_as_stated():
     """200 ladders of a straight bridge with noise: 95 % of the gains' intervals, to three standard deviations."""
     rng = np.random.default_rng(3)
     held = 0
@@ -168,7 +168,7 @@ def steps(loads, preloads=1, **how):
     )
 
 
-def test_loads_are_told_apart_by_direction_and_cycle():
+def test_loads_are_distinguished_by_direction_and_cycle():
     found = steps([0.0, 2.0, 0.0, 1.0, 2.0, 1.0, 0.0, 1.0, 2.0, 1.0])
     assert [(step.load_n, step.going, step.cycle) for step in found] == [
         (0.0, "zero", -2),

@@ -1,4 +1,4 @@
-"""What a roll-and-slip trial's row says, from events and a recording made by hand."""
+"""The row of a roll-and-slip trial, from events and a recording made by hand."""
 
 import numpy as np
 import pytest
@@ -56,12 +56,12 @@ def recorded(*blocks):
     return recording
 
 
-def started(t_s, who):
-    return SlipStarted(t_s, who, 12.0, 7.0)
+def started(t_s, detector):
+    return SlipStarted(t_s, detector, 12.0, 7.0)
 
 
-def ended(t_s, who):
-    return SlipEnded(t_s, who, 1.0, 7.0)
+def ended(t_s, detector):
+    return SlipEnded(t_s, detector, 1.0, 7.0)
 
 
 def tone(hz=187.5, volt=0.2, since_s=5.02, until_s=6.0, gap=0):
@@ -83,17 +83,17 @@ def ours(threshold=20.0):
 
 
 def evidence(
-    words=(), slips=((5.02, True), (6.0, False)), blocks=(), extra=(), visits=VISITS, detectors=None
+    events=(), slips=((5.02, True), (6.0, False)), blocks=(), extra=(), visits=VISITS, detectors=None
 ):
-    events = [
+    listed = [
         Contact(3.5, "touch", 0.4, 0.3),
-        *words,
+        *events,
         *extra,
     ]
     return TrialEvidence(
         {"sensor": "fingertip"},
         recorded(*blocks),
-        sorted(events, key=lambda event: event.t_s),
+        sorted(listed, key=lambda event: event.t_s),
         dict(visits),
         list(visits),
         truth=[(3.4, True), (8.1, False)],
@@ -109,35 +109,37 @@ def row_of(*args, **given):
     return row
 
 
-def test_delays_run_from_the_true_slip_to_each_detectors_first_word():
+def test_delays_run_from_the_true_slip_to_each_detectors_first_event():
     row = row_of([started(5.026, "o"), started(5.108, "p"), ended(6.05, "o"), ended(6.08, "p")])
     assert (row["reference"], row["slips"], row["slip_s"], row["slip_end_s"]) == ("truth", 1, 5.02, 6.0)
     assert row["ours_delay_s"] == row["ours_first_delay_s"] == pytest.approx(0.006)
     assert row["paper_delay_s"] == pytest.approx(0.088)
     assert [
-        row[f"{who}_{what}"] for who in ("paper", "ours") for what in ("detected", "missed", "early")
+        row[f"{detector}_{what}"]
+        for detector in ("paper", "ours")
+        for what in ("detected", "missed", "early")
     ] == [
         *(1, 0, 0),
         *(1, 0, 0),
     ]
-    assert [row[f"{who}_false_alarms"] for who in ("paper", "ours")] == [0, 0]
+    assert [row[f"{detector}_false_alarms"] for detector in ("paper", "ours")] == [0, 0]
     assert (row["clock_s"], row["touch_s"], row["touch_truth_s"]) == (1.0, 3.5, 3.4)
 
 
-def test_a_word_after_the_patience_is_a_miss_and_none_is_one_too():
+def test_an_event_after_the_patience_is_a_miss_and_none_is_one_too():
     row = row_of([started(5.02 + 0.76, "o")])
     assert (row["ours_missed"], row["ours_detected"], row["ours_delay_s"]) == (1, 0, None)
     assert row["paper_missed"] == 1
     assert row["ours_false_alarms"] == 0, "late, not false"
 
 
-def test_a_detector_that_already_calls_slip_when_it_begins_is_early_and_its_word_false():
+def test_a_detector_that_already_calls_slip_when_it_begins_is_early_and_its_event_false():
     row = row_of([started(4.9, "o"), ended(5.5, "o")])
     assert (row["ours_early"], row["ours_missed"], row["ours_detected"]) == (1, 0, 0)
     assert row["ours_false_alarms"] == 1
 
 
-def test_a_word_between_the_arms_start_and_the_slip_is_early_and_not_false():
+def test_an_event_between_the_arms_start_and_the_slip_is_early_and_not_false():
     row = row_of([started(5.01, "o"), ended(5.5, "o")])
     assert (row["ours_early"], row["ours_missed"], row["ours_detected"], row["ours_false_alarms"]) == (
         1,
@@ -148,12 +150,12 @@ def test_a_word_between_the_arms_start_and_the_slip_is_early_and_not_false():
     assert (row["slide_s"], row["slip_s"], row["ours_told_s"]) == (5.0, 5.02, 5.01)
 
 
-def test_alarms_of_the_descent_are_told_apart():
+def test_alarms_of_the_descent_are_counted_separately():
     row = row_of([started(3.42, "o"), ended(3.5, "o"), started(3.7, "o"), ended(3.8, "o"), started(4.6, "o")])
     assert (row["ours_touch_alarms"], row["ours_false_alarms"]) == (2, 1)
 
 
-def test_a_word_just_after_the_end_is_late_and_one_long_after_false():
+def test_an_event_just_after_the_end_is_late_and_one_long_after_false():
     late = [started(5.03, "o"), ended(5.9, "o"), started(6.1, "o"), ended(6.2, "o")]
     assert row_of(late)["ours_false_alarms"] == 0
     assert row_of([*late, started(6.3, "o")])["ours_false_alarms"] == 1
@@ -177,7 +179,7 @@ def test_how_long_ours_takes_at_least_follows_from_threshold_rate_and_the_worth_
     knock = np.log(200.0)
     row = row_of(blocks=tone(), detectors={"o": ours(threshold=20.0)})
     assert row["ours_least_delay_s"] == pytest.approx(0.001 * np.ceil((20.0 - knock) / (knock / 9.0)))
-    assert row_of(blocks=tone())["ours_least_delay_s"] is None, "nobody knows who listened"
+    assert row_of(blocks=tone())["ours_least_delay_s"] is None, "the detector is unknown"
 
 
 @pytest.mark.parametrize("cut", [GuardStopped(5.04, "force"), Paused(5.04)])
@@ -192,7 +194,7 @@ def test_a_slip_in_which_the_trial_failed_is_not_held_against_anybody():
     assert (row["slips"], row["ours_missed"]) == (1, 0)
     last = [Sent(5.06, "arm", Stop("arm"))]
     row = row_of(slips=((5.02, True), (5.05, False)), extra=last, visits=VISITS[:7])
-    assert (row["slips"], row["ours_missed"]) == (1, 0), "nor where a fault ended it without a word"
+    assert (row["slips"], row["ours_missed"]) == (1, 0), "nor where a fault ended it without an event"
 
 
 def test_a_short_slip_that_ended_by_itself_was_missed_and_so_was_one_whose_step_ended_as_planned():
@@ -207,7 +209,7 @@ def test_a_pause_before_the_contact_begins_the_trial_anew_and_takes_nothing_from
     assert (row["listen_s"], row["ours_missed"], row["ours_false_alarms"]) == (1.0, 1, 0)
 
 
-def test_a_true_slip_that_nobody_asked_for_is_no_false_alarm_and_not_scored():
+def test_a_true_slip_without_a_command_is_no_false_alarm_and_not_scored():
     slips = ((3.55, True), (3.6, False), (5.02, True), (6.0, False))
     row = row_of([started(3.56, "o"), ended(3.65, "o"), started(5.03, "o")], slips)
     assert (row["slips"], row["ours_detected"], row["ours_touch_alarms"]) == (1, 1, 0)
@@ -215,11 +217,11 @@ def test_a_true_slip_that_nobody_asked_for_is_no_false_alarm_and_not_scored():
 
 def test_two_slides_are_two_slips_and_one_where_the_tip_held_is_none():
     both = ((5.02, True), (6.0, False), (7.1, True), (8.0, False))
-    words = [started(5.03, "o"), ended(6.1, "o"), started(7.13, "o")]
-    row = row_of(words, both, visits=BOTH)
+    events = [started(5.03, "o"), ended(6.1, "o"), started(7.13, "o")]
+    row = row_of(events, both, visits=BOTH)
     assert (row["slips"], row["ours_detected"]) == (2, 2)
     assert row["ours_delay_s"] == pytest.approx(0.02), "the median of 10 and 30 ms"
-    assert row_of(words, both[:2], visits=BOTH)["slips"] == 1
+    assert row_of(events, both[:2], visits=BOTH)["slips"] == 1
 
 
 def test_without_the_truth_the_command_is_what_counts():
@@ -244,15 +246,15 @@ def test_the_press_is_the_mean_force_of_the_table_while_pressed():
     assert row_of(blocks=[force])["press_n"] == pytest.approx(5.0)
 
 
-def test_the_stop_is_timed_from_the_sample_that_told_slip_to_the_command_on_its_way():
-    words = [started(5.026, "o")]
+def test_the_stop_is_timed_from_the_deciding_sample_to_the_command_on_its_way():
+    events = [started(5.026, "o")]
     stop = [Sent(5.031, "arm", Stop("arm")), Standstill(5.05, "arm", 0.004)]
     times_s = np.arange(4.0, 6.0, 0.002)
     pose = np.zeros((len(times_s), 6))
     pose[:, 0] = 0.01 * np.clip(times_s - 5.0, 0.0, 0.035)
     visits = [*VISITS[:7], ("HALTING", 5.026), ("STOPPED", 5.05), ("LIFTING", 5.55)]
     row = row_of(
-        words,
+        events,
         extra=stop,
         visits=visits,
         blocks=[SampleBlock("arm.pose", 0, 4.0, pose, rate_hz=500.0, unit="m")],
@@ -276,12 +278,12 @@ def test_the_papers_blocks_are_its_detectors_own_begun_with_listening_and_after_
         "p", SlipPaperSettings(input="board.fingertip", channel=1, threshold=0.02**2 * 64 / 4 * 187.5)
     )
     # it listens from the second block on: 5.5 s is in the middle of a block of those that begin at 2 s
-    words = detector.push(blocks[1])
+    events = detector.push(blocks[1])
     found = paper_blocks(blocks, 1, listen_s=blocks[1].t0_s)
-    assert words
-    for word in words:
-        (at,) = np.flatnonzero(np.isclose(found.end_s, word.t_s))
-        assert found.product[at] == pytest.approx(word.value)
+    assert events
+    for event in events:
+        (at,) = np.flatnonzero(np.isclose(found.end_s, event.t_s))
+        assert found.product[at] == pytest.approx(event.value)
     first = np.flatnonzero(found.begin_s > blocks[0].last_s - 1e-6)[0]
     assert found.begin_s[first] == pytest.approx(blocks[1].t0_s - 0.001), (
         "before the first sample by one period"

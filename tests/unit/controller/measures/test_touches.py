@@ -27,9 +27,9 @@ def recorded(angles, errors, force_n=3.0, jitter=0.0):
     t_s = 2.0
     for angle_rad, error_rad in zip(angles, errors, strict=True):
         visits += [("DESCENDING", t_s), ("RECORDING", t_s + 0.5), ("LIFTING", t_s + 0.9)]
-        told = angle_rad + error_rad
-        forces = np.tile([force_n * math.sin(told), force_n * math.cos(told), 0.1], (50, 1))
-        # Heard during the descent as well, before it touches: that is no part of the touch.
+        measured = angle_rad + error_rad
+        forces = np.tile([force_n * math.sin(measured), force_n * math.cos(measured), 0.1], (50, 1))
+        # Recorded during the descent as well, before it touches: not part of the touch.
         recording.add(SampleBlock("signals.tip", int(t_s * 1000), t_s, np.full((50, 3), 9.0), rate_hz=1000.0))
         recording.add(SampleBlock("signals.tip", int(t_s * 1000) + 600, t_s + 0.6, forces, rate_hz=1000.0))
         recording.add(
@@ -56,7 +56,7 @@ ERRORS = [0.01, 0.02, -0.03, 0.01, 0.04, -0.02]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 1e-4])
-def test_true_and_told_angles_are_those_of_arm_and_forces(jitter):
+def test_true_and_measured_angles_are_those_of_arm_and_forces(jitter):
     found = touches(ANGLES, ERRORS, jitter=jitter)
     assert [touch.true_rad for touch in found] == pytest.approx(ANGLES, abs=1e-6)
     assert [touch.error_rad for touch in found] == pytest.approx(ERRORS, abs=1e-6)
@@ -73,7 +73,7 @@ def test_a_touch_that_a_pause_broke_off_does_not_count():
 
 
 def test_errors_are_taken_between_half_a_turn_either_way():
-    touch = Touch(true_rad=-1.57, told_rad=1.57 + math.pi, spread_rad=0.0, force_n=1.0, going="up")
+    touch = Touch(true_rad=-1.57, measured_rad=1.57 + math.pi, spread_rad=0.0, force_n=1.0, going="up")
     assert touch.error_rad == pytest.approx(3.14 + math.pi - 2.0 * math.pi)
 
 
@@ -119,7 +119,7 @@ def test_a_turn_counts_about_base_y():
 
 
 def test_a_pose_whose_rotation_vector_jumps_between_both_signs_of_half_a_turn_has_a_mean_all_the_same():
-    """Half a turn one way is half a turn the other way: a controller says now this, now that."""
+    """Half a turn one way is half a turn the other way: a controller reports either."""
     recording, visits = recorded(ANGLES, ERRORS)
     jumping = np.array([[0.0] * 3 + [0.0, sign * (math.pi - 1e-4), 0.0] for sign in (1.0, -1.0, 1.0, -1.0)])
     other = TrialRecording(1)

@@ -10,7 +10,7 @@ from controller.recording.series import TrialRecording
 from drivers.messages import SampleBlock
 
 
-def test_a_word_of_samples_from_just_before_the_approach_that_stops_it_is_a_false_contact():
+def test_an_event_from_just_before_the_approach_that_stops_it_is_a_false_contact():
     recording = TrialRecording(1)
     for stream, unit in (("board.load_cell", "N"), ("board.period", "s"), ("stage.position", "m")):
         recording.add(SampleBlock(stream, 0, 0.0, np.zeros((4000, 1)), rate_hz=1000.0, unit=unit))

@@ -27,9 +27,9 @@ def along(encoder="arm.position", direction=ALONG_X):
 def test_a_sample_waits_until_the_encoder_has_reached_its_time():
     pair = along()
     assert len(pair.push(envelope(0, 10)).times_s) == 0
-    heard = pair.push(encoder(0, [0.0, 0.001, 0.002]))
-    assert heard.times_s.tolist() == [0.0, 0.001, 0.002, 0.003, 0.004]
-    assert heard.position_m == pytest.approx([0.0, 0.0005, 0.001, 0.0015, 0.002])
+    samples = pair.push(encoder(0, [0.0, 0.001, 0.002]))
+    assert samples.times_s.tolist() == [0.0, 0.001, 0.002, 0.003, 0.004]
+    assert samples.position_m == pytest.approx([0.0, 0.0005, 0.001, 0.0015, 0.002])
 
 
 def test_the_order_of_arrival_changes_nothing():
@@ -38,18 +38,18 @@ def test_the_order_of_arrival_changes_nothing():
     ]
     rng = np.random.default_rng(1)
 
-    def heard(order):
+    def push_all(order):
         pair = along()
         found = [pair.push(block) for block in order]
         return [np.concatenate([getattr(part, name) for part in found]) for name in ("z", "position_m")]
 
     signals, positions = blocks[:12], blocks[12:]
-    expected = heard([*positions, *signals])
+    expected = push_all([*positions, *signals])
     for _ in range(5):
         mixed, left, right = [], list(signals), list(positions)
         while left or right:
             mixed.append((left if left and (not right or rng.random() < 0.5) else right).pop(0))
-        for one, other in zip(heard(mixed), expected, strict=True):
+        for one, other in zip(push_all(mixed), expected, strict=True):
             assert np.array_equal(one, other)
 
 
@@ -57,27 +57,27 @@ def test_no_position_is_made_up_over_a_long_silence_of_the_encoder():
     pair = along()
     pair.push(envelope(0, 400))
     pair.push(encoder(0, [0.0, 0.0]))
-    heard = pair.push(encoder(150, [0.01, 0.01]))
-    assert np.isnan(heard.position_m[:-3]).all()
-    assert heard.position_m[-1] == pytest.approx(0.01)
+    samples = pair.push(encoder(150, [0.01, 0.01]))
+    assert np.isnan(samples.position_m[:-3]).all()
+    assert samples.position_m[-1] == pytest.approx(0.01)
 
 
 def test_readings_that_are_not_finite_are_left_out():
     pair = along()
     pair.push(envelope(0, 5))
-    heard = pair.push(encoder(0, [0.0, np.nan, 0.002]))
-    assert heard.position_m == pytest.approx([0.0, 0.0005, 0.001, 0.0015, 0.002])
+    samples = pair.push(encoder(0, [0.0, np.nan, 0.002]))
+    assert samples.position_m == pytest.approx([0.0, 0.0005, 0.001, 0.0015, 0.002])
 
 
 def test_a_pose_is_measured_along_the_direction():
     pair = along(direction=(0.0, 2.0, 0.0))
     pair.push(envelope(0, 3))
     poses = np.array([[1.0, 0.1, 5.0, 0, 0, 0], [1.0, 0.2, 5.0, 0, 0, 0]])
-    heard = pair.push(SampleBlock("arm.position", 0, 0.0, poses, rate_hz=500.0))
-    assert heard.position_m == pytest.approx([0.1, 0.15, 0.2])
+    samples = pair.push(SampleBlock("arm.position", 0, 0.0, poses, rate_hz=500.0))
+    assert samples.position_m == pytest.approx([0.1, 0.15, 0.2])
 
 
-def test_lost_samples_and_a_stream_that_began_anew_are_told():
+def test_lost_samples_and_a_restarted_stream_are_reported():
     pair = along(encoder=None)
     pair.push(envelope(0, 5))
     assert pair.push(envelope(8, 2)).missing.tolist() == [3, 0]

@@ -9,7 +9,7 @@ RATE_HZ = 1000.0
 
 
 def scene(seconds, beat_hz, seed=1):
-    """What an unbalanced bridge hears: undulations now and then, a contact, noise; and the turn. Both shape (n,)."""
+    """Signal of an unbalanced bridge: some undulations, a contact, noise; and the turned one. Both shape (n,)."""
     t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     rng = np.random.default_rng(seed)
     noise = 1e-5 * (rng.standard_normal(len(t)) + 1j * rng.standard_normal(len(t)))

@@ -189,7 +189,7 @@ def test_the_fused_filter_is_flat_where_undulations_are_and_stops_what_folds_on_
     assert decibels(response(taps, np.linspace(10_000, 48_000, 38_001))) < -129.5
 
 
-def test_the_cic_droops_as_it_says():
+def test_the_cic_droops_as_documented():
     taps = cic_taps(DECIMATION) / DECIMATION**3
     droop = 20 * np.log10(response(taps, [23.0, 100.0]))
     assert droop == pytest.approx([-0.02, -0.43], abs=0.006)

@@ -35,8 +35,8 @@ SETTLING = Settling(
 )
 
 
-class Heard:
-    """A channel; below 60 Hz it has no octaves, and knocks alone are told."""
+class Channel:
+    """A channel; below 60 Hz it has no octaves, and detects knocks alone."""
 
     def __init__(self, rate_hz, ceiling=math.inf):
         self.parts = ODDS, SETTLING, predictor(10, SETTLING.learn), octaves(rate_hz)
@@ -51,7 +51,7 @@ class Heard:
 
 
 def trace(x, ceiling=math.inf):
-    return Heard(50.0, ceiling)(x)
+    return Channel(50.0, ceiling)(x)
 
 
 @pytest.mark.parametrize("z", [0.0, 0.5, 1.0, 3.0, 6.0])
@@ -99,11 +99,11 @@ def test_a_short_gap_keeps_the_sum_and_a_long_one_does_not():
 
 
 def test_missing_samples_are_counted_until_the_next_good_one():
-    heard = Heard(50.0)
-    heard(np.random.default_rng(4).standard_normal(500))
-    assert heard.state[MISSING] == 0.0
-    heard(np.full(7, np.nan))
-    assert heard.state[MISSING] == 7.0
+    channel = Channel(50.0)
+    channel(np.random.default_rng(4).standard_normal(500))
+    assert channel.state[MISSING] == 0.0
+    channel(np.full(7, np.nan))
+    assert channel.state[MISSING] == 7.0
 
 
 def test_noise_twice_as_strong_gives_some_evidence_and_is_then_quiet():
@@ -114,11 +114,11 @@ def test_noise_twice_as_strong_gives_some_evidence_and_is_then_quiet():
     assert found[10_000:].max() < 10.0
 
 
-def test_vibration_of_many_octaves_is_told_at_once_but_never_beyond_its_worth():
+def test_vibration_of_many_octaves_is_detected_at_once_but_never_beyond_its_worth():
     rng = np.random.default_rng(6)
     x = rng.standard_normal(6000)
     x[5000:] += np.cumsum(rng.standard_normal(1000)) * 10.0
-    knocks, both = trace(x), Heard(1000.0)(x)
+    knocks, both = trace(x), Channel(1000.0)(x)
     assert np.argmax(both[5000:] > 10.0) < 4
     assert both[:5000].max() < 8.0
     assert (both >= knocks).all()
@@ -130,7 +130,7 @@ def test_an_arm_that_sets_out_smoothly_is_no_vibration():
     t_s = np.maximum(0.0, (np.arange(6000) - 5000) / 1000.0)
     smooth = 0.5 * (t_s - 0.03 / np.pi * np.sin(np.pi * t_s / 0.03))
     x += 1000.0 * np.where(t_s < 0.03, smooth, t_s - 0.015)
-    assert Heard(1000.0)(x)[5000:].max() < 8.0
+    assert Channel(1000.0)(x)[5000:].max() < 8.0
 
 
 def test_louder_is_the_likelihood_ratio_of_the_best_window():

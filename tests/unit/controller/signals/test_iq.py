@@ -34,7 +34,7 @@ def fingers(z_right, z_left, frame=0, drive_hz=40_000.0):
     return np.rint(np.column_stack(waves) * 2**23).astype(np.int32)
 
 
-def heard(signal, values, sizes, seq=0, t0_s=0.0):
+def outputs(signal, values, sizes, seq=0, t0_s=0.0):
     """Everything that comes out when these frames go in, in blocks of these sizes over and over."""
     out, place, turn = [], 0, 0
     while place < len(values):
@@ -66,7 +66,7 @@ def left(t):
 def test_each_finger_gives_its_own_envelope_at_its_own_time(channel, finger, variant, limit_db, drive_hz):
     frame, t = 10**8, np.arange(48_000) / RATE_HZ
     signal = iq(channel=channel, variant=variant, drive_hz=drive_hz)
-    _, times_s, z = joined(heard(signal, fingers(right(t), left(t), frame, drive_hz), [960], frame, 5.0))
+    _, times_s, z = joined(outputs(signal, fingers(right(t), left(t), frame, drive_hz), [960], frame, 5.0))
     # cic: its droop at 30 Hz, 0.4 % of an undulation of 0.02
     assert 20 * np.log10(np.abs(z - finger(times_s - 5.0)).max()) < limit_db
 
@@ -74,7 +74,7 @@ def test_each_finger_gives_its_own_envelope_at_its_own_time(channel, finger, var
 def test_in_phase_alone_is_one_channel():
     t = np.arange(9600) / RATE_HZ
     signal = iq(variant="in_phase")
-    blocks = heard(signal, fingers(right(t), left(t)), [1000])
+    blocks = outputs(signal, fingers(right(t), left(t)), [1000])
     _, times_s, z = joined(blocks)
     assert signal.info.channels == ("I",)
     assert blocks[0].values.shape[1] == 1
@@ -84,9 +84,9 @@ def test_in_phase_alone_is_one_channel():
 @pytest.mark.parametrize("variant", ["fused", "cic", "in_phase"])
 def test_blocks_of_any_size_give_the_same_to_the_bit(variant):
     values = np.random.default_rng(1).integers(-(1 << 20), 1 << 20, (20_000, 2)).astype(np.int32)
-    seq, times_s, z = joined(heard(iq(variant=variant), values, [20_000], 77))
+    seq, times_s, z = joined(outputs(iq(variant=variant), values, [20_000], 77))
     for sizes in ([1, 700, 13], [96], [480, 481]):
-        again = joined(heard(iq(variant=variant), values, sizes, 77))
+        again = joined(outputs(iq(variant=variant), values, sizes, 77))
         assert np.array_equal(again[0], seq)
         assert again[1] == pytest.approx(times_s, abs=1e-12)
         assert np.array_equal(again[2], z)
@@ -121,22 +121,22 @@ def test_what_is_not_finite_counts_as_lost(bad):
     lost = set(good[0].tolist()) - set(seq.tolist())
     assert lost == set(range(5000 // 96, 5000 // 96 + 6))
     assert np.array_equal(z, good[2][np.isin(good[0], seq)])
-    # the other finger heard nothing of it
+    # the other finger is unaffected
     assert len(joined(iq(channel=1).push(sound(values, scale=1.0)))[0]) == len(good[0])
 
 
 @pytest.mark.parametrize("size", [96, 1000, 40_000])
-def test_an_excursion_to_full_scale_is_told_once(size):
+def test_an_excursion_to_full_scale_is_reported_once(size):
     values = np.zeros((40_000, 2), np.int32)
     values[5000:9000:12, 0] = (1 << 23) - 1
     values[30_000, 0] = -(1 << 23)
-    told = [thing for thing in heard(iq(), values, [size]) if isinstance(thing, Saturated)]
-    assert [(one.stream, round(one.t_s * RATE_HZ)) for one in told] == [
+    found = [thing for thing in outputs(iq(), values, [size]) if isinstance(thing, Saturated)]
+    assert [(one.stream, round(one.t_s * RATE_HZ)) for one in found] == [
         ("signals.finger", 5000),
         ("signals.finger", 30_000),
     ]
-    assert [one.value for one in told] == pytest.approx([1.0, -1.0], abs=1e-6)
-    assert not [thing for thing in heard(iq(channel=1), values, [size]) if isinstance(thing, Saturated)]
+    assert [one.value for one in found] == pytest.approx([1.0, -1.0], abs=1e-6)
+    assert not [thing for thing in outputs(iq(channel=1), values, [size]) if isinstance(thing, Saturated)]
 
 
 def test_an_envelope_is_passed_on_and_its_bad_samples_left_out():
@@ -156,11 +156,11 @@ def test_clocks_20_ppm_apart_are_measured_and_tracked():
     beat = np.exp(2j * np.pi * 20e-6 * 40_000.0 * t)
     values = fingers((0.1 + 0.05j) * beat, np.zeros(n))
     watching = iq(clocks="watched")
-    _, _, z = joined(heard(watching, values, [9600]))
+    _, _, z = joined(outputs(watching, values, [9600]))
     assert watching.drift_ppm == pytest.approx(20.0, abs=0.01)
     assert np.ptp(np.unwrap(np.angle(z))) > 30.0
     tracking = iq(clocks="tracked")
-    _, times_s, z = joined(heard(tracking, values, [9600]))
+    _, times_s, z = joined(outputs(tracking, values, [9600]))
     assert times_s[0] == pytest.approx(1.003, abs=0.002)
     assert np.ptp(np.unwrap(np.angle(z))) < 1e-3
     assert np.isnan(iq().drift_ppm)
@@ -179,15 +179,15 @@ def test_one_clock_that_is_watched_is_no_cause_for_a_warning():
     noise = 1e-4 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     watching = iq(clocks="watched")
     assert watching.account() == {}
-    heard(watching, fingers(0.2 + noise, np.zeros(n)), [9600])
-    told = watching.account()
-    assert abs(told["drift_ppm"]) < 0.01
-    assert "warning" not in told
+    outputs(watching, fingers(0.2 + noise, np.zeros(n)), [9600])
+    account = watching.account()
+    assert abs(account["drift_ppm"]) < 0.01
+    assert "warning" not in account
 
 
 def test_clocks_that_are_believed_to_be_one_are_not_looked_at():
     signal = iq()
-    heard(signal, fingers(np.full(2 * RATE_HZ, 0.2), np.zeros(2 * RATE_HZ)), [9600])
+    outputs(signal, fingers(np.full(2 * RATE_HZ, 0.2), np.zeros(2 * RATE_HZ)), [9600])
     assert signal.account() == {}
 
 
@@ -200,7 +200,7 @@ def test_a_reset_forgets():
 
 
 @pytest.mark.parametrize(
-    ("settings", "more", "shape", "words"),
+    ("settings", "more", "shape", "reason"),
     [
         ({}, {"rate_hz": 44_100.0}, (10, 2), "output_hz = 1000: 44100 frames a second are no multiple of it"),
         (
@@ -215,14 +215,14 @@ def test_a_reset_forgets():
         ({}, {"scale": 2.0**-31}, (10, 2), "counts of more than 24 bits"),
     ],
 )
-def test_a_stream_that_will_not_do_is_refused_in_one_line(settings, more, shape, words):
-    with pytest.raises(ValueError, match=words) as error:
+def test_a_stream_that_will_not_do_is_refused_in_one_line(settings, more, shape, reason):
+    with pytest.raises(ValueError, match=reason) as error:
         iq(**settings).push(sound(np.zeros(shape, np.int32), **more))
     assert "\n" not in str(error.value)
 
 
 def test_in_phase_alone_cannot_track():
-    with pytest.raises(ValidationError, match="in-phase alone cannot tell a beat"):
+    with pytest.raises(ValidationError, match="in-phase alone cannot show a beat"):
         IqSettings(variant="in_phase", clocks="tracked")
 
 
@@ -248,7 +248,7 @@ def test_once_warmed_up_sound_brings_nothing_new_to_compile(variant):
 
 
 @pytest.mark.parametrize(
-    ("settings", "key", "words"),
+    ("settings", "key", "reason"),
     [
         ({"drive_hz": 46_500.0}, None, ""),
         ({"drive_hz": 3000.0}, None, ""),
@@ -283,10 +283,10 @@ def test_once_warmed_up_sound_brings_nothing_new_to_compile(variant):
         ),
     ],
 )
-def test_settings_say_which_of_them_no_sound_can_hold_and_what_would_do(settings, key, words):
+def test_settings_name_the_misfit_and_its_remedy(settings, key, reason):
     misfit = IqSettings(**settings).misfit()
     assert (misfit[0] if misfit else None) == key
-    assert misfit is None or words in misfit[1]
+    assert misfit is None or reason in misfit[1]
 
 
 @pytest.mark.parametrize(
@@ -307,6 +307,6 @@ def test_at_either_end_of_the_range_image_and_offset_are_down(variant, output_hz
         assert IqSettings(variant=variant, output_hz=output_hz, drive_hz=drive_hz).misfit() is None
         counts = fingers(z, z, drive_hz=drive_hz) + round(0.1 * 2**23)
         chain = iq(variant=variant, output_hz=output_hz, drive_hz=drive_hz)
-        _, _, found = joined(heard(chain, counts, [9600]))
+        _, _, found = joined(outputs(chain, counts, [9600]))
         # twice the offset is mixed onto the drive, and the image is as large as the envelope
         assert 20 * np.log10(np.abs(found - z[0]).max() / 0.3) < limit_db + 6.0

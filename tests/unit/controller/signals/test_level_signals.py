@@ -45,7 +45,7 @@ def test_no_sample_can_be_farther_than_its_window_allows(size):
     assert abs(scores(y, size)[-1]) == pytest.approx((size - 1) / math.sqrt(size), rel=1e-6)
 
 
-def test_a_window_that_does_not_vary_says_nothing():
+def test_a_constant_window_gives_no_score():
     assert np.isnan(scores(np.full(300, 0.1), 50)).all()
 
 

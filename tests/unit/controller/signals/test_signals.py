@@ -1,4 +1,4 @@
-"""Streams made of streams: who wakes, who sleeps, and what goes through."""
+"""Streams computed from streams: activation, and the samples."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from drivers.messages import SampleBlock, Saturated, StreamInfo
 
 
 class Doubled:
-    """Twice its input; says so when a value is beyond ten."""
+    """Twice its input; reports a value beyond ten."""
 
     def __init__(self, name, source):
         self.name = name
@@ -18,8 +18,10 @@ class Doubled:
     def push(self, block):
         made = SampleBlock(self.info.name, block.seq, block.t0_s, 2.0 * block.physical, rate_hz=block.rate_hz)
         beyond = made.values[np.abs(made.values) > 10.0]
-        words = [Saturated(block.last_s, "signals", self.info.name, float(beyond[0]))] if beyond.size else []
-        return [made, *words]
+        statuses = (
+            [Saturated(block.last_s, "signals", self.info.name, float(beyond[0]))] if beyond.size else []
+        )
+        return [made, *statuses]
 
     def reset(self):
         self.resets += 1
@@ -29,16 +31,16 @@ def block(*values, stream="board.bridge"):
     return SampleBlock(stream, 0, 0.0, np.array(values, dtype=float)[:, None], rate_hz=1000.0)
 
 
-def test_a_signal_that_nobody_hears_makes_nothing():
+def test_a_signal_without_a_subscriber_computes_nothing():
     signals = Signals([Doubled("a", "board.bridge")])
-    assert signals.hear(frozenset({"board.bridge"})) == {"board.bridge"}
+    assert signals.subscribe(frozenset({"board.bridge"})) == {"board.bridge"}
     assert signals.push([block(1.0)]) == ([], [])
 
 
-def test_a_signal_that_is_heard_asks_for_what_is_behind_it():
+def test_a_subscribed_signal_needs_its_sources():
     signals = Signals([Doubled("a", "board.bridge"), Doubled("b", "signals.a")])
     assert signals.streams == {"signals.a", "signals.b"}
-    assert signals.hear(frozenset({"signals.b", "stage.position"})) == {"board.bridge", "stage.position"}
+    assert signals.subscribe(frozenset({"signals.b", "stage.position"})) == {"board.bridge", "stage.position"}
     made, _ = signals.push([block(1.0, 2.0)])
     assert [(one.stream, one.values[:, 0].tolist()) for one in made] == [
         ("signals.a", [2.0, 4.0]),
@@ -46,20 +48,20 @@ def test_a_signal_that_is_heard_asks_for_what_is_behind_it():
     ]
 
 
-def test_a_signal_begins_anew_when_it_wakes_and_not_while_it_is_awake():
+def test_a_signal_is_reset_when_activated_and_not_while_active():
     signal = Doubled("a", "board.bridge")
     signals = Signals([signal])
-    heard = frozenset({"signals.a"})
-    signals.hear(heard)
-    signals.hear(heard | {"stage.position"})
+    streams = frozenset({"signals.a"})
+    signals.subscribe(streams)
+    signals.subscribe(streams | {"stage.position"})
     assert signal.resets == 1
-    signals.hear(frozenset())
-    signals.hear(heard)
+    signals.subscribe(frozenset())
+    signals.subscribe(streams)
     assert signal.resets == 2
 
 
-def test_a_signal_beyond_its_range_says_so():
+def test_a_signal_beyond_its_range_is_reported():
     signals = Signals([Doubled("a", "board.bridge")])
-    signals.hear(frozenset({"signals.a"}))
+    signals.subscribe(frozenset({"signals.a"}))
     _, saturated = signals.push([block(1.0, 6.0)])
-    assert [(word.stream, word.value) for word in saturated] == [("signals.a", 12.0)]
+    assert [(status.stream, status.value) for status in saturated] == [("signals.a", 12.0)]

@@ -5,7 +5,7 @@ from controller.signals.spectrum_blocks import SpectrumBlocks, block_peaks
 
 
 def defined_peak(block, rate_hz):
-    """Section 3 of the paper, word by word: equation (3), equation (4), no DC, the largest."""
+    """Section 3 of the paper, literally: equation (3), equation (4), no DC, the largest."""
     n = len(block)
     powers = []
     for k in range(1, n // 2 + 1):

@@ -38,22 +38,22 @@ def test_offsets_are_taken_off():
 
 @pytest.mark.parametrize("size", [1, 2, 7, 50])
 @pytest.mark.parametrize(("bridge", "limit_n"), [(0, 10.0), (1, 10.0), (2, 1.5)])
-def test_an_overload_of_any_bridge_is_told_once_however_the_samples_come(size, bridge, limit_n):
+def test_an_overload_of_any_bridge_is_reported_once_however_the_samples_are_cut(size, bridge, limit_n):
     forces_n = np.zeros((50, 3))
     forces_n[10:30, bridge] = -1.05 * limit_n
     forces_n[40:, bridge] = 1.05 * limit_n
     signal = strain()
-    told = [
+    overloads = [
         thing
         for start in range(0, 50, size)
         for thing in signal.push(block(forces_n[start : start + size], seq=start))
         if isinstance(thing, Saturated)
     ]
-    assert [(said.t_s, said.stream) for said in told] == [
+    assert [(one.t_s, one.stream) for one in overloads] == [
         (pytest.approx(0.012), "signals.tip"),
         (pytest.approx(0.042), "signals.tip"),
     ]
-    assert [said.value for said in told] == pytest.approx([-1.05 * limit_n, 1.05 * limit_n], rel=0.01)
+    assert [one.value for one in overloads] == pytest.approx([-1.05 * limit_n, 1.05 * limit_n], rel=0.01)
 
 
 def test_a_spike_and_the_range_that_was_tested_are_no_overload():

@@ -33,7 +33,7 @@ def test_one_resonance_is_found_with_its_sharpness(f0_hz, q, seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_two_resonances_in_a_row_are_told_from_one(seed):
+def test_two_resonances_in_a_row_are_distinguished_from_one(seed):
     f_hz = np.linspace(38.5e3, 42.5e3, 41)
     product = np.sqrt(lorentz(f_hz, 40.1e3, 35.0) * lorentz(f_hz, 40.9e3, 40.0))
     found = analyse(f_hz, noisy(product, seed))
@@ -80,7 +80,7 @@ def test_a_band_that_the_sweep_does_not_hold_is_not_made_up():
 
 
 @pytest.mark.parametrize(
-    ("f_hz", "response", "said"),
+    ("f_hz", "response", "reason"),
     [
         (np.arange(1.0, 5.0), np.ones(4), "4 points are too few"),
         (np.arange(1.0, 9.0), np.arange(1.0, 9.0), "at the sweep's end"),
@@ -88,6 +88,6 @@ def test_a_band_that_the_sweep_does_not_hold_is_not_made_up():
         (np.ones(8), np.ones(8), "must rise"),
     ],
 )
-def test_what_is_no_sweep_is_refused(f_hz, response, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_is_no_sweep_is_refused(f_hz, response, reason):
+    with pytest.raises(ValueError, match=reason):
         analyse(f_hz, response)

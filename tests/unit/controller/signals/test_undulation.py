@@ -24,7 +24,7 @@ def way(**changes):
     return Way(**{**given, **changes})
 
 
-def heard(z, x_m, constants=None, missing=None):
+def fitted(z, x_m, constants=None, missing=None):
     constants = constants or way()
     ratios, amplitudes = np.empty(len(z)), np.empty(len(z))
     missing = np.zeros(len(z), np.int64) if missing is None else missing
@@ -46,7 +46,7 @@ def test_the_sums_give_what_plain_weighted_least_squares_give():
     """Independent of the recursion: a design matrix, weights, numpy's solver."""
     x_m = np.arange(120) * 0.0003  # each sample is longer than a cell
     z = 0.1 - 0.05j + 3.0 * x_m * (0.01 + 0.02j) + echo(x_m) + noise(120)
-    ratios, amplitudes = heard(z, x_m, way(kappa_rad_m=np.array([KAPPA_RAD_M])))
+    ratios, amplitudes = fitted(z, x_m, way(kappa_rad_m=np.array([KAPPA_RAD_M])))
     # the median of three lags by one sample, a cell's mean is of the one sample in it, the first only starts the way
     middle = np.median([z.real[:-2], z.real[1:-1], z.real[2:]], axis=0) + 1j * np.median(
         [z.imag[:-2], z.imag[1:-1], z.imag[2:]], axis=0
@@ -78,19 +78,19 @@ def test_the_same_way_gives_the_same_amplitude_at_any_speed():
     found = []
     for speed_m_s in (0.003, 0.01, 0.03, 0.1):
         x_m = np.arange(0.0, 0.045, speed_m_s * 1e-3)
-        _, amplitudes = heard(0.1 + echo(x_m), x_m)
+        _, amplitudes = fitted(0.1 + echo(x_m), x_m)
         found.append(amplitudes[np.isfinite(amplitudes)][-1])
     assert found == pytest.approx([found[0]] * 4, rel=0.03)
 
 
-def test_standing_still_says_nothing_however_long():
-    ratios, _ = heard(0.1 + noise(20_000), np.full(20_000, 0.01))
+def test_standing_still_gives_no_ratio_however_long():
+    ratios, _ = fitted(0.1 + noise(20_000), np.full(20_000, 0.01))
     assert np.isnan(ratios).all()
 
 
 def test_a_slope_of_the_level_is_no_wave():
     x_m = np.arange(0.0, 0.05, 1e-5)
-    ratios, amplitudes = heard(0.1 + 0.5 * x_m + noise(len(x_m)), x_m)
+    ratios, amplitudes = fitted(0.1 + 0.5 * x_m + noise(len(x_m)), x_m)
     assert np.nanmax(ratios) < 18.0
     assert np.nanmax(amplitudes) < 5e-5
 
@@ -101,8 +101,8 @@ def test_one_bad_sample_costs_at_most_a_cell(bad):
     z = 0.1 + echo(x_m) + noise(len(x_m))
     spoiled = z.copy()
     spoiled[3000] = bad
-    good, _ = heard(z, x_m)
-    ratios, _ = heard(spoiled, x_m)
+    good, _ = fitted(z, x_m)
+    ratios, _ = fitted(spoiled, x_m)
     last = np.flatnonzero(np.isfinite(good))[-1]
     assert ratios[last] == pytest.approx(good[last], rel=0.05)
 
@@ -114,7 +114,7 @@ def test_lost_samples_cost_a_cell_and_no_false_wave():
     keep[2000:2100] = False
     missing = np.zeros(keep.sum(), np.int64)
     missing[2000] = 100
-    ratios, _ = heard(z[keep], x_m[keep], missing=missing)
+    ratios, _ = fitted(z[keep], x_m[keep], missing=missing)
     assert np.nanmax(ratios) < 18.0
 
 
@@ -122,7 +122,7 @@ def test_a_jump_of_the_level_begins_the_fit_anew_and_is_no_wave():
     x_m = np.arange(0.0, 0.05, 1e-5)
     z = 0.1 + noise(len(x_m))
     z[2500:] += 0.02
-    ratios, _ = heard(z, x_m)
+    ratios, _ = fitted(z, x_m)
     assert np.nanmax(ratios) < 18.0
     after = np.flatnonzero(np.isfinite(ratios) & (np.arange(len(x_m)) > 2500))
     assert after[0] > 2500 + 490  # 5 mm of way at 10 um a sample, less what was half done
@@ -131,7 +131,7 @@ def test_a_jump_of_the_level_begins_the_fit_anew_and_is_no_wave():
 def test_there_is_no_drift_over_a_hundred_metres():
     x_m = 0.02 * np.sin(np.arange(400_000) * 5e-4)
     z = 0.1 + 0.001 * np.exp(1j * KAPPA_RAD_M * x_m)
-    _, amplitudes = heard(z, x_m)
+    _, amplitudes = fitted(z, x_m)
     known = amplitudes[np.isfinite(amplitudes)]
     assert known[-1000:] == pytest.approx(0.001, rel=0.02)
 
@@ -145,18 +145,18 @@ def test_a_wave_that_does_not_grow_is_background_and_one_that_grows_upon_it_is_n
     x_m = np.arange(170) * 0.0003
     z = 0.1 + noise(170) + still(sense * x_m, 1e-4)
     kind, deaf = way(background_fs=1.5e-4), way()
-    assert np.nanmax(heard(z, x_m, deaf)[0]) > 18.0
-    assert np.nanmax(heard(z, x_m, kind)[0]) < 18.0
-    ratios, _ = heard(z + echo(x_m, size=0.02), x_m, kind)
+    assert np.nanmax(fitted(z, x_m, deaf)[0]) > 18.0
+    assert np.nanmax(fitted(z, x_m, kind)[0]) < 18.0
+    ratios, _ = fitted(z + echo(x_m, size=0.02), x_m, kind)
     assert 0.055 - x_m[np.flatnonzero(ratios > 18.0)[0]] > 0.03
 
 
-def test_once_the_room_has_proved_quiet_a_wave_below_the_largest_background_is_heard():
+def test_once_the_room_has_proved_quiet_a_wave_below_the_largest_background_is_detected():
     x_m = np.arange(170) * 0.0003
     z = 0.1 + 0.1 * noise(170) + echo(x_m, size=0.0015)
     gap_m = {}
     for lag in (56, 10_000):  # the second never learns
-        ratios, _ = heard(z, x_m, way(background_fs=1.5e-4, lag=lag))
+        ratios, _ = fitted(z, x_m, way(background_fs=1.5e-4, lag=lag))
         gap_m[lag] = 0.055 - x_m[np.flatnonzero(ratios > 18.0)[0]]
     assert gap_m[56] > gap_m[10_000] + 0.003
 
@@ -164,4 +164,4 @@ def test_once_the_room_has_proved_quiet_a_wave_below_the_largest_background_is_h
 def test_what_was_learned_of_a_room_is_forgotten_with_the_fit():
     x_m = np.arange(340) * 0.0003
     z = 0.1 + noise(340) + np.where(np.arange(340) < 170, 0.0, still(x_m, 9e-5) + 0.3)
-    assert np.nanmax(heard(z, x_m, way(background_fs=1.5e-4))[0][170:]) < 18.0
+    assert np.nanmax(fitted(z, x_m, way(background_fs=1.5e-4))[0][170:]) < 18.0

@@ -71,7 +71,7 @@ def test_gain_is_that_of_the_whole_filter():
 
 
 @pytest.mark.parametrize("frequency", [60.0, 125.0, 180.0, 375.0, 480.0])
-def test_ringing_is_foretold_whatever_its_frequency_and_a_blow_is_not(frequency):
+def test_ringing_is_predicted_whatever_its_frequency_and_a_blow_is_not(frequency):
     rng = np.random.default_rng(6)
     x = rng.standard_normal(20_000)
     for start in range(2000, 20_000 - 300, 700):
