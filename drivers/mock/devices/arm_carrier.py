@@ -19,11 +19,11 @@ from drivers.mock.physics.tool_motion import STRAIGHT, Leg, ToolTrack
 from drivers.ur_arm.settings import Axis, UrArmSettings
 
 JOGGED_M = -0.005
-"""Where the arm's tool is before anybody sends it home, on the approach axis (assumption: jogged near the start)."""
+"""Where the arm's tool is before it is sent home, on the approach axis (assumption: jogged near the start)."""
 
 BEHIND_S = 0.02
 """How far the bench may be behind the arm before the arm takes it along (assumption: longer than a busy machine
-keeps the board waiting, which does so otherwise and hears what it does)."""
+keeps the board waiting, which otherwise takes it along itself and sees its motion)."""
 
 LEGS = 1024
 """Legs remembered, two for each of the controller's cycles in which the tool moves: about a second."""

@@ -1,4 +1,4 @@
-"""An emulated recorder of the fingers: what it says over its connection; no socket, no clock of the host's."""
+"""An emulated recorder of the fingers: its side of the connection; no socket, no clock of the host's."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Fault = Literal["drop", "silent", "refuse", "restart", "clip"]
 
 
 class AudioBench(Protocol):
-    """A bench with two fingers whose sound is heard, and one drive for both; its time is the devices'."""
+    """A bench with two fingers whose sound is recorded, and one drive for both; its time is the devices'."""
 
     @property
     def level(self) -> Literal["envelope", "carrier"]:
@@ -75,15 +75,15 @@ class EmulatedAudioSettings(Settings):
 
 
 class EmulatedAudio:
-    """Speaks as docs/reference/audio.md says: bytes in, bytes out, and time from outside.
+    """Follows docs/reference/audio.md: bytes in, bytes out, and time from outside.
 
-    Its converter runs by itself; sound is computed while the host listens. One host at a time: `hang_up` says that it
-    is gone, which silences the drive. While `lossy`, packets are dropped as by a converter's overrun: the counter
+    Its converter runs by itself; sound is computed while the host subscribes. One host at a time: `hang_up` ends its
+    connection, which silences the drive. While `lossy`, packets are dropped as by a converter's overrun: the counter
     goes on.
 
     Args:
         settings: What it is.
-        bench: Whose fingers it hears.
+        bench: Whose fingers it records.
 
     Attributes:
         dropped: Frames dropped so far.
@@ -122,23 +122,23 @@ class EmulatedAudio:
         self._line = bytearray(rest[-MAX_LINE_BYTES:])
         for line in lines:
             try:
-                words = decode_line(line)
+                command = decode_line(line)
             except CodecError as error:
-                self._say({"reply": 0, "refused": str(error)}, t_s)
+                self._reply({"reply": 0, "refused": str(error)}, t_s)
                 continue
-            tag = words.get("tag")
-            self._say(
-                {"reply": tag if isinstance(tag, int) else 0, **self._obey(words, self._frame(t_s))}, t_s
+            tag = command.get("tag")
+            self._reply(
+                {"reply": tag if isinstance(tag, int) else 0, **self._obey(command, self._frame(t_s))}, t_s
             )
         return self._take()
 
     def step(self, t_s: float) -> bytes:
-        """What it says by `t_s` without being asked."""
+        """What it sends by `t_s` on its own."""
         self._run(t_s)
         return self._take()
 
     def hang_up(self, t_s: float) -> None:
-        """The host is gone: nothing is heard or driven any more."""
+        """The host is gone: nothing is recorded or driven any more."""
         self._bench.advance(t_s)
         self._bench.silence()
         self._on = False
@@ -198,46 +198,46 @@ class EmulatedAudio:
         ]
         return np.where(counts >= 0, 2**23 - 1, -(2**23)).astype(np.int32) if self._clip else counts
 
-    # words
+    # commands
 
-    def _obey(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
-        name = words.get("do")
+    def _obey(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        name = command.get("do")
         order = self._orders.get(name) if isinstance(name, str) else None
         if order is None:
             what = name if isinstance(name, str) else type(name).__name__
             return {"refused": f"there is no {what}; there are {', '.join(self._orders)}"}
         try:
-            return order(words, frame)
+            return order(command, frame)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             return {"refused": f"{name}: {type(error).__name__} {error}"}
 
-    def _hello(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+    def _hello(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
         s = self._settings
         about = {"recorder": s.recorder, "serial": s.serial, "version": s.firmware}
         return {**about, "rate_hz": float(s.rate_hz), "channels": s.channels, "bits": s.bits}
 
-    def _start(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+    def _start(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
         if not self._on:
             self._on, self._next = True, frame
         return {}
 
-    def _stop(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+    def _stop(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
         self._on = False
         return {}
 
-    def _tone(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+    def _tone(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
         return self._driven(
-            lambda: self._bench.drive(_finite(words, "frequency_hz"), _finite(words, "level"))
+            lambda: self._bench.drive(_finite(command, "frequency_hz"), _finite(command, "level"))
         )
 
-    def _chirp(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
-        span = [_finite(words, key) for key in ("from_hz", "to_hz", "duration_s", "level")]
+    def _chirp(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        span = [_finite(command, key) for key in ("from_hz", "to_hz", "duration_s", "level")]
         answer = self._driven(lambda: self._bench.chirp(*span))
         if not answer:
             self._sweep_end = frame + round(span[2] * RATE_HZ)
         return answer
 
-    def _hush(self, words: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+    def _hush(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
         self._sweep_end = None
         self._bench.silence()
         return {}
@@ -250,7 +250,7 @@ class EmulatedAudio:
         drive()
         return {}
 
-    def _say(self, content: Mapping[str, Any], t_s: float) -> None:
+    def _reply(self, content: Mapping[str, Any], t_s: float) -> None:
         self._put(SoundMessage(self._frame(t_s) + self._offset, content))
 
     def _put(self, frame: Sound | SoundMessage) -> None:
@@ -262,8 +262,8 @@ class EmulatedAudio:
         return out
 
 
-def _finite(words: Mapping[str, Any], key: str) -> float:
-    value = float(words[key])
+def _finite(command: Mapping[str, Any], key: str) -> float:
+    value = float(command[key])
     if not math.isfinite(value):
         raise ValueError(f"{key} is {value}")
     return value

@@ -45,7 +45,7 @@ class EmulatedBarrettHandSettings(FingerStrainSettings):
 class EmulatedBarrettHand:
     """Answers as the hand's nodes do: fingers 11 to 13 and the spread, which has no gauge.
 
-    Settings are kept and told; none of them moves anything here. A finger beyond the range in which it works
+    Settings are kept and reported; none of them moves anything here. A finger beyond the range in which it works
     falls back to mode 0: the hand protects itself.
 
     Args:
@@ -69,7 +69,7 @@ class EmulatedBarrettHand:
         }
 
     def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
-        """Hear a frame at `t_s`; returns what its nodes answer at once."""
+        """Take a frame at `t_s`; returns what its nodes answer at once."""
         self._source.advance(t_s)
         try:
             request = codec.decode_request(frame)
@@ -94,7 +94,7 @@ class EmulatedBarrettHand:
         ]
 
     def step(self, t_s: float) -> list[CanFrame]:
-        """It says nothing without being asked."""
+        """It sends nothing on its own."""
         self._source.advance(t_s)
         return []
 

@@ -62,7 +62,7 @@ class EmulatedCanGripper:
     Its habits, all of the firmware's: orders but `DriveOrder` and `Poll` have no answer; a `DriveOrder` is answered
     with the state before it; a fault puts the drive to sleep and stays until `CLEAR_ERROR`, and an emergency stop that
     came in a `DriveOrder` until a `DriveOrder` without it has come as well; faults do not undo the calibration; a
-    `DriveOrder` breaks a calibration off; only `Poll`, `DriveOrder` and questions feed the watchdog, whose action
+    `DriveOrder` aborts a calibration; only `Poll`, `DriveOrder` and queries feed the watchdog, whose action
     is never used.
 
     Args:
@@ -82,11 +82,11 @@ class EmulatedCanGripper:
         self._watchdog_s = math.inf
         self._fed_s: float | None = None
         self._heartbeat_s = self._settings.heartbeat_s or math.inf
-        self._said_s: float | None = None
+        self._sent_s: float | None = None
         self._silent = False
 
     def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
-        """Hear a frame at `t_s`; returns what it answers at once."""
+        """Take a frame at `t_s`; returns what it answers at once."""
         self._run(t_s)
         try:
             node, order = decode_order(frame)
@@ -97,14 +97,14 @@ class EmulatedCanGripper:
         if isinstance(order, AskState | Poll | DriveOrder):
             self._fed_s = t_s
         answer = self._obey(order, t_s)
-        return [] if answer is None else [self._said(answer, t_s)]
+        return [] if answer is None else [self._sent(answer, t_s)]
 
     def step(self, t_s: float) -> list[CanFrame]:
-        """What it says by `t_s` without being asked: that it lives."""
+        """What it sends by `t_s` on its own: its heartbeat."""
         self._run(t_s)
-        if self._silent or self._said_s is None or t_s - self._said_s < self._heartbeat_s:
+        if self._silent or self._sent_s is None or t_s - self._sent_s < self._heartbeat_s:
             return []
-        return [self._said(Heartbeat(GripperCode.HEARTBEAT), t_s)]
+        return [self._sent(Heartbeat(GripperCode.HEARTBEAT), t_s)]
 
     def inject(self, kind: str, t_s: float) -> None:
         """Break something at `t_s`.
@@ -131,9 +131,9 @@ class EmulatedCanGripper:
             raise ValueError(f"a gripper knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
 
     def _run(self, t_s: float) -> None:
-        """Let time pass, and the watchdog bite where it is due."""
+        """Let time pass, and the watchdog trip where it is due."""
         self._fed_s = t_s if self._fed_s is None else self._fed_s
-        self._said_s = t_s if self._said_s is None else self._said_s
+        self._sent_s = t_s if self._sent_s is None else self._sent_s
         if t_s - self._fed_s >= self._watchdog_s:
             self._source.advance(self._fed_s + self._watchdog_s)
             self._break("watchdog")
@@ -148,8 +148,8 @@ class EmulatedCanGripper:
         self._awake = False
         self._source.sleep()
 
-    def _said(self, answer: Answer, t_s: float) -> CanFrame:
-        self._said_s = t_s
+    def _sent(self, answer: Answer, t_s: float) -> CanFrame:
+        self._sent_s = t_s
         return encode_answer(self._settings.node, bool(self._faults), answer)
 
     def _obey(self, order: Order, t_s: float) -> Answer | None:

@@ -56,7 +56,7 @@ class Texels(Protocol):
 
 
 def counts(texels_v: NDArray[np.float64], threshold: int = 0) -> NDArray[np.uint16]:
-    """What the converter makes of texels; same shape. Below the threshold it says 0."""
+    """What the converter makes of texels; same shape. Below the threshold it gives 0."""
     ideal = np.nan_to_num(np.rint(texels_v / codec.VOLT_PER_COUNT), nan=0.0)
     held = np.clip(ideal, 0, codec.TEXEL_MAX)
     return np.asarray(np.where(held < threshold, 0, held), dtype=np.uint16)
@@ -74,18 +74,18 @@ class EmulatedDsaMatrixSettings(Settings):
     start_ms: int = Field(default=codec.TIME_MODULUS - 5_000, ge=0, lt=codec.TIME_MODULUS)
     """What its clock shows at the first call, in ms: by default 5 s before it wraps, so that it does."""
     baud: int = Field(default=115_200, ge=9_600, le=921_600)
-    """Line speed in bits per second: what is said takes its time, and frames that find the line busy are dropped."""
+    """Line speed in bits per second: bytes take their time, and frames that find the line busy are dropped."""
     booted: bool = True
     """False where it is switched on at the first call: deaf for 8 s, with noise on the line."""
     threshold_counts: int = Field(default=0, ge=0, le=codec.TEXEL_MAX)
-    """Texels below this are told as 0."""
+    """Texels below this are reported as 0."""
 
 
 class EmulatedDsaMatrix:
     """Answers as the controller does: bytes in, bytes out, and time from outside.
 
-    Frames are taken on the grid of its own clock. One frame may wait for the line; the next is dropped without a
-    word (assumption: a buffer of one frame).
+    Frames are taken on the grid of its own clock. One frame may wait for the line; the next is dropped
+    silently (assumption: a buffer of one frame).
 
     Args:
         settings: What it is.
@@ -120,7 +120,7 @@ class EmulatedDsaMatrix:
                     answer = self._obey(codec.decode_request(packet), t_s)
                 except CodecError:
                     answer = codec.Done(codec.Id.ACQUIRE, UNKNOWN)
-                self._say(encode_packet(codec.encode_answer(answer)), t_s)
+                self._send(encode_packet(codec.encode_answer(answer)), t_s)
         return self._take(t_s)
 
     def step(self, t_s: float) -> bytes:
@@ -175,7 +175,7 @@ class EmulatedDsaMatrix:
             self._power_up(t_s, self._settings.start_ms, self._settings.booted)
         self._source.advance(t_s)
         while self._noise and self._noise[0] <= t_s:
-            self._say(codec.POWER_UP_NOISE, self._noise.pop(0))
+            self._send(codec.POWER_UP_NOISE, self._noise.pop(0))
         rate_hz = self._acquire.frames_per_s
         if not self._acquire.run or rate_hz == 0:
             return
@@ -198,19 +198,19 @@ class EmulatedDsaMatrix:
             place = 37 * self._spoiled % (8 * len(packet))
             packet = bytes(byte ^ (1 << place % 8) * (at == place // 8) for at, byte in enumerate(packet))
         if fault != "drop":
-            self._say(packet, host_s)
+            self._send(packet, host_s)
 
     # the line
 
-    def _say(self, data: bytes, t_s: float) -> None:
+    def _send(self, data: bytes, t_s: float) -> None:
         """Put bytes on the line; the host has them when the last of them has come."""
         self._free_s = max(self._free_s, t_s) + len(data) * BITS_PER_BYTE / self._settings.baud
         self._outbox.append((self._free_s, data))
 
     def _take(self, t_s: float) -> bytes:
-        said = b"".join(data for due_s, data in self._outbox if due_s <= t_s)
+        sent = b"".join(data for due_s, data in self._outbox if due_s <= t_s)
         self._outbox = [(due_s, data) for due_s, data in self._outbox if due_s > t_s]
-        return b"" if self._silent else said
+        return b"" if self._silent else sent
 
     # commands
 

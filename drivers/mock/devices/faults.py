@@ -1,4 +1,4 @@
-"""What goes wrong on a bench of software, and when: timed by the scene, told to no detector."""
+"""What goes wrong on a bench of software, and when: timed by the scene, unknown to detectors."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ class FaultSchedule:
         self.restart()
 
     def restart(self, trial: int | None = None) -> None:
-        """Begin a trial: what has happened has not."""
+        """Begin a trial: no fault has begun."""
         self._faults = [fault for fault in self._all if fault.trial is None or fault.trial == trial]
-        self._told: set[Fault] = set()
+        self._begun: set[Fault] = set()
         self._last: dict[str, NDArray[Any]] = {}
 
     def add(self, fault: Fault) -> None:
@@ -75,7 +75,7 @@ class FaultSchedule:
         )
 
     def held(self, t_s: float, stream: str, values: NDArray[Number]) -> NDArray[Number]:
-        """What a sensor says in place of `values`, shape (n, channels), the last of them at `t_s`: while it is stuck,
+        """What a sensor reads in place of `values`, shape (n, channels), the last of them at `t_s`: while it is stuck,
         the last value from before."""
         if not self.active(t_s, "stuck"):
             self._last[stream] = values[-1]
@@ -85,15 +85,15 @@ class FaultSchedule:
         return held
 
     def begun(self, t_s: float, kind: Kind) -> Fault | None:
-        """A fault of this kind that has begun by `t_s`; each is told once."""
+        """A fault of this kind that has begun by `t_s`; each is returned once."""
         for fault in self._faults:
-            if fault.kind == kind and fault.at_s <= t_s and fault not in self._told:
-                self._told.add(fault)
+            if fault.kind == kind and fault.at_s <= t_s and fault not in self._begun:
+                self._begun.add(fault)
                 return fault
         return None
 
     def failure(self, t_s: float, device: str) -> Failed | None:
-        """What a driver says when the plug is pulled; once."""
+        """What a driver reports when the plug is pulled; once."""
         fault = self.begun(t_s, "unplug")
         if fault is None:
             return None
@@ -109,7 +109,7 @@ def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float)
 
 
 def corrupted(faults: FaultSchedule, out: bytes, t_s: float) -> bytes:
-    """What comes out of a line of what a device has said at `t_s`."""
+    """What arrives of the bytes that a device has sent at `t_s`."""
     if faults.active(t_s, "silent") or faults.active(t_s, "lose"):
         return b""
     if faults.active(t_s, "corrupt"):

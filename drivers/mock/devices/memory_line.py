@@ -1,4 +1,4 @@
-"""A real driver and an emulated device in one process, in virtual time: what is written is answered at once."""
+"""A real driver and an emulated device in one process, in virtual time: each write is answered at once."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from drivers.mock.devices.faults import FaultSchedule, corrupted, inject_begun
 class MemoryLine:
     """What `drivers.links.SerialLink` is, to an emulated device without a port.
 
-    The device lives in bench time, which begins anew with every trial; what it says arrives in monotonic time: when it
-    is looked for, or where the device has a `due_s`, the time at which it speaks next by itself, at that time, however
-    seldom it is looked for.
+    The device lives in bench time, which begins anew with every trial; what it sends arrives in monotonic time: when it
+    is read, or where the device has a `due_s`, the time at which it next sends on its own, at that time, however
+    seldom it is read.
 
     Args:
         device: The far end: `receive(data, t_s)` and `step(t_s)`, both bytes out, and `inject(kind, t_s)`.
@@ -69,7 +69,7 @@ class MemoryLine:
         return t_s
 
     def _catch_up(self, t_s: float) -> None:
-        """Hear what was said before `t_s`, each when it was."""
+        """Take what was sent before `t_s`, each at its time."""
         while (due_s := getattr(self._device, "due_s", math.inf)) < t_s:
             self._take(self._device.step(due_s), due_s)
 

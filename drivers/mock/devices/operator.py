@@ -1,4 +1,4 @@
-"""An emulated person at the far end of a line: reads requests, takes a while, hangs weights, says that it is done."""
+"""An emulated person at the far end of a line: reads requests, takes a while, hangs weights, confirms."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, Perso
 
 
 class EmulatedPerson:
-    """Does what the latest request asks for.
+    """Does what the latest request states.
 
     Args:
         settings: Of the person.
         bench: Where the fingertip is.
 
     Attributes:
-        ready_s: When it will have done what it was asked for.
+        ready_s: When its request will be done.
     """
 
     def __init__(self, settings: HandSettings, bench: Bench) -> None:
@@ -57,7 +57,7 @@ class EmulatedPerson:
         return encode(PersonAnswer(asked.number, True))
 
     def inject(self, kind: str, t_s: float) -> None:
-        """From now on it says no ("refuse").
+        """From now on it declines ("refuse").
 
         Raises:
             ValueError: a person does not stall.
@@ -68,7 +68,7 @@ class EmulatedPerson:
 
 
 def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedPerson:
-    """Somebody who hangs weights on the bench's fingertip.
+    """A person who hangs weights on the bench's fingertip.
 
     Raises:
         RefusedError: the bench has none.

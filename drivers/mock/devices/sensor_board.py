@@ -119,7 +119,7 @@ class EmulatedSensorBoard:
         return self._take()
 
     def step(self, t_s: float) -> bytes:
-        """What the board says by `t_s` without being asked."""
+        """What the board sends by `t_s` on its own."""
         self._run(t_s)
         return self._take()
 
@@ -152,7 +152,7 @@ class EmulatedSensorBoard:
     # time
 
     def _run(self, t_s: float) -> BoardClock:
-        """Let time pass until `t_s`, and the watchdog bite where it is due."""
+        """Let time pass until `t_s`, and the watchdog trip where it is due."""
         if self._clock is None:
             self._clock = BoardClock(t_s, self._settings.start_us, 1.0 + self._settings.drift_ppm * 1e-6)
         starved_s = self._fed_s + self._watchdog_s
@@ -165,9 +165,9 @@ class EmulatedSensorBoard:
         return self._clock
 
     def _advance(self, clock: BoardClock, t_s: float) -> None:
-        heard = [channel for channel in self._channels if channel.on]
-        self._source.advance(t_s, frozenset(channel.spec.name for channel in heard))
-        for channel in heard:
+        subscribed = [channel for channel in self._channels if channel.on]
+        self._source.advance(t_s, frozenset(channel.spec.name for channel in subscribed))
+        for channel in subscribed:
             if channel.spec.rate_hz is None:
                 self._send_events(channel, clock)
             else:
@@ -218,9 +218,9 @@ class EmulatedSensorBoard:
             self._outbox += frame
 
     def _take(self) -> bytes:
-        said = b"" if self._silent else bytes(self._outbox)
+        sent = b"" if self._silent else bytes(self._outbox)
         self._outbox.clear()
-        return said
+        return sent
 
     # commands
 
@@ -244,7 +244,7 @@ class EmulatedSensorBoard:
             )
             for channel in self._channels
         )
-        # A delimiter ahead: who has just begun to listen takes nothing before one.
+        # A delimiter ahead: a new client takes nothing before one.
         self._outbox += b"\0" + encode(
             BoardHello(board=s.board, serial=s.serial, version=s.firmware, streams=streams)
         )
@@ -271,7 +271,7 @@ class EmulatedSensorBoard:
                 channel.on = False
             elif wanted and not channel.on:
                 if rate_hz is None:
-                    self._source.events(channel.spec.name)  # what happened unheard
+                    self._source.events(channel.spec.name)  # what happened while unsubscribed
                 channel.start(0 if rate_hz is None else clock.tick(t_s, rate_hz) + 1)
 
     def _excite(self, on: int, _: BoardClock) -> bool:

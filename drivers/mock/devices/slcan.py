@@ -26,10 +26,10 @@ class CanNode(Protocol):
     """A device on the bus. Its time is the one that it is handed."""
 
     def receive(self, frame: CanFrame, t_s: float) -> Sequence[CanFrame]:
-        """Hear a frame; returns what it answers at once."""
+        """Take a frame; returns what it answers at once."""
 
     def step(self, t_s: float) -> Sequence[CanFrame]:
-        """What it says by `t_s` without being asked."""
+        """What it sends by `t_s` on its own."""
 
     def inject(self, kind: str, t_s: float) -> None:
         """Break something of its own.
@@ -40,7 +40,7 @@ class CanNode(Protocol):
 
 
 class EmulatedSlcan:
-    """Answers as an adapter does; every node hears every frame of the host, and the host all of theirs.
+    """Answers as an adapter does; every node receives every frame of the host, and the host all of theirs.
 
     Args:
         nodes: What is on the bus.
@@ -60,7 +60,7 @@ class EmulatedSlcan:
         return b"".join(self._obey(line, t_s) for line in lines)
 
     def step(self, t_s: float) -> bytes:
-        """What comes from the bus by `t_s` without being asked."""
+        """What comes from the bus by `t_s` on its own."""
         frames = [frame for node in self._nodes for frame in node.step(t_s)]
         return b"".join(map(self._line, frames)) if self._open else b""
 
@@ -137,7 +137,7 @@ class EmulatedSlcan:
 
 
 def _frame(text: str) -> CanFrame | None:
-    """The frame that a line says; None where it says none."""
+    """The frame in a line; None where it holds none."""
     try:
         identifier, length, data = int(text[1:4], 16), int(text[4]), bytes.fromhex(text[5:])
     except (ValueError, IndexError):

@@ -1,4 +1,4 @@
-"""Loopback clients of an emulated device: accepted, read, answered and let go; nothing here waits."""
+"""Loopback clients of an emulated device: accepted, read, answered and dropped; nothing here waits."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ READ_BYTES = 65536
 
 
 class TcpClients:
-    """Listening ports and whoever has connected; one that breaks its line, or never reads, costs itself alone.
+    """Listening ports and their clients; one that breaks its connection, or never reads, is dropped alone.
 
     Args:
         most: Connections at a time; one more is closed at once.
-        unread_bytes: What a client may leave unread beyond what the network takes; with more it is let go.
+        unread_bytes: What a client may leave unread beyond what the network takes; with more it is dropped.
         left: Called with a connection that is closed, and why: "" where the client left.
 
     Attributes:
@@ -44,7 +44,7 @@ class TcpClients:
         return listener
 
     def accept(self, listener: socket.socket) -> socket.socket | None:
-        """Who has come to a port that is ready; None where they have left already, or are one too many."""
+        """The client at a port that is ready; None where it has left already, or is one too many."""
         try:
             connection, _ = listener.accept()
         except OSError:
@@ -58,7 +58,7 @@ class TcpClients:
         return connection
 
     def receive(self, connection: socket.socket) -> bytes:
-        """What has come from a client that is ready; nothing where it has left, and is let go."""
+        """What has come from a client that is ready; nothing where it has left, and is dropped."""
         try:
             data = connection.recv(READ_BYTES)
         except BlockingIOError:
@@ -85,13 +85,13 @@ class TcpClients:
             self.drop(connection)
 
     def drop(self, connection: socket.socket, reason: str = "") -> None:
-        """Let a client go; may be called twice."""
+        """Drop a client; may be called twice."""
         if self.unsent.pop(connection, None) is not None:
             connection.close()
             self._left(connection, reason)
 
     def close(self) -> None:
-        """Let all clients go and listen no more; may be called twice."""
+        """Drop all clients and stop listening; may be called twice."""
         for connection in list(self.unsent):
             self.drop(connection)
         for listener in self._listeners:

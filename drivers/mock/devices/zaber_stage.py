@@ -54,13 +54,13 @@ class EmulatedZaberStage:
     """Answers as the stage does: bytes in, bytes out, and time from outside.
 
     Positions of the axis are metres of the rail, 0 at its home end. Bytes may arrive split anywhere. A line
-    with a wrong checksum, for another device or of another protocol is dropped without a word, as the
+    with a wrong checksum, for another device or of another protocol is dropped silently, as the
     device drops it. Replies carry a checksum once `comm.checksum` is set.
 
     Args:
         settings: What it is.
         axis: Its motion.
-        on_plan: Told the time whenever the axis has a new plan.
+        on_plan: Called with the time of each new plan of the axis.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class EmulatedZaberStage:
             "maxspeed": (1, self._values["maxspeed"]),
         }
         self._verbs: dict[str, Callable[[list[str], float], str]] = {
-            "": lambda words, t_s: "0",
+            "": lambda arguments, t_s: "0",
             "driver": self._driver,
             "home": self._home,
             "stop": self._stop,
@@ -134,7 +134,7 @@ class EmulatedZaberStage:
         return b"".join(self._answer(line, t_s) for line in self._lines.feed(data))
 
     def step(self, t_s: float) -> bytes:
-        """What it says by `t_s` without being asked: alerts, and replies that were held back."""
+        """What it sends by `t_s` on its own: alerts, and replies that were held back."""
         self._settle(t_s)
         due = b"".join(line for due_s, line in self._outbox if due_s <= t_s)
         self._outbox = [(due_s, line) for due_s, line in self._outbox if due_s > t_s]
@@ -191,17 +191,17 @@ class EmulatedZaberStage:
     def _obey(self, request: codec.StageRequest, t_s: float) -> str:
         if request.axis not in (0, 1):
             raise _RejectedError("BADAXIS")
-        verb, *words = request.text.split() or [""]
+        verb, *arguments = request.text.split() or [""]
         if verb not in self._verbs:
             raise _RejectedError("BADCOMMAND")
-        return self._verbs[verb](words, t_s)
+        return self._verbs[verb](arguments, t_s)
 
-    def _tools(self, words: list[str], t_s: float) -> str:
-        if words[:1] != ["echo"]:
+    def _tools(self, arguments: list[str], t_s: float) -> str:
+        if arguments[:1] != ["echo"]:
             raise _RejectedError("BADCOMMAND")
-        return " ".join(words[1:]) or "0"
+        return " ".join(arguments[1:]) or "0"
 
-    def _halt(self, words: list[str], t_s: float) -> str:
+    def _halt(self, arguments: list[str], t_s: float) -> str:
         if self._moving:
             self._break_down("NI", t_s)
         return "0"
@@ -221,21 +221,21 @@ class EmulatedZaberStage:
             return b"@%b:%02X\r\n" % (body, codec.lrc(body) ^ 0x01)
         return reply
 
-    def _driver(self, words: list[str], t_s: float) -> str:
-        if words == ["enable"]:
+    def _driver(self, arguments: list[str], t_s: float) -> str:
+        if arguments == ["enable"]:
             self._flags.discard("FD")
-        elif words == ["disable"]:
+        elif arguments == ["disable"]:
             self._break_down("FD", t_s)
         else:
             raise _RejectedError("BADCOMMAND")
         return "0"
 
-    def _home(self, words: list[str], t_s: float) -> str:
+    def _home(self, arguments: list[str], t_s: float) -> str:
         self._begin(t_s, 0.0, self._settings.home_speed_m_s)
         self._homing = True
         return "0"
 
-    def _stop(self, words: list[str], t_s: float) -> str:
+    def _stop(self, arguments: list[str], t_s: float) -> str:
         if self._moving:
             self._flags.add("NI")
             self._homing = False
@@ -243,9 +243,9 @@ class EmulatedZaberStage:
             self._on_plan(t_s)
         return "0"
 
-    def _move(self, words: list[str], t_s: float) -> str:
+    def _move(self, arguments: list[str], t_s: float) -> str:
         """A target (`abs`, `rel`) or a velocity (`vel`) or neither (`min`, `max`), then what it may go with."""
-        kind, *numbers = words or [""]
+        kind, *numbers = arguments or [""]
         first = {"abs": 1, "rel": 1, "vel": 0, "min": 0, "max": 0}.get(kind)
         if first is None or not first + (kind == "vel") <= len(numbers) <= first + 2:
             raise _RejectedError("BADCOMMAND")
@@ -258,7 +258,7 @@ class EmulatedZaberStage:
             target = lowest if kind == "min" or (kind == "vel" and speed < 0) else highest
         if not lowest <= target <= highest or (kind != "vel" and speed <= 0) or min(given, default=1) <= 0:
             raise _RejectedError("BADDATA")
-        if kind != "vel" and "WR" in self._flags:  # it does not know where that is
+        if kind != "vel" and "WR" in self._flags:  # that position is unknown
             raise _RejectedError("BADDATA")
         if speed == 0:
             return self._stop([], t_s)
@@ -294,18 +294,18 @@ class EmulatedZaberStage:
         self._axis.stall(t_s)
         self._on_plan(t_s)
 
-    def _get(self, words: list[str], t_s: float) -> str:
-        name = " ".join(words)
+    def _get(self, arguments: list[str], t_s: float) -> str:
+        name = " ".join(arguments)
         if name in self._readings:
             return str(self._readings[name](t_s))
         if name in self._values or name in CONSTANTS:
             return str(self._values.get(name, CONSTANTS.get(name)))
         raise _RejectedError("BADCOMMAND")
 
-    def _set(self, words: list[str], t_s: float) -> str:
-        if len(words) != 2 or words[0] not in self._writable:
+    def _set(self, arguments: list[str], t_s: float) -> str:
+        if len(arguments) != 2 or arguments[0] not in self._writable:
             raise _RejectedError("BADCOMMAND")
-        name, value = words[0], _integer(words[1])
+        name, value = arguments[0], _integer(arguments[1])
         lowest, highest = self._writable[name]
         if not lowest <= value <= highest:
             raise _RejectedError("BADDATA")
@@ -314,11 +314,11 @@ class EmulatedZaberStage:
             self._usual_m_s2 = codec.acceleration_m_s2(value, self._settings.microstep_m)
         return "0"
 
-    def _warnings(self, words: list[str], t_s: float) -> str:
+    def _warnings(self, arguments: list[str], t_s: float) -> str:
         active = [name for name in codec.FLAGS if name in self._flags]
-        if words == ["clear"]:
+        if arguments == ["clear"]:
             self._flags &= codec.UNHOMED | {"FD"}
-        elif words:
+        elif arguments:
             raise _RejectedError("BADCOMMAND")
         return " ".join([f"{len(active):02d}", *active])
 
@@ -347,9 +347,9 @@ class _RejectedError(Exception):
     """The reason of an RJ reply."""
 
 
-def _integer(word: str) -> int:
+def _integer(text: str) -> int:
     try:
-        value = int(word)
+        value = int(text)
     except ValueError:
         raise _RejectedError("BADDATA") from None
     if abs(value) > DATA:

@@ -51,7 +51,7 @@ class MockAudioSettings(Settings):
 
 
 class MockAudio(MockDriver):
-    """What a bench's fingers send, only while somebody listens; the bench's `level` says which of the two.
+    """What a bench's fingers send, only while subscribed; the bench's `level` sets which of the two.
 
     At carrier level the stream is the real driver's. At envelope level it is baseband: 1 kHz, floats, full scale 1,
     channels `I0 Q0 I1 Q1`. Sample k is at k / rate in bench time, and k is its `seq`.
@@ -90,7 +90,7 @@ class MockAudio(MockDriver):
         )
 
     def close(self) -> None:
-        """Nothing to let go of; the drive falls silent."""
+        """Nothing to release; the drive falls silent."""
         self._bench.silence()
 
     def apply(self, command: Command) -> Applied:
@@ -107,7 +107,7 @@ class MockAudio(MockDriver):
         elif isinstance(command, Tone | Chirp) and self._faults.active(now_s, "refuse"):
             self._refuse(command, "its amplifier is off")
         else:
-            self._tell_sweep(now_s)
+            self._report_sweep(now_s)
             self._drive(command, now_s)
         return Applied(command, now_s)
 
@@ -179,15 +179,15 @@ class MockAudio(MockDriver):
 
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
-        self._tell_sweep(self._clock.now())
+        self._report_sweep(self._clock.now())
         return super().poll()
 
     @property
     def alone_s(self) -> float:
-        """For how long nobody need look: then it says that a sweep has ended."""
+        """How long it may go unread: then it reports that a sweep has ended."""
         return math.inf if self._sweep_s is None else self._sweep_s - self._clock.now()
 
-    def _tell_sweep(self, now_s: float) -> None:
+    def _report_sweep(self, now_s: float) -> None:
         if self._sweep_s is not None and self._sweep_s <= now_s:
             self._report(Reached(self._sweep_s, self.name, 0.0, command_id=self._sweep))
             self._sweep_s = None

@@ -1,4 +1,4 @@
-"""What mock drivers share, those over a line in memory and those by hand; faults begin when the scene says."""
+"""What mock drivers share, those over a line in memory and those by hand; faults begin when the scene sets them."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class MockDriver(Driver):
         self._faults.restart()
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to release."""
 
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""

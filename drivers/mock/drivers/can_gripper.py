@@ -1,4 +1,4 @@
-"""The gripper of the mock bench: the drive's motion, asked in the process."""
+"""The gripper of the mock bench: the drive's motion, in the process."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class MockCanGripperSettings(Settings):
     """The mock gripper; its brackets are the plant's."""
 
     poll_hz: float = Field(default=100.0, ge=1.0, le=500.0)
-    """How often its state is asked for; the real driver polls as often."""
+    """How often its state is polled, as in the real driver."""
 
     max_speed_m_s: float = Field(default=0.1, gt=0.0, le=SPEED_MAX_M_S)
     """Greatest rate of the opening, as in the real driver."""
 
     max_force_n: float = Field(default=FORCE_MAX_N, gt=0.0, le=FORCE_MAX_N)
-    """Greatest force that may be asked for, as in the real driver."""
+    """Greatest force that may be commanded, as in the real driver."""
 
     release_force_n: float = Field(default=15.0, gt=0.0, le=FORCE_MAX_N)
     """How hard it may press outwards while it opens, as in the real driver."""
@@ -50,7 +50,7 @@ class MockCanGripperSettings(Settings):
 
 
 class MockCanGripper(MockDriver):
-    """Moves the bench's jaws through the counts of the real gripper; can be told to fail."""
+    """Moves the bench's jaws through the counts of the real gripper; can be made to fail."""
 
     _settings: MockCanGripperSettings
 
@@ -68,8 +68,8 @@ class MockCanGripper(MockDriver):
         """Begin a trial: bench time is zero again."""
         self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
         self._order = DriveOrder(0, 0, 0)
-        self._heard: frozenset[str] = frozenset()
-        self._bench.jaws.ask(self._settings.poll_hz)
+        self._subscribed: frozenset[str] = frozenset()
+        self._bench.jaws.poll_at(self._settings.poll_hz)
         self._samples: list[tuple[int, GripperState]] = []
         super().restart()
 
@@ -89,7 +89,7 @@ class MockCanGripper(MockDriver):
         )
 
     def close(self) -> None:
-        """Nothing to let go of; the jaws hold where they are."""
+        """Nothing to release; the jaws hold where they are."""
         self._bench.jaws.advance(self._clock.now())
         if not self._watch.resting:
             self._hold()
@@ -104,7 +104,7 @@ class MockCanGripper(MockDriver):
         command = valid(self.name, self._brackets, settings.max_speed_m_s, settings.max_force_n, command)
         if isinstance(command, Listen):
             self._run(now_s)
-            self._heard = command.streams & frozenset(self._infos)
+            self._subscribed = command.streams & frozenset(self._infos)
             return Applied(command, now_s)
         if self._faults.active(now_s, "silent"):
             return Applied(command, now_s)
@@ -126,7 +126,7 @@ class MockCanGripper(MockDriver):
         if not samples:
             return ()
         if self._garbled(now_s):
-            for stream in sorted(self._heard):
+            for stream in sorted(self._subscribed):
                 self._lost(now_s, stream, len(samples))
             return ()
         times_s = np.array([number for number, _ in samples]) / self._settings.poll_hz
@@ -138,7 +138,7 @@ class MockCanGripper(MockDriver):
             self._infos[stream].block(
                 samples[0][0], t0_s, columns[stream][:, None], times_s=times_s, arrival_s=now_s
             )
-            for stream in sorted(self._heard)
+            for stream in sorted(self._subscribed)
         ]
 
     def poll(self) -> Sequence[Status]:
@@ -150,7 +150,7 @@ class MockCanGripper(MockDriver):
         return super().poll()
 
     def _cut_off(self, now_s: float) -> None:
-        """Its own watchdog: nobody feeds it any more."""
+        """Its own watchdog trips: it is no longer fed."""
         self._bench.jaws.sleep()
 
     def _refusal(self, command: Command, now_s: float) -> str | None:
@@ -187,14 +187,14 @@ class MockCanGripper(MockDriver):
         self._bench.jaws.go(order.position / POSITION_COUNTS, speed_ticks_s(order.speed), order.current_ma)
 
     def _run(self, now_s: float) -> None:
-        """Let time pass, and hear the states that were due by now, each as it was when it was due."""
+        """Let time pass, and take the states that were due by now, each as of its time."""
         self._bench.jaws.advance(now_s)
-        number, told = self._bench.jaws.take()
-        if not len(told) or self._gone(now_s):
+        number, states = self._bench.jaws.take()
+        if not len(states) or self._gone(now_s):
             return
-        for state in _states(told):
+        for state in _states(states):
             self._statuses += self._watch.push(number / self._settings.poll_hz, state, fault=False)
-            if self._heard:
+            if self._subscribed:
                 self._samples.append((number, state))
             number += 1
 
@@ -205,9 +205,9 @@ class MockCanGripper(MockDriver):
         )
 
 
-def _states(told: NDArray[np.float64]) -> Iterator[GripperState]:
-    """What the drive told, shape (m, 6), as the real one says it."""
-    ticks, current_ma, finding, opened, closed, calibrated = told.T
+def _states(states: NDArray[np.float64]) -> Iterator[GripperState]:
+    """States of the drive, shape (m, 6), as the real one reports them."""
+    ticks, current_ma, finding, opened, closed, calibrated = states.T
     span = np.where(opened == closed, np.inf, opened - closed)
     counts = np.rint(np.clip((opened - ticks) / span, 0.0, 1.0) * POSITION_COUNTS)
     last: list[float] | None = None

@@ -32,11 +32,11 @@ class MockDsaMatrixSettings(Settings):
     """Frames a second, as in the real driver; no line is too slow here."""
 
     threshold_counts: int = Field(default=0, ge=0, le=codec.TEXEL_MAX)
-    """Texels below this are told as 0."""
+    """Texels below this are reported as 0."""
 
 
 class MockDsaMatrix(MockSensor):
-    """Samples the texels on its own grid (frame k at k / frame_hz), only while somebody listens."""
+    """Samples the texels on its own grid (frame k at k / frame_hz), only while subscribed."""
 
     _settings: MockDsaMatrixSettings
 
@@ -60,7 +60,7 @@ class MockDsaMatrix(MockSensor):
         )
 
     def apply(self, command: Command) -> Applied:
-        """Listen to the texels, or no more.
+        """Subscribe to the texels, or unsubscribe.
 
         Raises:
             CommandError: not for these matrices.
@@ -95,7 +95,7 @@ class MockDsaMatrix(MockSensor):
         return arrived
 
     def _watch(self, block: SampleBlock) -> None:
-        """Tell each excursion to a texel's end once."""
+        """Report each excursion to a texel's end once."""
         full = (block.values >= codec.TEXEL_MAX).any(axis=1)
         for place in np.flatnonzero(np.diff(full, prepend=self._saturated)):
             self._saturated = not self._saturated

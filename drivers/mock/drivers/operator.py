@@ -23,5 +23,5 @@ class MockPerson(OverMemory, Person):
 
     @property
     def alone_s(self) -> float:
-        """For how long nobody need look: then they do what was asked for."""
+        """How long it may go unread: then the request is done."""
         return math.inf if self._asked is None else self._twin.ready_s - self._clock.now()

@@ -34,7 +34,7 @@ class MockSensorBoardSettings(BoardLimits):
 
 
 class MockSensorBoard(MockSensor):
-    """Samples the plant on the board's own grid (sample k at k / rate), computing only what is listened to."""
+    """Samples the plant on the board's own grid (sample k at k / rate), computing only what is subscribed."""
 
     _settings: MockSensorBoardSettings
 
@@ -49,7 +49,7 @@ class MockSensorBoard(MockSensor):
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
         self._excited = False
-        self._heard: frozenset[str] = frozenset()
+        self._subscribed: frozenset[str] = frozenset()
         self._next_sample = dict.fromkeys(self._infos, 0)
         self._seq = dict.fromkeys(self._infos, 0)
         self._zero = {name: np.zeros(len(info.channels), np.int64) for name, info in self._infos.items()}
@@ -65,12 +65,12 @@ class MockSensorBoard(MockSensor):
         )
 
     def close(self) -> None:
-        """Nothing to let go of; the excitation ends."""
+        """Nothing to release; the excitation ends."""
         if self._excited:
             self._bench.excite(False)
 
     def apply(self, command: Command) -> Applied:
-        """Do what was asked, now.
+        """Do it, now.
 
         Raises:
             CommandError: not for this board, or not finite.
@@ -80,7 +80,7 @@ class MockSensorBoard(MockSensor):
         if isinstance(command, Listen):
             self._listen(command, now_s)
             return Applied(command, now_s)
-        self._bench.advance(now_s, self._heard)
+        self._bench.advance(now_s, self._subscribed)
         if isinstance(command, Excite):
             self._excited = command.on
             self._bench.excite(command.on)
@@ -92,16 +92,16 @@ class MockSensorBoard(MockSensor):
         return Applied(command, now_s)
 
     def _listen(self, command: Listen, now_s: float) -> None:
-        self._bench.advance(now_s, self._heard)
-        heard = frozenset(stream.partition(".")[2] for stream in command.streams)
-        for name in heard - self._heard:
+        self._bench.advance(now_s, self._subscribed)
+        streams = frozenset(stream.partition(".")[2] for stream in command.streams)
+        for name in streams - self._subscribed:
             rate_hz = self._infos[name].rate_hz
             if rate_hz is not None:
                 self._next_sample[name] = last_tick(now_s, rate_hz) + 1
-        if "period" in heard - self._heard:
+        if "period" in streams - self._subscribed:
             self._bench.events("period")
-        self._heard = heard
-        self._bench.advance(now_s, heard)
+        self._subscribed = streams
+        self._bench.advance(now_s, streams)
 
     def _tare(self, name: str, now_s: float) -> None:
         """Zero is the present reading, as on the real board."""
@@ -110,9 +110,9 @@ class MockSensorBoard(MockSensor):
     def read(self) -> Sequence[SampleBlock]:
         """What the board sampled since the last call."""
         now_s = self._clock.now()
-        self._bench.advance(now_s, self._heard)
+        self._bench.advance(now_s, self._subscribed)
         blocks: list[SampleBlock] = []
-        for name in sorted(self._heard):
+        for name in sorted(self._subscribed):
             blocks += self._waveform(name, now_s) if self._infos[name].rate_hz else self._events(name, now_s)
         return self._arrived(blocks, now_s)
 
@@ -137,8 +137,8 @@ class MockSensorBoard(MockSensor):
         if self._faults.active(float(times_s[-1]), "full_scale"):
             values = np.full_like(values, INT32.min * self._infos[name].scale)
         counts = np.rint(values / self._infos[name].scale) - self._zero[name]
-        said = counts.clip(INT32.min, INT32.max).astype(np.int32)
-        return np.asarray(self._faults.held(float(times_s[-1]), name, said))
+        clipped = counts.clip(INT32.min, INT32.max).astype(np.int32)
+        return np.asarray(self._faults.held(float(times_s[-1]), name, clipped))
 
     def _events(self, name: str, now_s: float) -> list[SampleBlock]:
         ends_s, values = self._bench.events(name)

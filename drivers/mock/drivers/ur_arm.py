@@ -54,7 +54,7 @@ class MockUrArmSettings(UrArmSettings):
 
 
 class MockUrArm(MockDriver):
-    """An arm that moves its tool within the real driver's limits and with its words.
+    """An arm that moves its tool within the real driver's limits and with its messages.
 
     It follows trapezoids in closed form, which cost the plant nothing; kinematics are the emulated controller's. A
     newer motion takes over from the present velocity; a straight move brakes first, where it does not go on along the
@@ -81,7 +81,7 @@ class MockUrArm(MockDriver):
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
-        self._heard: frozenset[str] = frozenset()
+        self._subscribed: frozenset[str] = frozenset()
         self._bench.feel(False)
         self._next_tick = 0
         self._seq = 0
@@ -108,7 +108,7 @@ class MockUrArm(MockDriver):
         )
 
     def close(self) -> None:
-        """Nothing to let go of; the arm stops."""
+        """Nothing to release; the arm stops."""
         now_s = self._clock.now()
         if self.axis.moving(now_s):
             self._brake(now_s, self._settings.stop_m_s2)
@@ -201,31 +201,31 @@ class MockUrArm(MockDriver):
         self._bench.on_plan(now_s)
         self._answer = None
 
-    def _listen(self, heard: frozenset[str], now_s: float) -> None:
+    def _listen(self, streams: frozenset[str], now_s: float) -> None:
         self._bench.advance(now_s)
-        self._bench.feel(f"{self.name}.force" in heard)
-        if heard and not self._heard:
+        self._bench.feel(f"{self.name}.force" in streams)
+        if streams and not self._subscribed:
             self._next_tick = last_tick(now_s, RATE_HZ) + 1
-        self._heard = heard
+        self._subscribed = streams
 
     # --- samples ---------------------------------------------------------------------------------------
 
     def read(self) -> Sequence[SampleBlock]:
-        """Rows since the last call, as many streams as are listened to."""
+        """Rows since the last call, of the subscribed streams."""
         now_s = self._clock.now()
         last = last_tick(now_s, RATE_HZ)
-        if not self._heard or last < self._next_tick:
+        if not self._subscribed or last < self._next_tick:
             return ()
         ticks = np.arange(self._next_tick, last + 1)
         times_s = ticks / RATE_HZ
         self._bench.advance(now_s)
-        blocks = [self._block(stream, ticks, times_s, now_s) for stream in sorted(self._heard)]
+        blocks = [self._block(stream, ticks, times_s, now_s) for stream in sorted(self._subscribed)]
         self._next_tick = last + 1
         self._seq += len(ticks)
         if self._gone(now_s):
             return ()
         if self._garbled(now_s):
-            for stream in sorted(self._heard):
+            for stream in sorted(self._subscribed):
                 self._lost(now_s, stream, len(ticks))
             return ()
         return blocks
@@ -276,21 +276,21 @@ class MockUrArm(MockDriver):
         if stall is not None:
             self._halted = f"the arm is in a protective stop (stall injected at {stall.at_s:g} s)"
             self._brake(now_s, HALT_M_S2)
-            words = f"{self._halted}; look at the arm, then send it Home"
-            self._report(Stalled(now_s, self.name, words, command_id=self._commanded))
+            reason = f"{self._halted}; look at the arm, then send it Home"
+            self._report(Stalled(now_s, self.name, reason, command_id=self._commanded))
         return super().poll()
 
     @property
     def alone_s(self) -> float:
-        """For how long nobody need look: then it says that a motion has ended."""
+        """How long it may go unread: then it reports that a motion has ended."""
         return math.inf if self._answer is None else self.axis.arrival_s + STILL_S - self._clock.now()
 
     def _cut_off(self, now_s: float) -> None:
-        """The controller's watchdog: nobody is there any more who leads the arm."""
+        """The controller's watchdog trips: no client leads the arm any more."""
         self._brake(now_s, HALT_M_S2)
 
     def _turn(self) -> None:
-        """Say where a motion has ended."""
+        """Report where a motion has ended."""
         now_s, still_s = self._clock.now(), self.axis.arrival_s + STILL_S
         if self._answer is not None and now_s >= still_s and not self._gone(now_s):
             if self._fence:

@@ -38,17 +38,17 @@ class MockZaberStageSettings(StageLimits):
     """The mock stage: the real one's limits, without its link."""
 
     position_hz: float = Field(default=100.0, gt=0.0, le=1000.0)
-    """How often the position is reported while it is listened to; the real driver polls about as often."""
+    """How often the position is reported while it is subscribed; the real driver polls about as often."""
 
     acceleration_m_s2: float = Field(default=STAGE_M_S2, gt=0.0, le=100.0)
     """Of every motion."""
 
 
 class MockZaberStage(MockDriver):
-    """An axis that carries the bench's probe, with the real driver's limits and refusals; can be told to fail.
+    """An axis that carries the bench's probe, with the real driver's limits and refusals; can be made to fail.
 
-    It is homed where it was once, in whichever trial. A motion that nobody looks at (`read`, `poll`) halts at the end
-    of its command's `blind_travel_m` and goes on when it is looked at, as the real stage does.
+    It is homed where it was once, in whichever trial. A motion that is not read (`read`, `poll`) halts at the end
+    of its command's `blind_travel_m` and goes on at the next reading, as the real stage does.
 
     Attributes:
         axis: Its motion.
@@ -91,7 +91,7 @@ class MockZaberStage(MockDriver):
         )
 
     def close(self) -> None:
-        """Nothing to let go of; the axis stops."""
+        """Nothing to release; the axis stops."""
         self.axis.stop(self._clock.now())
 
     def apply(self, command: Command) -> Applied:
@@ -109,7 +109,7 @@ class MockZaberStage(MockDriver):
             self._listening = bool(command.streams)
             return Applied(command, now_s)
         if self._faults.active(now_s, "unplug"):
-            # The cable is out: the axis goes on to where its own controller lets it, and says nothing.
+            # The cable is out: the axis goes on to where its own controller lets it, and reports nothing.
             self._report(Failed(now_s, self.name, "the link is gone"))
             return Applied(command, now_s)
         if self._faults.active(now_s, "silent"):
@@ -149,7 +149,7 @@ class MockZaberStage(MockDriver):
                 self._bench.on_plan(now_s)
 
     def _look(self, now_s: float) -> None:
-        """See where it is; what nobody has looked at in time has halted on the way, and goes on now.
+        """Read where it is; a motion that was not read in time has halted on the way, and goes on now.
 
         The real stage is sent on while it moves, and shows none of it where that comes in time.
         """
@@ -172,7 +172,7 @@ class MockZaberStage(MockDriver):
 
     @property
     def alone_s(self) -> float:
-        """For how long nobody need look at it: then it says that a motion has ended."""
+        """How long it may go unread: then it reports that a motion has ended."""
         return math.inf if self._answer is None else self.axis.arrival_s - self._clock.now()
 
     @property
@@ -186,7 +186,7 @@ class MockZaberStage(MockDriver):
         return (command.blind_travel_m - braking_m) / speed_m_s
 
     def _leave_alone(self, now_s: float) -> None:
-        """What was under way is looked at no more: it ends where the device was sent, and nothing is told of it."""
+        """The motion under way is no longer read: it ends where the device was sent, unreported."""
         if isinstance(self._command, MoveAt | MoveTo) and self.axis.moving(now_s):
             self._bound(self._command, now_s)
         self._command = self._answer = None
@@ -235,7 +235,7 @@ class MockZaberStage(MockDriver):
         return super().poll()
 
     def _turn(self) -> None:
-        """Say where a motion has ended."""
+        """Report where a motion has ended."""
         now_s, axis = self._clock.now(), self.axis
         if self._answer is not None and not axis.moving(now_s) and not self._gone(now_s):
             self._homed = self._homed or isinstance(self._command, Home)
@@ -247,5 +247,5 @@ class MockZaberStage(MockDriver):
         self.axis.stall(now_s)
         self._bench.on_plan(now_s)
         self._answer = None
-        words = f"stalled ({fault.kind} injected at {fault.at_s:g} s)"
-        self._report(Stalled(now_s, self.name, words, command_id=self._command_id))
+        reason = f"stalled ({fault.kind} injected at {fault.at_s:g} s)"
+        self._report(Stalled(now_s, self.name, reason, command_id=self._command_id))

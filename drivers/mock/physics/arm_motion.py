@@ -1,6 +1,6 @@
 """An arm that moves within its limits, and what its tool may touch. Pure: time comes in steps, no I/O.
 
-The arm follows what it is told exactly; what a real one adds (following error, vibration) is not modelled.
+The arm follows its commands exactly; what a real one adds (following error, vibration) is not modelled.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _SPEED_SLACK = 1.0 + 1e-9
 
 
 class LimitError(RuntimeError):
-    """The arm was told to move as it may not: it stops itself."""
+    """The commanded motion exceeds a limit: the arm stops itself."""
 
 
 class Surroundings(Protocol):
@@ -242,7 +242,7 @@ class JointSpeed(ArmMotion):
 
 
 class JointServo(ArmMotion):
-    """Follows angles that are told anew all the time (`servoj`).
+    """Follows a continuously updated target (`servoj`).
 
     Args:
         target_rad: Shape (6,).
@@ -265,7 +265,7 @@ class JointServo(ArmMotion):
 
 
 class Yielding(ArmMotion):
-    """Gives way to what acts on the tool, up to a wrench that is asked for (`force_mode`, `freedrive_mode`).
+    """Gives way to what acts on the tool, up to a commanded wrench (`force_mode`, `freedrive_mode`).
 
     Args:
         frame: Orientation of the axes in the base, (3, 3).

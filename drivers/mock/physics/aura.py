@@ -130,7 +130,7 @@ class AuraPlant:
         touched = 0.0 if thing is None else thing.coupling
         self._coupled = touched * about.coupling_fs * cmath.exp(1j * about.coupling_rad)
 
-    # drawn when they are needed: what draws is compiled, and a plant that is only asked about itself needs none of it
+    # drawn when they are needed: what draws is compiled, and a plant that only describes itself needs none of it
 
     @cached_property
     def _reflected(self) -> complex:
@@ -207,23 +207,23 @@ class AuraPlant:
         out = np.zeros((len(times_s), FINGERS), dtype=np.complex128)
         passed: dict[tuple[float, ...], Complexes] = {}
         for finger in fingers:
-            heard = self._bridge(finger, times_s, warmed_k) + settings.cross_fs * crossed
+            received = self._bridge(finger, times_s, warmed_k) + settings.cross_fs * crossed
             if self._strength > 0.0 and np.isfinite(motion.gap_m[:, finger]).any():
                 reflection = self._reflected * self._reflection(motion, finger, wave_rad_m)
                 if settings.room.second_path:
                     late_rad = self._room_rad[finger, 0]
                     reflection *= second_path(settings.room, motion.gap_m[:, finger], wave_rad_m, late_rad)
-                heard += reflection
+                received += reflection
             if settings.room != QUIET_ROOM:
                 room = (motion.x_m, motion.speed_m_s, times_s, wave_rad_m)
-                heard += room_field(settings.room, self._air, *room, self._room_rad[finger])
+                received += room_field(settings.room, self._air, *room, self._room_rad[finger])
             pressed_n = motion.force_n[:, finger]
             if self._coupled and pressed_n.any():
-                heard -= self._coupled * np.expm1(-pressed_n / settings.force_n)
+                received -= self._coupled * np.expm1(-pressed_n / settings.force_n)
             resonances_hz = self._resonances_hz(finger)
             if resonances_hz not in passed:  # as a rule one for both
                 passed[resonances_hz] = self.response(finger, frequency_hz)
-            out[:, finger] = turned * self._gains[finger] * passed[resonances_hz] * heard
+            out[:, finger] = turned * self._gains[finger] * passed[resonances_hz] * received
         return out
 
     def _resonances_hz(self, finger: int) -> tuple[float, ...]:
@@ -276,25 +276,25 @@ class AuraPlant:
         """
         out = np.zeros((len(frames), FINGERS), dtype=np.int32)
         times_s = frames / FRAME_HZ - origin_s
-        heard = self.field(motion, times_s, frequency_hz, level, fingers)
+        received = self.field(motion, times_s, frequency_hz, level, fingers)
         sigma = self.settings.noise_fs_rthz * math.sqrt(FRAME_HZ / 2.0)
         if motion.speed_m_s.any():
-            self._shake(heard, frames, self._shaken(motion.speed_m_s) * level, fingers)
+            self._shake(received, frames, self._shaken(motion.speed_m_s) * level, fingers)
         noise = np.zeros((FINGERS, len(frames)))
         for finger in fingers:
             noise[finger] = sigma * gaussian_at(self.key, STREAM_CONVERTER + finger, frames)
-        modulated(heard, phase_rad, noise, COUNTS, out)
+        modulated(received, phase_rad, noise, COUNTS, out)
         return out
 
-    def _shake(self, heard: Complexes, frames: Ints, shaken: Floats, fingers: Sequence[int]) -> None:
-        """Add motion's noise at each frame, in straight lines between milliseconds; `heard` has shape (n, 2)."""
+    def _shake(self, received: Complexes, frames: Ints, shaken: Floats, fingers: Sequence[int]) -> None:
+        """Add motion's noise at each frame, in straight lines between milliseconds; `received` has shape (n, 2)."""
         share = frames % (FRAME_HZ // ENVELOPE_HZ) / (FRAME_HZ // ENVELOPE_HZ)
         ticks = frames // (FRAME_HZ // ENVELOPE_HZ)
         grid = np.arange(ticks[0], ticks[-1] + 2, dtype=np.int64)
         place = ticks - ticks[0]
         for finger in fingers:
             moved = self._echoed(STREAM_MOTION, finger, grid, SMOOTH)
-            heard[:, finger] += shaken * ((1.0 - share) * moved[place] + share * moved[place + 1])
+            received[:, finger] += shaken * ((1.0 - share) * moved[place] + share * moved[place + 1])
 
     def _bridge(self, finger: int, times_s: Floats, warmed_k: Floats) -> Complexes:
         """What is left of the drive, shape (n,)."""

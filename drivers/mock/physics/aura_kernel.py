@@ -68,7 +68,7 @@ def faced(y_m: float, z_m: float, thing: AuraThing) -> tuple[float, float, float
 def reflected(
     gap_m: float, y_m: float, z_m: float, wave_rad_m: float, strength: float, thing: AuraThing, air: Air
 ) -> complex:
-    """What a finger hears back, as a share of what a wide flat rigid wall at no distance sends.
+    """What a finger receives back, as a share of what a wide flat rigid wall at no distance sends.
 
     Args:
         gap_m: From the finger's side to the object, in the direction in which the side looks.
@@ -82,16 +82,16 @@ def reflected(
     across, along, beside_m = faced(y_m, z_m, thing)
     share = strength * (air.edge + (1.0 - air.edge) * across)
     distance_m = math.hypot(gap_m, beside_m)
-    heard = 0.0j
+    received = 0.0j
     if along > 0.0:
         size = share * along * spread(distance_m, thing.radius_m, air)
-        heard += size * behind(2.0 * distance_m, wave_rad_m)
+        received += size * behind(2.0 * distance_m, wave_rad_m)
     aside_m = math.hypot(gap_m, max(0.0, abs(y_m) - thing.half_depth_m - HALF_WIDTH_M))
     for end_m in (thing.top_m, thing.bottom_m):
         way_m = math.hypot(aside_m, z_m - end_m)
         size = share * air.edge * spread(way_m, thing.radius_m, air)
-        heard += size * behind(2.0 * way_m, wave_rad_m)
-    return heard / (1.0 - air.bounce * heard)
+        received += size * behind(2.0 * way_m, wave_rad_m)
+    return received / (1.0 - air.bounce * received)
 
 
 @compiled()
@@ -121,7 +121,7 @@ def crossings(
     air: Air,
     out: Complexes,
 ) -> None:
-    """What a finger hears of the other across the jaws, through the air and around an object between them.
+    """What a finger receives of the other across the jaws, through the air and around an object between them.
 
     Args:
         width_m: Opening, shape (n,).

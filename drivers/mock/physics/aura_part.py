@@ -25,7 +25,7 @@ CHUNK = 9600
 
 
 class AuraPart(BenchPart):
-    """Sound is computed when it is asked for, from where the gripper was then.
+    """Sound is computed on request, from where the gripper was then.
 
     Args:
         bench: Whose tool is the gripper.
@@ -70,7 +70,7 @@ class AuraPart(BenchPart):
 
     @property
     def level(self) -> Literal["envelope", "carrier"]:
-        """What the audio device is to ask for."""
+        """Level that the audio device requests."""
         return self._settings.level
 
     def drive(self, frequency_hz: float, level: float) -> None:

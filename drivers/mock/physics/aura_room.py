@@ -1,4 +1,4 @@
-"""What a real room adds to what a finger hears; `RoomSettings` says how much."""
+"""What a real room adds to what a finger receives; `RoomSettings` sets how much."""
 
 from __future__ import annotations
 

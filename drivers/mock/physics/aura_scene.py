@@ -105,21 +105,21 @@ class AuraScene:
         row = self._rows[tick % KEEP]
         row[TOOL], row[OBJECT], row[WIDTH] = tool_m, layout.place_m, width_m
 
-    def follow(self, tools_m: Floats, jaws: Jaws, asked: Ints) -> Floats:
+    def follow(self, tools_m: Floats, jaws: Jaws, polls: Ints) -> Floats:
         """Follow tool and jaws.
 
         Args:
             tools_m: Displacement of the tool in the next milliseconds, shape (n, 3).
             jaws: Their drive goes along.
-            asked: Numbers of the milliseconds after which it is asked for its state, shape (m,).
+            polls: Numbers of the milliseconds after which it is polled, shape (m,).
 
         Returns:
-            What it tells, shape (m, 6): see `jaws_kernel.look`.
+            Its states, shape (m, 6): see `jaws_kernel.look`.
         """
         made = np.empty((2 * len(tools_m), 3), dtype=np.int64)
         state = (jaws.x, jaws.flags, self._flags, self._lift, self._rows)
-        seen = np.empty((len(asked), SEEN))
-        n = kernel.follow(self._thing, *state, self.tick, np.ascontiguousarray(tools_m), made, asked, seen)
+        seen = np.empty((len(polls), SEEN))
+        n = kernel.follow(self._thing, *state, self.tick, np.ascontiguousarray(tools_m), made, polls, seen)
         self.tick += len(tools_m)
         for tick, finger, touching in made[:n].tolist():
             event = (tick / ENVELOPE_HZ, bool(touching))

@@ -65,7 +65,7 @@ class EchoSettings(Settings):
 
 
 class RoomSettings(Settings):
-    """What a real room adds. All of it is off unless a profile or a study asks for it; sizes are assumptions."""
+    """What a real room adds. All of it is off unless a profile or a study sets it; sizes are assumptions."""
 
     echoes: Annotated[tuple[EchoSettings, ...], Strict(False)] = ()
     """What else sends sound back."""
@@ -92,7 +92,7 @@ class RoomSettings(Settings):
 class AuraPlantSettings(Settings):
     """Two fingers, the air, the bridge. Amplitudes are shares of the converter's full scale at full drive.
 
-    The wavelength follows from frequency and temperature; the rest is assumed unless it says otherwise.
+    The wavelength follows from frequency and temperature; the rest is assumed unless stated.
     """
 
     level: Literal["envelope", "carrier"] = "envelope"
@@ -124,7 +124,7 @@ class AuraPlantSettings(Settings):
     """Amplitude of the wave from an object's upper or lower end, as a share of its face's."""
 
     cross_fs: float = Field(default=0.003, ge=0.0, le=1.0)
-    """What one finger hears of the other, at no distance (IV.B: "minimal interference")."""
+    """What one finger receives of the other, at no distance (IV.B: "minimal interference")."""
 
     imbalance_fs: Pair = (0.2, 0.17)
     """What is left of the drive in the bridge's output."""
@@ -145,7 +145,7 @@ class AuraPlantSettings(Settings):
     """Standard deviation, from trial to trial, of each finger's own sensitivity."""
 
     gain_scatter_db: float = Field(default=1.0, ge=0.0, le=20.0)
-    """Standard deviation, from trial to trial, of what is reflected: nobody puts an object twice in the same way."""
+    """Standard deviation, from trial to trial, of what is reflected: no placement is repeated exactly."""
 
     phase_scatter_rad: float = Field(default=0.5, ge=0.0, le=10.0)
     """The same of its phase."""
@@ -157,7 +157,7 @@ class AuraPlantSettings(Settings):
     """Sharpness of that."""
 
     second_hz: Pair | None = None
-    """A second resonance, as sharp; None is one alone. What is sent and what is heard pass through both, as in
+    """A second resonance, as sharp; None is one alone. What is sent and what is received pass through both, as in
     `controller.signals.transducer`: a pair sold for 40 kHz peaks at 40.4 to 40.5 kHz with a sharpness of 45."""
 
     force_n: float = Field(default=0.5, gt=0.0, le=100.0)

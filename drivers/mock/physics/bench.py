@@ -1,6 +1,6 @@
 """A bench: parts around one tool that a mover carries, in one time, and what devices are wired to.
 
-A part lets its own time pass, says where things are and what it does to the tool; what devices ask for, each part
+A part lets its own time pass, knows where things are and how it acts on the tool; what devices need, each part
 offers by name. Which parts there are: `drivers.mock.wiring.benches`.
 """
 
@@ -54,14 +54,14 @@ class BenchPart:
     """
 
     offers: ClassVar[tuple[str, ...]] = ()
-    """What devices, and whoever scores a trial, may ask the bench for."""
+    """What devices, and the scoring of a trial, may get from the bench."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         bench.add(self)
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anybody waits for an answer."""
+        """Let compiled code load, or compile on first use, before an answer is due."""
 
     def restart(self) -> None:
         """Time begins anew."""
@@ -101,15 +101,15 @@ class Bench:
 
     Args:
         settings: Of the plant; a trial's may differ.
-        tool: What the mover carries, in words.
-        one_axis: Why a mover along one axis alone will not do, in words; "" where it does.
+        tool: What the mover carries, for messages.
+        one_axis: Why a mover along one axis alone is not enough, for messages; "" where it is.
 
     Attributes:
         t_s: How far time has passed here.
         origin_s: When the present trial began.
         key: Seed of the run and number of the trial, which key every noise.
-        observed: Streams of the sensor board that somebody listens to.
-        felt: Whether the mover's own force sensor is listened to.
+        observed: Streams of the sensor board that are subscribed.
+        felt: Whether the mover's own force sensor is read.
         mover: What carries the tool, or None.
     """
 
@@ -137,7 +137,7 @@ class Bench:
         raise AttributeError(f"this bench has no {name}")
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anybody waits for an answer."""
+        """Let compiled code load, or compile on first use, before an answer is due."""
         for part in self._parts:
             part.warm_up()
 
@@ -194,11 +194,11 @@ class Bench:
             part.replan()
 
     def feel(self, on: bool) -> None:
-        """Whether the mover's own force sensor is listened to."""
+        """Whether the mover's own force sensor is read."""
         self.felt = on
 
     def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
-        """Let time pass until `t_s`; `observe` names the board's streams that are listened to, None those of last
+        """Let time pass until `t_s`; `observe` names the board's subscribed streams, None those of last
         time."""
         if observe is not None:
             self.observed = observe
@@ -255,7 +255,7 @@ def part(
     Args:
         bench: As the profile's plant makes it.
         name: Of the part.
-        device: Who looks for it.
+        device: Name of the device that needs it.
 
     Raises:
         RefusedError: this bench has none.

@@ -35,7 +35,7 @@ _WORTH_S = 5.0
 class FingerPlant:
     """Finger, probe and electronics, advanced piece by piece in closed form.
 
-    What nobody observes is computed when it is first needed, or not at all: see `account`.
+    What is not observed is computed when it is first needed, or not at all: see `account`.
 
     Args:
         settings: Of the plant.
@@ -150,7 +150,7 @@ class FingerPlant:
         self._span_s = (self._until_s, self._span_s[0])
         self._course.begin_span()
         if observe:
-            self._course.run(until_s, channels=channels, heard=True, told="switches" in observe)
+            self._course.run(until_s, channels=channels, periods=True, switches="switches" in observe)
             self._seconds["exact"] += until_s - self._until_s
             self._computed_s = until_s
         self._until_s = until_s
@@ -158,10 +158,10 @@ class FingerPlant:
     def _settle(self) -> None:
         """Bring the state to the present time, for something is about to change."""
         self._catch_up()
-        self._course.run(self._until_s, settle=True, heard=True)
+        self._course.run(self._until_s, settle=True, periods=True)
 
     def _catch_up(self) -> None:
-        """Leap over, or compute, what nobody observed, from one corner of the probe's plan to the next."""
+        """Leap over, or compute, what was not observed, from one corner of the probe's plan to the next."""
         if self._computed_s >= self._until_s:
             return
         motion = self._course.motion

@@ -64,7 +64,7 @@ class FingerCourse:
         overlap_m = float(self.motion.position[0]) - finger.gap
         if overlap_m <= 0.0:
             return
-        # The contact's torque bends base and joint by as much as their stiffness says, and gives way by that.
+        # The contact's torque bends base and joint according to their stiffness, and gives way by that.
         arm_m = finger.arm or finger.base_arm
         give_rad_n_m = 1.0 / finger.base + (1.0 / finger.joint if finger.arm else 0.0)
         force_n = finger.contact * overlap_m / (1.0 + finger.contact * arm_m**2 * give_rad_n_m)
@@ -85,8 +85,8 @@ class FingerCourse:
         *,
         settle: bool = False,
         channels: int = 0,
-        heard: bool = False,
-        told: bool = False,
+        periods: bool = False,
+        switches: bool = False,
     ) -> None:
         """Go on until a time.
 
@@ -94,15 +94,15 @@ class FingerCourse:
             until_s: The time.
             settle: Cut the piece under way there, for something is about to change.
             channels: Sum of the kernel's bits of what is to be recorded.
-            heard: Keep the periods.
-            told: Keep all switches.
+            periods: Keep the periods.
+            switches: Keep all switches.
 
         Raises:
             RuntimeError: more pieces than can be meant.
             FloatingPointError: the motion is no longer finite.
         """
         whole = math.floor(until_s)
-        wanted = channels | (kernel.ALL_SWITCHES if told else 0)
+        wanted = channels | (kernel.ALL_SWITCHES if switches else 0)
         while True:
             status = kernel.run(
                 self.finger,
@@ -115,7 +115,7 @@ class FingerCourse:
                 MOST_PIECES,
                 self._books,
             )
-            self._note(heard, told)
+            self._note(periods, switches)
             if status == kernel.DONE:
                 return
             if status == kernel.RECORDS_FULL:
@@ -128,7 +128,7 @@ class FingerCourse:
             elif status == kernel.NOT_FINITE:
                 raise FloatingPointError(f"finger: the motion is not finite at {self.moment.t_s} s")
 
-    def _note(self, heard: bool, told: bool) -> None:
+    def _note(self, periods: bool, switches: bool) -> None:
         books = self._books
         count = books.filled[0]
         if not count:
@@ -137,19 +137,19 @@ class FingerCourse:
         columns = (books.switch_whole, books.switch_fraction, books.switch)
         for whole, fraction, kind in zip(*(column[:count].tolist() for column in columns), strict=True):
             if kind == scene.DRIVE_UP:
-                if heard and self._last_edge is not None:
+                if periods and self._last_edge is not None:
                     self._edges.append(whole + fraction)
                     self._periods.append((whole - self._last_edge[0]) + (fraction - self._last_edge[1]))
                 self._last_edge = whole, fraction
             elif kind <= scene.LOST:
                 self._contacts.append((whole + fraction, kind == scene.MADE))
-            if told:
+            if switches:
                 self._switches.append((whole + fraction, SWITCHES[kind]))
 
     def present(self, now_s: float) -> scene.Moment:
         """State, switches and time now; the course itself stays at the start of its piece."""
         under_way, self.moment = self.moment, self.moment.copy()
-        self.run(now_s, settle=True, heard=True)
+        self.run(now_s, settle=True, periods=True)
         settled, self.moment = self.moment, under_way
         return settled
 
@@ -198,7 +198,7 @@ class FingerCourse:
         return float(motion.position[span].max())
 
     def take_periods(self) -> tuple[Floats, Floats]:
-        """Edges and periods that were heard since the last call."""
+        """Edges and periods kept since the last call."""
         edges, periods = np.array(self._edges), np.array(self._periods)
         self._edges, self._periods = [], []
         return edges, periods
@@ -209,6 +209,6 @@ class FingerCourse:
         return taken
 
     def take_switches(self) -> list[tuple[float, str]]:
-        """Switches that were told since the last call."""
+        """Switches kept since the last call."""
         taken, self._switches = self._switches, []
         return taken

@@ -132,7 +132,7 @@ def _expand(
     """
     theta, omega, b, beta = x[THETA], x[OMEGA], x[BASE], x[BASE_RATE]
     a, g1, g2, v, phi = x[FILTERED], x[HIGH_1], x[HIGH_2], x[CONTROL], x[PHASE]
-    z, a2, heard, heard_2 = x[SLEEVE], x[DISTAL], noise[0], noise[1]
+    z, a2, signal, signal_2 = x[SLEEVE], x[DISTAL], noise[0], noise[1]
     for state in range(STATES):  # an assignment in one would check shapes, which takes 2 s to compile
         series[0, state] = x[state]
     # (1) and (2), gathered by state: fewer operations wait for one another. Spring and damper act through the overlap
@@ -189,8 +189,8 @@ def _expand(
         theta, b, depth = step * omega, step * beta, step * depth_rate
         z = step * gripped * beta
         omega, beta = step * omega_rate, step * beta_rate
-        a = step * finger.filter_rad_s * (heard - shaken - finger.lever * beta_rate - a)
-        a2 = step * finger.filter_rad_s * (heard_2 - shaken - finger.distal_lever * omega_rate - a2)
+        a = step * finger.filter_rad_s * (signal - shaken - finger.lever * beta_rate - a)
+        a2 = step * finger.filter_rad_s * (signal_2 - shaken - finger.distal_lever * omega_rate - a2)
         r_sin, r_cos = step * finger.ripple_rad_s * r_cos, -step * finger.ripple_rad_s * r_sin
         s_sin, s_cos = step * finger.vibration_rad_s * s_cos, -step * finger.vibration_rad_s * s_sin
         g2 = step * finger.high_rad_s * g1
@@ -208,7 +208,7 @@ def _expand(
         series[k + 1, PHASE] = phi
         series[k + 1, SLEEVE] = z
         series[k + 1, DISTAL] = a2
-        heard = heard_2 = detected = lowest = 0.0
+        signal = signal_2 = detected = lowest = 0.0
         kick, kick_1 = kick_1, 0.0
         base_kick, base_kick_1 = base_kick_1, 0.0
         speed, speed_1 = speed_1, 0.0

@@ -1,4 +1,4 @@
-"""The locked free finger, and leaps over what it does while nobody observes it."""
+"""The locked free finger, and leaps over its motion while it is not observed."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) 
         course.enter(lock.x, lock.comparator, from_s + left_out_s)
         return Leap("stationary", 0.0, left_out_s)
     computed_s = lock.locked_s + lock.repeating_s(error_rad)
-    # the last cycle is computed: its edge begins the first period that is heard
+    # the last cycle is computed: its edge begins the first period that is observed
     left_out_s = (math.floor((until_s - from_s - computed_s) / lock.period_s) - 1) * lock.period_s
     if left_out_s <= 0.0:
         return None

@@ -17,9 +17,9 @@ STREAMS = (
     StreamSpec("accelerometer", ("z",), "m/s2", 1e-3, 1000.0),
     # A 24-bit converter over 5 lbf (22 N; the paper's cell) resolves 3 uN; 10 uN are kept. Assumption.
     StreamSpec("load_cell", ("force",), "N", 1e-5, 1000.0),
-    # The loop's period, counted at 10 MHz. Assumption: the paper does not say how frequency was read.
+    # The loop's period, counted at 10 MHz. Assumption: the paper does not state how frequency was read.
     StreamSpec("period", ("period",), "s", 1e-7, None),
-    # Where the board holds the tendon, as its motor's encoder tells it. Assumption: micrometres, 100 times a second.
+    # Where the board holds the tendon, as its motor's encoder reports it. Assumption: micrometres, 100 times a second.
     StreamSpec("tendon", ("position",), "m", 1e-6, 100.0),
 )
 DISTAL = StreamSpec("distal", ("z",), "m/s2", 1e-3, 1000.0)
@@ -70,7 +70,7 @@ class FingerPart(BenchPart):
         bench.advance(0.02, frozenset())
 
     def begin(self, settings: FingerBenchSettings, factors: Mapping[str, Any]) -> None:
-        """The probe is where it is, the finger at rest, perhaps on it; the factor `location` says where it is met."""
+        """The probe is where it is, the finger at rest, perhaps on it; the factor `location` names where it is met."""
         if settings != self._settings:
             self._settings = settings
             self._plant = FingerPlant(settings)
@@ -84,7 +84,7 @@ class FingerPart(BenchPart):
         self._tendon_s, self._tendon_m = [self.bench.origin_s], [0.0]
         self.contacts: list[tuple[float, bool]] = []
 
-    # what the mover tells and feels
+    # motion and force of the mover
 
     def replan(self) -> None:
         """See `BenchPart`."""
@@ -99,7 +99,7 @@ class FingerPart(BenchPart):
         return self._plant.force_n
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
-        """See `Bench.wrench`; while nobody feels the force, what presses now is told for all instants."""
+        """See `Bench.wrench`; while the force is not read, the present one stands for all instants."""
         pressed_n = (
             self.sample("load_cell", times_s) if self.bench.felt else np.full(len(times_s), self.force_n)
         )
@@ -124,7 +124,7 @@ class FingerPart(BenchPart):
         self._tendon_m.append(position_m)
 
     def advance(self, t_s: float) -> None:
-        """See `BenchPart`; what nobody observes is not computed."""
+        """See `BenchPart`; what is not observed is not computed."""
         origin_s, observed = self.bench.origin_s, self.bench.observed & CHANNELS
         until_s = t_s - origin_s
         if until_s <= self._plant.t_s:

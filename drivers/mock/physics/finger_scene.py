@@ -20,7 +20,7 @@ Ints = NDArray[np.int64]
 LOOP_STATES, STATES = 9, 11
 THETA, OMEGA, BASE, BASE_RATE, FILTERED, HIGH_1, HIGH_2, CONTROL, PHASE, SLEEVE, DISTAL = range(STATES)
 """Places in the state: theta, omega, b, beta, a, g1, g2, v, phi; the tendon's stretch z in its sheath and the second
-accelerometer's output a2, which the loop does not hear of."""
+accelerometer's output a2, which is no part of the loop."""
 
 FREE, TOUCHING, CLIPPED = range(3)
 """Modes: apart; pressed; overlapping, but the damper would pull, so that the force is zero."""
@@ -103,7 +103,7 @@ class Moment(NamedTuple):
 
     The time is `whole` seconds and a `fraction` in double-double, shape (2,). `wander` holds the wander's present value
     and `wander_step` its step, -1 before the first. `depth` is the overlap, carried along while there is one, because
-    the state has it as a difference of what is far larger; NaN where the state alone says it.
+    the state has it as a difference of what is far larger; NaN where the state alone defines it.
     """
 
     x: Floats
@@ -139,7 +139,7 @@ class Moment(NamedTuple):
 
 
 class Books(NamedTuple):
-    """What a run writes down; `filled` says how many switches and how many records.
+    """What a run writes down; `filled` counts switches and records.
 
     A record is a piece: its start, its length, and the terms of acceleration and force in the fraction of its length.
     """

@@ -145,7 +145,7 @@ class FingerSettings(Settings):
     """Multiplies every noise."""
 
     error_budget_rad: float = Field(default=1e-6, ge=0.0, le=1e-2)
-    """Error in theta that a jump over what nobody observes may make, rad; 0 computes everything."""
+    """Error in theta that a jump over unobserved time may make, rad; 0 computes everything."""
 
     @field_validator("contact_n_s_m")
     @classmethod

@@ -58,7 +58,7 @@ class FingertipPart(BenchPart):
         self._begin("fingertip")
 
     def warm_up(self) -> None:
-        """Let compiled code load, or compile on first use, before anybody waits for an answer."""
+        """Let compiled code load, or compile on first use, before an answer is due."""
         plant = SlipPlant(self._settings.of("fingertip"))
         plant.begin(key=(0, 0))
         ramp = np.linspace(0.0, 1.0, 50)
@@ -66,7 +66,7 @@ class FingertipPart(BenchPart):
         gaussian_at((0, 0), STREAM_IDLE, np.arange(1))
 
     def begin(self, settings: SlipBenchSettings, factors: Mapping[str, Any]) -> None:
-        """Nothing has slid yet, the tool is where it is; the factor `sensor` says what the tip carries.
+        """Nothing has slid yet, the tool is where it is; the factor `sensor` names what the tip carries.
 
         Raises:
             RefusedError: no such sensor.
@@ -131,7 +131,7 @@ class FingertipPart(BenchPart):
         return np.empty(0), np.empty(0)
 
     def advance(self, t_s: float) -> None:
-        """See `BenchPart`; whoever listens to what, the tip's own state must be followed."""
+        """See `BenchPart`; the tip's own state is followed whatever is subscribed."""
         last = self._track.number(t_s - self.bench.origin_s)
         while self._track.count < last:
             first = self._track.count + 1
@@ -217,7 +217,7 @@ class FingertipPart(BenchPart):
         )
 
     def _shown(self, times_s: Floats) -> Floats:
-        """What the sensor's channels show, shape (n, channels): noise is made of what somebody listens to alone."""
+        """What the sensor's channels show, shape (n, channels): noise is made for subscribed channels alone."""
         numbers = self._track.known(times_s - self.bench.origin_s)
         values = self._plant.shown(self._track.kept(numbers)[:, : -len(_BEHIND)], numbers - 1)
         values[numbers == 0] = 0.0  # when the trial begins

@@ -135,7 +135,7 @@ def touched(thing: GripThing, flags: Ints, row: Floats, contact_n: float) -> tup
 
 @compiled()
 def meets(thing: GripThing, flags: Ints, row: Floats, tool_m: Floats, x: Floats, jaws_flags: Ints) -> None:
-    """Let the jaws know whether they have something to close on, or would still come to it."""
+    """Set whether the jaws have something to close on, or would still come to it."""
     between = thing.present and not thing.ahead
     if between and not flags[HELD]:
         between = before(thing, row[OBJECT + 1] - tool_m[1], row[OBJECT + 2] - tool_m[2])
@@ -156,7 +156,7 @@ def follow(
     tick: int,
     tools_m: Floats,
     contacts: Ints,
-    asked: Ints,
+    polls: Ints,
     seen: Floats,
 ) -> int:
     """Follow tool and jaws through milliseconds.
@@ -171,15 +171,15 @@ def follow(
         tick: Number of the last one that is known.
         tools_m: Displacement of the tool in those that follow, shape (n, 3).
         contacts: What touched and ceased to: number, finger, whether it touches; (2 n, 3), written from the first.
-        asked: After which milliseconds the drive is asked for its state, growing, shape (m,).
-        seen: What it tells then, shape (m, columns): see `jaws_kernel.look`.
+        polls: After which milliseconds the drive is polled, growing, shape (m,).
+        seen: Its states, shape (m, columns): see `jaws_kernel.look`.
 
     Returns:
         How many of the contacts were written.
     """
     written = looked = 0
     for number in range(len(tools_m)):
-        while looked < len(asked) and asked[looked] <= tick:
+        while looked < len(polls) and polls[looked] <= tick:
             look(x, jaws_flags, seen[looked])
             looked += 1
         last, tool_m = rows[tick % len(rows)], tools_m[number]
@@ -205,6 +205,6 @@ def follow(
         if thing.mass_kg > 0.0:
             row[LOAD] = lifted(thing, lift, tool_m[2], row[FORCE] if flags[HELD] else 0.0)
             row[OBJECT + 2] = lift[HEIGHT]
-    for late in range(looked, len(asked)):
+    for late in range(looked, len(polls)):
         look(x, jaws_flags, seen[late])
     return written

@@ -37,7 +37,7 @@ class AuraBenchSettings(AuraPlantSettings):
     wired: Annotated[
         tuple[Literal["right", "left"], ...], Strict(False), Field(min_length=1, max_length=FINGERS)
     ] = ("right", "left")
-    """Fingers whose bridges are connected to the converter; of the other one nothing is computed, and its channel
+    """Fingers whose bridges are connected to the converter; the other one is not computed, and its channel
     reads 0."""
 
     side: Side = "normal"
@@ -56,7 +56,7 @@ class AuraBenchSettings(AuraPlantSettings):
     """Upper end of the object on z, over the fingers' middle. Assumption: it stands on a table, held near its top."""
 
     lean_rad: float = Field(default=0.02, ge=-0.2, le=0.2)
-    """By how much it leans towards x, seen from the height of the start pose. Assumption: nobody puts it straighter
+    """By how much it leans towards x, seen from the height of the start pose. Assumption: it is not placed straighter
     than a degree."""
 
     closed_width_m: float = Field(default=0.015, ge=0.008, le=0.037)
@@ -141,10 +141,10 @@ class GripperPart(BenchPart):
     def advance(self, t_s: float) -> None:
         """See `BenchPart`."""
         ticks = np.arange(self.track.tick + 1, last_tick(t_s, ENVELOPE_HZ) + 1)
-        asked_s = self.jaws.asked_until(t_s)
-        if len(ticks) or len(asked_s):
+        polls_s = self.jaws.polls_until(t_s)
+        if len(ticks) or len(polls_s):
             tools_m = self.bench.places(ticks / ENVELOPE_HZ)[:, :3]
-            self.jaws.told.append(self.track.follow(tools_m, self.jaws.jaws, ticks_of(asked_s)))
+            self.jaws.states.append(self.track.follow(tools_m, self.jaws.jaws, ticks_of(polls_s)))
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
         """See `Bench.wrench`: along the line on which the jaws close, and the weight that they hold."""

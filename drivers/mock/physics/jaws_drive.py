@@ -24,18 +24,18 @@ class JawsDrive:
 
     Attributes:
         jaws: What it moves.
-        told: What it told whenever it was asked, in order: parts of shape (m, 6), see `jaws_kernel.look`.
+        states: Its polled states, in order: parts of shape (m, 6), see `jaws_kernel.look`.
     """
 
     def __init__(self, settings: JawsSettings) -> None:
         self.jaws = Jaws(settings)
         self._x, self._flags = self.jaws.x, self.jaws.flags
         self._tick: int | None = None
-        self.ask(0.0)
+        self.poll_at(0.0)
         self.power_up()
 
     def power_up(self) -> None:
-        """Sleep, and know nothing of ends; the jaws stay where they are."""
+        """Sleep, uncalibrated; the jaws stay where they are."""
         flags, present, jammed = self._flags, self._flags[kernel.PRESENT], self._flags[kernel.JAMMED]
         flags[:] = 0
         flags[kernel.PRESENT], flags[kernel.JAMMED] = present, jammed
@@ -98,7 +98,7 @@ class JawsDrive:
         flags[kernel.MODE] = kernel.OPENING
 
     def sleep(self) -> None:
-        """Let go: no current."""
+        """Release: no current."""
         kernel.sleep(self._x, self._flags)
         self.disturb()
 
@@ -108,32 +108,32 @@ class JawsDrive:
         self.disturb()
 
     def disturb(self) -> None:
-        """Something in the scene has changed: an object came, went or let go."""
+        """Something in the scene has changed: an object came, went or was released."""
         self._flags[kernel.RESTING] = False
 
-    def ask(self, rate_hz: float) -> None:
-        """Ask the drive for its state so often, from time zero on, whoever lets time pass; 0 is never."""
-        self._asked_hz, self._asked = rate_hz, 0
-        self.told: list[Floats] = []
+    def poll_at(self, rate_hz: float) -> None:
+        """Poll the drive's state at this rate, from time zero on, whatever the steps of time; 0 is never."""
+        self._poll_hz, self._polled = rate_hz, 0
+        self.states: list[Floats] = []
 
-    def asked_until(self, t_s: float) -> Floats:
-        """When it is to be asked as far as `t_s`; it is, then."""
-        first, hz = self._asked, self._asked_hz
-        self._asked = max(first, last_tick(t_s, hz)) if hz else first
-        return np.arange(first + 1, self._asked + 1) / (hz or 1.0)
+    def polls_until(self, t_s: float) -> Floats:
+        """Times of the polls due until `t_s`; they count as made."""
+        first, hz = self._polled, self._poll_hz
+        self._polled = max(first, last_tick(t_s, hz)) if hz else first
+        return np.arange(first + 1, self._polled + 1) / (hz or 1.0)
 
     def take(self) -> tuple[int, Floats]:
-        """Number of the first state that nobody has taken yet, and all of those, shape (m, 6)."""
-        told = np.concatenate([np.empty((0, kernel.SEEN)), *self.told])
-        self.told.clear()
-        return self._asked - len(told) + 1, told
+        """Number of the first state not taken yet, and all of those, shape (m, 6)."""
+        states = np.concatenate([np.empty((0, kernel.SEEN)), *self.states])
+        self.states.clear()
+        return self._polled - len(states) + 1, states
 
     def advance(self, t_s: float) -> None:
         """Let time pass until `t_s`; it begins where it is first called."""
-        for asked_s in self.asked_until(t_s).tolist():
-            self._pass(asked_s)
-            self.told.append(np.empty((1, kernel.SEEN)))
-            kernel.look(self._x, self._flags, self.told[-1][0])
+        for poll_s in self.polls_until(t_s).tolist():
+            self._pass(poll_s)
+            self.states.append(np.empty((1, kernel.SEEN)))
+            kernel.look(self._x, self._flags, self.states[-1][0])
         self._pass(t_s)
 
     def _pass(self, t_s: float) -> None:

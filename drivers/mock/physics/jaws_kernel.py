@@ -44,11 +44,11 @@ CALIBRATION_SLOW_TICKS_S = 700.0
 """What counts as standing at a stop: so near to the limit, so slow (firmware)."""
 
 CALIBRATION_MOST = 150_000
-"""Ticks after which a calibration is given up: 30 s (docs/reference/can_gripper.md)."""
+"""Ticks after which a calibration is aborted: 30 s (docs/reference/can_gripper.md)."""
 
 HUNT_TICKS = 50
 HUNT_SHARE = 0.5
-"""Below 150 mA the drive is unstable; the data sheet does not say how. Assumption: it hunts between its limit and
+"""Below 150 mA the drive is unstable; the data sheet does not state how. Assumption: it hunts between its limit and
 half of it, every 10 ms."""
 
 ENCODER_ZERO = 4321
@@ -74,7 +74,7 @@ ASLEEP, GOING, OPENING, CLOSING = range(4)
 """Modes; the last two are the calibration."""
 
 SEEN = 6
-"""Numbers that the drive tells when it is asked."""
+"""Numbers in a state of the drive."""
 
 MOVING, OBJECT_CLOSING, OBJECT_OPENING, AT_POSITION = range(4)
 """Findings (`drivers.can_gripper.messages.GripFinding`)."""
@@ -136,7 +136,7 @@ def drive(x: Floats, wanted_ticks_s: float, limit_ma: float) -> None:
 
 @compiled()
 def go(x: Floats, flags: Ints, tick: int) -> None:
-    """Tell an object from a target from a motion, and drive towards the target."""
+    """Distinguish object, target and motion, and drive towards the target."""
     error = flags[TARGET] - encoder(x)
     if flags[THERE] or abs(error) < NEAR_TICKS:
         flags[THERE], flags[FINDING] = 1, AT_POSITION
@@ -175,7 +175,7 @@ def calibrate(x: Floats, flags: Ints) -> None:
 
 @compiled()
 def look(x: Floats, flags: Ints, seen: Floats) -> None:
-    """Write down what the drive tells when it is asked: encoder, current (mA), finding, both ends, whether known."""
+    """Write the drive's state to `seen`: encoder, current (mA), finding, both ends, whether known."""
     seen[0], seen[1], seen[2] = encoder(x), x[CURRENT], flags[FINDING]
     seen[3], seen[4], seen[5] = flags[OPENED], flags[CLOSED], flags[CALIBRATED]
 

@@ -55,7 +55,7 @@ class GraspBenchSettings(AuraBenchSettings):
 class PadPart(BenchPart):
     """A fingertip's plant whose table is the object: it slides where the object slides in the fingers.
 
-    What nobody listens to is not computed: then it begins at rest where it is first listened to, and knows no slip
+    Without a subscriber nothing is computed: then it begins at rest where it is first subscribed, and knows no slip
     from before. The numbers of its samples, and so their noise, do not depend on that.
 
     Args:
@@ -133,7 +133,7 @@ class PadPart(BenchPart):
 
     @property
     def slips(self) -> Sequence[tuple[float, bool]]:
-        """The truth: when the object began (True) and ceased (False) to slip, while somebody listened."""
+        """The truth: when the object began (True) and ceased (False) to slip, while subscribed."""
         return self._truth.slips
 
     def account(self) -> Mapping[str, Any]:

@@ -157,7 +157,7 @@ def _search(
 ) -> float:
     """What `rising` asks for, step by step; `armed`: begins below the level; `nothing`: what rounding may hide.
 
-    No frequency says how far apart extrema are: a sum of exponentials and a parabola can turn twice in no time. So a
+    No frequency bounds how far apart extrema are: a sum of exponentials and a parabola can turn twice in no time. So a
     step counts when it is proved to hold one at most, or nothing above the level, and is halved until it is. The proof:
     a function is no further from its chord than the step squared times an eighth of the bound of its second derivative.
     """

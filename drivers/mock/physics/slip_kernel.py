@@ -116,7 +116,7 @@ class Electronics(NamedTuple):
         noise: Standard deviation of one sample, output units.
         step: Of the converter, output units; 0 for none.
         tails: Heaviness of the noise's tails; 1 is normal.
-        change: Sample from which the noise is another and hum is heard.
+        change: Sample from which the noise is another and hum is on.
         factor: Multiplies the noise from then on.
         hum: Amplitude of each sine of the hum, output units.
         hum_rad: Their phase from sample to sample, shape (sines,).

@@ -93,7 +93,7 @@ class SlipTruth:
         self.contacts: list[tuple[float, bool]] = []
 
     def follow(self, numbers: Ints, slid_m: Floats, normal_n: Floats) -> None:
-        """Hear the plant's next samples, each of shape (n,)."""
+        """Take the plant's next samples, each of shape (n,)."""
         touching = normal_n > 0.0
         if not self._touching and not touching.any():
             self._slid_m = float(slid_m[-1])

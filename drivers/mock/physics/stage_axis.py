@@ -41,10 +41,10 @@ class MotionPiece(NamedTuple):
 class AxisMotion:
     """How something moves along one axis: pieces, with a memory of the last dozen changes.
 
-    Changes come in order of time; the motion before the last of them can still be asked for.
+    Changes come in order of time; the motion before the last of them is still available.
 
     Args:
-        t_s: The earliest time that will be spoken of.
+        t_s: The earliest time that will be requested.
         position_m: Where it stands until the first change.
     """
 
@@ -103,7 +103,7 @@ class StageAxis(AxisMotion):
         acceleration_m_s2: Magnitude of every acceleration and braking.
         max_speed_m_s: No command makes it faster.
         position_m: Where it stands until the first command.
-        t_s: The earliest time that will be spoken of.
+        t_s: The earliest time that will be requested.
     """
 
     def __init__(

@@ -117,7 +117,7 @@ class ToolTrack:
                 return leg
         raise ValueError(f"t_s = {t_s!r} is before the motion that is remembered")
 
-    # on the approach axis: what the finger asks of a carrier
+    # on the approach axis: what the finger needs of a carrier
 
     def position(self, t_s: float) -> float:
         """Position on the axis in metres."""

@@ -1,4 +1,4 @@
-"""The weights that lie on a simulated bench, and whoever hangs them: none is quite what is written on it."""
+"""The weights that lie on a simulated bench, and the hands that hang them: none is quite what is written on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class HandSettings(Settings):
     """A simulated person and their weights."""
 
     answer_s: float = Field(default=0.4, ge=0.0, le=3600.0)
-    """How long they take for a request. Assumption: far less than a person, who is not what is measured."""
+    """How long they take for a request. Assumption: far less than a person's, which is not measured here."""
 
     weight_error: float = Field(default=0.001, ge=0.0, le=0.1)
     """Relative standard deviation of what a weight really pulls with. Assumption: a laboratory's slotted weights, local

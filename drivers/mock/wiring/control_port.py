@@ -1,6 +1,6 @@
 """The emulator's control port: a line of JSON a request, checked before anything is done, and a line each answer.
 
-Whoever sends what is no request is told why; whoever breaks the line is let go. The others are served.
+An invalid request is answered with the reason; a client that breaks the connection is dropped. The others are served.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Answer = Mapping[str, Any]
 
 
 class Request(Settings):
-    """What a client can ask for; an empty one asks for the account alone."""
+    """What a client can request; an empty one requests the account alone."""
 
     trial: int | None = Field(default=None, ge=0)
     """Number of the trial that begins; `seed`, `factors` and `plant` come with it."""
@@ -53,14 +53,14 @@ class Request(Settings):
 
 
 class ControlPort:
-    """A port on loopback. A client that does not read its answers is let go.
+    """A port on loopback. A client that does not read its answers is dropped.
 
     Args:
-        answer: Does what is asked; the answer. What it raises is the client's to read.
+        answer: Handles a request, returns the answer. What it raises is sent to the client.
 
     Attributes:
         endpoint: Where it is.
-        close: Lets go of all clients and of the port.
+        close: Drops all clients and closes the port.
     """
 
     def __init__(self, answer: Callable[[Request], Answer]) -> None:
@@ -86,17 +86,17 @@ class ControlPort:
         if self._listener in readable and (client := self._clients.accept(self._listener)) is not None:
             self._pending[client] = bytearray()
         for client in [client for client in self._pending if client in readable]:
-            self._hear(client)
+            self._receive(client)
 
-    def _hear(self, client: socket.socket) -> None:
+    def _receive(self, client: socket.socket) -> None:
         pending = self._pending[client]
         *requests, rest = self._clients.receive(client).split(b"\n")
         for request in requests:
-            self._tell(client, self._answered(bytes(pending + request)))
+            self._send(client, self._answered(bytes(pending + request)))
             pending.clear()
         pending += rest
         if len(pending) > LINE_BYTES:
-            self._tell(client, {"refused": f"a request has at most {LINE_BYTES} bytes"})
+            self._send(client, {"refused": f"a request has at most {LINE_BYTES} bytes"})
             self._clients.drop(client)
 
     def _answered(self, line: bytes) -> Answer:
@@ -112,5 +112,5 @@ class ControlPort:
             traceback.print_exc(file=sys.stderr)
             return {"refused": f"{type(error).__name__}: {error}"}
 
-    def _tell(self, client: socket.socket, answer: Answer) -> None:
+    def _send(self, client: socket.socket, answer: Answer) -> None:
         self._clients.send(client, json.dumps(answer).encode() + b"\n")

@@ -1,11 +1,10 @@
 """One process that holds a profile's plant and all its emulated devices, and writes the bench's time.
 
 Run as `python -m drivers.mock.wiring.emulator` it reads its scene as one line of JSON on standard input, answers
-with one line of JSON that says where the devices are, or why there are none ({"refused": …}), and ends when that
-input ends. A control port on
-loopback takes one JSON line a request: {"trial": …} puts the plant into a trial's scene, {"account": true} asks
-what the plant did, {"fault": …} injects one, whose at_s counts from now; each answer has the plant's account and where
-things stand, or says why the request was {"refused": …}.
+with one line of JSON: where the devices are, or why there are none ({"refused": …}). It ends when that
+input ends. A control port on loopback takes one JSON line a request: {"trial": …} puts the plant into a trial's scene,
+{"account": true} requests what the plant did, {"fault": …} injects one, whose at_s counts from now; each answer has
+the plant's account and where things stand, or why the request was {"refused": …}.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
 
 PASS_S = 0.02
-"""How much time may pass at once: an emulator that was held up lives through what it missed in small steps, all of its
-devices together. Otherwise an arm would obey in a past that the sensors have left behind (assumption)."""
+"""How much time may pass at once: a delayed emulator makes up for what it missed in small steps, all of its
+devices together. Otherwise an arm would act in a past that the sensors have left behind (assumption)."""
 
 BACKLOG_S = 2.0
-"""How much time is made up for (assumption: longer than a busy machine holds up a process)."""
+"""How much time is made up for (assumption: longer than a busy machine delays a process)."""
 
 
 class Emulator:
@@ -47,7 +46,7 @@ class Emulator:
     Args:
         scene: `{"plant": {"made": "module:Class", "settings": {…}}, "devices": {name: {"made": "module:function",
             "settings": {…}}}, "faults": […], "realtime": false}`; a device is made by calling its function with the
-            settings of its driver, of which it takes what it knows, and the bench.
+            settings of its driver, of which it takes what it needs, and the bench.
 
     Raises:
         DeviceError: the devices do not go together.
@@ -85,9 +84,9 @@ class Emulator:
         }
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Run until `ended()`, which is asked once a step."""
+        """Run until `ended()`, which is called once a step."""
         ends = dict(self._ends)
-        # what is there stays there: a full collection in the middle of a motion would hold all devices up
+        # these objects stay: a full collection in the middle of a motion would delay all devices
         gc.collect()
         gc.freeze()
         try:
@@ -99,7 +98,7 @@ class Emulator:
                 )
                 now_s = self._pace.turn(frozenset(name for name, end in ends.items() if end.unread()))
                 if not ready and now_s < due_s:
-                    continue  # time waits for somebody
+                    continue  # time waits for a client
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
                 self._control.attend(ready)
                 for name, end in list(ends.items()):
@@ -114,7 +113,7 @@ class Emulator:
             self._control.close()
 
     def _answer(self, request: Request) -> Mapping[str, Any]:
-        """Do what came on the control port."""
+        """Handle a request on the control port."""
         t_s = self._t_s
         if (fault := request.fault) is not None and fault.device not in self._faults:
             raise ValueError(f"there is no {fault.device} here; there are {', '.join(self._faults)}")

@@ -1,4 +1,4 @@
-"""The run's side of an emulator: starts the process, joins one that runs, tells it of trials."""
+"""The run's side of an emulator: starts the process, joins one that runs, begins trials in it."""
 
 from __future__ import annotations
 
@@ -84,13 +84,13 @@ class EmulatorProcess:
 
 
 class EmulatorControl:
-    """The control port of an emulator, whoever started it.
+    """The control port of a running emulator.
 
     Args:
         endpoints: What the emulator printed.
 
     Raises:
-        PortError: nobody is there.
+        PortError: nothing answers.
     """
 
     def __init__(self, endpoints: Mapping[str, Any]) -> None:
@@ -104,7 +104,7 @@ class EmulatorControl:
             raise PortError(
                 "emulator",
                 f"joining {address['host']}:{address['port']}",
-                f"nobody answers ({error.strerror or error})",
+                f"nothing answers ({error.strerror or error})",
                 "is `run.py emulate` still running?",
             ) from error
         self._lines = self._socket.makefile("rb")
@@ -121,13 +121,13 @@ class EmulatorControl:
         self._ask({"fault": {"device": device, "kind": kind, "at_s": after_s}})
 
     def account(self) -> Mapping[str, Any]:
-        """What the plant did so far; what was last heard where the emulator is gone."""
+        """What the plant did so far; the last answer where the emulator is gone."""
         with contextlib.suppress(OSError, ValueError):
             self._account = self._ask({})["account"]
         return self._account
 
     def scene(self) -> Mapping[str, float]:
-        """Where things stand on the bench, as a person would see it."""
+        """Where things stand on the bench, as seen from outside."""
         scene: Mapping[str, float] = self._ask({})["scene"]
         return scene
 
@@ -135,15 +135,15 @@ class EmulatorControl:
         self._socket.sendall(json.dumps(request).encode() + b"\n")
         line = self._lines.readline()
         if not line:
-            raise SilentError("emulator", "being told of a trial", "is gone", "start it again")
+            raise SilentError("emulator", "handling a request", "is gone", "start it again")
         answer: Mapping[str, Any] = json.loads(line)
         if "refused" in answer:
             raise RefusedError(
-                "emulator", "being told of a trial", answer["refused"], "see the profile's plant and factors"
+                "emulator", "handling a request", answer["refused"], "see the profile's plant and factors"
             )
         return answer
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the connection."""
         self._lines.close()
         self._socket.close()

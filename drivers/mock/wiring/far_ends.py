@@ -33,7 +33,7 @@ class EmulatedDevice(Protocol):
         """Take bytes from the host; returns what is answered at once."""
 
     def step(self, t_s: float) -> bytes:
-        """What the device says by `t_s` without being asked."""
+        """What the device sends by `t_s` on its own."""
 
     def inject(self, kind: Any, t_s: float) -> None:
         """Break something of the device's own: "stall" or "refuse".
@@ -51,7 +51,7 @@ class FarEnd(Protocol):
         """Where the host finds it: settings of its driver."""
 
     def open(self, faults: FaultSchedule, clock: Clock) -> None:
-        """Be there for the host; times come from `clock`, what goes wrong from `faults`."""
+        """Accept the host; times come from `clock`, what goes wrong from `faults`."""
 
     def waited(self) -> Sequence[Any]:
         """What to select on."""
@@ -72,7 +72,7 @@ class FarEnd(Protocol):
         """Whether the host has bytes before it that it has not read."""
 
     def unplug(self) -> None:
-        """Be gone; may be called twice."""
+        """Disconnect; may be called twice."""
 
 
 class Line:
@@ -138,7 +138,7 @@ class Line:
         try:
             os.write(self._far, out)
         except OSError as error:
-            # Nobody reads: a real board's bytes fall on the floor as well.
+            # Nothing reads: a real board's bytes are lost as well.
             if error.errno not in (errno.EAGAIN, errno.EIO):
                 raise
 
@@ -147,7 +147,7 @@ class Network:
     """An emulated controller on a loopback address of its own.
 
     TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come. A stall is a
-    protective stop; a refusal is somebody at the pendant who takes the arm into local control.
+    protective stop; a refusal is local control, taken at the pendant.
 
     Args:
         server: What answers.
@@ -191,11 +191,11 @@ class Network:
         self._server.turn(now_s=t_s)
 
     def unread(self) -> bool:
-        """See `FarEnd.unread`: the arm's process says itself which row it has seen."""
+        """See `FarEnd.unread`: the arm's process reports itself which row it has seen."""
         return False
 
     def unplug(self) -> None:
-        """See `FarEnd.unplug`: the host sees its connections end, and nobody answers any more."""
+        """See `FarEnd.unplug`: the host sees its connections end, and no more answers."""
         self._server.close()
 
     def _fail(self, trial_s: float) -> None:

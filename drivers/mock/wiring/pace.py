@@ -1,4 +1,4 @@
-"""How the emulator lets bench time pass: with the wall, but never past anybody who takes part."""
+"""How the emulator lets bench time pass: with the wall, but never past a client that takes part."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ UNREAD_S = 0.004
 
 
 PUNCTUAL_S = 0.01
-"""How much later than meant the emulator turns on a machine that serves it (assumption: a busy one gives it up to this
-much less often than it asks)."""
+"""How much later than meant the emulator turns on a machine that serves it (assumption: a busy one delays it by up to
+this)."""
 
 
 class Pace:
     """Writes the time of a bench.
 
     Args:
-        free: Time passes with the wall, whoever is late: to measure what a machine can do.
+        free: Time passes with the wall, however late the clients: to measure what a machine can do.
 
     Attributes:
         page: Where it is written.

@@ -18,7 +18,7 @@ WAITING_BYTES = 1 << 19
 sound)."""
 
 UNREAD_BYTES = 1 << 20
-"""Of the same: beyond, the host has asked for answers that it does not read, and is hung up on (assumption)."""
+"""Of the same: beyond, the host does not read the answers that it requested, and is disconnected (assumption)."""
 
 
 class NetworkDevice(Protocol):
@@ -34,7 +34,7 @@ class NetworkDevice(Protocol):
         """Take bytes from the host; returns what is answered at once."""
 
     def step(self, t_s: float) -> bytes:
-        """What the device says by `t_s` without being asked."""
+        """What the device sends by `t_s` on its own."""
 
     def hang_up(self, t_s: float) -> None:
         """The host is gone."""
@@ -48,7 +48,7 @@ class NetworkDevice(Protocol):
 
 
 class TcpLine:
-    """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is hung up on.
+    """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is disconnected.
 
     TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come.
 
@@ -99,19 +99,19 @@ class TcpLine:
             self._clients.send(host, out)
 
     def unread(self) -> bool:
-        """See `FarEnd.unread`; False where the kernel does not say."""
+        """See `FarEnd.unread`; False where the kernel gives no answer."""
         with contextlib.suppress(OSError):  # the host has just gone: its next turn sees to that
             return any(self._kernel.unread(host) for host in self._clients.unsent)
         return False
 
     def unplug(self) -> None:
-        """See `FarEnd.unplug`: the host sees its connection end, and nobody answers any more."""
+        """See `FarEnd.unplug`: the host sees its connection end, and no more answers."""
         self._clients.close()
         self._kernel.close()
 
 
 class _Kernel:
-    """Asks Linux what a connection's other end, on the same machine, has not read yet (`sock_diag(7)`)."""
+    """Queries Linux for what a connection's other end, on the same machine, has not read yet (`sock_diag(7)`)."""
 
     SOCK_DIAG, BY_FAMILY, REQUEST = 4, 20, 1  # netlink's protocol, its message, its flag (linux/sock_diag.h)
     ANY = 0xFFFFFFFF
@@ -120,11 +120,11 @@ class _Kernel:
         self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, self.SOCK_DIAG)
 
     def close(self) -> None:
-        """Ask no more."""
+        """Close the netlink socket."""
         self._netlink.close()
 
     def unread(self, connection: socket.socket) -> bool:
-        """Whether bytes lie in the other end's queue; False where the kernel does not say."""
+        """Whether bytes lie in the other end's queue; False where the kernel gives no answer."""
         (here, here_port), (there, there_port) = connection.getsockname(), connection.getpeername()
         which = struct.pack("!HH4s12x4s12x", there_port, here_port, *map(socket.inet_aton, (there, here)))
         body = struct.pack("=BBBxI", socket.AF_INET, socket.IPPROTO_TCP, 0, self.ANY) + which

@@ -58,7 +58,7 @@ class UrControllerSettings(Settings):
     force_limit_n: float = Field(150.0, gt=0.0, le=1000.0)
     """Force on the tool above which the arm stops itself, N (default of the e-Series safety configuration)."""
     contact_n: float = Field(5.0, gt=0.0, le=100.0)
-    """Force at which `tool_contact` speaks of contact, N [E] (assumption)."""
+    """Force at which `tool_contact` reports contact, N [E] (assumption)."""
     force_noise_n: float = Field(0.5, ge=0.0, le=20.0)
     """Standard deviation of each force channel, N (assumption; the data sheet's precision is 3.5 N)."""
     torque_noise_n_m: float = Field(0.02, ge=0.0, le=2.0)

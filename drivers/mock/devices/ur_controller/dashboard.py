@@ -1,6 +1,6 @@
 """The dashboard server: a line in, a line out.
 
-Source of the words: Universal Robots, "Dashboard Server e-Series, port 29999".
+Source of commands and answers: Universal Robots, "Dashboard Server e-Series, port 29999".
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from drivers.mock.devices.ur_controller.rtde import PackageError
 GREETING = b"Connected: Universal Robots Dashboard Server\n"
 
 LINE_BYTES = 1024
-"""Longest line that it reads (assumption: a path and a word)."""
+"""Longest line that it reads (assumption: a command and a path)."""
 
 TOO_EARLY = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop"
 
@@ -55,7 +55,7 @@ class DashboardSession:
     """One client's connection to the dashboard.
 
     Args:
-        controller: Whom it speaks for.
+        controller: Which it reports on.
     """
 
     def __init__(self, controller: UrController) -> None:

@@ -1,4 +1,4 @@
-"""The controller's registers, and how the client's control script speaks through them."""
+"""The controller's registers, and how the client's control script uses them."""
 
 from __future__ import annotations
 

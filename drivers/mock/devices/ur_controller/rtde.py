@@ -17,11 +17,11 @@ import numpy as np
 from drivers.mock.physics.rigid import Array
 
 PROTOCOL_VERSION = 2
-"""The only version that is spoken here; version 1 has no recipe ids (guide)."""
+"""The only supported version; version 1 has no recipe ids (guide)."""
 
 NOT_FOUND = "NOT_FOUND"
 IN_USE = "IN_USE"
-"""What the setup replies say in a type's place (guide)."""
+"""What the setup replies hold in a type's place (guide)."""
 
 RECIPES = 255
 """Recipes of inputs that one client may have: their id is a u8, and 0 is none (guide)."""

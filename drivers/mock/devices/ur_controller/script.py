@@ -2,7 +2,7 @@
 
 [E]: this follows `rtde_control.script` of ur_rtde 1.6.5 thread by thread, each a generator that is run once
 in 2 ms; how a real controller schedules them is not known here. What is not emulated (paths, `servoc`, external
-force sensors) ends the program with a word in the log, as a runtime exception does.
+force sensors) ends the program with an entry in the log, as a runtime exception does.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
 """Ports of a controller; the client takes no others (script manual)."""
 
 BACKLOG_STEPS = 250
-"""Cycles that a server which was held up makes up for; beyond half a second it gives up (assumption)."""
+"""Cycles that a delayed server makes up for; beyond half a second it gives up (assumption)."""
 
 BURST_STEPS = 10
 """Cycles made up in one go before sockets are looked at again (assumption)."""
@@ -202,6 +202,6 @@ class UrServer:
 
     def _left(self, connection: socket.socket, reason: str) -> None:
         if reason:
-            self.controller.log.append(f"a client was let go: {reason}")
+            self.controller.log.append(f"a client was dropped: {reason}")
         if (session := self._sessions.pop(connection, None)) is not None:
             session.close()

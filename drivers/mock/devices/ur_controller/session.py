@@ -15,7 +15,7 @@ SLOWEST_HZ, FASTEST_HZ = 1.0, 500.0
 """Rates of the stream on an e-Series; what is asked beyond is brought to them (RTDE guide)."""
 
 OUTPUT_RECIPE = 1
-"""Id of the one recipe of outputs that a client has (RTDE guide); 0 says that there is none."""
+"""Id of the one recipe of outputs that a client has (RTDE guide); 0 means none."""
 
 PROGRAM_BYTES = 1 << 20
 """Longest program (assumption: twenty times the client's)."""
@@ -139,7 +139,7 @@ class ScriptSession:
     """One client's connection to the script port: programs in, nothing out.
 
     Args:
-        controller: Who runs them.
+        controller: Which runs them.
     """
 
     def __init__(self, controller: UrController) -> None:

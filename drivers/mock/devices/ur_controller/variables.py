@@ -1,4 +1,4 @@
-"""What the controller can be asked for and told over RTDE: names, types, and where the values are.
+"""What can be read from and written to the controller over RTDE: names, types, and where the values are.
 
 Source of names, types and codes: Universal Robots, "Real-Time Data Exchange (RTDE) guide". A name that is not here is
 answered with NOT_FOUND.

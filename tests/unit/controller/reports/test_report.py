@@ -214,7 +214,7 @@ def test_a_run_that_was_killed_is_reported_as_cut_off(campaign, tmp_path, undraw
     assert "cut off: its end was not recorded" in text
 
 
-def test_a_run_without_its_recording_is_reported_and_says_so(campaign, tmp_path, undrawn):
+def test_a_run_without_its_recording_is_reported_as_such(campaign, tmp_path, undrawn):
     bare = tmp_path / "bare"
     shutil.copytree(campaign[0].folder.path, bare)
     for path in open_run(bare).folder.recordings:

@@ -208,7 +208,7 @@ def test_a_detector_that_cannot_be_in_time_is_reported(tmp_path, undrawn):
     assert "too slow" not in text_of(build_report([write(tmp_path, in_time)]))
 
 
-def test_table_1_says_that_it_is_not_at_equal_false_alarms(tmp_path, undrawn):
+def test_table_1_states_that_it_is_not_at_equal_false_alarms(tmp_path, undrawn):
     assert "Not at equal false alarms" in text_of(build_report([write(tmp_path, [trial()] * 3)]))
 
 

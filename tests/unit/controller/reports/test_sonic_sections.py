@@ -194,7 +194,7 @@ def test_a_finger_need_not_feel_with_its_top(tmp_path):
     ) in section.summary
 
 
-def test_soft_objects_and_the_pipe_are_not_held_against_the_papers_rates(tmp_path):
+def test_soft_objects_and_the_pipe_are_not_compared_with_the_papers_rates(tmp_path):
     """Ours sees and feels every one of the paper's objects, no soft one, and not the pipe."""
     blind = {"seen_ours": 0, "felt_ours": 0, "held_ours": 0, "ended_ours": 0, "delay_s_ours": None}
     rows = [
@@ -288,7 +288,7 @@ def test_errors_searches_and_stops_are_counted(tmp_path):
     ]
 
 
-def test_touches_and_grasps_that_nobody_knows_of_are_not_called_none(tmp_path):
+def test_unknown_touches_and_grasps_are_not_called_none(tmp_path):
     section = section_of(centering, write(tmp_path, "centering", [centred(0.001)], bench="hardware"))
     assert table(section, "grasps") == {("pipe", "ours"): ["0.01", "–", "unknown", "not requested"]}
 
@@ -334,7 +334,7 @@ def test_a_trial_that_was_run_again_counts_once(tmp_path):
     assert missing([run]) == "1 of 2 planned trials were measured: no verdict in these lines."
 
 
-def test_the_papers_way_beside_its_own_worst_is_no_good_news_and_ours_is_held_against_it(tmp_path):
+def test_the_papers_method_beside_its_own_worst_is_no_good_news_and_ours_is_compared_with_it(tmp_path):
     rows = [centred(0.0035, method="paper"), centred(0.0002)]
     theirs, ours = section_of(centering, write(tmp_path, "centering", rows)).summary[::-1]
     assert theirs.text.startswith(

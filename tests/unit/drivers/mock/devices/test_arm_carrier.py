@@ -19,7 +19,7 @@ AXIS = Axis(UrArmSettings.model_validate({"host": "nobody", "start_pose": START}
 
 
 class Scene:
-    """An arm in front of a finger that nobody excites, and a clock for both."""
+    """An arm in front of an unexcited finger, and a clock for both."""
 
     def __init__(self) -> None:
         self.bench = benches.finger(FingerBenchSettings())
@@ -59,7 +59,7 @@ def test_a_tool_that_stops_leaves_the_probe_where_the_tool_is():
     assert scene.carrier.velocity(1.0) == 0.0
 
 
-def test_a_bench_that_nobody_else_takes_along_is_taken_along_by_the_arm():
+def test_a_bench_that_no_other_device_advances_is_advanced_by_the_arm():
     scene = Scene()
     for number in range(1, 200):
         scene.cycle(number, SPEED_M_S * number * CYCLE_S, SPEED_M_S)

@@ -13,27 +13,27 @@ from tests.contracts.audio_suite import GAINS, SteadyFingers
 
 
 class Host:
-    """Speaks to a recorder, and hears all of it."""
+    """Sends commands to a recorder, and keeps all that it sends."""
 
     def __init__(self, **settings: Any) -> None:
         self.bench = SteadyFingers()
         self.recorder = EmulatedAudio(EmulatedAudioSettings(**settings), self.bench)
         self.decoder = FrameDecoder()
         self.sound: list[Sound] = []
-        self.words: list[SoundMessage] = []
+        self.messages: list[SoundMessage] = []
 
-    def hear(self, data: bytes) -> None:
+    def receive(self, data: bytes) -> None:
         for frame in self.decoder.feed(data):
-            (self.sound if isinstance(frame, Sound) else self.words).append(frame)  # type: ignore[arg-type]
+            (self.sound if isinstance(frame, Sound) else self.messages).append(frame)  # type: ignore[arg-type]
 
-    def say(self, t_s: float, **words: Any) -> None:
-        self.hear(self.recorder.receive(encode_line(words), t_s))
+    def send(self, t_s: float, **command: Any) -> None:
+        self.receive(self.recorder.receive(encode_line(command), t_s))
 
     def run(self, until_s: float, step_s: float) -> None:
         t_s = self.bench.t_s
         while t_s < until_s:
             t_s = min(until_s, t_s + step_s)
-            self.hear(self.recorder.step(t_s))
+            self.receive(self.recorder.step(t_s))
 
     @property
     def counts(self) -> Any:
@@ -41,25 +41,27 @@ class Host:
 
 
 def test_it_sends_the_same_however_often_it_is_stepped() -> None:
-    heard = []
+    recordings = []
     for step_s in (0.001, 0.02, 0.7):
         host = Host()
-        host.say(0.1, do="start", tag=1)
-        host.say(0.2, do="tone", frequency_hz=40_000.0, level=0.5, tag=2)
+        host.send(0.1, do="start", tag=1)
+        host.send(0.2, do="tone", frequency_hz=40_000.0, level=0.5, tag=2)
         host.run(1.0, step_s)
-        heard.append((host.sound[0].frame, host.counts))
-    assert len({frame for frame, _ in heard}) == 1
-    assert all(np.array_equal(heard[0][1], counts) for _, counts in heard)
-    assert len(heard[0][1]) == pytest.approx(0.9 * 96_000, abs=480)
+        recordings.append((host.sound[0].frame, host.counts))
+    assert len({frame for frame, _ in recordings}) == 1
+    assert all(np.array_equal(recordings[0][1], counts) for _, counts in recordings)
+    assert len(recordings[0][1]) == pytest.approx(0.9 * 96_000, abs=480)
 
 
 @pytest.mark.parametrize("drift_ppm", [-200.0, 0.0, 200.0])
 def test_its_counter_runs_on_its_own_clock_and_a_tones_phase_by_its_counter(drift_ppm: float) -> None:
     host = Host(drift_ppm=drift_ppm)
-    host.say(0.0, do="tone", frequency_hz=39_123.457, level=1.0 / 2.0, tag=1)
-    host.say(10.0, do="start", tag=2)
+    host.send(0.0, do="tone", frequency_hz=39_123.457, level=1.0 / 2.0, tag=1)
+    host.send(10.0, do="start", tag=2)
     host.run(10.1, 0.001)
-    assert host.words[-1].frame - 45 * 96_000_000 == pytest.approx(960_000 * (1.0 + drift_ppm * 1e-6), abs=1)
+    assert host.messages[-1].frame - 45 * 96_000_000 == pytest.approx(
+        960_000 * (1.0 + drift_ppm * 1e-6), abs=1
+    )
     frames = host.sound[0].frame % 96_000_000 + np.arange(len(host.counts))
     turns = 39_123.457 * frames / 96_000.0 % 1.0
     found = 2.0 * (host.counts / 2**23 * np.exp(-2j * np.pi * turns)[:, None]).mean(axis=0)
@@ -68,7 +70,7 @@ def test_its_counter_runs_on_its_own_clock_and_a_tones_phase_by_its_counter(drif
 
 def test_what_is_lossy_is_counted_and_the_counter_goes_on() -> None:
     host = Host(drift_ppm=0.0)
-    host.say(0.0, do="start", tag=1)
+    host.send(0.0, do="start", tag=1)
     host.run(0.1, 0.001)
     host.recorder.lossy = True
     host.run(0.2, 0.001)
@@ -96,39 +98,39 @@ def test_what_is_lossy_is_counted_and_the_counter_goes_on() -> None:
 )
 def test_what_it_does_not_understand_it_refuses(line: bytes, why: str) -> None:
     host = Host()
-    host.hear(host.recorder.receive(line, 0.0))
-    assert why in str(host.words[0].content["refused"])
+    host.receive(host.recorder.receive(line, 0.0))
+    assert why in str(host.messages[0].content["refused"])
 
 
 def test_lines_may_come_in_pieces() -> None:
     host = Host()
     line = encode_line({"do": "hello", "tag": 7})
     for at, byte in enumerate(line):
-        host.hear(host.recorder.receive(bytes([byte]), at * 1e-4))
-    assert host.words[0].content["reply"] == 7
-    assert host.words[0].content["channels"] == 2
+        host.receive(host.recorder.receive(bytes([byte]), at * 1e-4))
+    assert host.messages[0].content["reply"] == 7
+    assert host.messages[0].content["channels"] == 2
 
 
 def test_a_host_that_is_gone_leaves_silence() -> None:
     host = Host()
-    host.say(0.0, do="start", tag=1)
-    host.say(0.0, do="tone", frequency_hz=40_000.0, level=0.5, tag=2)
+    host.send(0.0, do="start", tag=1)
+    host.send(0.0, do="tone", frequency_hz=40_000.0, level=0.5, tag=2)
     host.recorder.hang_up(0.1)
     assert host.recorder.step(0.2) == b""
-    host.say(0.3, do="start", tag=1)
+    host.send(0.3, do="start", tag=1)
     host.sound.clear()
     host.run(0.4, 0.001)
     assert np.abs(host.counts).max() <= 50
 
 
-def test_a_sweep_is_told_at_its_end() -> None:
+def test_a_sweep_is_reported_at_its_end() -> None:
     host = Host(drift_ppm=0.0)
-    host.say(1.0, do="chirp", from_hz=20e3, to_hz=40e3, duration_s=0.5, level=0.5, tag=1)
+    host.send(1.0, do="chirp", from_hz=20e3, to_hz=40e3, duration_s=0.5, level=0.5, tag=1)
     host.run(1.499, 0.001)
-    assert [words.content for words in host.words] == [{"reply": 1}]
+    assert [message.content for message in host.messages] == [{"reply": 1}]
     host.run(1.51, 0.001)
-    assert host.words[-1].content == {"event": "swept"}
-    assert host.words[-1].frame - 45 * 96_000_000 == 144_000
+    assert host.messages[-1].content == {"event": "swept"}
+    assert host.messages[-1].frame - 45 * 96_000_000 == 144_000
 
 
 def test_a_fault_that_it_does_not_know_is_refused() -> None:

@@ -24,7 +24,7 @@ class Line:
         self.t_s = 50.0
         self.matrices.step(self.t_s)
 
-    def say(self, number: int, payload: str = "") -> list[MatrixPacket]:
+    def send(self, number: int, payload: str = "") -> list[MatrixPacket]:
         raw = self.matrices.receive(encode_packet(MatrixPacket(number, bytes.fromhex(payload))), self.t_s)
         return self.decoder.feed(raw) + self.wait(0.05)
 
@@ -36,24 +36,24 @@ class Line:
         return got
 
 
-def test_infos_are_told() -> None:
+def test_infos_are_reported() -> None:
     line = Line()
-    assert line.say(0x01)[0].payload.hex() == "0000fa2300001022018000000040420f0000"
-    assert line.say(0x02)[0].payload.hex() == "000001000000108a0c000000"
-    (matrix,) = line.say(0x0B, "00")
+    assert line.send(0x01)[0].payload.hex() == "0000fa2300001022018000000040420f0000"
+    assert line.send(0x02)[0].payload.hex() == "000001000000108a0c000000"
+    (matrix,) = line.send(0x0B, "00")
     assert len(matrix.payload) == 52
     assert matrix.payload[10:14] == b"\x03\0\x02\0", "three columns, two rows"
-    (absent,) = line.say(0x0B, "01")
+    (absent,) = line.send(0x0B, "01")
     assert absent.payload[:2] == b"\x05\0"
 
 
-def test_more_frames_than_its_clock_can_tell_apart_are_refused() -> None:
-    assert Line().say(0x03, "80 e9 03") == [MatrixPacket(0x03, b"\x05\0")]
+def test_more_frames_than_its_clock_can_distinguish_are_refused() -> None:
+    assert Line().send(0x03, "80 e9 03") == [MatrixPacket(0x03, b"\x05\0")]
 
 
 def test_frames_come_row_by_row_until_they_are_stopped() -> None:
     line = Line()
-    acknowledged, *frames = line.say(0x03, "80 64 00")
+    acknowledged, *frames = line.send(0x03, "80 64 00")
     assert acknowledged == MatrixPacket(0x03, b"\0\0")
     frames += line.wait(0.95)
     assert len(frames) == pytest.approx(100, abs=1)
@@ -61,31 +61,31 @@ def test_frames_come_row_by_row_until_they_are_stopped() -> None:
     assert first[5:].hex() == "0000f401e803dc05d007c409"
     assert first[4] == 0
     assert int.from_bytes(second[:4], "little") - int.from_bytes(first[:4], "little") == 10
-    line.say(0x03, "00 00 00")
+    line.send(0x03, "00 00 00")
     assert line.wait(0.5) == []
 
 
 def test_runs_are_encoded_when_asked_for() -> None:
     line = Line()
-    line.say(0x13, "02 00 D0 07")
-    frame = line.say(0x03, "81 64 00")[-1]
+    line.send(0x13, "02 00 D0 07")
+    frame = line.send(0x03, "81 64 00")[-1]
     assert frame.payload[4:].hex() == "010040d017c419"
 
 
 def test_a_threshold_is_kept() -> None:
     line = Line()
-    assert line.say(0x13, "02 00 96 00") == [MatrixPacket(0x13, b"\0\0")]
-    assert line.say(0x14, "00") == [MatrixPacket(0x14, b"\0\0\x96\0")]
+    assert line.send(0x13, "02 00 96 00") == [MatrixPacket(0x13, b"\0\0")]
+    assert line.send(0x14, "00") == [MatrixPacket(0x14, b"\0\0\x96\0")]
 
 
 def test_at_power_up_it_makes_noise_and_is_deaf_for_eight_seconds() -> None:
     line = Line(booted=False)
-    assert line.say(0x01) == []
+    assert line.send(0x01) == []
     line.wait(7.9)
     assert line.decoder.noise == b"\x1b[5n" * 3
-    assert line.say(0x01) == []
+    assert line.send(0x01) == []
     line.wait(0.1)
-    assert len(line.say(0x01)) == 1
+    assert len(line.send(0x01)) == 1
 
 
 def test_bytes_take_their_time_on_the_line() -> None:
@@ -99,9 +99,9 @@ def test_bytes_take_their_time_on_the_line() -> None:
 
 def test_an_unknown_command_and_a_refused_one_are_answered_with_an_error() -> None:
     line = Line()
-    assert line.say(0x55)[0].payload == b"\x0d\0"
+    assert line.send(0x55)[0].payload == b"\x0d\0"
     line.matrices.inject("refuse", line.t_s)
-    assert line.say(0x03, "81 64 00") == [MatrixPacket(0x03, b"\x05\0")]
+    assert line.send(0x03, "81 64 00") == [MatrixPacket(0x03, b"\x05\0")]
     assert line.wait(0.2) == []
 
 

@@ -11,19 +11,19 @@ from drivers.mock.devices.slcan import EmulatedSlcan
 
 
 class Echo:
-    """Answers each frame with its data turned round, and says something of its own when told to."""
+    """Answers each frame with its data reversed, and sends frames of its own when set."""
 
     def __init__(self) -> None:
-        self.heard: list[CanFrame] = []
-        self.says: list[CanFrame] = []
+        self.received: list[CanFrame] = []
+        self.due: list[CanFrame] = []
 
     def receive(self, frame: CanFrame, t_s: float) -> Sequence[CanFrame]:
-        self.heard.append(frame)
+        self.received.append(frame)
         return [CanFrame(frame.id + 1, frame.data[::-1])]
 
     def step(self, t_s: float) -> Sequence[CanFrame]:
-        said, self.says = self.says, []
-        return said
+        due, self.due = self.due, []
+        return due
 
     def inject(self, kind: str, t_s: float) -> None:
         if kind != "stall":
@@ -44,7 +44,7 @@ def adapter(echo: Echo) -> EmulatedSlcan:
 
 def test_a_frame_goes_out_and_its_answer_comes_back(adapter: EmulatedSlcan, echo: Echo) -> None:
     assert adapter.receive(b"t07A5641401F4C0\r", 0.0) == b"z\rt07B5C0F4011464\r"
-    assert echo.heard == [CanFrame(0x7A, bytes.fromhex("641401F4C0"))]
+    assert echo.received == [CanFrame(0x7A, bytes.fromhex("641401F4C0"))]
 
 
 def test_a_line_may_come_in_pieces(adapter: EmulatedSlcan, echo: Echo) -> None:
@@ -55,16 +55,14 @@ def test_a_line_may_come_in_pieces(adapter: EmulatedSlcan, echo: Echo) -> None:
 
 def test_a_remote_frame_has_no_data(adapter: EmulatedSlcan, echo: Echo) -> None:
     adapter.receive(b"r0320\r", 0.0)
-    assert echo.heard == [CanFrame(0x32, remote=True)]
+    assert echo.received == [CanFrame(0x32, remote=True)]
 
 
-def test_what_a_node_says_by_itself_comes_while_the_channel_is_open(
-    adapter: EmulatedSlcan, echo: Echo
-) -> None:
-    echo.says = [CanFrame(0x12)]
+def test_a_nodes_own_frames_come_while_the_channel_is_open(adapter: EmulatedSlcan, echo: Echo) -> None:
+    echo.due = [CanFrame(0x12)]
     assert adapter.step(0.0) == b"t0120\r"
     adapter.receive(b"C\r", 0.0)
-    echo.says = [CanFrame(0x12)]
+    echo.due = [CanFrame(0x12)]
     assert adapter.step(0.0) == b""
 
 
@@ -74,18 +72,18 @@ def test_what_a_node_says_by_itself_comes_while_the_channel_is_open(
 )
 def test_what_it_does_not_do_is_refused_with_a_bell(adapter: EmulatedSlcan, echo: Echo, line: bytes) -> None:
     assert adapter.receive(line, 0.0) == b"\a"
-    assert echo.heard == []
+    assert echo.received == []
 
 
 def test_a_closed_channel_carries_nothing(echo: Echo) -> None:
     assert EmulatedSlcan(echo).receive(b"t07A0\r", 0.0) == b"\a"
-    assert echo.heard == []
+    assert echo.received == []
 
 
-def test_a_refused_frame_reaches_nobody(adapter: EmulatedSlcan, echo: Echo) -> None:
+def test_a_refused_frame_reaches_no_node(adapter: EmulatedSlcan, echo: Echo) -> None:
     adapter.inject("bell", 0.0)
     assert adapter.receive(b"t07A0\rt07C0\r", 0.0) == b"\az\rt07D0\r"
-    assert [frame.id for frame in echo.heard] == [0x7C]
+    assert [frame.id for frame in echo.received] == [0x7C]
 
 
 def test_spoilt_lines_are_no_slcan(adapter: EmulatedSlcan) -> None:

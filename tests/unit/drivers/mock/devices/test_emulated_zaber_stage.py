@@ -19,11 +19,11 @@ def stage(*, homed: bool = True, plans: list[float] | None = None) -> EmulatedZa
     return EmulatedZaberStage(EmulatedZaberStageSettings(homed=homed), axis, on_plan)
 
 
-def ask(device: EmulatedZaberStage, words: str, t_s: float = 0.0) -> str:
-    return device.receive(f"/1 1 07 {words}\n".encode(), t_s).decode()
+def ask(device: EmulatedZaberStage, command: str, t_s: float = 0.0) -> str:
+    return device.receive(f"/1 1 07 {command}\n".encode(), t_s).decode()
 
 
-def test_it_answers_as_the_page_says() -> None:
+def test_it_answers_as_documented() -> None:
     device = stage()
     assert ask(device, "") == "@01 1 07 OK IDLE -- 0\r\n"
     assert ask(device, "get pos") == "@01 1 07 OK IDLE -- 0\r\n"
@@ -32,7 +32,7 @@ def test_it_answers_as_the_page_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "reason"),
+    ("command", "reason"),
     [
         ("fly", "BADCOMMAND"),
         ("move", "BADCOMMAND"),
@@ -56,15 +56,15 @@ def test_it_answers_as_the_page_says() -> None:
         ("set motion.accelonly 205", "BADCOMMAND"),
     ],
 )
-def test_what_it_cannot_do_it_rejects_with_the_devices_reason(words: str, reason: str) -> None:
-    assert ask(stage(), words) == f"@01 1 07 RJ IDLE -- {reason}\r\n"
+def test_what_it_cannot_do_it_rejects_with_the_devices_reason(command: str, reason: str) -> None:
+    assert ask(stage(), command) == f"@01 1 07 RJ IDLE -- {reason}\r\n"
 
 
 @pytest.mark.parametrize(
     "line",
     [b"/1 1 07 get pos:00\n", b"/2 1 07 get pos\n", b"hello\n", b"\xff\xfe\x00\n", b"@01 1 OK IDLE -- 0\r\n"],
 )
-def test_a_wrong_checksum_another_address_or_another_protocol_is_dropped_without_a_word(line: bytes) -> None:
+def test_a_wrong_checksum_another_address_or_another_protocol_is_dropped_silently(line: bytes) -> None:
     assert stage().receive(line, 0.0) == b""
 
 
@@ -85,7 +85,7 @@ def test_the_answers_are_the_same_wherever_the_bytes_are_split(cuts: list[int]) 
     assert answers.count(b"\r\n") == 5
 
 
-def test_a_move_is_busy_until_the_axis_stands_and_tells_the_plant_of_its_plan() -> None:
+def test_a_move_is_busy_until_the_axis_stands_and_notifies_the_plant_of_its_plan() -> None:
     plans: list[float] = []
     device = stage(plans=plans)
     assert " OK BUSY " in ask(device, "move abs 10000 16777", 1.0)
@@ -103,7 +103,7 @@ def test_a_velocity_runs_to_the_travel_limit_and_no_further() -> None:
     assert ask(device, "get pos", 100.0) == "@01 1 07 OK IDLE -- 8000\r\n"
 
 
-def test_a_stop_brakes_and_says_that_the_movement_was_interrupted() -> None:
+def test_a_stop_brakes_and_reports_that_the_movement_was_interrupted() -> None:
     plans: list[float] = []
     device = stage(plans=plans)
     ask(device, "move abs 51200")
@@ -192,14 +192,14 @@ def test_a_refusal_befalls_one_movement() -> None:
 
 
 @pytest.mark.parametrize(
-    "words", ["abs 20000 16384 {}", "rel 20000 16384 {}", "vel 16384 {}", "max 16384 {}"]
+    "command", ["abs 20000 16384 {}", "rel 20000 16384 {}", "vel 16384 {}", "max 16384 {}"]
 )
-def test_a_move_goes_with_the_velocity_and_the_acceleration_that_it_carries(words: str) -> None:
+def test_a_move_goes_with_the_velocity_and_the_acceleration_that_it_carries(command: str) -> None:
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
     device = EmulatedZaberStage(EmulatedZaberStageSettings(homed=True), axis)
     speed_m_s = 10_000 * MICROSTEP_M
     for t_s, accel in ((0.0, 16), (20.0, 33)):
-        assert " OK BUSY " in ask(device, f"move {words.format(accel)}", t_s)
+        assert " OK BUSY " in ask(device, f"move {command.format(accel)}", t_s)
         ramp_s = speed_m_s / (accel / 1.6384e-4 * MICROSTEP_M)
         assert axis.velocity(t_s + 0.5 * ramp_s) == pytest.approx(0.5 * speed_m_s)
         assert axis.velocity(t_s + 1.1 * ramp_s) == pytest.approx(speed_m_s)

@@ -53,7 +53,7 @@ def test_an_asynchronous_stop_ends_a_move_on_its_way(make: Callable[..., Desk]) 
     assert not desk.progress & 0x8000
 
 
-def test_a_joint_move_goes_where_the_inverse_says(make: Callable[..., Desk]) -> None:
+def test_a_joint_move_goes_where_the_inverse_leads(make: Callable[..., Desk]) -> None:
     desk = make()
     target = down(desk, 0.03)
     desk.call(FIND_JOINTS, target)
@@ -242,7 +242,7 @@ def test_a_move_beyond_the_tool_s_speed_limit_is_a_protective_stop(make: Callabl
     assert desk.controller.safety is Safety.PROTECTIVE_STOP
 
 
-def test_an_arm_that_stands_says_that_it_is_steady(make: Callable[..., Desk]) -> None:
+def test_an_arm_that_stands_reports_that_it_is_steady(make: Callable[..., Desk]) -> None:
     desk = make()
     desk.call(IS_STEADY)
     assert desk.controller.outputs["output_int_register_1"] == 1
@@ -252,7 +252,7 @@ def ask(controller: UrController, line: str) -> str:
     return DashboardSession(controller).feed(line.encode() + b"\n").decode()
 
 
-def test_the_dashboard_says_the_words_that_the_client_waits_for(make: Callable[..., Desk]) -> None:
+def test_the_dashboard_gives_the_answers_that_the_client_waits_for(make: Callable[..., Desk]) -> None:
     controller = make().controller
     assert "5.11.1.108318" in ask(controller, "PolyscopeVersion")
     assert ask(controller, "get serial number").strip().isdigit()

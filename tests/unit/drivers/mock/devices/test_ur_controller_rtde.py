@@ -89,7 +89,7 @@ def test_inputs_reach_the_registers_that_their_recipe_names(
 
 
 @pytest.mark.parametrize("body", [b"", bytes([2, 0, 0, 0, 1]), bytes([1, 0, 0]), bytes([1, 0, 0, 0, 1, 9])])
-def test_data_that_fit_no_recipe_are_dropped_with_a_word_in_the_log(
+def test_data_that_fit_no_recipe_are_dropped_with_an_entry_in_the_log(
     controller: UrController, session: RtdeSession, body: bytes
 ) -> None:
     session.feed(rtde.encode(PackageKind.INPUTS, b"input_int_register_0,"))
@@ -223,7 +223,7 @@ def test_every_variable_of_the_guide_has_a_value_of_its_type(
         assert len(session.step()) == 3 + 1 + rtde.size([kind]), name
 
 
-def test_the_elbow_is_where_and_moves_as_the_joints_say(controller: UrController) -> None:
+def test_the_elbow_follows_from_the_joints(controller: UrController) -> None:
     arm = controller.arm
     controller.start_program(0)
     speeds = {f"input_double_register_{k}": v for k, v in enumerate([0.3, 0.2, 0.1, 0.0, 0.0, 0.0, 5.0, 0.0])}

@@ -68,7 +68,7 @@ def test_a_protective_stop_stops_the_arm_in_every_motion(motion: str, by: str) -
     MOTIONS[motion](one)
     one.run(15)
     assert not one.controller.arm.resting, "it moves"
-    # a blocking move hears nothing before its end
+    # a blocking move reads no command before its end
     if by == "the program" and motion not in ("moveJ", "moveL"):
         one.write(0)
         one.run(1)
@@ -101,7 +101,7 @@ def test_a_servo_target_is_reached_and_kept() -> None:
     assert one.controller.arm.resting
 
 
-def test_force_mode_pushes_as_hard_as_it_is_told_and_ends_at_rest() -> None:
+def test_force_mode_pushes_as_hard_as_commanded_and_ends_at_rest() -> None:
     one = desk(plane_m=PLANE_M)
     push(one, 20.0)
     one.run(1500)

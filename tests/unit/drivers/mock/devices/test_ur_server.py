@@ -1,4 +1,4 @@
-"""The controller on its ports: whoever breaks a rule is let go with a reason, and the others are served."""
+"""The controller on its ports: a client that breaks a rule is dropped with a reason, and the others are served."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def outputs(names: bytes, rate_hz: float = 500.0) -> bytes:
         (DASHBOARD_PORT, b"x" * 2000, "a line of more than 1024 bytes"),
     ],
 )
-def test_a_client_that_breaks_the_protocol_is_let_go_with_a_reason(
+def test_a_client_that_breaks_the_protocol_is_dropped_with_a_reason(
     bench: Bench, port: int, data: bytes, reason: str
 ) -> None:
     client = bench.client(port)
@@ -105,7 +105,7 @@ def test_a_client_that_breaks_the_protocol_is_let_go_with_a_reason(
     assert bench.serves()
 
 
-def test_a_program_without_an_end_is_let_go_at_its_limit(bench: Bench) -> None:
+def test_a_program_without_an_end_is_dropped_at_its_limit(bench: Bench) -> None:
     client = bench.client(SCRIPT_PORT)
     client.setblocking(False)
     while "a program of more than" not in bench.log:
@@ -114,7 +114,7 @@ def test_a_program_without_an_end_is_let_go_at_its_limit(bench: Bench) -> None:
     assert bench.serves()
 
 
-def test_a_client_that_never_reads_is_let_go_and_holds_little(bench: Bench) -> None:
+def test_a_client_that_never_reads_is_dropped_and_holds_little(bench: Bench) -> None:
     client = bench.client(RTDE_PORT)
     client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     client.sendall(outputs(b",".join([b"target_q"] * 1000)) + rtde.encode(PackageKind.START))
@@ -157,7 +157,7 @@ def test_a_defect_costs_the_client_that_found_it_alone(
     client.sendall(b"\x00\x03\x76")
     bench.turn()
     assert is_gone(client)
-    assert "a client was let go: KeyError: 'a defect'" in bench.log
+    assert "a client was dropped: KeyError: 'a defect'" in bench.log
     assert "a defect" in capsys.readouterr().err
     assert bench.serves()
 

@@ -1,4 +1,4 @@
-"""The mock gripper: its faults, and that turns of any length tell the same."""
+"""The mock gripper: its faults, and that turns of any length give the same states."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ GRIP = Grip("gripper", 0.030, 0.1, 20.0)
 
 
 def run(turn_s: float, *faults: dict[str, Any], seconds: float = 1.0) -> tuple[list[Status], Any, float]:
-    """Grip a mug; statuses, the widths that were heard, and the force at the end."""
+    """Grip a mug; statuses, the widths received, and the force at the end."""
     drive = JawsDrive(SCENE)
     drive.advance(0.0)
     drive.calibrate()
@@ -60,7 +60,7 @@ def run(turn_s: float, *faults: dict[str, Any], seconds: float = 1.0) -> tuple[l
 
 
 @pytest.mark.parametrize("turn_s", [0.001, 0.013, 0.95])
-def test_turns_of_any_length_tell_the_same(turn_s: float) -> None:
+def test_turns_of_any_length_report_the_same(turn_s: float) -> None:
     expected, widths_m, _ = run(0.005)
     statuses, others_m, _ = run(turn_s)
     assert any(isinstance(status, Gripped) and status.object for status in expected)
@@ -71,7 +71,7 @@ def test_turns_of_any_length_tell_the_same(turn_s: float) -> None:
 @pytest.mark.parametrize(
     ("kind", "status"), [("unplug", Failed), ("refuse", Refused), ("lose", Lost), ("stall", Gripped)]
 )
-def test_faults_are_told(kind: str, status: type[Status]) -> None:
+def test_faults_are_reported(kind: str, status: type[Status]) -> None:
     statuses, _, _ = run(0.005, {"kind": kind, "at_s": 0.02})
     assert status in {type(one) for one in statuses}
     assert not any(isinstance(one, Stalled) for one in statuses)
@@ -105,7 +105,7 @@ def test_a_gripper_that_is_unplugged_lets_go() -> None:
     assert held_n < 1.0
 
 
-def test_a_silent_gripper_tells_nothing() -> None:
+def test_a_silent_gripper_reports_nothing() -> None:
     statuses, widths_m, _ = run(0.005, {"kind": "silent", "at_s": 0.0})
     assert statuses == []
     assert len(widths_m) == 0

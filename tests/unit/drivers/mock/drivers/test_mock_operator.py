@@ -92,18 +92,18 @@ def test_a_weight_has_one_error_all_through_a_run_and_another_run_has_other_weig
 # --- at the far end of a line ------------------------------------------------------------------------
 
 
-def told(line):
+def decoded(line):
     return [json.loads(each) for each in line.splitlines()]
 
 
-def test_the_emulated_person_says_hello_hangs_the_weight_and_answers_once():
+def test_the_emulated_person_greets_hangs_the_weight_and_answers_once():
     bench = Bench()
     person = EmulatedPerson(HandSettings(answer_s=0.5, weight_error=0.0), bench)
-    assert told(person.receive(b'{"hello": "touchbench"}\n', 0.0)) == [{"hello": "emulated person"}]
+    assert decoded(person.receive(b'{"hello": "touchbench"}\n', 0.0)) == [{"hello": "emulated person"}]
     request = b'{"ask": 9, "says": "hang 1.00 N on bridge Ft", "load": {"bridge": "t", "force_n": 1.0}}\n'
     assert person.receive(request, 1.0) == b""
     assert person.step(1.4) == b""
-    assert told(person.step(1.5)) == [{"answer": 9, "done": True}]
+    assert decoded(person.step(1.5)) == [{"answer": 9, "done": True}]
     assert bench.loads["t"] == 1.0
     assert person.step(2.0) == b""
 
@@ -111,7 +111,7 @@ def test_the_emulated_person_says_hello_hangs_the_weight_and_answers_once():
 def test_the_emulated_person_answers_the_latest_question_alone():
     person = EmulatedPerson(HandSettings(answer_s=0.5), Bench())
     person.receive(b'{"ask": 1, "says": "shut the door"}\nwhat?\n{"ask": 2, "says": "open it"}\n', 0.0)
-    assert told(person.step(5.0)) == [{"answer": 2, "done": True}]
+    assert decoded(person.step(5.0)) == [{"answer": 2, "done": True}]
 
 
 def test_the_emulated_person_gives_a_reason_for_no():
@@ -120,7 +120,7 @@ def test_the_emulated_person_gives_a_reason_for_no():
     person = EmulatedPerson(HandSettings(answer_s=0.0), bench)
     load = b'{"ask": 1, "says": "hang it", "load": {"bridge": "x", "force_n": 1.0}}\n'
     person.receive(load, 0.0)
-    assert told(person.step(0.0))[0] == {
+    assert decoded(person.step(0.0))[0] == {
         "answer": 1,
         "done": False,
         "reason": "the tip carries wrist; run the fingertip",
@@ -128,6 +128,6 @@ def test_the_emulated_person_gives_a_reason_for_no():
     bench.carries = "fingertip"
     person.inject("refuse", 0.0)
     person.receive(load, 0.0)
-    assert told(person.step(0.0))[0]["done"] is False
+    assert decoded(person.step(0.0))[0]["done"] is False
     with pytest.raises(ValueError, match="no fault stall"):
         person.inject("stall", 0.0)

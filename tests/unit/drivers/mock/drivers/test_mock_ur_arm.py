@@ -1,4 +1,4 @@
-"""The mock arm: the real one's limits and words, in virtual time, with the finger's force on its tool."""
+"""The mock arm: the real one's limits and messages, in virtual time, with the finger's force on its tool."""
 
 from __future__ import annotations
 
@@ -63,11 +63,11 @@ class Hand:
         (found,) = [status for status in self.statuses if isinstance(status, kind)]
         return found
 
-    def heard(self, stream: str) -> np.ndarray:
+    def samples(self, stream: str) -> np.ndarray:
         return np.concatenate([block.values for block in self.blocks if block.stream == stream])
 
 
-def test_a_stop_brakes_at_the_arms_own_rate_and_is_told_when_nothing_has_moved_for_a_while():
+def test_a_stop_brakes_at_the_arms_own_rate_and_is_reported_when_nothing_has_moved_for_a_while():
     hand = Hand(stop_m_s2=2.0)
     hand.arm.apply(MoveAt("arm", 0.01, 0.015))
     hand.run(0.5)
@@ -92,7 +92,7 @@ def test_the_pose_is_the_position_along_the_approach_axis():
     hand.arm.apply(Listen("arm", frozenset({POSE, POSITION})))
     hand.arm.apply(MoveTo("arm", 0.002, 0.01))
     hand.run(0.5)
-    pose, position_m = hand.heard(POSE), hand.heard(POSITION)[:, 0]
+    pose, position_m = hand.samples(POSE), hand.samples(POSITION)[:, 0]
     assert len(pose) == 250
     assert pose[:, 2] == pytest.approx(0.25 - position_m)
     assert pose[-1] == pytest.approx([0.4, -0.1333, 0.248, 0.0, 3.1416, 0.0])
@@ -104,14 +104,14 @@ def test_the_tool_feels_the_finger_against_the_approach_and_can_be_tared():
     hand.run(0.1)
     hand.arm.apply(MoveTo("arm", 0.008, 0.02))
     hand.run(2.0)
-    wrench, force_n = hand.heard(FORCE), hand.bench.force_n
+    wrench, force_n = hand.samples(FORCE), hand.bench.force_n
     assert np.abs(wrench[:50]).max() < 0.02, "3 mm before the finger: the load cell's noise alone"
     assert force_n > 0.1
     assert wrench[-1] == pytest.approx([0.0, 0.0, force_n, 0.0, 0.0, 0.0], abs=0.02)
     hand.arm.apply(Tare("arm", FORCE))
     hand.blocks.clear()
     hand.run(0.1)
-    assert hand.heard(FORCE)[-1, 2] == pytest.approx(0.0, abs=0.02)
+    assert hand.samples(FORCE)[-1, 2] == pytest.approx(0.0, abs=0.02)
 
 
 def test_the_noise_has_its_setting_and_follows_the_sample_not_the_block():
@@ -119,9 +119,9 @@ def test_the_noise_has_its_setting_and_follows_the_sample_not_the_block():
     for hand, turn_s in ((whole, 0.1), (cut, 0.002)):
         hand.arm.apply(Listen("arm", frozenset({FORCE})))
         hand.run(2.0, turn_s)
-    assert (whole.heard(FORCE) == cut.heard(FORCE)).all()
+    assert (whole.samples(FORCE) == cut.samples(FORCE)).all()
     # 1000 samples: a standard deviation is known to 2.2 %.
-    assert whole.heard(FORCE).std(axis=0) == pytest.approx([0.5] * 3 + [0.02] * 3, rel=0.1)
+    assert whole.samples(FORCE).std(axis=0) == pytest.approx([0.5] * 3 + [0.02] * 3, rel=0.1)
 
 
 def test_a_stall_is_a_protective_stop_that_home_ends():
@@ -148,10 +148,10 @@ def test_a_pulled_plug_is_a_failure_and_the_arm_stops_by_itself():
     hand.run(0.35)
     assert "the link is gone" in hand.only(Failed).reason
     assert not hand.arm.axis.moving(0.35)
-    assert 147 <= len(hand.heard(POSITION)) <= 150, "up to the last turn before it"
+    assert 147 <= len(hand.samples(POSITION)) <= 150, "up to the last turn before it"
 
 
-def test_a_silent_arm_sends_nothing_and_hears_nothing():
+def test_a_silent_arm_sends_and_receives_nothing():
     hand = Hand(Fault(device="arm", kind="silent", at_s=0.0, for_s=0.2))
     hand.arm.apply(Listen("arm", frozenset({POSITION})))
     hand.arm.apply(MoveTo("arm", 0.001, 0.01))
@@ -160,10 +160,10 @@ def test_a_silent_arm_sends_nothing_and_hears_nothing():
     assert hand.statuses == []
     assert hand.arm.axis.position(0.195) == 0.0
     hand.run(0.1)
-    assert hand.blocks[0].seq > 90, "what was not heard is a jump in the sequence"
+    assert hand.blocks[0].seq > 90, "what was not subscribed is a jump in the sequence"
 
 
-def test_refused_motion_and_lost_rows_are_told():
+def test_refused_motion_and_lost_rows_are_reported():
     hand = Hand(
         Fault(device="arm", kind="refuse", at_s=0.0), Fault(device="arm", kind="lose", at_s=0.0, for_s=0.1)
     )
@@ -175,7 +175,7 @@ def test_refused_motion_and_lost_rows_are_told():
     lost = sum(status.samples for status in hand.statuses if isinstance(status, Lost))
     assert 47 <= lost <= 50
     assert hand.blocks[0].seq == lost
-    assert lost + len(hand.heard(POSITION)) == 100
+    assert lost + len(hand.samples(POSITION)) == 100
 
 
 def test_a_probe_has_one_mover():

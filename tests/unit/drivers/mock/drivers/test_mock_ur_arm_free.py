@@ -1,4 +1,4 @@
-"""The mock arm beside its axis: twists, moves to a pose, their bounds and their words, on any bench with a tool."""
+"""The mock arm beside its axis: twists, moves to a pose, their bounds and their messages, on any bench with a tool."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Hand:
         self.run(seconds)
         return self.statuses[-1]
 
-    def heard(self, stream: str) -> np.ndarray:
+    def samples(self, stream: str) -> np.ndarray:
         return np.concatenate([block.values for block in self.blocks if block.stream == stream])
 
 
@@ -112,7 +112,7 @@ def test_a_twist_is_reached_when_nothing_has_moved_for_a_while_after_its_ramp():
     assert hand.arm.axis.offsets(np.array([2.0]))[0] == pytest.approx(np.array(ASIDE), abs=1e-15)
 
 
-def test_the_arm_says_for_how_long_it_may_be_left_alone_until_it_tells_of_its_end():
+def test_the_arm_states_how_long_it_may_go_unread_until_it_reports_its_end():
     hand = Hand()
     assert hand.arm.alone_s == np.inf
     hand.arm.apply(Twist("arm", ASIDE, 1.0))
@@ -137,7 +137,7 @@ def test_the_pose_is_the_start_pose_moved_and_turned_in_the_base_frame():
     hand.arm.apply(Listen("arm", frozenset({POSE})))
     offset = (0.01, -0.02, 0.03, 0.0, 0.3, 0.0)
     assert isinstance(hand.do(MovePose("arm", offset, 0.05)), Reached)
-    pose = hand.heard(POSE)[-1]
+    pose = hand.samples(POSE)[-1]
     assert pose[:3] == pytest.approx(np.array(START[:3]) + offset[:3], abs=1e-15)
     assert rotation(pose[3:]) == pytest.approx(rotation(offset[3:]) @ rotation(START[3:]), abs=1e-12)
 
@@ -156,7 +156,7 @@ def test_a_move_to_the_axis_comes_back_to_it_and_to_the_start_s_orientation():
     reached = hand.do(MoveTo("arm", 0.01, 0.05))
     assert isinstance(reached, Reached)
     assert reached.position_m == 0.01
-    assert hand.heard(POSE)[-1] == pytest.approx([0.4, -0.1, 0.24, 0.0, 3.0, 0.5], abs=1e-12)
+    assert hand.samples(POSE)[-1] == pytest.approx([0.4, -0.1, 0.24, 0.0, 3.0, 0.5], abs=1e-12)
 
 
 def test_an_approach_from_beside_the_axis_goes_along_it_and_stays_beside():
@@ -165,7 +165,7 @@ def test_an_approach_from_beside_the_axis_goes_along_it_and_stays_beside():
     hand.do(MovePose("arm", (0.02, 0.0, 0.0, 0.0, 0.2, 0.0), 0.05))
     reached = hand.do(MoveAt("arm", 0.02, 0.015))
     assert reached.position_m == 0.015
-    pose = hand.heard(POSE)[-1]
+    pose = hand.samples(POSE)[-1]
     assert pose[:3] == pytest.approx([0.42, -0.1, 0.235], abs=1e-12)
     assert rotation(pose[3:]) == pytest.approx(rotation((0, 0.2, 0)) @ rotation(START[3:]), abs=1e-12)
 
@@ -230,9 +230,9 @@ def test_the_tool_feels_all_six_components_of_the_bench_and_can_be_tared():
     hand.arm.apply(Listen("arm", frozenset({FORCE})))
     offset = (0.01, 0.02, 0.0, 0.1, 0.0, 0.2)
     hand.do(MovePose("arm", offset, 0.05))
-    assert hand.heard(FORCE)[-1] == pytest.approx(-SpringBench.STIFFNESS * offset, abs=1e-9)
+    assert hand.samples(FORCE)[-1] == pytest.approx(-SpringBench.STIFFNESS * offset, abs=1e-9)
     hand.do(Tare("arm", FORCE), 0.1)
-    assert hand.heard(FORCE)[-1] == pytest.approx(np.zeros(6), abs=1e-12)
+    assert hand.samples(FORCE)[-1] == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 def test_poses_and_forces_are_the_same_bytes_however_often_they_are_read():
@@ -244,10 +244,10 @@ def test_poses_and_forces_are_the_same_bytes_however_often_they_are_read():
         hand.arm.apply(MovePose("arm", (0.0, 0.01, 0.0, 0.1, 0.0, 0.0), 0.05))
         hand.run(1.0, turn_s)
     for stream in (FORCE, POSE):
-        assert hands[0].heard(stream).tobytes() == hands[1].heard(stream).tobytes()
+        assert hands[0].samples(stream).tobytes() == hands[1].samples(stream).tobytes()
 
 
-def test_the_bench_hears_of_every_new_plan_when_it_begins():
+def test_the_bench_is_notified_of_every_new_plan_when_it_begins():
     hand = Hand()
     for command in (Twist("arm", ASIDE, 5.0), MovePose("arm", ASIDE, 0.01), Stop("arm")):
         hand.arm.apply(command)
@@ -262,10 +262,10 @@ MOCKS = [
 ]
 
 
-@pytest.mark.parametrize(("driver", "settings", "words"), MOCKS)
-def test_a_device_whose_part_the_bench_does_not_have_says_so_in_one_line(driver, settings, words):
+@pytest.mark.parametrize(("driver", "settings", "message"), MOCKS)
+def test_a_device_whose_part_the_bench_does_not_have_is_refused_in_one_line(driver, settings, message):
     bench = benches.finger(FingerBenchSettings())
-    with pytest.raises(RefusedError, match=f"does not have .*{words}") as caught:
+    with pytest.raises(RefusedError, match=f"does not have .*{message}") as caught:
         driver("device", settings(), VirtualClock(), bench)
     assert "\n" not in str(caught.value)
 

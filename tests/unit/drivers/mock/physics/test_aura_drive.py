@@ -38,7 +38,7 @@ def test_commands_hold_from_their_instant_until_the_next() -> None:
     assert level.tolist() == [0.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0]
 
 
-def test_a_later_word_at_the_same_instant_counts() -> None:
+def test_a_later_order_at_the_same_instant_counts() -> None:
     drive = AuraDrive()
     drive.tone(1.0, 40_000.0, 0.5)
     drive.silence(1.0)

@@ -1,4 +1,4 @@
-"""The aura's physics: what the paper says of it, and what follows from the equations by hand."""
+"""The aura's physics: what the paper states of it, and what follows from the equations by hand."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_a_finger_transfers_best_at_40_khz_in_a_band_that_its_quality_gives() ->
     assert band_hz == pytest.approx(40_000.0 / AuraPlantSettings().quality, abs=20.0)
 
 
-def test_the_imbalance_wanders_as_far_as_it_is_said_to_and_slowly() -> None:
+def test_the_imbalance_wanders_as_far_as_specified_and_slowly() -> None:
     times_s = np.arange(0.0, 600.0, 0.1)
     ends, steps = [], []
     for trial in range(60):
@@ -183,7 +183,7 @@ def envelope(one: AuraPlant, numbers: NDArray[np.int64], speed_m_s: float = 0.01
     return one.envelope(moved, numbers, times_s, np.full(n, 40_000.0), np.full(n, 0.5))
 
 
-def test_noise_of_a_sample_is_the_same_whoever_else_is_asked_for() -> None:
+def test_noise_of_a_sample_is_the_same_whatever_else_is_computed() -> None:
     one = plant()
     whole = envelope(one, np.arange(3000))
     assert (envelope(one, np.arange(1234, 1300)) == whole[1234:1300]).all()

@@ -93,7 +93,7 @@ def test_the_static_stiffness_is_that_of_joint_and_mounting_in_series():
     assert plant.force_n == pytest.approx(0.002 / compliance, rel=1e-6)
 
 
-def test_contacts_tell_when_force_began_and_ended(plant):
+def test_contacts_show_when_force_began_and_ended(plant):
     started(plant).advance(6.0)
     plant.move_probe([(6.0, 0.0, 0.005, 0.0)])
     plant.advance(7.0, WAVES)
@@ -112,12 +112,12 @@ def test_periods_are_the_distances_of_the_edges(plant):
     plant.advance(6.0, PERIOD)
     edges, periods = plant.periods()
     assert np.diff(edges) == pytest.approx(periods[1:], abs=1e-14)
-    assert plant.periods()[0].size == 0, "a period is told once"
+    assert plant.periods()[0].size == 0, "a period is returned once"
     plant.advance(6.5, PERIOD)
     assert plant.periods()[0][0] - plant.periods()[0].sum() == pytest.approx(edges[-1] + 1 / 28, abs=2e-3)
 
 
-def test_what_nobody_observes_has_no_periods_but_the_first_heard_period_is_whole(plant):
+def test_an_unobserved_span_has_no_periods_but_the_first_observed_period_is_whole(plant):
     started(plant).advance(4.0)
     plant.advance(4.5, PERIOD)
     edges, periods = plant.periods()
@@ -263,7 +263,7 @@ def test_nothing_is_jumped_while_the_probe_could_touch():
     assert plant.account()["seconds"]["stationary"] == 0.0
 
 
-def test_contacts_in_an_unobserved_span_are_told(plant):
+def test_contacts_in_an_unobserved_span_are_reported(plant):
     started(plant).advance(5.0)
     plant.move_probe([(5.0, 0.0, 0.01, 0.0), (6.0, 0.01, -0.01, 0.0), (7.0, 0.0, 0.0, 0.0)])
     plant.advance(80.0)

@@ -79,7 +79,7 @@ def test_a_motion_has_the_speed_that_was_asked_for(drive: JawsDrive) -> None:
     assert drive.jaws.rate_m_s == pytest.approx(-one_turn_s_m_s, rel=0.01)
 
 
-def test_what_is_held_is_let_go_when_the_drive_sleeps(drive: JawsDrive) -> None:
+def test_a_held_object_is_released_when_the_drive_sleeps(drive: JawsDrive) -> None:
     grip(drive, "mug", 432.0)
     drive.sleep()
     drive.advance(3.0)
@@ -171,17 +171,17 @@ def test_energy_is_never_made(drive: JawsDrive) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "message"),
     [
         ("door", "door is 80 mm wide and does not fit: on these brackets the jaws hold 11 to 57 mm"),
         ("card", "card is 0.5 mm wide and does not fit"),
         ("mugg", "there is no object 'mugg'; there is: card, door, mug, sponge, steel"),
     ],
 )
-def test_an_object_that_does_not_fit_is_refused_by_name(name: str, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_an_object_that_does_not_fit_is_refused_by_name(name: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         Jaws(SCENE).place(name)
-    with pytest.raises(ValidationError, match=words):
+    with pytest.raises(ValidationError, match=message):
         JawsSettings(closed_width_m=0.010, objects=OBJECTS, object=name)
 
 

@@ -57,7 +57,7 @@ def test_a_tremor_is_there_under_load_alone():
     assert np.std(loaded) == pytest.approx(0.05 * FT.bridges[0].gain, rel=0.1)
 
 
-def test_a_bump_bounces_as_often_as_it_is_told_ever_weaker():
+def test_a_bump_bounces_as_often_as_it_is_set_ever_weaker():
     at_rest = {
         "bridges": (FT.bridges[0].model_copy(update={"noise": 0.0, "step": 0.0, "hysteresis": 0.0}),),
         "damping_ratio": 0.3,

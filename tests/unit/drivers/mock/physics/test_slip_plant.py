@@ -30,7 +30,7 @@ def dragged(settings, speed_m_s, seconds, *, key=(1, 1), press_m=1e-3):
 
 
 def naive(settings, speed_m_s, seconds, press_m=1e-3, step_s=5e-7):
-    """Semi-implicit Euler with a tiny step and the friction law as it is told, event by event of the step."""
+    """Semi-implicit Euler with a tiny step and the friction law as documented, event by event of the step."""
     s = settings
     k = spring(s)
     c = 2 * s.damping_ratio * 2 * math.pi * s.mode_hz * s.mass_kg
@@ -70,7 +70,7 @@ def test_stick_and_slip_follow_a_naive_integrator():
 
 
 @pytest.mark.parametrize(("frequency_hz", "damping"), [(180.0, 0.03), (375.0, 0.01), (60.0, 0.2)])
-def test_a_free_tip_rings_as_the_closed_form_says(frequency_hz, damping):
+def test_a_free_tip_rings_as_in_closed_form(frequency_hz, damping):
     settings = bare(mode_hz=frequency_hz, damping_ratio=damping)
     speed_m_s = 0.01
     force_n, _, t_s = dragged(settings, speed_m_s, 0.2, press_m=-1e-3)

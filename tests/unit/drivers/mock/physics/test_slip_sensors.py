@@ -88,7 +88,7 @@ def test_a_taxel_shows_a_level_of_volts_at_a_hundred_samples_a_second():
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_truth_tells_holding_from_slipping(name):
+def test_truth_distinguishes_holding_from_slipping(name):
     assert np.ptp(recorded(name, 2.0, rolling_n=0.0)[1].slid_m) == 0.0
     slid_m = recorded(name, 3.0, speed_m_s=0.01)[1].slid_m
     assert slid_m[-1] - slid_m[0] > 0.01

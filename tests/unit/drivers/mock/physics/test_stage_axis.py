@@ -32,7 +32,7 @@ def instants(stage: StageAxis, t0_s: float) -> list[float]:
 
 
 @given(target_m=positions, speed_m_s=speeds)
-def test_a_move_from_rest_takes_as_long_as_the_trapezoid_says(target_m: float, speed_m_s: float) -> None:
+def test_a_move_from_rest_takes_as_long_as_its_trapezoid(target_m: float, speed_m_s: float) -> None:
     stage = axis()
     stage.move_to(1.0, target_m, speed_m_s)
     v_m_s, distance_m = min(speed_m_s, V_M_S), abs(target_m)

@@ -43,7 +43,7 @@ def speedl(orders: list[tuple[float, np.ndarray]], duration_s: float) -> np.ndar
     return np.array(places)
 
 
-def test_twists_that_take_over_from_each_other_are_where_small_steps_say():
+def test_twists_that_take_over_from_each_other_are_where_small_steps_lead():
     first, second = np.array([0.02, -0.01, 0.03, 0.1, 0.0, 0.0]), np.array([-0.03, 0.0, 0.01, 0.0, 0.3, 0.0])
     tool = motion(SLOPING)
     tool.twist(0.0, first.tolist(), 5.0)

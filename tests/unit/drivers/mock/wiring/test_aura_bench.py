@@ -1,4 +1,4 @@
-"""The aura's bench: where fingers and object are, what touches what, and that nobody's cadence changes a sample."""
+"""The aura's bench: where fingers and object are, what touches what, and that no cadence changes a sample."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def pressing(speed_m_s: float = 0.01) -> Tool:
     return Tool([1.0, arrival_s, arrival_s + 1.0, 2.0 * arrival_s], [here, far, far, here])
 
 
-def heard(bench: Bench, until_s: float, turn_s: float) -> Any:
+def samples(bench: Bench, until_s: float, turn_s: float) -> Any:
     """The envelope, read at every turn."""
     parts, known = [], 0
     for turn in range(1, round(until_s / turn_s) + 1):
@@ -80,15 +80,15 @@ def test_contact_begins_and_ends_where_the_finger_reaches_the_surface() -> None:
 
 
 @pytest.mark.parametrize("turn_s", [0.001, 0.013, 1.5])
-def test_turns_of_any_length_hear_the_same(turn_s: float) -> None:
-    expected = heard(begun(pressing(), scene="ahead"), 7.8, 0.1)
-    found = heard(begun(pressing(), scene="ahead"), 7.8, turn_s)
+def test_turns_of_any_length_give_the_same_samples(turn_s: float) -> None:
+    expected = samples(begun(pressing(), scene="ahead"), 7.8, 0.1)
+    found = samples(begun(pressing(), scene="ahead"), 7.8, turn_s)
     assert len(found) in (7800, 7500)
     assert (found == expected[: len(found)]).all()
 
 
-def test_who_hears_nothing_finds_the_same_later() -> None:
-    expected = heard(begun(pressing(), scene="ahead"), 7.0, 0.1)
+def test_samples_are_the_same_after_a_time_without_a_subscriber() -> None:
+    expected = samples(begun(pressing(), scene="ahead"), 7.0, 0.1)
     deaf = begun(pressing(), scene="ahead")
     deaf.advance(6.4)
     deaf.advance(7.0)
@@ -97,9 +97,9 @@ def test_who_hears_nothing_finds_the_same_later() -> None:
     assert deaf.account()["computed"] == {"envelope": 1200, "carrier": 0}
 
 
-def test_of_a_finger_that_is_not_wired_nothing_is_computed_and_the_other_hears_the_same() -> None:
+def test_an_unwired_finger_is_not_computed_and_the_other_reads_the_same() -> None:
     both, right = (begun(pressing(), scene="ahead", **wired) for wired in ({}, {"wired": ("right",)}))
-    expected, found = heard(both, 7.0, 0.1), heard(right, 7.0, 0.1)
+    expected, found = samples(both, 7.0, 0.1), samples(right, 7.0, 0.1)
     assert (found[:, RIGHT] == expected[:, RIGHT]).all()
     assert not found[:, LEFT].any()
     counts, alone = (bench.carrier(96 * 6500, 9600) for bench in (both, right))
@@ -110,7 +110,7 @@ def test_of_a_finger_that_is_not_wired_nothing_is_computed_and_the_other_hears_t
 
 
 def test_trials_differ_in_noise_alone_and_a_trial_repeats_itself() -> None:
-    first, again, other = (heard(begun(pressing(), trial, scene="ahead"), 2.0, 0.1) for trial in (1, 1, 2))
+    first, again, other = (samples(begun(pressing(), trial, scene="ahead"), 2.0, 0.1) for trial in (1, 1, 2))
     assert (first == again).all()
     assert (first != other).all()
 
@@ -228,7 +228,7 @@ def test_a_restart_leaves_nothing_of_the_trial_before() -> None:
     assert np.abs(bench.baseband(np.array([0.005]))).max() < 1e-4  # silence but for noise
 
 
-def test_carrier_and_envelope_tell_the_same_when_nothing_makes_noise() -> None:
+def test_carrier_and_envelope_agree_without_noise() -> None:
     quiet = {"noise_fs_rthz": 0.0, "motion_fs": 0.0}
     bench = begun(pressing(), scene="ahead", **quiet)
     bench.advance(6.4)
@@ -279,7 +279,7 @@ def test_a_second_mover_is_refused() -> None:
         bench.mount(Tool([0.0], [(0.0, 0.0, 0.0)]))
 
 
-def test_an_unknown_object_is_told_with_those_that_there_are() -> None:
+def test_an_unknown_object_is_refused_with_a_list_of_those_there_are() -> None:
     bench = begun(Tool([0.0], [(0.0, 0.0, 0.0)]))
     with pytest.raises(RefusedError, match="choose one of pipe, mug"):
         bench.begin(0.0, 7, 1, {"object": "teapot"}, AuraBenchSettings().model_dump(mode="json"))

@@ -1,4 +1,4 @@
-"""Arm, gripper and sound card of the mock bench around one aura: what each does, the others hear."""
+"""Arm, gripper and sound card of the mock bench around one aura: what each does shows in the others."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ class Bench:
         for device in self.devices.values():
             device.restart()
             device.open()
-        self.heard: list[np.ndarray] = []
+        self.samples: list[np.ndarray] = []
         self.statuses: list[Status] = []
         self._turn_s = turn_s
 
     def listen(self) -> None:
-        """From now on all streams are heard."""
+        """Subscribe to all streams from now on."""
         for name, device in self.devices.items():
             device.apply(Listen(name, STREAMS[name]))
 
@@ -76,7 +76,7 @@ class Bench:
         while self.clock.now() < t_s:
             self.clock.wait_until(min(t_s, self.clock.now() + self._turn_s))
             for device in self.devices.values():
-                self.heard += [b.values for b in device.read() if b.stream == "audio.fingers"]
+                self.samples += [b.values for b in device.read() if b.stream == "audio.fingers"]
                 self.statuses += device.poll()
 
     def answers(self, kind: type[Status], device: str) -> Sequence[Any]:
@@ -107,7 +107,7 @@ def test_a_grasp_is_felt_by_both_fingers_one_after_the_other() -> None:
     # the pipe stands 4 mm on the right finger's side of the middle: that finger pushes it there first
     assert right[0][0] < left[0][0]
     assert bench.bench.contacts == [right[0], left[0]]
-    z = np.concatenate(bench.heard)
+    z = np.concatenate(bench.samples)
     assert z.shape == (3000, 4)
     before, after = z[:500].mean(axis=0), z[-500:].mean(axis=0)
     for finger in (0, 2):
@@ -117,7 +117,7 @@ def test_a_grasp_is_felt_by_both_fingers_one_after_the_other() -> None:
 @pytest.mark.parametrize("turn_s", [0.004, 0.0173, 0.5])
 def test_the_cadence_of_turns_changes_no_sample(turn_s: float) -> None:
     expected, found = grasp(0.05), grasp(turn_s)
-    assert (np.concatenate(found.heard) == np.concatenate(expected.heard)).all()
+    assert (np.concatenate(found.samples) == np.concatenate(expected.samples)).all()
     assert found.bench.contacts == expected.bench.contacts
 
 
@@ -126,7 +126,7 @@ def test_the_carrier_comes_as_counts_at_96_khz() -> None:
     bench.until(0.5, Tone("audio", 40_000.0, 0.5))
     bench.listen()
     bench.until(0.8)
-    counts = np.concatenate(bench.heard)
+    counts = np.concatenate(bench.samples)
     assert counts.shape == (28_800, 2)
     assert counts.dtype == np.int32
     # 0.2 of imbalance at half drive, in full scales of 24 bits
@@ -140,7 +140,7 @@ def test_a_sweep_comes_back_loudest_at_40_khz_and_is_answered_at_its_end() -> No
     bench.until(1.5, Chirp("audio", 30_000.0, 46_000.0, 1.0, 0.5))
     (reached,) = bench.answers(Reached, "audio")
     assert reached.t_s == pytest.approx(1.1, abs=0.001)
-    counts = np.concatenate(bench.heard).astype(float)
+    counts = np.concatenate(bench.samples).astype(float)
     power = (counts[9600 : 9600 + 96_000] ** 2).reshape(200, 480, 2).mean(axis=1)
     middles_hz = 30_000.0 + 16_000.0 * (np.arange(200) + 0.5) / 200
     assert middles_hz[power.argmax(axis=0)] == pytest.approx([40_000.0, 40_000.0], abs=80.0)

@@ -1,4 +1,4 @@
-"""The emulator's control port: nothing that a client sends ends it, and every refusal says why."""
+"""The emulator's control port: nothing that a client sends ends it, and every refusal gives a reason."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def desk() -> Iterator[Desk]:
         (b'{"trial": 13, "seed": 0, "factors": {}, "plant": {}}', "the plant broke"),
     ],
 )
-def test_a_request_that_is_none_is_refused_with_a_reason_and_the_next_one_is_heard(
+def test_a_request_that_is_none_is_refused_with_a_reason_and_the_next_one_is_answered(
     desk: Desk, line: bytes, reason: str
 ) -> None:
     client = desk.client()
@@ -97,7 +97,7 @@ def test_a_trial_arrives_whole_in_however_many_pieces_it_comes(desk: Desk) -> No
     client.close()
 
 
-def test_a_line_without_an_end_is_let_go_at_its_limit(desk: Desk) -> None:
+def test_a_client_whose_line_has_no_end_is_dropped_at_the_limit(desk: Desk) -> None:
     client, other = desk.client(), desk.client()
     sent = 0
     client.setblocking(False)
@@ -110,7 +110,7 @@ def test_a_line_without_an_end_is_let_go_at_its_limit(desk: Desk) -> None:
     other.close()
 
 
-def test_a_client_that_is_reset_with_answers_pending_is_let_go(desk: Desk) -> None:
+def test_a_client_that_is_reset_with_answers_pending_is_dropped(desk: Desk) -> None:
     client, other = desk.client(), desk.client()
     client.sendall(b"{}\n" * 100)
     client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET_AT_CLOSE)
@@ -121,7 +121,7 @@ def test_a_client_that_is_reset_with_answers_pending_is_let_go(desk: Desk) -> No
     other.close()
 
 
-def test_a_client_that_never_reads_is_let_go(desk: Desk) -> None:
+def test_a_client_that_never_reads_is_dropped(desk: Desk) -> None:
     client = desk.client()
     client.setblocking(False)
     while len(desk.port.sockets) == 2:

@@ -18,14 +18,14 @@ NOW_S = 100.0
 
 
 class Talker:
-    """Says a word at every step; remembers what was done to it."""
+    """Sends a message at every step; remembers what was done to it."""
 
     def __init__(self) -> None:
-        self.heard = b""
+        self.received = b""
         self.broken: list[tuple[str, float]] = []
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        self.heard += data
+        self.received += data
         return b""
 
     def step(self, t_s: float) -> bytes:
@@ -122,13 +122,13 @@ def test_two_controllers_find_two_addresses(network):
         assert client.recv(100).startswith(b"Connected: Universal Robots")
 
 
-def test_a_controller_that_is_silent_sends_and_hears_nothing_for_a_while(network):
+def test_a_silent_controller_sends_and_receives_nothing_for_a_while(network):
     one, server = network(Fault(device="arm", kind="silent", at_s=1.0, for_s=1.0))
-    said = []
+    seen = []
     for trial_s in (0.5, 1.5, 2.5):
         one.exchange((), NOW_S, trial_s)
-        said.append((server.streams, server.deaf))
-    assert said == [(True, False), (False, True), (True, False)]
+        seen.append((server.streams, server.deaf))
+    assert seen == [(True, False), (False, True), (True, False)]
 
 
 def test_a_stall_is_a_protective_stop(network):
@@ -147,7 +147,7 @@ def test_a_refusal_is_local_control(network):
     assert (server.controller.remote, server.controller.runtime) == (False, Runtime.STOPPED)
 
 
-def test_a_controller_without_a_plug_answers_nobody(network):
+def test_a_controller_without_a_plug_answers_no_client(network):
     one, _ = network(Fault(device="arm", kind="unplug", at_s=0.0))
     host = one.endpoint["host"]
     one.exchange((), NOW_S, 0.0)

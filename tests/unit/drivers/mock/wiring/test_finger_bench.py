@@ -20,7 +20,7 @@ def begun(position_m):
     return bench, axis
 
 
-def heard_n(bench, until_s):
+def forces_n(bench, until_s):
     from_s = bench.t_s
     bench.advance(until_s, CELL)
     return bench.sample("load_cell", np.arange(from_s + 0.001, until_s, 0.001))
@@ -29,7 +29,7 @@ def heard_n(bench, until_s):
 @pytest.mark.parametrize("position_m", PLACES_M)
 def test_the_finger_rests_against_the_probe_with_the_force_of_one_that_went_there_slowly(position_m):
     there, _ = begun(position_m)
-    rests_n = heard_n(there, 0.5)
+    rests_n = forces_n(there, 0.5)
     assert np.ptp(rests_n) < 1e-9, "nothing moves"
     went, axis = begun(0.0)
     axis.move_to(0.0, position_m, 0.002)
@@ -39,17 +39,17 @@ def test_the_finger_rests_against_the_probe_with_the_force_of_one_that_went_ther
     assert there.contacts == [(0.0, True)]
 
 
-def test_it_is_let_go_of_where_the_probe_goes_back():
+def test_contact_ends_where_the_probe_goes_back():
     bench, axis = begun(0.0155)
-    pressed_n = heard_n(bench, 0.1)[-1]
+    pressed_n = forces_n(bench, 0.1)[-1]
     axis.move_to(0.1, 0.0, 0.002)
     bench.on_plan(0.1)
-    assert heard_n(bench, 9.0).max() < 1.2 * pressed_n
+    assert forces_n(bench, 9.0).max() < 1.2 * pressed_n
     assert bench.force_n == 0.0
     assert [made for _, made in bench.contacts[:2]] == [True, False]
 
 
 def test_a_probe_that_does_not_reach_the_finger_leaves_it_alone():
     bench, _ = begun(PLANT.surface_m)
-    assert heard_n(bench, 0.1).max() == 0.0
+    assert forces_n(bench, 0.1).max() == 0.0
     assert bench.contacts == []

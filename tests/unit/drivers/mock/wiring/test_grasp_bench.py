@@ -71,7 +71,7 @@ def test_the_pad_feels_the_grip_and_then_half_of_the_weight():
     assert bench.slips == []
 
 
-def test_too_weak_a_grip_lets_the_object_slip_and_the_pad_hears_it():
+def test_too_weak_a_grip_lets_the_object_slip_and_the_pad_senses_it():
     bench = gripped(pad_friction=0.1)
     quiet = volts(bench, 11.99)[:, 2]
     slipping = volts(bench, 14.0)[:, 2]
@@ -92,7 +92,7 @@ def test_a_stronger_grip_holds_what_slips():
     assert bench.slips[-1][0] < 13.0
 
 
-def test_what_is_let_go_of_falls_back_on_the_table():
+def test_a_released_object_falls_back_on_the_table():
     bench = gripped(300.0)
     bench.advance(14.5)
     assert weighed_n(bench) == pytest.approx(WEIGHT_N)
@@ -107,7 +107,7 @@ def test_neither_turns_nor_an_earlier_listener_change_what_the_pad_shows():
     fine, coarse = volts(gripped(), 13.0), volts(gripped(), 13.0, step_s=0.1)
     assert np.array_equal(fine, coarse)
     late = gripped(observe=frozenset())
-    assert late.account()["pad_samples"] == 0, "nobody listens: nothing is computed"
+    assert late.account()["pad_samples"] == 0, "without a subscriber nothing is computed"
     late.advance(11.91, HEARD)
-    heard = volts(late, 13.0)
-    assert np.allclose(heard, fine[-len(heard) :], atol=0.02), "but for the hysteresis"
+    samples = volts(late, 13.0)
+    assert np.allclose(samples, fine[-len(samples) :], atol=0.02), "but for the hysteresis"
