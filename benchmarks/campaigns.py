@@ -1,6 +1,6 @@
 """Big campaigns: trials a second and memory against workers and trials; runs killed at random instants and resumed.
 
-Rows are the same to the byte whoever ran them, and however often they were killed; this counts it.
+Rows must be the same to the byte however they were run and however often killed; this counts it.
 """
 
 from __future__ import annotations
@@ -189,27 +189,27 @@ def _with_a_worker_killed(*arguments: str) -> None:
     next(line for line in lines if line.startswith(b"[5/"))
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text("utf-8").split()
     os.kill(int(children[-1]), signal.SIGKILL)
-    said = process.stdout.read()
-    assert process.wait() == 0, said
+    output = process.stdout.read()
+    assert process.wait() == 0, output
 
 
 # --- long ----------------------------------------------------------------------------------------
 
-_TOLD = """
+_REPORTING = """
 import atexit, resource, sys
-def told():
+def report():
     used = resource.getrusage(resource.RUSAGE_SELF)
     print(used.ru_maxrss / 1024, used.ru_utime + used.ru_stime, file=sys.stderr)
-atexit.register(told)
+atexit.register(report)
 """
-"""A program says at its end what it has taken: largest memory, MB, and processor time, s."""
+"""Makes a program report at its end its largest memory, MB, and processor time, s."""
 
-_RUN = f"{_TOLD}from run import cli\ncli(sys.argv[1:])"
-_WRITER = f"{_TOLD}from benchmarks.campaigns import write\nwrite(int(sys.argv[1]))"
+_RUN = f"{_REPORTING}from run import cli\ncli(sys.argv[1:])"
+_WRITER = f"{_REPORTING}from benchmarks.campaigns import write\nwrite(int(sys.argv[1]))"
 
 
 def _measured(program: str, *arguments: str) -> dict[str, float]:
-    """What a program of its own takes, with its workers."""
+    """Time and memory of a separate program with its workers."""
     begun_s, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-c", program, *arguments]
     done = subprocess.run(
@@ -227,7 +227,7 @@ def _measured(program: str, *arguments: str) -> dict[str, float]:
 
 
 class Again(Executor):
-    """Has run a part before it is asked, and gives the same one each time."""
+    """Returns the same part, already run, each time."""
 
     def __init__(self, part: RunPart) -> None:
         self._part = part

@@ -81,8 +81,8 @@ def sound(seconds: float) -> NDArray[np.uint8]:
     wave = Oscillator(DRIVE_HZ, float(RATE_HZ)).wave(np.arange(FRAME, FRAME + n, dtype=np.int64))
     t_s = np.arange(n) / RATE_HZ
     stray = OFFSET + HUM[0] * np.sin(2.0 * np.pi * HUM[1] * t_s)
-    heard = np.column_stack([(envelope(finger, t_s) * wave).real + stray for finger in range(FINGERS)])
-    counts = np.rint(heard * 2.0**23).astype(np.int32)
+    signal = np.column_stack([(envelope(finger, t_s) * wave).real + stray for finger in range(FINGERS)])
+    counts = np.rint(signal * 2.0**23).astype(np.int32)
     return np.frombuffer(pack24(counts), np.uint8).reshape(n, 3 * FINGERS)
 
 

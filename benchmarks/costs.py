@@ -1,8 +1,8 @@
 """What a trial of each shipped experiment costs on the mock bench: bench time, computing, disk; into config/costs.toml.
 
-Beside each stands what it cost before, which is what that file said.
+Beside each stands its former cost, from that file.
 
-python -m benchmarks.costs [PROFILE...]: these alone; the others stay as they were measured.
+python -m benchmarks.costs [PROFILE...]: these alone; the others keep their measured values.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def main(names: Sequence[str] = (), *, quick: bool = False) -> None:
     for name in names or [name for name, data in shipped.items() if "experiment" in data]:
         try:
             measured = _cost(name, shipped[name]["devices"])
-        except ProfileError as error:  # its drivers are told what no mock one knows
+        except ProfileError as error:  # its drivers have settings that no mock one knows
             print(f"{name:30} not in virtual time: {error.problems[0]}", flush=True)
             continue
         found = zip(("bench_s", "computing_s", "disk_bytes"), measured, strict=True)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from benchmarks.pretouch.scenes import SPEEDS_M_S, Event, HeardPassage, passage, template
+from benchmarks.pretouch.scenes import SPEEDS_M_S, Event, PassageRecord, passage, template
 from benchmarks.results import FOLDER
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
 from controller.reports.figures import FAINT, INK, LOOKS, OURS, PAPER, RIVAL, TRUTH, Drawing, Figures
@@ -132,8 +132,8 @@ def scores(panels: Sequence[Axes], place: float, found: Mapping[str, Any], *, ac
     step = 0.12 if across else 0.5
     for shift, (name, look) in zip((step, -step), SEEN.items(), strict=True):
         rate, far = found[name]["tpr"], found[name]["distance_m"]
-        told = ((rate, ("share", "low", "high")), (far, ("median", "p10", "p90")))
-        for axes, (score, keys) in zip(panels, told, strict=True):
+        shown = ((rate, ("share", "low", "high")), (far, ("median", "p10", "p90")))
+        for axes, (score, keys) in zip(panels, shown, strict=True):
             middle, low, high = (100.0 * (score[key] if score[key] is not None else np.nan) for key in keys)
             spread = [[middle - low], [high - middle]]
             label = name if place == 0 else None
@@ -188,22 +188,25 @@ def campaigns(figures: Figures) -> str:
         return saved(drawing, "campaigns")
 
 
-def change(heard: HeardPassage) -> Any:
+def change(record: PassageRecord) -> Any:
     """What has changed since the rest before the motion, in thousandths of full scale."""
-    return 1e3 * (heard.z - heard.z[: heard.begun].mean())
+    return 1e3 * (record.z - record.z[: record.begun].mean())
 
 
 def sides(figures: Figures) -> str:
     """Each side comes to the pipe, touches it and goes back, whole and enlarged."""
     with figures.figure(7.5, rows=len(SIDES), columns=2, sharex="col") as drawing:
         for place, side in enumerate(SIDES):
-            heard = passage(Event(SEED, 0, "touch", "pipe", side, 0.01))
+            record = passage(Event(SEED, 0, "touch", "pipe", side, 0.01))
             whole, far = drawing.axes[2 * place : 2 * place + 2]
-            z, t = change(heard), heard.times_s - heard.times_s[heard.begun]
-            for axes, part in ((whole, slice(0, None, 8)), (far, slice(heard.begun, heard.begun + 4800, 4))):
+            z, t = change(record), record.times_s - record.times_s[record.begun]
+            for axes, part in (
+                (whole, slice(0, None, 8)),
+                (far, slice(record.begun, record.begun + 4800, 4)),
+            ):
                 axes.plot(t[part], z.real[part], color=INK, lw=0.7, label="in phase")
                 axes.plot(t[part], z.imag[part], color=PAPER, lw=0.7, ls=(0, (3, 1)), label="in quadrature")
-            whole.axvspan(t[heard.touched or 0], t[(heard.released or 1) - 1], color=TRUTH, alpha=0.2, lw=0)
+            whole.axvspan(t[record.touched or 0], t[(record.released or 1) - 1], color=TRUTH, alpha=0.2, lw=0)
             whole.set_ylabel(side)
             far.set_ylim(-1.5, 1.5)
         for axes in drawing.axes[-2:]:
@@ -218,19 +221,19 @@ def undulations(figures: Figures) -> str:
     with figures.figure(3.2, columns=2) as drawing:
         speeds, echoes = drawing.axes
         for place, speed_m_s in enumerate(SPEEDS_M_S):
-            heard = passage(Event(SEED, 0, "near", "pipe", "normal", speed_m_s))
-            way = slice(heard.begun, heard.arrived)
+            record = passage(Event(SEED, 0, "near", "pipe", "normal", speed_m_s))
+            way = slice(record.begun, record.arrived)
             style: Any = {"color": (INK, PAPER)[place], "lw": 0.8, "label": f"{100.0 * speed_m_s:g} cm/s"}
-            speeds.plot(1e3 * heard.gap_m[way], change(heard).real[way] - 4.0 * place, **style)
+            speeds.plot(1e3 * record.gap_m[way], change(record).real[way] - 4.0 * place, **style)
         for place, name in enumerate(OBJECTS):
             event = Event(SEED, 0, "near", name, "normal", 0.01)
-            heard, (echo, _, _) = passage(event), template(event)
-            way = slice(heard.begun, heard.arrived, 20)
+            record, (echo, _, _) = passage(event), template(event)
+            way = slice(record.begun, record.arrived, 20)
             style = {"color": mixed(FAINT, place / len(OBJECTS)), "marker": "o^v<>sDPXhd"[place], "ms": 3.0}
             soft = {"ls": (0, (2, 2))} if OBJECTS[name].absorption > 0.5 else {}
             size = 1e3 * np.abs(echo[way])
             echoes.semilogy(
-                1e3 * heard.gap_m[way],
+                1e3 * record.gap_m[way],
                 size,
                 markevery=40,
                 lw=0.8,
@@ -248,9 +251,9 @@ def undulations(figures: Figures) -> str:
 
 
 def touch(figures: Figures) -> str:
-    """One touch: the envelope, the paper's z-score at two windows, and what our detector says."""
-    heard = passage(Event(SEED, 1, "touch", "mug", "normal", 0.01))
-    values, t = np.column_stack([heard.z.real, heard.z.imag]), heard.times_s
+    """One touch: the envelope, the paper's z-score at two windows, and our detector's events."""
+    record = passage(Event(SEED, 1, "touch", "mug", "normal", 0.01))
+    values, t = np.column_stack([record.z.real, record.z.imag]), record.times_s
     with figures.figure(4.2, rows=2, sharex=True) as drawing:
         envelope, z_scores = drawing.axes
         few = slice(None, None, 8)
@@ -268,24 +271,24 @@ def touch(figures: Figures) -> str:
             )
         for axes in drawing.axes:
             axes.axvspan(
-                t[heard.touched or 0],
-                t[(heard.released or 1) - 1],
+                t[record.touched or 0],
+                t[(record.released or 1) - 1],
                 color=TRUTH,
                 alpha=0.2,
                 lw=0,
                 label="touch (truth)",
             )
-        for event in LevelDetector("ours", LevelSettings()).push(heard.block):
+        for event in LevelDetector("ours", LevelSettings()).push(record.block):
             for axes in drawing.axes:
                 axes.axvline(event.t_s, color=OURS, ls="--", lw=0.9)
-            said: Any = {
+            placed: Any = {
                 "xycoords": ("data", "axes fraction"),
                 "rotation": 90,
                 "va": "top",
                 "ha": "right",
                 "fontsize": 8,
             }
-            z_scores.annotate(f"ours: {type(event).__name__}", (event.t_s, 0.97), color=OURS, **said)
+            z_scores.annotate(f"ours: {type(event).__name__}", (event.t_s, 0.97), color=OURS, **placed)
         envelope.set_ylabel("envelope (% of full scale)")
         z_scores.set(ylabel="|z|", xlabel="time (s)")
         for axes in drawing.axes:

@@ -1,7 +1,7 @@
-"""How far a mover goes on once its program is killed or stopped: real drivers, emulated devices.
+"""How far a mover travels after its program is killed or stopped: real drivers, emulated devices.
 
-The program cannot do anything then. What ends the motion is in the device: the stage was sent no farther, controllers
-and grippers have watchdogs. What an emulated device does is what its interface's page says: no real one was at hand.
+The device must end the motion: the stage has a target, controllers and grippers have watchdogs. Emulated devices
+behave as their interface pages state: no real one was at hand.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class MoverMotion(NamedTuple):
     Attributes:
         profile: Its bench.
         shown: Which of the scene's numbers is its place.
-        command: What it was told.
+        command: The last command.
         speed_m_s: How fast it moves then.
         way_m: How far it has gone when the program ends.
     """

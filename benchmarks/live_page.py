@@ -37,7 +37,7 @@ SECONDS, QUICK_SECONDS = 20.0, 3.0
 
 
 class Turning(Silent):
-    """A loop that turns, records two streams of 1 kHz and asks its operator."""
+    """A loop that turns, records two streams of 1 kHz and polls its operator."""
 
     def __init__(self, folder: Path, page: PageProcess) -> None:
         self.operator = ConsoleOperator(Path(os.devnull).open())  # noqa: SIM115 - as long as the benchmark
@@ -48,13 +48,13 @@ class Turning(Silent):
         self._watched.watch(Glimpse(self._recording, {}, self._limits, now=lambda: self._t_s))
         self._t_s = 0.0
         self.late_s: list[float] = []
-        self.words: Queue[float] = Queue()
+        self.commands: Queue[float] = Queue()
         self.ended = False
         self.thread = Thread(target=self._run)
         self.thread.start()
 
     def poll(self) -> str | None:  # type: ignore[override]
-        """What the clicks want."""
+        """The clicks' command."""
         return self.operator.poll()
 
     def _run(self) -> None:
@@ -65,7 +65,7 @@ class Turning(Silent):
             self._t_s = monotonic_s() - begun_s
             self.late_s.append(self._t_s - turn / RATE_HZ)
             if self._watched.poll() is not None:
-                self.words.put(monotonic_s())
+                self.commands.put(monotonic_s())
             for stream, unit in (("board.load_cell", "N"), ("stage.position", "m")):
                 values = np.full((5, 1), 0.001)
                 self._recording.add(SampleBlock(stream, 5 * turn, self._t_s, values, 1000.0, unit=unit))
@@ -93,15 +93,15 @@ def connected(host: str, token: str) -> socket.socket:
 
 
 def clicks(door: Door, loop: Turning, count: int) -> list[float]:
-    """Seconds from what the browser sends to the turn of the loop that hears it."""
+    """Seconds from the browser's command to the loop turn that receives it."""
     random, found = np.random.default_rng(1), []
     with connected(door.host, door.token) as wire:
         for click in range(count):
             rest(float(random.uniform(0.01, 0.03)))
-            said = json.dumps({"do": ("pause", "resume")[click % 2]}).encode()
+            command = json.dumps({"do": ("pause", "resume")[click % 2]}).encode()
             sent_s = monotonic_s()
-            wire.sendall(bytes([0x81, 0x80 | len(said)]) + bytes(4) + said)  # a text, masked with zeros
-            found.append(loop.words.get(timeout=10.0) - sent_s)
+            wire.sendall(bytes([0x81, 0x80 | len(command)]) + bytes(4) + command)  # a text, masked with zeros
+            found.append(loop.commands.get(timeout=10.0) - sent_s)
     return found
 
 

@@ -49,7 +49,7 @@ CAMPAIGNS = {
 """Trials of each profile (the first of seed 1), and virtual seconds a second of processor time that are wanted."""
 
 REPEATS = 3
-"""Runs without the stopwatch; the median is told."""
+"""Runs without the stopwatch; the median is reported."""
 
 PARTS: tuple[tuple[str, type[Any], tuple[str, ...]], ...] = (
     ("physics", Bench, ("advance", "wrench", "places", "on_plan")),
@@ -65,7 +65,7 @@ PARTS: tuple[tuple[str, type[Any], tuple[str, ...]], ...] = (
     ("loop", Loop, ("run",)),
     ("campaign", Campaign, ("run",)),
 )
-"""Methods whose time is told, of whom, and as which part; what they call of other parts is not theirs."""
+"""Part, class and methods whose time is reported; calls to other parts are not included."""
 
 
 class Stopwatch:

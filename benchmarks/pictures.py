@@ -30,8 +30,8 @@ COLUMNS, LINES = 100, 40
 def main() -> None:
     """Run mock/transient in a terminal, and draw the session and one of its approaches."""
     with tempfile.TemporaryDirectory() as folder:
-        said = _session(Path(folder))
-        draw_session(said, OUT / "terminal.svg")
+        output = _session(Path(folder))
+        draw_session(output, OUT / "terminal.svg")
         approaches = read_approaches([open_run("latest", Path(folder))])
         approach = representative(approaches)
         trace = trace_of(approach) if approach else None
@@ -41,28 +41,28 @@ def main() -> None:
 
 
 def _session(folder: Path) -> str:
-    """What a terminal of `COLUMNS` is sent while the campaign runs."""
+    """Output of the campaign to a terminal of `COLUMNS`."""
     command = [sys.executable, str(ROOT / "run.py"), "run", "mock/transient", "--out", str(folder)]
     ours, theirs = pty.openpty()
     environment = os.environ | {"COLUMNS": str(COLUMNS), "LINES": str(LINES), "TERM": "xterm-256color"}
     with Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, cwd=ROOT, env=environment):
         os.close(theirs)
-        said = bytearray()
+        output = bytearray()
         try:
             while chunk := os.read(ours, 65_536):
-                said += chunk
+                output += chunk
         except OSError:  # how a terminal of Linux ends
             pass
     os.close(ours)
-    return said.decode("utf-8", "replace").replace("\r\n", "\n").replace(str(folder), "runs")
+    return output.decode("utf-8", "replace").replace("\r\n", "\n").replace(str(folder), "runs")
 
 
-def draw_session(said: str, path: Path) -> None:
-    """The command, the live view in mid-campaign, and what the end says."""
-    frames = re.split(r"(?:\x1b\[2K|\x1b\[1A|\r)+", said)
+def draw_session(output: str, path: Path) -> None:
+    """The command, the live view in mid-campaign, and the end of the output."""
+    frames = re.split(r"(?:\x1b\[2K|\x1b\[1A|\r)+", output)
     live = [frame for frame in frames if "━" in frame and "board.period" in frame]
     live = [frame for frame in live if "APPROACH" in frame and re.search(r"Hz +contact", frame)] or live
-    end = said[said.rindex("Stop at first contact") :]
+    end = output[output.rindex("Stop at first contact") :]
     lines = [
         "$ run.py run mock/transient",
         "",
@@ -76,14 +76,12 @@ def draw_session(said: str, path: Path) -> None:
     for line in lines:
         terminal.print(Text.from_ansi(line), overflow="fold")
     svg = terminal.export_svg(title="run.py run mock/transient")
-    svg = re.sub(
-        r"@font-face \{.*?\}", "", svg, flags=re.DOTALL
-    )  # the page that shows it asks nobody for a font
+    svg = re.sub(r"@font-face \{.*?\}", "", svg, flags=re.DOTALL)  # no font is loaded
     path.write_text(re.sub(r"[ \t]+$", "", svg, flags=re.MULTILINE), "utf-8")
 
 
 def draw_bench(trace: Trace, path: Path) -> None:
-    """The bench on the left; on the right what is heard of one approach, and where it stops."""
+    """The bench on the left; on the right the signal of one approach, and where it stops."""
     figures = Figures(path.parent, simulated=True)
     layout: Any = {"width_ratios": [1.0, 1.7]}
     with figures.figure(3.0, rows=1, columns=2, **layout) as drawing:
@@ -128,8 +126,8 @@ def _approach(axes: Axes, trace: Trace) -> None:
     axes.set_ylim(low, high + 0.14 * (high - low))
     axes.text(-0.02, high, "touch", ha="right", va="bottom")
     stop_ms = 1e3 * ((approach.standstill_s or detect_s) - detect_s)
-    said = f"felt {approach.delay_s:.2f} s later;\nstands still after {stop_ms:.0f} ms"
-    axes.text(detect_s - onset_s + 0.25, low + 0.25 * (high - low), said, va="center", color=TRUTH)
+    note = f"felt {approach.delay_s:.2f} s later;\nstands still after {stop_ms:.0f} ms"
+    axes.text(detect_s - onset_s + 0.25, low + 0.25 * (high - low), note, va="center", color=TRUTH)
     axes.set_xlim(-1.2, detect_s - onset_s + 1.0)
     axes.set_xlabel("time since the touch (s)")
     axes.set_ylabel("filtered frequency (Hz)")

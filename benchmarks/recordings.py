@@ -2,7 +2,7 @@
 
 They are fetched by git into build/recordings and never committed: none of the repositories states a licence. A local
 copy of a repository may be named in the place of the network, as in `biotac=/data/BioTac_slide_20_50`. Studies run
-without them and say which rows are missing.
+without them and report the missing rows.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def fetch(name: str, git_dir: str | None) -> Path:
 
 
 class Drag(NamedTuple):
-    """A BioTac drag, cut into what its electrodes tell.
+    """A BioTac drag, cut by its electrodes.
 
     Attributes:
         name: Material and number.

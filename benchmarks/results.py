@@ -38,8 +38,8 @@ def workers() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
 
 
-def tell(what: str) -> None:
-    """Say how far a study is, with the time of day."""
+def progress(what: str) -> None:
+    """Print the progress of a study, with the time of day."""
     print(f"{time.strftime('%H:%M:%S')}  {what}", flush=True)
 
 

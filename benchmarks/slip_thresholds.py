@@ -133,9 +133,9 @@ def detectors(sensor: Sensor, bumps_hz: float) -> dict[str, Statistic]:
     return {name: both[name] for name in both if (sensor, bumps_hz, name) in CARRIED.values()}
 
 
-def heard(sensor: Sensor, bumps_hz: float, number: int, folder: Path) -> dict[str, tuple[Floats, Floats]]:
-    """What each detector makes of a recording: its maxima second by second once it has settled, and those in its first
-    seconds after a reset. Kept in the folder: a run that broke off goes on."""
+def maxima_of(sensor: Sensor, bumps_hz: float, number: int, folder: Path) -> dict[str, tuple[Floats, Floats]]:
+    """Each detector's maxima on a recording: second by second once it has settled, and those in its first seconds after
+    a reset. Cached in the folder, so that an interrupted run continues."""
     kept = folder / f"{sensor}_{bumps_hz:g}_{number}.npz"
     chosen = detectors(sensor, bumps_hz)
     if not kept.exists():
@@ -202,7 +202,7 @@ def main(quick: bool = False) -> None:
             row
             for sensor, bumps_hz in combinations
             for row in figures(
-                sensor, bumps_hz, [heard(sensor, bumps_hz, number, folder) for number in numbers]
+                sensor, bumps_hz, [maxima_of(sensor, bumps_hz, number, folder) for number in numbers]
             )
         ],
     }

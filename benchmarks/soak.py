@@ -71,14 +71,14 @@ def run(profile: str) -> Ended:
     began_s = time.monotonic()
     with tempfile.TemporaryDirectory() as out:
         command = [sys.executable, "run.py", "run", profile, "--no-report", "--out", out]
-        with (Path(out) / "said").open("w+", encoding="utf-8") as said:
-            child = subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT)
+        with (Path(out) / "output").open("w+", encoding="utf-8") as output:
+            child = subprocess.Popen(command, cwd=ROOT, stdout=output, stderr=subprocess.STDOUT)
             cpu_s: dict[str, float] = {}
             while child.poll() is None:
                 cpu_s.update(_cpu_s(child.pid))
                 time.sleep(LOOK_S)
-            said.seek(0)
-            last = (said.read().strip().splitlines() or [""])[-1]
+            output.seek(0)
+            last = (output.read().strip().splitlines() or [""])[-1]
         manifests = list(Path(out).glob("*/manifest.json"))
         loop = json.loads(manifests[0].read_text(encoding="utf-8"))["loop"] if manifests else {}
     return Ended(
@@ -99,7 +99,7 @@ def _cpu_s(parent: int) -> Iterator[tuple[str, float]]:
             continue
         try:
             fields = (folder / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-            said = (folder / "cmdline").read_bytes().decode(errors="replace")
+            command = (folder / "cmdline").read_bytes().decode(errors="replace")
         except OSError:  # it has ended meanwhile
             continue
         used_s = (int(fields[11]) + int(fields[12])) * tick_s
@@ -107,7 +107,7 @@ def _cpu_s(parent: int) -> Iterator[tuple[str, float]]:
             yield "program", used_s
         elif int(fields[1]) == parent:
             for name, module in PARTS.items():
-                if module in said:
+                if module in command:
                     yield name, used_s
 
 

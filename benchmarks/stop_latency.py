@@ -95,7 +95,7 @@ class BackAndForth(Behavior):
         self.command(Home(self._mover))
 
     def enter_MOVING(self) -> None:
-        """Towards the middle and beyond; a stop where it stands already would tell nothing."""
+        """Towards the middle and beyond; a stop at standstill would show nothing."""
         assert isinstance(self.event, Reached | Standstill)
         forward = self.event.position_m < MIDDLE_M
         self.command(
@@ -120,7 +120,7 @@ def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, li
     Args:
         mover: Which.
         stops: How many.
-        realtime: Whether bench time waits for nobody: what the machine does is measured then.
+        realtime: Whether bench time is wall time, so that the machine's own delays are measured.
     """
     profile = load_profile(PROFILES[mover], {}, table=assemble.Table())
     rig = assemble.build_rig(profile, realtime=realtime)

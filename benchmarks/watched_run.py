@@ -32,7 +32,7 @@ SIGMA = 6.0
 one approach in seven, each time another one."""
 
 COMPARED = ("delay_s", "force_n", "stop_travel_m")
-"""Columns whose quantiles are told: each run decides on other samples, by when the finger was switched on."""
+"""Columns whose quantiles are reported: each run decides on other samples, by when the finger was switched on."""
 
 
 def begun(folder: Path, repeats: int, *more: str) -> subprocess.Popen[str]:
@@ -51,7 +51,7 @@ def begun(folder: Path, repeats: int, *more: str) -> subprocess.Popen[str]:
         str(folder),
         "--no-report",
     ]
-    command += [word for each in sets for word in ("--set", each)]
+    command += [part for each in sets for part in ("--set", each)]
     return subprocess.Popen(
         [*command, *more],
         cwd=ROOT,
@@ -71,7 +71,7 @@ def page_of(run: subprocess.Popen[str]) -> int:
     raise RuntimeError("the run has no page")
 
 
-def told(folder: Path) -> tuple[dict[str, Any], list[dict[str, str]]]:
+def results_of(folder: Path) -> tuple[dict[str, Any], list[dict[str, str]]]:
     """The account of a run's loop, and its rows."""
     (run,) = (path.parent for path in folder.glob("*/trials.csv"))
     with (run / "trials.csv").open(encoding="utf-8") as file:
@@ -125,8 +125,8 @@ def main(quick: bool = False) -> None:
         done = misbehave(runs[names[2]], seconds)
         codes = {name: run.wait() for name, run in runs.items()}
         seconds = time.monotonic() - began_s
-        told_of = {name: told(folder) for name, folder in folders.items()}
-    outcomes = {name: [row["outcome"] for row in rows] for name, (_, rows) in told_of.items()}
+        results = {name: results_of(folder) for name, folder in folders.items()}
+    outcomes = {name: [row["outcome"] for row in rows] for name, (_, rows) in results.items()}
     first = outcomes[names[0]]
     result = {
         "seconds": seconds,
@@ -142,7 +142,7 @@ def main(quick: bool = False) -> None:
                 "other than the first's": sum(a != b for a, b in zip(outcomes[name], first, strict=True)),
                 **quantiles(rows),
             }
-            for name, (account, rows) in told_of.items()
+            for name, (account, rows) in results.items()
         },
     }
     save("watched_run", result, quick=quick)

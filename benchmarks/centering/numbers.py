@@ -35,7 +35,7 @@ class CenteringStudy:
 def numbers(study: CenteringStudy) -> dict[str, Any]:
     """For results/centering.json; the page beside it is written by hand."""
 
-    def told(found: CenteringScore) -> dict[str, Any]:
+    def row_of(found: CenteringScore) -> dict[str, Any]:
         return {
             key: None if isinstance(value, float) and math.isnan(value) else value
             for key, value in found._asdict().items()
@@ -49,20 +49,20 @@ def numbers(study: CenteringStudy) -> dict[str, Any]:
         "detectors_objects": {name: asdict(tuning) for name, tuning in study.object_tunings.items()},
         "gains_right_left": {"0 dB": study.gains_alike, f"{MISMATCH_DB:g} dB": study.gains},
         "eighty_five": [
-            {"method": name, "mismatch_db": db, "speed_m_s": speed} | told(score(repeats))
+            {"method": name, "mismatch_db": db, "speed_m_s": speed} | row_of(score(repeats))
             for (name, db, speed), repeats in study.main.items()
         ],
         "otherwise": [
-            {"method": name, "speed_m_s": speed} | told(score(repeats))
+            {"method": name, "speed_m_s": speed} | row_of(score(repeats))
             for (name, speed), repeats in study.aside.items()
         ],
         "fingers_scatter": [
-            {"each_db": db, "speed_m_s": speed} | told(score(repeats))
+            {"each_db": db, "speed_m_s": speed} | row_of(score(repeats))
             for db, by_speed in study.scatter.items()
             for speed, repeats in by_speed.items()
         ],
         "objects": [
-            {"object": name, "method": method, "speed_m_s": speed} | told(score([found]))
+            {"object": name, "method": method, "speed_m_s": speed} | row_of(score([found]))
             for (name, method, speed), found in study.by_object.items()
         ],
         "papers_choices": [
@@ -72,12 +72,12 @@ def numbers(study: CenteringStudy) -> dict[str, Any]:
                 "threshold": gamma(distance_m),
                 "speed_m_s": speed,
             }
-            | told(score([found]))
+            | row_of(score([found]))
             for (window_s, distance_m), by_speed in study.papers_choices.items()
             for speed, found in by_speed.items()
         ],
         "our_choices": [
-            {"level_fs": level_fs, "run_up": run_up, "speed_m_s": speed} | told(score([found]))
+            {"level_fs": level_fs, "run_up": run_up, "speed_m_s": speed} | row_of(score([found]))
             for (level_fs, run_up), by_speed in study.our_choices.items()
             for speed, found in by_speed.items()
         ],

@@ -25,10 +25,10 @@ DISTANCES_M = (0.008, 0.0125)
 """What is tried of the paper's alpha, and of the distance that its gamma means."""
 
 SOUND_M_S = 343.2
-"""As the detectors believe."""
+"""As the detectors assume."""
 
 WALL_FS = 1e-4
-"""As a finger hears it."""
+"""As received by a finger."""
 
 
 class CenteringRoom(NamedTuple):
@@ -41,7 +41,7 @@ class CenteringRoom(NamedTuple):
         apart: Ratio of the right finger's sensitivity to the left one's.
         fades: The right finger's sensitivity after half a turn, as a share of the one before.
         decays: Way over which the sound of the right finger spreads, as a share of the left one's.
-        wave: Ratio of the length of wave that the detectors believe to the real one.
+        wave: Ratio of the wavelength that the detectors assume to the real one.
         repeats: Sets of 85.
     """
 
@@ -87,11 +87,11 @@ def places_in(room: CenteringRoom, repeat: int, speed_m_s: float) -> list[Place]
 
 
 def believing(way: Method, wave: float) -> Method:
-    """Ours, told another length of wave."""
+    """Ours, set to another wavelength."""
     if wave == 1.0:
         return way
-    told = dict(way.tuning.finder) | {"sound_m_s": SOUND_M_S * wave}
-    return way._replace(tuning=replace(way.tuning, finder=told))
+    settings = dict(way.tuning.finder) | {"sound_m_s": SOUND_M_S * wave}
+    return way._replace(tuning=replace(way.tuning, finder=settings))
 
 
 def main(quick: bool = False) -> None:
@@ -134,8 +134,8 @@ Choice = tuple[float, float]
 
 def at(paper: Method, window_s: float, distance_m: float) -> Method:
     """The paper's way with an alpha and the gamma of a distance."""
-    told = dict(paper.tuning.finder) | {"window_s": window_s, "threshold": gamma(distance_m)}
-    return paper._replace(tuning=replace(paper.tuning, finder=told))
+    settings = dict(paper.tuning.finder) | {"window_s": window_s, "threshold": gamma(distance_m)}
+    return paper._replace(tuning=replace(paper.tuning, finder=settings))
 
 
 def papers_choices(paper: Method, pool: ProcessPoolExecutor) -> dict[float, dict[Choice, CenteringScore]]:

@@ -27,7 +27,7 @@ from benchmarks.centering.study import (
     papers_choices,
     with_object,
 )
-from benchmarks.results import save, tell, workers
+from benchmarks.results import progress, save, workers
 from config.assemble import Table
 from config.profile import load_profile
 from drivers.mock.physics.aura_objects import SIX
@@ -51,13 +51,13 @@ def _study(size: CenteringSize, pool: ProcessPoolExecutor) -> CenteringStudy:
     gains = gains_of(MISMATCH_DB, pipe["ours"])
     alike = gains_of(0.0, pipe["ours"])
     main_rows = _main(pipe, gains, size, pool)
-    tell("the 85")
+    progress("the 85")
     aside = _aside(pipe, size, pool)
     scatter = {
         db: _eighty_fives(pipe["ours"], size.aside, pool, seed=SEED_SCATTER, finger_db=db)
         for db in SCATTERS_DB
     }
-    tell("the 85 otherwise")
+    progress("the 85 otherwise")
     by_object = {
         (name, method, speed_m_s): made(
             [(place, objects[method]) for place in with_object(name, size.objects, speed_m_s)], pool
@@ -66,7 +66,7 @@ def _study(size: CenteringSize, pool: ProcessPoolExecutor) -> CenteringStudy:
         for method in ("paper", "ours")
         for speed_m_s in SPEEDS_M_S
     }
-    tell("the six objects")
+    progress("the six objects")
     return CenteringStudy(
         size=size,
         tunings={name: method.tuning for name, method in pipe.items()},
@@ -99,7 +99,7 @@ def _main(
     for name, method, mismatch_db in rows:
         by_speed = _eighty_fives(method, size.repeats, pool, mismatch_db=mismatch_db)
         found |= {(name, mismatch_db, speed_m_s): repeats for speed_m_s, repeats in by_speed.items()}
-        tell(f"{name}, {mismatch_db:g} dB")
+        progress(f"{name}, {mismatch_db:g} dB")
     return found
 
 

@@ -28,7 +28,7 @@ ACCELERATION_M_S2, STOP_M_S2, MAX_SPEED_M_S = 0.5, 3.0, 0.06
 """The arm's, as in the profile mock/bench_aura."""
 
 STILL_S = 0.02
-"""So long after it came to rest the arm says that it stands still."""
+"""Delay after which the arm reports standstill."""
 
 TOUCH_M = 1e-9
 """Nearer than this is touching."""
@@ -96,7 +96,7 @@ class CenteringScene:
         self.object_x_m = place.object_x_m
         self.touches = 0
         self._plant = AuraPlant(settings)
-        # what the right finger hears is another plant's where sound spreads otherwise for it
+        # the right finger has a plant of its own where its sound spreads differently
         other = settings.model_copy(update={"decay_m": place.decays * settings.decay_m})
         self._right = self._plant if place.decays == 1.0 else AuraPlant(other)
         self._place, self._thing, self._top_m = place, thing, settings.object_top_m
@@ -120,18 +120,18 @@ class CenteringScene:
             plant.begin(key, self._thing, self._top_m, "normal")
             plant.__dict__.update(_gains=(right * self._place.fades, left), _reflected=reflected)
 
-    def hear(self, first: int, end: int) -> tuple[NDArray[np.complex128], SampleBlock]:
+    def receive(self, first: int, end: int) -> tuple[NDArray[np.complex128], SampleBlock]:
         """Envelope of both fingers in milliseconds `first` to `end` - 1, shape (n, 2), and the arm's encoder.
 
-        The arm's motion until then must be known, and what was heard is not heard again.
+        The arm's motion until then must be known; each span is received once.
         """
         ticks = np.arange(first, end, dtype=np.int64)
         motion = self._pushed(ticks)
         n = len(ticks)
-        heard = motion, ticks, ticks / ENVELOPE_HZ, np.full(n, DRIVE_HZ), np.full(n, LEVEL), BOTH
-        z = self._plant.envelope(*heard)
+        inputs = motion, ticks, ticks / ENVELOPE_HZ, np.full(n, DRIVE_HZ), np.full(n, LEVEL), BOTH
+        z = self._plant.envelope(*inputs)
         if self._right is not self._plant:
-            z[:, RIGHT] = self._right.envelope(*heard)[:, RIGHT]
+            z[:, RIGHT] = self._right.envelope(*inputs)[:, RIGHT]
         step = round(ENVELOPE_HZ / ENCODER_HZ)
         readings = np.arange(-(-first // step), -(-end // step), dtype=np.int64)
         position = self.arm.coordinates(readings / ENCODER_HZ)[:, :1]
@@ -146,9 +146,9 @@ class CenteringScene:
         return z, encoder
 
     def foresee(self, first: int, end: int) -> tuple[NDArray[np.complex128], SampleBlock, bool]:
-        """The same, of a future that may still change, and whether nothing is touched in it."""
+        """The same for a predicted span that may still change, and whether it is free of touches."""
         kept = self.object_x_m, self.touches, self._touching.copy()
-        z, encoder = self.hear(first, end)
+        z, encoder = self.receive(first, end)
         clear = self.touches == kept[1] and not kept[2].any() and self.object_x_m == kept[0]
         self.object_x_m, self.touches, self._touching = kept
         return z, encoder, clear

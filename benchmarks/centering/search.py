@@ -1,4 +1,4 @@
-"""One search, as behaviors/centering.py makes it, with the real detectors heard by their own `push`."""
+"""One search, as in behaviors/centering.py, with the real detectors through their `push`."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ REST_S = 0.5
 """After it: contact detectors learn 0.3 s."""
 
 CHUNK = 500
-"""Milliseconds that are foreseen at a time."""
+"""Milliseconds that are predicted at a time."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """What the detectors are told.
+    """Settings of the detectors.
 
     Attributes:
         method: Whose finders.
@@ -59,7 +59,7 @@ class Tuning:
 
 @dataclass(frozen=True)
 class SearchCourse:
-    """How the search is gone about: see `behaviors.search.SearchSettings`."""
+    """Procedure of the search: see `behaviors.search.SearchSettings`."""
 
     sweep_m: float = 0.033
     baseline_s: float = 1.0
@@ -77,7 +77,7 @@ class Found:
 
     Attributes:
         place: The search.
-        outcome: `found`, `unseen` or `contact` (a contact detector spoke while a finder was asked).
+        outcome: `found`, `unseen` or `contact` (a contact detector triggered while a finder was armed).
         error_m: The gripper's middle from the object's, positive where it went too far forward; NaN unless found.
         seen_m: Distance of the right and of the left finger from the object when it was seen.
         touches: How often a finger really began to touch the object.
@@ -101,8 +101,8 @@ def finder(tuning: Tuning, which: int) -> Finder:
         return PreTouchPaperDetector(
             name, PreTouchPaperSettings(**{"input": f"signals.{name}"} | tuning.finder)
         )
-    told: dict[str, Any] = {"input": f"signals.{name}", "gain": tuning.gains[which]}
-    return PreTouchDetector(name, PreTouchSettings(**told | tuning.finder))
+    settings: dict[str, Any] = {"input": f"signals.{name}", "gain": tuning.gains[which]}
+    return PreTouchDetector(name, PreTouchSettings(**settings | tuning.finder))
 
 
 def block_of(which: int, first: int, z: NDArray[np.complex128]) -> SampleBlock:
@@ -133,11 +133,13 @@ class SimulatedSearch:
         self._gap_m = {RIGHT: math.nan, LEFT: math.nan}
 
     def _contact_detectors(self) -> list[LevelDetector]:
-        told = self.tuning.contact
-        if told is None:
+        settings = self.tuning.contact
+        if settings is None:
             return []
         names = NAMES.values()
-        return [LevelDetector(name, LevelSettings(**{"input": f"signals.{name}"} | told)) for name in names]
+        return [
+            LevelDetector(name, LevelSettings(**{"input": f"signals.{name}"} | settings)) for name in names
+        ]
 
     def run(self) -> Found:
         """Search to the end."""
@@ -165,7 +167,7 @@ class SimulatedSearch:
         self.now_s = self._turn_at(arm.arrival_s + STILL_S)
         self._pass(self.now_s)
         self.now_s = self._turn_at(self.now_s + TURN_S)
-        self._next = after(self.now_s)  # nobody listens while it turns
+        self._next = after(self.now_s)  # no detector is subscribed while it turns
         self.bench.turn()
         self._contacts = self._contact_detectors()
         self.now_s = self._turn_at(self.now_s + REST_S)
@@ -197,9 +199,9 @@ class SimulatedSearch:
         detector: Finder | None = None,
         known: NDArray[np.complex128] | None = None,
     ) -> None:
-        """Let time pass; contact detectors hear it, and a finder if it is given (what it says is not asked for).
+        """Let time pass; contact detectors process it, and a finder if given (its events are dropped).
 
-        What was foreseen, as far as it goes and where nothing was touched, is not computed again."""
+        A prediction without a touch is reused as far as it goes."""
         end = after(until_s)
         if end <= self._next:
             return
@@ -207,10 +209,10 @@ class SimulatedSearch:
         if known is not None and end - first <= len(known):
             self._touch(first, known[: end - first])
             return
-        z, encoder = self.bench.hear(first, end)
+        z, encoder = self.bench.receive(first, end)
         self._touch(first, z)
         if detector is not None:
-            _tell(detector, first, z, encoder)
+            _events_of(detector, first, z, encoder)
 
     def _touch(self, first: int, z: NDArray[np.complex128]) -> None:
         for contact, which in zip(self._contacts, NAMES, strict=False):
@@ -231,12 +233,13 @@ class SimulatedSearch:
             z, encoder, clear = bench.foresee(first, min(first + CHUNK, end))
             known = z if clear else None
             seen = next(
-                (event for event in _tell(detector, first, z, encoder) if isinstance(event, PreTouch)), None
+                (event for event in _events_of(detector, first, z, encoder) if isinstance(event, PreTouch)),
+                None,
             )
             if seen is None:
                 self._pass((min(first + CHUNK, end) - 1) / ENVELOPE_HZ, known=known)
             else:
-                stop_s = self._told(seen.t_s, first)
+                stop_s = self._reaction_s(seen.t_s, first)
                 self._pass(stop_s, known=known)
             if self._touched_s < math.inf:
                 self.now_s = self._turn_at(self._touched_s)
@@ -247,8 +250,8 @@ class SimulatedSearch:
         self.now_s = self._turn_at(arm.arrival_s + STILL_S)
         return "unseen"
 
-    def _told(self, t_s: float, first: int) -> float:
-        """The turn in which the loop knows of a sample."""
+    def _reaction_s(self, t_s: float, first: int) -> float:
+        """The turn in which the loop handles a sample."""
         known_s = t_s
         if self.tuning.method == "ours":  # it waits for the encoder
             known_s = math.ceil(t_s * ENCODER_HZ - 1e-7) / ENCODER_HZ
@@ -257,22 +260,22 @@ class SimulatedSearch:
     def _stop(self, which: int, seen: PreTouch, stop_s: float) -> None:
         arm = self.bench.arm
         arm.stop(stop_s, STOP_M_S2)
-        self._heeded_s = math.inf  # what is felt in the turn ends nothing
+        self._heeded_s = math.inf  # contacts in the turn are ignored
         self.now_s = self._turn_at(arm.arrival_s + STILL_S)
         self._pass(self.now_s)
         position_m = seen.position_m if math.isfinite(seen.position_m) else arm.target_m
         self._saw_m[which] = position_m
         self._gap_m[which] = self.bench.gap_m(which, position_m)
-        # the arm is told to go on in the turn that follows
+        # the next command is sent in the following turn
         self.now_s = max(self.now_s, stop_s + 1.0 / self.course.loop_hz)
 
 
-def _tell(detector: Finder, first: int, z: NDArray[np.complex128], encoder: SampleBlock) -> list[Any]:
+def _events_of(detector: Finder, first: int, z: NDArray[np.complex128], encoder: SampleBlock) -> list[Any]:
     which = RIGHT if detector.name == "right" else LEFT
-    heard = [block_of(which, first, z)]
+    blocks = [block_of(which, first, z)]
     if len(encoder) and encoder.stream in detector.inputs:
-        heard.insert(0, encoder)
-    return [event for block in heard for event in detector.push(block)]
+        blocks.insert(0, encoder)
+    return [event for block in blocks for event in detector.push(block)]
 
 
 def search(place: Place, tuning: Tuning, course: SearchCourse) -> Found:

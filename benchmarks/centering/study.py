@@ -88,14 +88,14 @@ def methods(profile: Any) -> dict[str, Method]:
     for name in ("paper", "ours"):
         sides = [dict(given[f"{side}_{name}"]) for side in ("right", "left")]
         gains = tuple(float(side.pop("gain", 1.0)) for side in sides)
-        (told,) = {tuple(sorted((k, v) for k, v in side.items() if k != "input")) for side in sides}
-        tuning = Tuning(name, dict(told), (gains[RIGHT], gains[LEFT]), contact)
+        (settings,) = {tuple(sorted((k, v) for k, v in side.items() if k != "input")) for side in sides}
+        tuning = Tuning(name, dict(settings), (gains[RIGHT], gains[LEFT]), contact)
         found[name] = Method(tuning, replace(course, run_up=course.run_up and name == "ours"))
     return found
 
 
 def _given(settings: Any) -> dict[str, Any]:
-    """What a profile says of a detector beyond its class's own values."""
+    """A detector's settings that differ from its class's defaults in a profile."""
     return {name: getattr(settings, name) for name in settings.model_fields_set}
 
 
@@ -232,7 +232,7 @@ def _amplitude_fs(place: Place, which: int, method: Method) -> float:
     forward = 1.0 if which == LEFT else -1.0
     bench.arm.move_at(place.begin_s, forward * place.speed_m_s, forward * 0.018)
     first, end = after(place.begin_s), after(bench.arm.arrival_s)
-    z, _ = bench.hear(first, end)
+    z, _ = bench.receive(first, end)
     position_m = bench.arm.coordinates(np.arange(first, end) / ENVELOPE_HZ)[:, 0]
     detector = finder(replace(method.tuning, gains=(1.0, 1.0)), which)
     envelope = as_complex(block_of(which, first, z).physical)

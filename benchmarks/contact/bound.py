@@ -1,4 +1,4 @@
-"""How soon anyone could tell a contact, or its end: an observer that knows noise and what this very contact adds."""
+"""Bound on the detection of a contact, or its end: an observer that knows the noise and this contact's effect."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STEPS = 38
 """How far is looked after the touch: 0.3 s."""
 
 KNOWN, UNKNOWN = (float(norm.isf(rate)) for rate in (1e-3, 1e-3 * 0.008 / 0.7))
-"""Thresholds for one false contact in 1,000 approaches: who knows when to look, and who looks every 8 ms of 0.7 s."""
+"""Thresholds for one false contact in 1,000 approaches: for a known instant, and for a look every 8 ms of 0.7 s."""
 
 
 APART = 2.0 * KNOWN
@@ -39,8 +39,9 @@ def separations(name: str, count: int, first: int = 0) -> Floats:
     """Deflection of the matched filter after each 8 ms, in standard deviations, shape (count, STEPS).
 
     The same approach is simulated with and without the probe, in the same noise: the difference is what the contact
-    adds. Whitened by the model that the free finger's baseline teaches, and divided by its deviation, its norm is how
-    far the two hypotheses lie apart for whoever knows it (Neyman and Pearson); in Gaussian noise no test does better.
+    adds. Whitened by the model that the free finger's baseline teaches, and divided by its deviation, its norm is the
+    distance of the two hypotheses for an observer that knows it (Neyman and Pearson); in Gaussian noise no test does
+    better.
     """
     found = np.zeros((count, STEPS))
     for i in range(count):
@@ -70,8 +71,8 @@ def waits(name: str, count: int, first: int = 0) -> Floats:
     """How long one has to wait until it is known whether the probe is still there, s, shape (count, instants).
 
     The same approach is simulated with a probe that stands and with one that is gone, within 4 ms, from an instant on
-    at which the load cell felt the finger. Whoever decides sooner errs, in one or the other way, more often than once
-    in 1,000 times; infinity beyond 0.6 s.
+    at which the load cell felt the finger. An earlier decision errs, in one or the other way, more often than once in
+    1,000 times; infinity beyond 0.6 s.
     """
     steps = round(0.6 * RATE_HZ / HELD)
     found = np.full((count, len(INSTANTS_S)), np.inf)
@@ -90,18 +91,18 @@ def waits(name: str, count: int, first: int = 0) -> Floats:
 
 
 def bound(found: Floats) -> dict[str, dict[str, float]]:
-    """Share told within 36 and 70 ms, and when half and 95 % are told (s; infinity beyond 0.3 s)."""
-    told = {}
+    """Share detected within 36 and 70 ms, and when half and 95 % are (s; infinity beyond 0.3 s)."""
+    result = {}
     for name, limit in (("known", KNOWN), ("unknown", UNKNOWN)):
         shares = norm.cdf(found - limit).mean(axis=0)
         after = [float(HELD / RATE_HZ * (1 + int(np.argmax(shares >= q)))) for q in (0.5, 0.95)]
-        told[name] = {
+        result[name] = {
             "within_36_ms": float(shares[3]),
             "within_70_ms": float(shares[7]),
             "half_s": after[0] if shares[-1] >= 0.5 else float("inf"),
             "p95_s": after[1] if shares[-1] >= 0.95 else float("inf"),
         }
-    return told
+    return result
 
 
 def waited(found: Floats) -> dict[str, float]:

@@ -20,13 +20,13 @@ MEAN_SAMPLES = 10
 """Of the load cell, 10 ms: a single sample of the hard finger's, with 1.6 mN of noise, exceeds that force by itself."""
 
 
-def events_of(heard: ApproachScene, settings: ResonanceSettings) -> Sequence[Detected]:
-    """What the detector says of the accelerometer from the baseline's start on."""
+def events_of(scene: ApproachScene, settings: ResonanceSettings) -> Sequence[Detected]:
+    """The detector's events on the accelerometer from the baseline's start on."""
     block = SampleBlock(
         "board.accelerometer",
         0,
-        float(heard.times_s[0]),
-        heard.accelerometer[:, None],
+        float(scene.times_s[0]),
+        scene.accelerometer[:, None],
         rate_hz=RATE_HZ,
         unit="m/s2",
     )
@@ -34,23 +34,23 @@ def events_of(heard: ApproachScene, settings: ResonanceSettings) -> Sequence[Det
 
 
 def held(name: str, count: int) -> dict[str, float]:
-    """False contacts, gaps in contact while the load cell feels it, and when the end is told; by default settings."""
+    """False contacts, gaps in contact while the load cell feels it, and delay of the end; with default settings."""
     false = refused = again = 0
     delays: list[float] = []
     gaps: list[float] = []
     ends: list[float] = []
     for trial in range(count):
-        heard = approach(level(name), SEED, trial, rows()[trial % len(rows())])
-        said = events_of(heard, ResonanceSettings())
-        refused += isinstance(said[0], BaselineRefused)
-        begun = [event.t_s for event in said if isinstance(event, Contact)]
-        lost = [event.t_s for event in said if isinstance(event, ContactLost)]
-        false += bool(begun and begun[0] < heard.touch_s)
-        true = [t_s for t_s in begun if t_s >= heard.touch_s]
-        delays.append(true[0] - heard.touch_s if true else np.inf)
-        force_n = np.convolve(heard.force_n, np.full(MEAN_SAMPLES, 1.0 / MEAN_SAMPLES))[: len(heard.force_n)]
-        felt = heard.times_s[force_n > FELT_N]
-        left_s = max(t_s for t_s, made in heard.contacts if not made)
+        scene = approach(level(name), SEED, trial, rows()[trial % len(rows())])
+        events = events_of(scene, ResonanceSettings())
+        refused += isinstance(events[0], BaselineRefused)
+        begun = [event.t_s for event in events if isinstance(event, Contact)]
+        lost = [event.t_s for event in events if isinstance(event, ContactLost)]
+        false += bool(begun and begun[0] < scene.touch_s)
+        true = [t_s for t_s in begun if t_s >= scene.touch_s]
+        delays.append(true[0] - scene.touch_s if true else np.inf)
+        force_n = np.convolve(scene.force_n, np.full(MEAN_SAMPLES, 1.0 / MEAN_SAMPLES))[: len(scene.force_n)]
+        felt = scene.times_s[force_n > FELT_N]
+        left_s = max(t_s for t_s, made in scene.contacts if not made)
         spans = np.split(felt, np.flatnonzero(np.diff(felt) > FELT_S) + 1)
         off = [(t_s, min([b for b in begun if b > t_s], default=np.inf)) for t_s in lost]
         gaps.append(

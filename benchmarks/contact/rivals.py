@@ -1,7 +1,7 @@
-"""Detectors that ours is held against: each a plain function from an approach to a statistic that a contact raises.
+"""Detectors that ours is compared with: each a plain function from an approach to a statistic that a contact raises.
 
-Each learns from the same baseline of 10 s as ours, and answers with times (s) and values; what settings it has are
-given their best ones by the study, on the approaches that set the thresholds.
+Each learns from the same baseline of 10 s as ours, and returns times (s) and values; the study chooses its best
+settings on the approaches that set the thresholds.
 """
 
 from __future__ import annotations
@@ -17,34 +17,34 @@ from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 
 Floats = NDArray[np.float64]
-Told = tuple[Floats, Floats]
+Trace = tuple[Floats, Floats]
 
 
-def average(heard: ApproachScene, samples: int, sample_hz: float | None) -> Told:
+def average(scene: ApproachScene, samples: int, sample_hz: float | None) -> Trace:
     """The paper's: a moving average of the frequency, in standard deviations of the baseline's averages."""
     settings = ResonancePaperSettings(
         average_samples=samples, sample_hz=sample_hz, baseline_s=BASELINE_S - 1.0
     )
-    times_s, told = ResonancePaperDetector("contact", settings).deviations(heard.ends_s, heard.periods_s)
-    return times_s, told["average"]
+    times_s, found = ResonancePaperDetector("contact", settings).deviations(scene.ends_s, scene.periods_s)
+    return times_s, found["average"]
 
 
-def period_innovations(heard: ApproachScene, order: int) -> Told:
-    """What an autoregressive model of the periods' frequencies does not foretell."""
-    frequency = 1.0 / heard.periods_s
-    return _scored(heard.ends_s, _innovations(frequency, heard.ends_s < heard.starts_s, order), heard)
+def period_innovations(scene: ApproachScene, order: int) -> Trace:
+    """Innovations of an autoregressive model of the periods' frequencies."""
+    frequency = 1.0 / scene.periods_s
+    return _scored(scene.ends_s, _innovations(frequency, scene.ends_s < scene.starts_s, order), scene)
 
 
-def phase_kalman(heard: ApproachScene, drift: float) -> Told:
+def phase_kalman(scene: ApproachScene, drift: float) -> Trace:
     """Normalised innovations of the oscillator's edges: phase measured, frequency a random walk.
 
     Args:
-        heard: The approach.
+        scene: The approach.
         drift: Step of the frequency in a period against the noise of an edge, in periods.
     """
-    mean_s = heard.periods_s[heard.ends_s < heard.starts_s].mean()
-    edges = heard.ends_s / mean_s
-    phase, rate = float(edges[0]), float(heard.periods_s[0] / mean_s)
+    mean_s = scene.periods_s[scene.ends_s < scene.starts_s].mean()
+    edges = scene.ends_s / mean_s
+    phase, rate = float(edges[0]), float(scene.periods_s[0] / mean_s)
     a, b, c = 1.0, 0.0, 1.0  # the covariance of phase and rate
     off = np.zeros(len(edges))
     for i, edge in enumerate(edges.tolist()):
@@ -53,34 +53,34 @@ def phase_kalman(heard: ApproachScene, drift: float) -> Told:
         off[i] = -late / s**0.5  # an edge that comes early leads
         phase, rate = phase + a / s * late, rate + b / s * late
         a, b, c = a - a * a / s, b - a * b / s, c - b * b / s
-    return _scored(heard.ends_s, off, heard)
+    return _scored(scene.ends_s, off, scene)
 
 
-def amplitude_cusum(heard: ApproachScene, slack: float) -> Told:
+def amplitude_cusum(scene: ApproachScene, slack: float) -> Trace:
     """Page's cumulative sums, up and down, of each period's rms in deviations of the baseline, less a slack."""
-    ends = np.searchsorted(heard.times_s, heard.ends_s, side="right")
-    sums = np.concatenate([[0.0], np.cumsum(heard.accelerometer**2)])
+    ends = np.searchsorted(scene.times_s, scene.ends_s, side="right")
+    sums = np.concatenate([[0.0], np.cumsum(scene.accelerometer**2)])
     starts = np.concatenate([[0], ends[:-1]])
     power = (sums[ends] - sums[starts]) / np.maximum(ends - starts, 1)
-    times_s, off = _scored(heard.ends_s, np.sqrt(power), heard)
-    told = np.zeros(len(off))
+    times_s, off = _scored(scene.ends_s, np.sqrt(power), scene)
+    found = np.zeros(len(off))
     up = down = 0.0
-    for i in np.flatnonzero(times_s >= heard.starts_s).tolist():
+    for i in np.flatnonzero(times_s >= scene.starts_s).tolist():
         up, down = max(0.0, up + off[i] - slack), max(0.0, down - off[i] - slack)
-        told[i] = max(up, down)
-    return times_s, told
+        found[i] = max(up, down)
+    return times_s, found
 
 
-def ours(heard: ApproachScene, senses: str = "all", free_hz: float = 1.0) -> Told:
+def ours(scene: ApproachScene, senses: str = "all", free_hz: float = 1.0) -> Trace:
     """The detector of the program, its deviations; `free_hz`: it mixes with so many times the right frequency."""
-    times_s, told = _deviations(heard, free_hz)
-    return times_s, told[senses]
+    times_s, found = _deviations(scene, free_hz)
+    return times_s, found[senses]
 
 
 @lru_cache(maxsize=1)
-def _deviations(heard: ApproachScene, free_hz: float) -> tuple[Floats, Mapping[str, Floats]]:
+def _deviations(scene: ApproachScene, free_hz: float) -> tuple[Floats, Mapping[str, Floats]]:
     detector = ResonanceDetector("contact", ResonanceSettings(baseline_s=BASELINE_S))
-    return detector.deviations(heard.times_s, heard.accelerometer, free_hz)
+    return detector.deviations(scene.times_s, scene.accelerometer, free_hz)
 
 
 def _innovations(x: Floats, base: NDArray[np.bool_], order: int) -> Floats:
@@ -94,16 +94,16 @@ def _innovations(x: Floats, base: NDArray[np.bool_], order: int) -> Floats:
     return off
 
 
-def _scored(times_s: Floats, x: Floats, heard: ApproachScene) -> Told:
+def _scored(times_s: Floats, x: Floats, scene: ApproachScene) -> Trace:
     """Standard deviations above the mean of the baseline, whose first second is left out."""
-    base = x[(times_s >= SETTLE_S + 1.0) & (times_s < heard.starts_s)]
+    base = x[(times_s >= SETTLE_S + 1.0) & (times_s < scene.starts_s)]
     return times_s, (x - base.mean()) / base.std(ddof=1)
 
 
 PAPER, AR, KALMAN, OURS = "paper's criterion at its best", "AR innovations", "Kalman on phase", "ours"
 CUSUM = "CUSUM on amplitude"
 
-VARIANTS: Mapping[str, Mapping[str, Callable[[ApproachScene], Told]]] = {
+VARIANTS: Mapping[str, Mapping[str, Callable[[ApproachScene], Trace]]] = {
     PAPER: {
         f"{samples} {'period' if rate is None else 'sample'}{'s' * (samples > 1)}"
         f"{'' if rate is None else f' at {rate:g} Hz'}": partial(average, samples=samples, sample_hz=rate)

@@ -21,7 +21,7 @@ from benchmarks.contact.study import (
     SEED_JUDGED,
     SEED_SET,
     Key,
-    Told,
+    Record,
     batch,
     compared,
     joined,
@@ -71,7 +71,7 @@ TAKEN: Mapping[str, tuple[Sequence[str], int]] = {
 
 
 class Task(NamedTuple):
-    """Some approaches that one process generates and lets everybody hear."""
+    """Some approaches, generated and evaluated in one process."""
 
     scene: str
     seed: int
@@ -81,7 +81,7 @@ class Task(NamedTuple):
     noise: float = 1.0
 
     def run(self) -> Any:
-        """What everybody says."""
+        """Results of all variants."""
         return batch(
             self.settings, self.seed, range(self.first, self.first + self.approaches), noise=self.noise
         )
@@ -94,7 +94,7 @@ class Holds(NamedTuple):
     approaches: int
 
     def run(self) -> Any:
-        """What the program's detector says of them."""
+        """Results of the program's detector."""
         return held(self.scene, self.approaches)
 
 
@@ -117,7 +117,7 @@ class Waits(NamedTuple):
     approaches: int
 
     def run(self) -> Any:
-        """When the two can be told apart."""
+        """When the two can be distinguished."""
         return waits(self.scene, self.approaches)
 
 
@@ -145,7 +145,7 @@ def tasks(quick: bool) -> Iterator[Task | Holds | Bound | Waits]:
 
 
 def main(quick: bool = False) -> None:
-    """Run the study, or what is left of it."""
+    """Run the study, or the rest of it."""
     code = sha256(b"".join(path.read_bytes() for path in sorted(SOURCES))).hexdigest()[:12]
     folder = ROOT / "runs" / "benchmarks" / f"contact_{code}"
     folder.mkdir(parents=True, exist_ok=True)
@@ -172,18 +172,18 @@ def wanted_names(wanted: Sequence[Task | Holds | Bound | Waits]) -> list[tuple[A
 
 def figures(done: Mapping[tuple[Any, ...], Any]) -> dict[str, Any]:
     """All figures of the study."""
-    parts: dict[tuple[str, int], list[Mapping[Key, Told]]] = {}
+    parts: dict[tuple[str, int], list[Mapping[Key, Record]]] = {}
     for key, result in done.items():
         if key[0] == "Task":
             parts.setdefault((key[1], key[2]), []).append(result)
-    told = {key: joined(each) for key, each in parts.items()}
+    records = {key: joined(each) for key, each in parts.items()}
     return {
-        "approaches": [len(told["hard", seed][OURS, "all"].before) for seed in (SEED_SET, SEED_JUDGED)],
-        "levels": {name: compared(told[name, SEED_SET], told[name, SEED_JUDGED]) for name in LEVELS},
-        "curves": {name: swept(told[name, SEED_SET], told[name, SEED_JUDGED]) for name in LEVELS},
+        "approaches": [len(records["hard", seed][OURS, "all"].before) for seed in (SEED_SET, SEED_JUDGED)],
+        "levels": {name: compared(records[name, SEED_SET], records[name, SEED_JUDGED]) for name in LEVELS},
+        "curves": {name: swept(records[name, SEED_SET], records[name, SEED_JUDGED]) for name in LEVELS},
         "broken": {
-            scene: compared(told["printed", SEED_SET], each)
-            for (scene, _), each in told.items()
+            scene: compared(records["printed", SEED_SET], each)
+            for (scene, _), each in records.items()
             if scene not in LEVELS
         },
         "held": {

@@ -23,7 +23,7 @@ SETTLE_S, BASELINE_S = 90.0, 10.0
 """Settling: paper III.B. Baseline: what every detector but the paper's own is given."""
 
 STOPS_S, HOLD_S, RETRACT_M_S, AFTER_S = 0.15, 1.5, 0.010, 1.0
-"""The probe stops so long after the first touch, stands, retracts, and the finger is heard on."""
+"""The probe stops this long after the first touch, stands, retracts; then the finger is recorded on."""
 
 LISTENS_S = 0.6
 """How long after the touch a detector may take where nothing is held."""
@@ -50,7 +50,7 @@ def level(name: str) -> FingerSettings:
 
 @dataclass(frozen=True, eq=False)
 class ApproachScene:
-    """What the board heard of one approach, from the baseline's start on, and the truth.
+    """The board's recording of one approach, from the baseline's start on, and the truth.
 
     Attributes:
         ends_s, periods_s: The oscillator's periods.
@@ -97,8 +97,8 @@ def approach(
         seed, trial: They key the noise and draw the gap.
         row: Location and speed, m/s.
         hold_s: How long the probe stands; 0 ends all where it would stop.
-        noise: Every noise is so many times as large once the baseline has ended.
-        touching: Whether the probe is there: without it the same finger in the same noise is heard for as long.
+        noise: Factor on every noise once the baseline has ended.
+        touching: Whether the probe is there: without it the same finger in the same noise is recorded for as long.
         away_m_s: How fast it retracts.
     """
     location, speed_m_s = row
@@ -111,8 +111,8 @@ def approach(
     starts_s = SETTLE_S + BASELINE_S
     plan = [(SETTLE_S, 0.0, 0.0, 0.0), (starts_s, 0.0, speed_m_s, 0.0)]
     plant.move_probe(plan)
-    heard = frozenset({"accelerometer", "load_cell", "period"})
-    heard |= {"distal"} if s.distal_accelerometer_arm_m else set()
+    observed = frozenset({"accelerometer", "load_cell", "period"})
+    observed |= {"distal"} if s.distal_accelerometer_arm_m else set()
     pieces: dict[str, list[Floats]] = {"accelerometer": [], "load_cell": [], "distal": []}
     contacts: list[tuple[float, bool]] = []
     ends: list[Floats] = []
@@ -121,10 +121,10 @@ def approach(
 
     def until(t_s: float) -> None:
         nonlocal now
-        plant.advance(t_s, heard)
+        plant.advance(t_s, observed)
         last = int(np.floor(t_s * RATE_HZ + 1e-6))
         times_s = np.arange(now + 1, last + 1) / RATE_HZ
-        for name in heard - {"period"}:
+        for name in observed - {"period"}:
             pieces[name].append(plant.sample(name, times_s))
         e, p = plant.periods()
         ends.append(e)

@@ -40,7 +40,7 @@ class Work(NamedTuple):
 
 
 def side_by_side_s(works: Sequence[Work]) -> list[float]:
-    """Median CPU time in s of a run of each, measured in turns: who else uses the machine, slows all of them."""
+    """Median CPU time in s of a run of each, measured in turns: other load on the machine slows all of them."""
     firsts_s = [work.once_s() for work in works]
     taken: list[list[float]] = [[first_s] if first_s > PATIENCE_S else [] for first_s in firsts_s]
     inners = [max(1, min(100, int(AT_LEAST_S / max(first_s, 1e-6)))) for first_s in firsts_s]

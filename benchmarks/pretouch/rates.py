@@ -102,17 +102,18 @@ def _not_the_top(verdict: Verdict) -> bool:
 
 
 def disagreements(study: RatesStudy) -> dict[str, int]:
-    """Passages in which a detector says something else at carrier than at envelope level, by detector."""
+    """Passages in which a detector's result differs between carrier and envelope level, by detector."""
     found = {}
     paper = best_paper_contact(study.matched)
     for name in (MATCHED, OURS, paper, OURS_CONTACT):
         found[name] = sum(
-            _word(a, name) != _word(b, name) for a, b in zip(study.by_envelope, study.by_carrier, strict=True)
+            _detected(a, name) != _detected(b, name)
+            for a, b in zip(study.by_envelope, study.by_carrier, strict=True)
         )
     return found
 
 
-def _word(verdict: Verdict, name: str) -> bool:
+def _detected(verdict: Verdict, name: str) -> bool:
     if name in verdict.seen_m:
         return not math.isnan(verdict.seen_m[name])
     if name in verdict.touch:

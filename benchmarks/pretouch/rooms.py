@@ -1,6 +1,6 @@
 """Rooms that are less kind: walls, gears, vibration, slanting ways, warm air, others that move. Data and traces.
 
-Sizes in full scales are as a finger hears them, at the study's drive. A room is drawn anew for each passage.
+Sizes in full scales are as received by a finger, at the study's drive. A room is drawn anew for each passage.
 """
 
 from __future__ import annotations
@@ -58,26 +58,26 @@ class Room(NamedTuple):
     growth: float = 1.0
 
 
-def walls(rng: Rng, heard_fs: float) -> tuple[EchoSettings, ...]:
-    """One to three still echoes from a quarter of a metre on, in any direction, of size `heard_fs` together."""
+def walls(rng: Rng, echo_fs: float) -> tuple[EchoSettings, ...]:
+    """One to three still echoes from a quarter of a metre on, in any direction, of size `echo_fs` together."""
     count = int(rng.integers(1, 4))
     shares = np.sqrt(rng.dirichlet(np.ones(count)))
     return tuple(
-        EchoSettings(size_fs=float(share) * heard_fs / LEVEL, away_m=rng.uniform(0.25, 1.0), cosine=cosine)
+        EchoSettings(size_fs=float(share) * echo_fs / LEVEL, away_m=rng.uniform(0.25, 1.0), cosine=cosine)
         for share, cosine in zip(shares, rng.uniform(-1.0, 1.0, count), strict=True)
     )
 
 
-def facing(rng: Rng, heard_fs: float) -> tuple[EchoSettings, ...]:
+def facing(rng: Rng, echo_fs: float) -> tuple[EchoSettings, ...]:
     """One wall straight ahead or behind: its echo turns as the object's does."""
     cosine = float(rng.choice((-1.0, 1.0)))
-    return (EchoSettings(size_fs=heard_fs / LEVEL, away_m=rng.uniform(0.25, 1.0), cosine=cosine),)
+    return (EchoSettings(size_fs=echo_fs / LEVEL, away_m=rng.uniform(0.25, 1.0), cosine=cosine),)
 
 
-def mover(rng: Rng, heard_fs: float) -> tuple[EchoSettings, ...]:
+def mover(rng: Rng, echo_fs: float) -> tuple[EchoSettings, ...]:
     """Something half a metre away that moves to and fro by 5 cm."""
     about = {"away_m": 0.5, "cosine": 0.0, "stroke_m": 0.05, "stroke_hz": rng.uniform(0.1, 0.5)}
-    return (EchoSettings(size_fs=heard_fs / LEVEL, **about),)
+    return (EchoSettings(size_fs=echo_fs / LEVEL, **about),)
 
 
 def shaken(rng: Rng, speed_m_s: float, ripple_fs: float, vibration_fs: float) -> RoomSettings:
@@ -107,8 +107,8 @@ def _training(rng: Rng, speed_m_s: float) -> Room:
     return Room(settings, jitter=rng.uniform(0.0, 0.2), sound=rng.uniform(0.95, 1.05))
 
 
-def _echoes(kind: Callable[[Rng, float], tuple[EchoSettings, ...]], heard_fs: float) -> Callable[..., Room]:
-    return lambda rng, speed_m_s: Room(RoomSettings(echoes=kind(rng, heard_fs)))
+def _echoes(kind: Callable[[Rng, float], tuple[EchoSettings, ...]], echo_fs: float) -> Callable[..., Room]:
+    return lambda rng, speed_m_s: Room(RoomSettings(echoes=kind(rng, echo_fs)))
 
 
 def _off(sound: float) -> Callable[..., Room]:
@@ -183,8 +183,8 @@ class Passing:
         return SIDES[self.number // 2 % len(SIDES)]
 
 
-class HeardFinger(NamedTuple):
-    """What a finger heard.
+class FingerRecord(NamedTuple):
+    """Signals of a finger.
 
     Attributes:
         z: Envelope, shape (n,).
@@ -199,8 +199,8 @@ class HeardFinger(NamedTuple):
     speed_m_s: float
 
 
-def hear(passing: Passing) -> HeardFinger:
-    """Simulate a passage at envelope level: rest, way to the object, and before nothing the way back."""
+def simulate(passing: Passing) -> FingerRecord:
+    """Simulate a passage at envelope level: rest, way to the object, and without one the way back."""
     rng = np.random.default_rng((passing.seed, passing.number))
     room = ROOMS[passing.room](rng, passing.speed_m_s)
     slant_rad = math.radians(room.slant_deg)
@@ -236,7 +236,7 @@ def hear(passing: Passing) -> HeardFinger:
     z = plant.envelope(motion, numbers, times_s, *drive, (RIGHT,))[:, RIGHT]
     noise_m = 1e-5 * rng.standard_normal(n // 2 + 1)  # the encoder at 500 Hz
     position_m = way_m + np.interp(numbers, np.arange(n // 2 + 1) * 2, noise_m)
-    return HeardFinger(z, position_m, gap_m[:, RIGHT], passing.speed_m_s)
+    return FingerRecord(z, position_m, gap_m[:, RIGHT], passing.speed_m_s)
 
 
 def plant_of(passing: Passing, room: Room) -> AuraPlant:

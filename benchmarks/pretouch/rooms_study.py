@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.pretouch.rooms import ROOMS, TRAINING, UNDULATION_M, HeardFinger, Passing, hear, passings
+from benchmarks.pretouch.rooms import ROOMS, TRAINING, UNDULATION_M, FingerRecord, Passing, passings, simulate
 from benchmarks.pretouch.scenes import RATE_HZ
 from benchmarks.pretouch.scoring import Rate, rate
 from benchmarks.results import save, workers
@@ -46,7 +46,7 @@ EVERY = 10
 
 
 class RoomOutcome(NamedTuple):
-    """What detectors made of a passage.
+    """Results of the detectors on a passage.
 
     Attributes:
         passing: Which.
@@ -57,43 +57,43 @@ class RoomOutcome(NamedTuple):
     rising: dict[str, Floats]
 
 
-def statistics(heard: HeardFinger) -> dict[str, Floats]:
-    """The number that each detector holds against its threshold, sample by sample; NaN where it has none."""
-    values = np.column_stack((heard.z.real, heard.z.imag, heard.position_m))
+def statistics(record: FingerRecord) -> dict[str, Floats]:
+    """Each detector's statistic, sample by sample; NaN where it has none."""
+    values = np.column_stack((record.z.real, record.z.imag, record.position_m))
     found = {}
     for window_s in WINDOWS_S:
         paper = PreTouchPaperDetector("paper", PreTouchPaperSettings(window_s=window_s))
         found[f"paper, {window_s:g} s"] = paper.statistic(values[:, :1], RATE_HZ)
     for turns in TURNS:
-        found[f"I and Q at the commanded speed, {turns}"] = commanded(heard, turns)
-    waves = [commanded(heard, TURNS[0], share) for share in OWN[OURS].obliquity]
+        found[f"I and Q at the commanded speed, {turns}"] = commanded(record, turns)
+    waves = [commanded(record, TURNS[0], share) for share in OWN[OURS].obliquity]
     found[f"I and Q at the commanded speed, {TURNS[0]}, seven waves"] = np.fmax.reduce(waves)
     for name, settings in OWN.items():
         found[name] = PreTouchDetector(name, settings).statistic(values, RATE_HZ)
     return found
 
 
-def commanded(heard: HeardFinger, turns: int, share: float = 1.0) -> Floats:
+def commanded(record: FingerRecord, turns: int, share: float = 1.0) -> Floats:
     """Power of the wave that an object makes at the commanded speed times `share`, over so many undulations.
 
-    A rival: it hears I and Q, knows the speed that was asked for and needs no encoder. The window's level drops out,
+    A rival: it uses I and Q and the commanded speed, and needs no encoder. The window's level drops out,
     for it holds whole turns; a slope is taken off as its halves show it. Shape (n,).
     """
-    n = round(turns * UNDULATION_M / (share * heard.speed_m_s) * RATE_HZ)
+    n = round(turns * UNDULATION_M / (share * record.speed_m_s) * RATE_HZ)
     rate_rad = 2.0 * math.pi * turns / n
-    ends = np.arange(n, len(heard.z) + 1, EVERY)
-    found = np.full(len(heard.z), np.nan)
+    ends = np.arange(n, len(record.z) + 1, EVERY)
+    found = np.full(len(record.z), np.nan)
     if not len(ends):
         return found
-    level = np.concatenate(([0.0], np.cumsum(heard.z)))
+    level = np.concatenate(([0.0], np.cumsum(record.z)))
     half = n // 2
     late, early = level[ends] - level[ends - half], level[ends - half] - level[ends - n]
     slope = (late / half - early / (n - half)) / (n / 2.0)
     inside = np.arange(n)
     powers = []
     for sense in (1.0, -1.0):
-        wave = np.exp(-1j * sense * rate_rad * np.arange(len(heard.z)))
-        turned = np.concatenate(([0.0], np.cumsum(heard.z * wave)))
+        wave = np.exp(-1j * sense * rate_rad * np.arange(len(record.z)))
+        turned = np.concatenate(([0.0], np.cumsum(record.z * wave)))
         ramp = np.sum(np.exp(-1j * sense * rate_rad * inside) * (inside - inside.mean())) * wave[ends - n]
         powers.append(np.abs((turned[ends] - turned[ends - n] - slope * ramp) / n) ** 2)
     found[ends - 1] = np.maximum(*powers)
@@ -101,14 +101,14 @@ def commanded(heard: HeardFinger, turns: int, share: float = 1.0) -> Floats:
 
 
 def judged(passing: Passing) -> RoomOutcome:
-    """Let every detector hear a passage."""
-    heard = hear(passing)
+    """Apply every detector to a passage."""
+    record = simulate(passing)
     rising = {}
-    for name, trace in statistics(heard).items():
+    for name, trace in statistics(record).items():
         known = np.where(np.isnan(trace), -np.inf, trace)
         largest = np.maximum.accumulate(known)
         new = np.flatnonzero(largest > np.concatenate(([-np.inf], largest[:-1])))
-        rising[name] = np.vstack((largest[new], heard.gap_m[new]))
+        rising[name] = np.vstack((largest[new], record.gap_m[new]))
     rising[AS_IT_IS] = rising[OURS]
     return RoomOutcome(passing, rising)
 
@@ -129,7 +129,7 @@ class RoomRow(NamedTuple):
     """A detector in a room.
 
     Attributes:
-        quiet: Passages before nothing without a word.
+        quiet: Passages without an object and without an event.
         seen: By strength, approaches in which the object was seen from `NEEDED_M` or farther.
         reach_m: By strength, the distance from which 95 % were seen.
     """

@@ -36,7 +36,7 @@ from benchmarks.pretouch.study import (
     matched_db,
     pretouch_judges,
 )
-from benchmarks.results import save, tell, workers
+from benchmarks.results import progress, save, workers
 from drivers.mock.physics.aura_objects import SIDES, SIX, SOFT
 
 SWEEP_DB = (0, 5, 10, 15, 20, 25, 30, 35, 40)
@@ -56,13 +56,13 @@ def main(quick: bool = False) -> None:
 
 def _study(size: PretouchSize, pool: ProcessPoolExecutor) -> RatesStudy:
     plain_thresholds = calibrate(0.0, size, pool)
-    tell("thresholds where the echo is as the plant believes")
+    progress("thresholds where the echo is as the plant believes")
     weaker_db, found_db = matched_db(plain_thresholds, size, pool)
-    tell(f"the paper's own rate comes out of the paper's detector {weaker_db} dB below")
+    progress(f"the paper's own rate comes out of the paper's detector {weaker_db} dB below")
     thresholds = calibrate(float(weaker_db), size, pool)
     work = list(events(SEED_TEST, size.touches, size.nears, size.others, weaker_db=float(weaker_db)))
     matched = judged(work, thresholds, pool)
-    tell(f"{len(work)} passages at that echo")
+    progress(f"{len(work)} passages at that echo")
     plain = judged(list(events(SEED_TEST + 1, *size.plain)), plain_thresholds, pool)
     soft = {
         db: judged(
@@ -74,10 +74,10 @@ def _study(size: PretouchSize, pool: ProcessPoolExecutor) -> RatesStudy:
     }
     sweep = {db: _sweep(db, size, plain_thresholds, pool) for db in SWEEP_DB}
     afar = judged(_from_afar(size), plain_thresholds, pool)
-    tell("plain, soft, weaker and from afar")
+    progress("plain, soft, weaker and from afar")
     sampled = work[:: size.carrier]
     by_carrier = judged(sampled, thresholds, pool, carrier=True)
-    tell(f"{len(sampled)} of them at carrier level")
+    progress(f"{len(sampled)} of them at carrier level")
     return RatesStudy(
         size=size,
         weaker_db=weaker_db,
@@ -137,8 +137,8 @@ def blind_spots() -> dict[str, float]:
 
 def costs() -> dict[str, float]:
     """Nanoseconds a sample (I and Q of one finger at 1 kHz, blocks of 64): median of five runs over one passage."""
-    heard = passage(Event(SEED_MATCH, 0, "touch", "mug", "normal", 0.01))
-    whole, encoder = heard.block, heard.encoder
+    record = passage(Event(SEED_MATCH, 0, "touch", "mug", "normal", 0.01))
+    whole, encoder = record.block, record.encoder
     pieces: list[Any] = []
     for first in range(0, len(whole), 64):
         pieces.append(

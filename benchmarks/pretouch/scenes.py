@@ -1,4 +1,4 @@
-"""What is heard: passages of a finger to an object and back, before nothing, and by the finger that looks elsewhere.
+"""Passages of a finger to an object and back, without an object, and by the other finger.
 
 Straight from the aura's plant, with the arm's motion and encoder written down here: no driver, no loop. What the plant
 assumes: docs/explanation/aura.md.
@@ -66,7 +66,7 @@ LEVEL = 0.5
 DRIVE_HZ = 40_000.0
 
 SOUND_ERROR = 0.02
-"""By how much the real speed of sound differs from what the detectors were told, either way."""
+"""By how much the real speed of sound differs from the detectors' setting, either way."""
 
 WARMING_K_S = 0.02
 """While it drifts. Assumption: a bridge in its first minutes."""
@@ -100,8 +100,8 @@ class Event:
 
 
 @dataclass(frozen=True)
-class HeardPassage:
-    """What was heard, and what was true.
+class PassageRecord:
+    """Signals and truth of a passage.
 
     Attributes:
         event: What this is a passage of.
@@ -130,7 +130,7 @@ class HeardPassage:
 
     @property
     def block(self) -> SampleBlock:
-        """The envelope as the detectors hear it, `signals.right`."""
+        """The envelope as the detectors receive it, `signals.right`."""
         values = np.ascontiguousarray(self.z).view(np.float64).reshape(-1, 2)
         return SampleBlock("signals.right", 0, float(self.times_s[0]), values, rate_hz=RATE_HZ, unit="FS")
 
@@ -214,7 +214,7 @@ def plant_of(event: Event) -> AuraPlant:
 
 
 def finger_of(event: Event) -> int:
-    """Who listens."""
+    """The receiving finger."""
     return LEFT if event.kind == "other_side" else RIGHT
 
 
@@ -228,7 +228,7 @@ def encoder_of(event: Event, until_s: float) -> SampleBlock:
     return SampleBlock("arm.position", 0, 0.0, values, rate_hz=ENCODER_HZ, unit="m")
 
 
-def passage(event: Event) -> HeardPassage:
+def passage(event: Event) -> PassageRecord:
     """Simulate one, at envelope level."""
     n = round(duration_s(event) * RATE_HZ)
     numbers = np.arange(n, dtype=np.int64)
@@ -238,14 +238,14 @@ def passage(event: Event) -> HeardPassage:
     z = plant_of(event).envelope(
         found.motion, numbers, times_s, np.full(n, DRIVE_HZ), np.full(n, LEVEL), (finger,)
     )[:, finger]
-    return heard(event, times_s, z, found)
+    return record_of(event, times_s, z, found)
 
 
 CHUNK = 96_000
 """Frames that are simulated at a time, so that a passage needs little memory."""
 
 
-def passage_by_carrier(event: Event) -> HeardPassage:
+def passage_by_carrier(event: Event) -> PassageRecord:
     """The same at carrier level: 96 kHz, 24 bits, through the real chain (`controller.signals.iq`)."""
     from controller.signals.iq import Iq, IqSettings
 
@@ -268,11 +268,11 @@ def passage_by_carrier(event: Event) -> HeardPassage:
         pieces += [made for made in chain.push(block) if isinstance(made, SampleBlock)]
     times_s = np.concatenate([piece.times for piece in pieces])
     values = np.concatenate([piece.physical for piece in pieces])
-    return heard(event, times_s, values[:, 0] + 1j * values[:, 1], course(event, times_s))
+    return record_of(event, times_s, values[:, 0] + 1j * values[:, 1], course(event, times_s))
 
 
 def template(event: Event) -> tuple[Complexes, Complexes, Floats]:
-    """What only the plant knows of a passage, for the clairvoyant.
+    """The plant's truth of a passage, for the clairvoyant.
 
     Returns:
         What the object adds to the envelope (before nothing: what an object of the six would have added), the envelope
@@ -296,13 +296,13 @@ def template(event: Event) -> tuple[Complexes, Complexes, Floats]:
     return seen[:, RIGHT] - bare[:, RIGHT], bare[:, finger], sigma_fs
 
 
-def heard(event: Event, times_s: Floats, z: Complexes, found: PassageCourse) -> HeardPassage:
+def record_of(event: Event, times_s: Floats, z: Complexes, found: PassageCourse) -> PassageRecord:
     """A passage from its envelope at given instants, 1 kHz apart."""
     encoder = encoder_of(event, float(times_s[-1]))
     position_m = np.interp(times_s, encoder.times, encoder.values[:, 0])
     gap_m = found.motion.gap_m[:, RIGHT]
     touching = np.flatnonzero(gap_m <= 0.0)
-    return HeardPassage(
+    return PassageRecord(
         event,
         z,
         position_m,

@@ -1,4 +1,4 @@
-"""From what detectors said to rates with intervals; nothing here knows how a passage was made."""
+"""From detectors' events to rates with intervals; independent of how passages are simulated."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from controller.reports.counts import wilson
 Floats = NDArray[np.float64]
 
 EARLY_S, LATE_S = 0.02, 0.5
-"""A contact counts as felt if it is said no sooner than this before the touch, and no later than this after it; its end
-likewise. Assumption: half a second is a third of the hold."""
+"""A contact counts as felt if it is reported no sooner than this before the touch, and no later than this after it; its
+end likewise. Assumption: half a second is a third of the hold."""
 
 
 @dataclass(frozen=True)
@@ -50,29 +50,28 @@ def rate(answers: Iterable[bool]) -> Rate:
     return Rate(sum(known), len(known))
 
 
-def seen_at(said: Sequence[Detected], begun_s: float, until_s: float) -> float:
-    """When pre-touch was first said in an approach, NaN if it was not; what was said before and still stood does not
-    count."""
+def seen_at(events: Sequence[Detected], begun_s: float, until_s: float) -> float:
+    """When pre-touch was first reported in an approach, else NaN; an earlier event that still stands does not count."""
     return next(
-        (event.t_s for event in said if isinstance(event, PreTouch) and begun_s <= event.t_s <= until_s),
+        (event.t_s for event in events if isinstance(event, PreTouch) and begun_s <= event.t_s <= until_s),
         math.nan,
     )
 
 
-def alarmed(said: Sequence[Detected], kind: type[Detected]) -> bool:
-    """Whether it was said at all."""
-    return any(type(event) is kind for event in said)
+def alarmed(events: Sequence[Detected], kind: type[Detected]) -> bool:
+    """Whether there is such an event."""
+    return any(type(event) is kind for event in events)
 
 
 @dataclass(frozen=True)
 class ScoredTouch:
-    """What was made of one touch.
+    """Score of one touch.
 
     Attributes:
         delay_s: From touch to `Contact`, NaN where it was not felt in time.
-        early: Contact was said before the touch.
-        held: It was felt, its persistence was said, and it was not taken back before the end.
-        ended: It was felt, and its end was said in time.
+        early: Contact was reported before the touch.
+        held: It was felt, reported to persist, and not revoked before the end.
+        ended: It was felt, and its end was reported in time.
     """
 
     delay_s: float
@@ -81,17 +80,17 @@ class ScoredTouch:
     ended: bool
 
 
-def touch(said: Sequence[Detected], touched_s: float, released_s: float) -> ScoredTouch:
-    """Judge what was said of one touch."""
-    begins = [event.t_s for event in said if isinstance(event, Contact)]
+def touch(events: Sequence[Detected], touched_s: float, released_s: float) -> ScoredTouch:
+    """Score the events of one touch."""
+    begins = [event.t_s for event in events if isinstance(event, Contact)]
     early = any(t_s < touched_s - EARLY_S for t_s in begins)
     felt_s = next(
         (t_s for t_s in begins if touched_s - EARLY_S <= t_s <= min(released_s, touched_s + LATE_S)), math.nan
     )
     if math.isnan(felt_s):
         return ScoredTouch(math.nan, early, False, False)
-    lost_s = next((e.t_s for e in said if isinstance(e, ContactLost) and e.t_s > felt_s), math.inf)
-    held = any(isinstance(event, ContactHeld) and felt_s < event.t_s <= released_s for event in said)
+    lost_s = next((e.t_s for e in events if isinstance(e, ContactLost) and e.t_s > felt_s), math.inf)
+    held = any(isinstance(event, ContactHeld) and felt_s < event.t_s <= released_s for event in events)
     kept = lost_s >= released_s - EARLY_S
     return ScoredTouch(felt_s - touched_s, early, held and kept, kept and lost_s <= released_s + LATE_S)
 

@@ -17,7 +17,7 @@ from benchmarks.pretouch.scenes import (
     POSITIVE,
     RATE_HZ,
     Event,
-    HeardPassage,
+    PassageRecord,
     events,
     passage,
     passage_by_carrier,
@@ -45,31 +45,31 @@ SEED_CALIBRATION, SEED_TEST, SEED_MATCH = 21_000, 22_000, 23_000
 BOTH = "pretouch.paper on I and Q"
 CLAIRVOYANT = "clairvoyant"
 STATISTICS = (BOTH, CLAIRVOYANT)
-"""Not detectors that anyone can use: held against their thresholds here."""
+"""Not detectors that anyone can use: compared with their thresholds here."""
 
 AS_IT_IS = ", own threshold"
-"""Ours, as a user finds them: nothing is calibrated."""
+"""Ours with default settings, not calibrated."""
 
 IN_MOTION = ", in motion"
 SET_OUT_S = 0.3
-"""The paper's z-score once more, of the approach alone, begun only so long after the arm has set out: in a window that
-begins at rest the noise of setting out is the largest z there is. The paper does not say how it went about that."""
+"""The paper's z-score once more, of the approach alone, begun only this long after the arm's start: in a window that
+begins at rest the noise of the start is the largest z. The paper gives no procedure for that."""
 
 EMPTY = PreTouchSettings(background_fs=0.0, obliquity=(1.0,))
-"""Ours, as a user sets it who knows that the room sends nothing back and that the way goes straight to the object."""
+"""Ours, as set for a room without echoes and a straight path to the object."""
 
 ONE_IN = 4
-"""So many passages of which one is shown to the clairvoyant, which costs as much as the rest."""
+"""One in so many passages is given to the clairvoyant, which costs as much as the rest."""
 
 
 class Judge(Protocol):
     """A detector of this study."""
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Hear a block."""
+        """Process a block."""
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
-        """The number held against the threshold."""
+        """The number compared with the threshold."""
 
 
 def pretouch_judges(thresholds: Mapping[str, float]) -> dict[str, Judge]:
@@ -111,8 +111,8 @@ def _at(thresholds: Mapping[str, float], name: str) -> dict[str, Any]:
 def loudest(event: Event) -> dict[str, float]:
     """Largest statistic of each detector in a passage without an event: of pre-touch none is one before nothing, of
     contact none is one without a touch."""
-    heard = passage(event)
-    values = np.column_stack([heard.z.real, heard.z.imag, heard.position_m])
+    record = passage(event)
+    values = np.column_stack([record.z.real, record.z.imag, record.position_m])
     found: dict[str, float] = {}
     if event.kind not in POSITIVE:
         for name, judge in pretouch_judges({}).items():
@@ -120,19 +120,19 @@ def loudest(event: Event) -> dict[str, float]:
                 found[name] = _largest(judge.statistic(values, RATE_HZ))
         found[BOTH] = _largest(both(values))
         if event.number % ONE_IN == 0:
-            found[CLAIRVOYANT] = _largest(clairvoyant(heard))
+            found[CLAIRVOYANT] = _largest(clairvoyant(record))
     if event.kind != "touch":
         for name, judge in contact_judges({}).items():
             if not name.endswith(AS_IT_IS):
-                found[name] = _largest(judge.statistic(values[_part(heard, name), :2], RATE_HZ))
+                found[name] = _largest(judge.statistic(values[_part(record, name), :2], RATE_HZ))
     return found
 
 
-def _part(heard: HeardPassage, name: str) -> slice:
-    """The samples that a detector of contact hears of a passage."""
+def _part(record: PassageRecord, name: str) -> slice:
+    """The samples of a passage that a contact detector receives."""
     if not name.endswith(IN_MOTION):
-        return slice(0, len(heard.z))
-    return slice(heard.begun + round(SET_OUT_S * RATE_HZ), heard.arrived + round(LATE_S * RATE_HZ))
+        return slice(0, len(record.z))
+    return slice(record.begun + round(SET_OUT_S * RATE_HZ), record.arrived + round(LATE_S * RATE_HZ))
 
 
 def _largest(statistic: Floats) -> float:
@@ -146,16 +146,16 @@ def both(values: Floats) -> Floats:
     return judge.statistic(values[:, :1], RATE_HZ) + judge.statistic(values[:, 1:2], RATE_HZ)
 
 
-def clairvoyant(heard: HeardPassage) -> Floats:
+def clairvoyant(record: PassageRecord) -> Floats:
     """The matched filter that knows the plant: echo, imbalance, drift and noise levels of this very passage.
 
-    After each sample since the approach began, the best there is to say of white noise: what was heard, projected on
-    what the object would add, in standard deviations. Shape (n,).
+    After each sample since the approach began, the optimum in white noise: the signal, projected on what the object
+    would add, in standard deviations. Shape (n,).
     """
-    echo, bare, sigma_fs = template(heard.event)
+    echo, bare, sigma_fs = template(record.event)
     weights = 1.0 / sigma_fs**2
-    weights[: heard.begun] = 0.0
-    projected = np.cumsum(weights * (np.conj(echo) * (heard.z - bare)).real)
+    weights[: record.begun] = 0.0
+    projected = np.cumsum(weights * (np.conj(echo) * (record.z - bare)).real)
     energy = np.cumsum(weights * np.abs(echo) ** 2)
     found: Floats = np.full(len(echo), np.nan)
     np.divide(projected, np.sqrt(energy), out=found, where=energy > 0.0)
@@ -179,14 +179,14 @@ def thresholds_of(calibration: Iterable[Mapping[str, float]]) -> dict[str, float
 
 @dataclass(frozen=True)
 class Verdict:
-    """What all detectors made of one passage.
+    """Results of all detectors on one passage.
 
     Attributes:
         event: Of which.
-        seen_m: Of an approach: distance at which pre-touch was said, NaN where it was not, by detector.
-        near: Of a passage before nothing: whether pre-touch was said, by detector.
-        touch: Of a touch: what was made of it, by detector.
-        touched: Of a passage without touch: whether contact was said, by detector.
+        seen_m: Of an approach: distance at which pre-touch was detected, NaN where it was not, by detector.
+        near: Of a passage without an object: whether pre-touch was reported, by detector.
+        touch: Of a touch: its score, by detector.
+        touched: Of a passage without touch: whether contact was reported, by detector.
     """
 
     event: Event
@@ -197,46 +197,46 @@ class Verdict:
 
 
 def judge(event: Event, thresholds: Mapping[str, float], carrier: bool = False) -> Verdict:
-    """Let all detectors hear one passage."""
-    heard = passage_by_carrier(event) if carrier else passage(event)
+    """Apply all detectors to one passage."""
+    record = passage_by_carrier(event) if carrier else passage(event)
     found = Verdict(event, {}, {}, {}, {})
     for name, detector in pretouch_judges(thresholds).items():
-        said = [*detector.push(heard.encoder), *detector.push(heard.block)]
+        reported = [*detector.push(record.encoder), *detector.push(record.block)]
         if event.kind in POSITIVE:
-            until = heard.arrived if heard.touched is None else min(heard.touched, heard.arrived)
-            t_s = seen_at(said, float(heard.times_s[heard.begun]), float(heard.times_s[until]))
+            until = record.arrived if record.touched is None else min(record.touched, record.arrived)
+            t_s = seen_at(reported, float(record.times_s[record.begun]), float(record.times_s[until]))
             found.seen_m[name] = (
-                float(np.interp(t_s, heard.times_s, heard.gap_m)) if math.isfinite(t_s) else math.nan
+                float(np.interp(t_s, record.times_s, record.gap_m)) if math.isfinite(t_s) else math.nan
             )
         else:
-            found.near[name] = alarmed(said, PreTouch)
+            found.near[name] = alarmed(reported, PreTouch)
     if not carrier:
-        _judge_statistics(heard, thresholds, found)
+        _judge_statistics(record, thresholds, found)
     for name, detector in contact_judges(thresholds).items():
-        part, block = _part(heard, name), heard.block
-        t0_s = float(heard.times_s[part.start])
-        said = list(detector.push(replace(block, seq=part.start, t0_s=t0_s, values=block.values[part])))
-        if heard.touched is not None and heard.released is not None:
-            touched_s, released_s = heard.times_s[heard.touched], heard.times_s[heard.released]
-            found.touch[name] = touch(said, float(touched_s), float(released_s))
+        part, block = _part(record, name), record.block
+        t0_s = float(record.times_s[part.start])
+        reported = list(detector.push(replace(block, seq=part.start, t0_s=t0_s, values=block.values[part])))
+        if record.touched is not None and record.released is not None:
+            touched_s, released_s = record.times_s[record.touched], record.times_s[record.released]
+            found.touch[name] = touch(reported, float(touched_s), float(released_s))
         else:
-            found.touched[name] = alarmed(said, Contact)
+            found.touched[name] = alarmed(reported, Contact)
     return found
 
 
-def _judge_statistics(heard: HeardPassage, thresholds: Mapping[str, float], found: Verdict) -> None:
-    values = np.column_stack([heard.z.real, heard.z.imag])
+def _judge_statistics(record: PassageRecord, thresholds: Mapping[str, float], found: Verdict) -> None:
+    values = np.column_stack([record.z.real, record.z.imag])
     traces = {BOTH: both(values)}
-    if heard.event.number % ONE_IN == 0:
-        traces[CLAIRVOYANT] = clairvoyant(heard)
+    if record.event.number % ONE_IN == 0:
+        traces[CLAIRVOYANT] = clairvoyant(record)
     for name, trace in traces.items():
         if name not in thresholds:
             continue
         above = np.flatnonzero(trace > thresholds[name])
-        if heard.event.kind in POSITIVE:
-            until = heard.arrived if heard.touched is None else min(heard.touched, heard.arrived)
-            inside = above[(above >= heard.begun) & (above <= until)]
-            found.seen_m[name] = float(heard.gap_m[inside[0]]) if len(inside) else math.nan
+        if record.event.kind in POSITIVE:
+            until = record.arrived if record.touched is None else min(record.touched, record.arrived)
+            inside = above[(above >= record.begun) & (above <= until)]
+            found.seen_m[name] = float(record.gap_m[inside[0]]) if len(inside) else math.nan
         else:
             found.near[name] = bool(len(above))
 
@@ -321,10 +321,10 @@ def matched_db(
 
 
 def _paper_sees(event: Event, threshold: float) -> bool:
-    heard = passage(event)
+    record = passage(event)
     detector = PreTouchPaperDetector("paper", PreTouchPaperSettings(threshold=threshold))
-    until_s = float(heard.times_s[heard.arrived])
-    return not math.isnan(seen_at(detector.push(heard.block), float(heard.times_s[heard.begun]), until_s))
+    until_s = float(record.times_s[record.arrived])
+    return not math.isnan(seen_at(detector.push(record.block), float(record.times_s[record.begun]), until_s))
 
 
 def judged(

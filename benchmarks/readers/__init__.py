@@ -30,10 +30,10 @@ def by_npm(recording: Path) -> dict[str, Any]:
     for name in ("package.json", "read.mjs"):
         (INSTALLED / name).write_bytes((HERE / name).read_bytes())
     subprocess.run(["npm", "install", "--silent", "--no-package-lock"], cwd=INSTALLED, check=True)
-    said = subprocess.run(
+    done = subprocess.run(
         ["node", "read.mjs", str(recording)], cwd=INSTALLED, check=True, stdout=subprocess.PIPE, text=True
     )
-    found: dict[str, Any] = json.loads(said.stdout)
+    found: dict[str, Any] = json.loads(done.stdout)
     return found
 
 

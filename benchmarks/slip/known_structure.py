@@ -2,7 +2,7 @@
 
 A Kalman filter has the plant's own numbers: mass, spring, damping and contact of a tip that holds, rolling, noise. A
 blow (an innovation beyond three standard deviations) reopens its speed and its force, so that what follows is
-foretold. Its innovations go into the sum of knocks of `slip`.
+predicted. Its innovations go into the sum of knocks of `slip`.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class Splice(NamedTuple):
         onset: Where slip begins: at a sample within the quiet's own range, so that the cut makes no step.
         reversed: The drag played backwards: quiet, and slip as it comes. The sensor is the same; a slip that dies away
             becomes one that grows.
-        reversed_onset: Where its electrodes tell contact.
+        reversed_onset: Where its electrodes show contact.
     """
 
     values: Floats
@@ -63,8 +63,8 @@ def on_drags(judge: Rival) -> dict[str, Any]:
     """The threshold from the choosing half's quiet, one false alarm a minute; delays on the judging half."""
     quiet = [s.values[: s.onset] for s in map(splice, drags("choosing"))]
     maxima = np.sort(np.concatenate([_maxima(judge(each, BIOTAC_HZ), BIOTAC_HZ) for each in quiet]))[::-1]
-    heard_s = sum(len(each) / BIOTAC_HZ - LEARN_S for each in quiet)
-    threshold = float(maxima[max(1, round(heard_s / 60.0))])
+    decided_s = sum(len(each) / BIOTAC_HZ - LEARN_S for each in quiet)
+    threshold = float(maxima[max(1, round(decided_s / 60.0))])
     delays, early, alarms, judged_s = [], 0, 0, 0.0
     for each in map(splice, drags("judging")):
         found = judge(each.values, BIOTAC_HZ)
@@ -90,8 +90,8 @@ force drops; the stage stands; shortly before the finger is lifted."""
 
 
 def on_tribometer(name: str, judge: Rival) -> Iterator[dict[str, Any]]:
-    """What a detector says of the finger on a tribometer: at the largest value of its rest, and ours at thresholds from
-    elsewhere as well."""
+    """Results of a detector for the finger on a tribometer: at the largest value of its rest, and ours at thresholds
+    from elsewhere as well."""
     recorded = load("tribometer")
     for column, channel in ((0, "lateral force"), (2, "vibration")) if recorded else ():
         assert recorded is not None
@@ -99,19 +99,19 @@ def on_tribometer(name: str, judge: Rival) -> Iterator[dict[str, Any]]:
         statistic = judge(values, TRIBOMETER_HZ)
         rest = float(np.nanmax(_between(statistic, *RESTS_S)))
         for threshold in (rest, *(THRESHOLDS if name == OURS else ())):
-            says = called(name, values, statistic, TRIBOMETER_HZ, threshold)
-            moving = _between(says, MOVES_S, LIFTS_S)
-            turns = np.flatnonzero(np.diff(says)) + 1
+            slipping = called(name, values, statistic, TRIBOMETER_HZ, threshold)
+            moving = _between(slipping, MOVES_S, LIFTS_S)
+            turns = np.flatnonzero(np.diff(slipping)) + 1
             yield {
                 "detector": name,
                 "channel": channel,
                 "threshold": threshold,
-                "before_touch_s": float(_between(says, RESTS_S[1], TOUCH_S).sum() / TRIBOMETER_HZ),
-                "loaded_s": float(_between(says, *LOADED_S).sum() / TRIBOMETER_HZ),
+                "before_touch_s": float(_between(slipping, RESTS_S[1], TOUCH_S).sum() / TRIBOMETER_HZ),
+                "loaded_s": float(_between(slipping, *LOADED_S).sum() / TRIBOMETER_HZ),
                 "told_s": MOVES_S + first_above(moving.astype(float), 0.5) / TRIBOMETER_HZ,
-                "share_of_slip": float(_between(says, LETS_GO_S, STANDS_S).mean()),
+                "share_of_slip": float(_between(slipping, LETS_GO_S, STANDS_S).mean()),
                 "off_s": MOVES_S + float(np.max(np.flatnonzero(moving), initial=-1) + 1) / TRIBOMETER_HZ,
-                "said": [f"{'on' if says[i] else 'off'} {i / TRIBOMETER_HZ:.3f}" for i in turns.tolist()]
+                "said": [f"{'on' if slipping[i] else 'off'} {i / TRIBOMETER_HZ:.3f}" for i in turns.tolist()]
                 if name == OURS
                 else None,
             }
@@ -122,9 +122,9 @@ def _between(values: NDArray[Any], begin_s: float, end_s: float) -> NDArray[Any]
     return values[round(begin_s * TRIBOMETER_HZ) : round(end_s * TRIBOMETER_HZ)]
 
 
-BLOW_V, APART_S, HEARD_S = 0.15, 0.3, 0.5
-"""A blow to the force sensor is beyond this, some 50 times its noise; the next is as far away at least; what a detector
-says in the time after it is the blow's doing."""
+BLOW_V, APART_S, AFTER_S = 0.15, 0.3, 0.5
+"""A blow to the force sensor is beyond this, some 50 times its noise; the next is as far away at least; events in
+the time after it are attributed to the blow."""
 
 
 def on_blows(judge: Rival, thresholds: Sequence[float]) -> Iterator[dict[str, Any]]:
@@ -137,7 +137,7 @@ def on_blows(judge: Rival, thresholds: Sequence[float]) -> Iterator[dict[str, An
         begins = places[np.diff(places, prepend=-(10**9)) > APART_S * TRIBOMETER_HZ]
         resting = np.ones(len(values), dtype=bool)
         for begin in begins:
-            after = slice(begin, begin + round(HEARD_S * TRIBOMETER_HZ))
+            after = slice(begin, begin + round(AFTER_S * TRIBOMETER_HZ))
             pieces.append(np.nan_to_num(statistic[after]))
             resting[begin - round(0.05 * TRIBOMETER_HZ) : after.stop] = False
         quiet.append(float(np.nanmax(statistic[resting])))
@@ -151,7 +151,7 @@ def on_blows(judge: Rival, thresholds: Sequence[float]) -> Iterator[dict[str, An
 
 
 def on_quiet(interval_s: float) -> dict[str, Any]:
-    """False alarms of thresholds that `calibrate` sets for an interval, on recordings that it did not hear: one half of
+    """False alarms of thresholds that `calibrate` sets for an interval, on other recordings: one half of
     the drags for the other, and each material for the other five."""
     found: dict[str, Any] = {"interval_s": interval_s}
     kept = [drag for half in ("choosing", "judging") for drag in drags(half)]
@@ -160,7 +160,7 @@ def on_quiet(interval_s: float) -> dict[str, Any]:
         "material": lambda drag: drag.name.split("_")[0],
     }
     for name, cut in cuts.items():
-        alarms, heard_s = 0, 0.0
+        alarms, decided_s = 0, 0.0
         for left_out in sorted({cut(drag) for drag in kept}):
             others = [_quiet(drag) for drag in kept if cut(drag) != left_out]
             threshold = calibrate_pieces(others, interval_s).threshold
@@ -170,32 +170,32 @@ def on_quiet(interval_s: float) -> dict[str, Any]:
                         [span_maxima(c.statistic, c.rate_hz) for c in courses_of(*_quiet(drag))]
                     )
                     alarms += int(np.sum(maxima > threshold))
-                    heard_s += float(len(maxima))
-        expected = heard_s / interval_s
+                    decided_s += float(len(maxima))
+        expected = decided_s / interval_s
         low, high = (end / expected for end in poisson_interval(alarms))
         found[name] = {"alarms": alarms, "expected": expected, "ratio_low": low, "ratio_high": high}
     return found
 
 
 def _quiet(drag: Drag) -> tuple[SlipDetector, list[SampleBlock]]:
-    """Ours, and what `calibrate` hears of a drag: its end, where the finger hangs in the air."""
+    """Ours, and the part of a drag for `calibrate`: its end, where the finger hangs in the air."""
     values = drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :, None]
     detector = SlipDetector("slip", SlipSettings())
     return detector, [SampleBlock("board.tangential", 0, 0.0, values, rate_hz=BIOTAC_HZ)]
 
 
 def at_reset(name: str, judge: Rival, threshold: float) -> Iterator[dict[str, Any]]:
-    """Drags of the judging half that slip while a detector begins, and go on: of how many it says so afterwards. Ours
-    as well with the quiet level of their own end stored."""
+    """Drags of the judging half that slip while a detector starts, and go on: how many it then detects. Ours as well
+    with the quiet level of their own end stored."""
     chosen = drags("judging")
     slipping = [drag.pressure[round(BIOTAC_HZ) : round(2.5 * BIOTAC_HZ)] for drag in chosen]
-    told = sum(math.isfinite(first_above(judge(each, BIOTAC_HZ), threshold)) for each in slipping)
+    detected = sum(math.isfinite(first_above(judge(each, BIOTAC_HZ), threshold)) for each in slipping)
     yield {
         "detector": name,
         "stored": False,
         "slips": len(chosen),
-        "told": told,
-        "told_95": wilson(told, len(chosen)),
+        "told": detected,
+        "told_95": wilson(detected, len(chosen)),
     }
     if name == OURS:
         quiet = [drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :] for drag in chosen]

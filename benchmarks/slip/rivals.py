@@ -1,6 +1,6 @@
 """Textbook rivals of the slip detectors, each a function from a recording to a statistic.
 
-None knows the sensor. Where one needs a level of its own, it takes it from the first second, as ours does; what it says
+None knows the sensor. Where one needs a level of its own, it takes it from the first second, as ours does; its output
 before is NaN. All are causal.
 """
 

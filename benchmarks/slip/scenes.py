@@ -1,4 +1,4 @@
-"""What the detectors hear: sensors with their structures off, recordings without slip, and slips.
+"""Input of the detectors: sensors with their structures off, recordings without slip, and slips.
 
 Everything here is simulated. Detectors see the sensor's output alone; the truth is used for scoring.
 """
@@ -55,7 +55,7 @@ RECORDING_S = 600.0
 """Length of one recording without slip; each has its own key."""
 
 SETTLE_S = 5.0
-"""Left out at its beginning: a detector may learn. What it says in that time is counted apart."""
+"""Left out at its beginning: a detector may learn. Its events in that time are counted separately."""
 
 ARMED_S = 1.0
 """When both detectors decide: ours learns for so long."""

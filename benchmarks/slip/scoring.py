@@ -113,29 +113,29 @@ def first_above(statistic: Floats, threshold: float) -> float:
 
 
 def _pushed(values: Floats, rate_hz: float, **settings: float) -> Sequence[Detected]:
-    """What ours says of a stretch."""
+    """Our detector's events on a stretch."""
     detector = SlipDetector(OURS, SlipSettings.model_validate(settings))
     return detector.push(SampleBlock("board.tangential", 0, 0.0, values[:, None], rate_hz=rate_hz))
 
 
 def refusals(quiet: Sequence[Floats], slipping: Sequence[Floats], rate_hz: float) -> dict[str, Any]:
-    """Ours, with the level of each quiet stored, on a slip that runs while it begins: how often it refuses by name or
-    tells the slip, and how often it says anything."""
-    told = something = 0
+    """Ours, with the level of each quiet stored, on a slip that runs while it begins: how often it refuses the baseline
+    or detects the slip, and how often it reports anything."""
+    detected = something = 0
     for calm, each in zip(quiet, slipping, strict=True):
-        said = _pushed(each, rate_hz, quiet_rms=_pushed(calm, rate_hz)[0].value)
-        told += any(isinstance(event, BaselineRefused | SlipStarted) for event in said)
-        something += bool(said)
-    row = {"stored": True, "slips": len(quiet), "told": told, "told_95": wilson(told, len(quiet))}
+        events = _pushed(each, rate_hz, quiet_rms=_pushed(calm, rate_hz)[0].value)
+        detected += any(isinstance(event, BaselineRefused | SlipStarted) for event in events)
+        something += bool(events)
+    row = {"stored": True, "slips": len(quiet), "told": detected, "told_95": wilson(detected, len(quiet))}
     return {**row, "something_said": something}
 
 
 def called(name: str, values: Floats, statistic: Floats, rate_hz: float, threshold: float) -> Bools:
-    """Where a detector says slip, shape (n,): ours by its own events, a rival from a number above the threshold until
+    """Where a detector reports slip, shape (n,): ours by its events, a rival from a number above the threshold until
     none has been for `HOLD_S`.
 
-    A number at the end of a block stands until the next. A CUSUM is held just above its threshold: what was certain
-    long ago must not delay the end.
+    A number at the end of a block stands until the next. A CUSUM is capped just above its threshold, so that old
+    evidence does not delay the end.
     """
     if name == OURS:
         marks = np.zeros(len(values) + 1)
@@ -146,10 +146,10 @@ def called(name: str, values: Floats, statistic: Floats, rate_hz: float, thresho
         return ours
     places = np.arange(len(statistic))
     known = np.maximum.accumulate(np.where(np.isnan(statistic), 0, places))
-    heard = np.nan_to_num(statistic[known])
+    held = np.nan_to_num(statistic[known])
     if name.endswith("CUSUM"):
-        heard = _held(heard, 1.01 * threshold)
-    last = np.maximum.accumulate(np.where(heard > threshold, places, -len(places)))
+        held = _held(held, 1.01 * threshold)
+    last = np.maximum.accumulate(np.where(held > threshold, places, -len(places)))
     found: Bools = places - last <= HOLD_S * rate_hz
     return found
 

@@ -49,8 +49,8 @@ def on_steps(kind: str, rate_hz: float) -> Iterator[dict[str, Any]]:
     for name, judge in judges().items():
         maxima = np.concatenate([span_maxima(judge(each, rate_hz), rate_hz) for each in quiet])
         equal = threshold_for(maxima, INTERVAL_S).threshold
-        for factor, heard in after.items():
-            found = [judge(each, rate_hz)[begin:] for each in heard]
+        for factor, recordings in after.items():
+            found = [judge(each, rate_hz)[begin:] for each in recordings]
             for threshold in (equal, *(THRESHOLDS if name == OURS else ())):
                 ends = [np.flatnonzero(np.nan_to_num(each) > threshold) for each in found]
                 alarmed = sum(bool(above.size) for above in ends)
@@ -70,26 +70,26 @@ def on_steps(kind: str, rate_hz: float) -> Iterator[dict[str, Any]]:
 
 
 def in_contact(sensor: str, nuisance: str, thresholds: Thresholds) -> Iterator[dict[str, Any]]:
-    """Share of the time in contact without slip in which each detector says slip, from the touch on, once for each
+    """Share of the time in contact without slip in which each detector reports slip, from the touch on, once for each
     structure that is off."""
-    heard = []
+    recordings = []
     for number, factors in enumerate(scenes.OFF):
         settings = scenes.sensor(sensor, nuisance, *factors)
         rolls = nuisance.startswith("rolling")
         values, touch, slid = scenes.contact(settings, SEED_QUIET + number, scenes.FIRM_M, rolls=rolls)
         if slid:
             raise RuntimeError(f"{sensor}, {nuisance}: it slipped")
-        heard.append(values)
+        recordings.append(values)
     rate_hz = settings.rate_hz
     for name, judge in judges().items():
-        statistics = [judge(values, rate_hz) for values in heard]
+        statistics = [judge(values, rate_hz) for values in recordings]
         given = {**thresholds[name], **({f"{each:g}": each for each in THRESHOLDS} if name == OURS else {})}
         for source, threshold in given.items():
-            says = [
+            slipping = [
                 called(name, values, statistic, rate_hz, threshold)[touch:]
-                for values, statistic in zip(heard, statistics, strict=True)
+                for values, statistic in zip(recordings, statistics, strict=True)
             ]
-            pieces = np.reshape(says, (-1, round(PIECE_S * rate_hz))).mean(axis=1)
+            pieces = np.reshape(slipping, (-1, round(PIECE_S * rate_hz))).mean(axis=1)
             yield {
                 "sensor": sensor,
                 "nuisance": nuisance,
@@ -102,8 +102,8 @@ def in_contact(sensor: str, nuisance: str, thresholds: Thresholds) -> Iterator[d
 
 
 def at_simulated_reset(sensor: str, thresholds: Thresholds) -> Iterator[dict[str, Any]]:
-    """A table that moves under the tip while a detector begins, and goes on: of how many it says so afterwards. Ours
-    as well with the quiet level of the air stored."""
+    """A table that moves under the tip while a detector starts, and goes on: how many it then detects. Ours as well
+    with the quiet level of the air stored."""
     quiet, slipping = [], []
     for number, factors in enumerate(scenes.OFF * 5):
         settings = scenes.sensor(sensor, "table moves", *factors)
@@ -112,11 +112,11 @@ def at_simulated_reset(sensor: str, thresholds: Thresholds) -> Iterator[dict[str
         quiet.append(values[:touch])
         slipping.append(values[begin : begin + touch])
     for name, judge in judges().items():
-        told = sum(
+        detected = sum(
             math.isfinite(first_above(judge(each, settings.rate_hz), thresholds[name]["clean"]))
             for each in slipping
         )
-        row = {"slips": len(slipping), "told": told, "told_95": wilson(told, len(slipping))}
+        row = {"slips": len(slipping), "told": detected, "told_95": wilson(detected, len(slipping))}
         yield {"sensor": sensor, "detector": name, "stored": False, **row}
     yield {"sensor": sensor, "detector": OURS, **refusals(quiet, slipping, settings.rate_hz)}
 

@@ -86,7 +86,7 @@ def test_a_finger_pushes_the_pipe_along_and_that_is_a_touch():
     room_m = bench.gap_m(LEFT, 0.0)
     assert room_m == pytest.approx(0.5 * (0.063 - 0.01905)), "jaws open 63 mm, a pipe of 19.05"
     bench.arm.move_at(0.0, 0.03, room_m + 0.002)
-    bench.hear(1, 2000)
+    bench.receive(1, 2000)
     assert bench.touches == 1
     assert bench.object_x_m == pytest.approx(0.002)
     assert bench.gap_m(RIGHT, room_m + 0.002) == pytest.approx(2 * room_m)
@@ -99,9 +99,9 @@ def test_what_is_foreseen_has_not_happened():
     seen, _, clear = bench.foresee(1, 1500)
     assert not clear
     assert (bench.touches, bench.object_x_m) == (0, 0.0)
-    heard, _ = bench.hear(1, 1500)
-    np.testing.assert_array_equal(seen, heard)
-    np.testing.assert_array_equal(heard, other.hear(1, 1500)[0])
+    received, _ = bench.receive(1, 1500)
+    np.testing.assert_array_equal(seen, received)
+    np.testing.assert_array_equal(received, other.receive(1, 1500)[0])
     assert bench.touches == 1
 
 

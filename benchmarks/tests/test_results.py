@@ -9,10 +9,10 @@ def test_rows_are_printed_as_tables_and_numbers_as_lines_whatever_holds_them():
         "rows": [{"detector": "ours", "missed": 0, "delays_s": [0.1, 0.2]}],
         "rooms": {"empty": {"ours": {"seen": {"share": 0.98765}}}},
     }
-    said = "\n".join(results.shown(found))
-    assert "wall_s: 1.235" in said
-    assert "ours" in said and "missed" in said and "delays_s" not in said
-    assert "rooms: empty" in said and "0.9877" in said
+    output = "\n".join(results.shown(found))
+    assert "wall_s: 1.235" in output
+    assert "ours" in output and "missed" in output and "delays_s" not in output
+    assert "rooms: empty" in output and "0.9877" in output
 
 
 def test_a_quick_run_leaves_the_kept_results_alone(tmp_path, monkeypatch, capsys):

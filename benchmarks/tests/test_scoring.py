@@ -1,4 +1,4 @@
-"""Scoring of the pre-touch study, and that its passages are what they are said to be."""
+"""Scoring of the pre-touch study, and that its passages are as specified."""
 
 import math
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
-from benchmarks.pretouch.rooms import TRAINING, UNDULATION_M, HeardFinger, Passing, hear
+from benchmarks.pretouch.rooms import TRAINING, UNDULATION_M, FingerRecord, Passing, simulate
 from benchmarks.pretouch.rooms_study import commanded
 from benchmarks.pretouch.scenes import Event, events, passage
 from benchmarks.pretouch.scoring import Rate, seen_at, threshold_at, touch
 from drivers.mock.physics.aura_objects import SIX
 
 
-def word(kind, t_s):
+def event(kind, t_s):
     return kind(t_s, "touch", 1.0, 0.5)
 
 
@@ -32,24 +32,24 @@ def test_a_threshold_keeps_the_share_of_its_own_passages_quiet(share):
 
 
 def test_a_touch_that_is_felt_held_and_left_in_time():
-    said = [word(Contact, 1.1), word(ContactHeld, 1.6), word(ContactLost, 3.02)]
-    judged = touch(said, 1.0, 3.0)
+    events = [event(Contact, 1.1), event(ContactHeld, 1.6), event(ContactLost, 3.02)]
+    judged = touch(events, 1.0, 3.0)
     assert judged.delay_s == pytest.approx(0.1)
     assert (judged.early, judged.held, judged.ended) == (False, True, True)
 
 
 @pytest.mark.parametrize(
-    ("said", "felt", "early", "held", "ended"),
+    ("events", "felt", "early", "held", "ended"),
     [
         ([], False, False, False, False),
-        ([word(Contact, 0.5)], False, True, False, False),
-        ([word(Contact, 1.6)], False, False, False, False),
-        ([word(Contact, 1.1), word(ContactHeld, 1.6), word(ContactLost, 2.0)], True, False, False, False),
-        ([word(Contact, 1.1), word(ContactHeld, 1.6)], True, False, True, False),
+        ([event(Contact, 0.5)], False, True, False, False),
+        ([event(Contact, 1.6)], False, False, False, False),
+        ([event(Contact, 1.1), event(ContactHeld, 1.6), event(ContactLost, 2.0)], True, False, False, False),
+        ([event(Contact, 1.1), event(ContactHeld, 1.6)], True, False, True, False),
     ],
 )
-def test_what_is_late_early_or_taken_back_is_seen(said, felt, early, held, ended):
-    judged = touch(said, 1.0, 3.0)
+def test_what_is_late_early_or_taken_back_is_seen(events, felt, early, held, ended):
+    judged = touch(events, 1.0, 3.0)
     assert (not math.isnan(judged.delay_s), judged.early, judged.held, judged.ended) == (
         felt,
         early,
@@ -59,9 +59,9 @@ def test_what_is_late_early_or_taken_back_is_seen(said, felt, early, held, ended
 
 
 def test_pre_touch_counts_within_the_approach_alone():
-    said = [word(PreTouch, 0.5), word(PreTouch, 2.5)]
-    assert seen_at(said, 1.0, 3.0) == 2.5
-    assert math.isnan(seen_at(said, 3.0, 4.0))
+    events = [event(PreTouch, 0.5), event(PreTouch, 2.5)]
+    assert seen_at(events, 1.0, 3.0) == 2.5
+    assert math.isnan(seen_at(events, 3.0, 4.0))
 
 
 def test_a_passage_goes_from_its_beginning_to_its_end_and_touches_when_it_is_to():
@@ -74,7 +74,7 @@ def test_a_passage_goes_from_its_beginning_to_its_end_and_touches_when_it_is_to(
     assert pressed.released is not None
     assert pressed.gap_m[pressed.touched] <= 0.0 < pressed.gap_m[pressed.touched - 1]
     assert pressed.gap_m.min() == pytest.approx(-0.0005, abs=1e-6)
-    # the encoder tells the same way, with its own noise
+    # the encoder gives the same path, with its own noise
     assert np.abs(pressed.position_m - (0.055 - pressed.gap_m)).max() < 1e-4
 
 
@@ -97,7 +97,7 @@ def test_the_full_study_has_more_than_eight_thousand_passages_of_all_kinds():
 
 
 def test_a_room_and_its_passage_are_drawn_again_to_the_last_bit_and_no_two_are_alike():
-    first, again, other = (hear(Passing(1, number, TRAINING, None)) for number in (4, 4, 6))
+    first, again, other = (simulate(Passing(1, number, TRAINING, None)) for number in (4, 4, 6))
     assert np.array_equal(first.z, again.z)
     assert not np.array_equal(first.z[:1000], other.z[:1000])
 
@@ -106,5 +106,5 @@ def test_a_room_and_its_passage_are_drawn_again_to_the_last_bit_and_no_two_are_a
 def test_the_rival_with_the_commanded_speed_finds_the_power_of_a_wave_on_a_level_that_drifts(speed_m_s):
     times_s = np.arange(3000) / 1000.0
     wave = 1e-3 * np.exp(2j * np.pi * speed_m_s / UNDULATION_M * times_s)
-    power = commanded(HeardFinger(0.2 + 0.01 * times_s + wave, times_s, times_s, speed_m_s), 2)
+    power = commanded(FingerRecord(0.2 + 0.01 * times_s + wave, times_s, times_s, speed_m_s), 2)
     assert np.nanmedian(power) == pytest.approx(1e-6, rel=0.05)

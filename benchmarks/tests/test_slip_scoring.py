@@ -12,7 +12,7 @@ RATE_HZ = 100.0
 
 
 class Excited:
-    """Says 10 in the third second after each reset, and once it has run for 300 s; else nothing."""
+    """Gives 10 in the third second after each reset, and once it has run for 300 s; else nothing."""
 
     inputs = ("board.tangential",)
 
@@ -39,7 +39,7 @@ def test_alarms_after_a_reset_are_counted_in_their_second():
     assert found.calibration.threshold > 5.0
 
 
-def test_each_piece_is_heard_by_a_detector_that_knows_nothing_of_the_last():
+def test_the_detector_is_fresh_for_each_piece():
     values = np.arange(1500, dtype=float)[:, None]
     found = first_maxima(Level(), values, RATE_HZ)
     # begun at 2.5 and 7.5 s; the first second of each is left out
@@ -53,18 +53,18 @@ def test_tips_that_a_load_step_moved_slip_as_well(sensor):
     assert 0 < sum(trial.moved_before for trial in trials) < 20
 
 
-def test_a_rival_says_slip_until_its_number_has_been_low_for_as_long_as_ours_holds():
+def test_a_rival_reports_slip_until_its_number_has_been_low_for_as_long_as_ours_holds():
     # at 100 Hz ours holds for five samples; a number at the end of a block stands until the next
     statistic = np.array([np.nan, 0.0, 2.0, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    says = called("a rival", np.zeros(11), statistic, RATE_HZ, 1.0)
-    assert np.flatnonzero(says).tolist() == [2, 3, 4, 5, 6, 7, 8]
+    slipping = called("a rival", np.zeros(11), statistic, RATE_HZ, 1.0)
+    assert np.flatnonzero(slipping).tolist() == [2, 3, 4, 5, 6, 7, 8]
 
 
 def test_what_a_cusum_was_sure_of_long_ago_does_not_delay_its_end():
     total = np.concatenate([np.arange(100.0), 99.0 - np.arange(100.0)])
-    says = called("a CUSUM", np.zeros(200), total, RATE_HZ, 10.0)
+    slipping = called("a CUSUM", np.zeros(200), total, RATE_HZ, 10.0)
     # over with the first sample down, but for the hold
-    assert np.flatnonzero(says)[[0, -1]].tolist() == [11, 105]
+    assert np.flatnonzero(slipping)[[0, -1]].tolist() == [11, 105]
 
 
 def test_a_slip_at_reset_is_refused_where_the_quiet_is_known():
