@@ -1,12 +1,12 @@
 """The clock of an emulated bench: a page of memory that the program, the arm's process and the emulator share.
 
-The emulator lets bench time pass with the wall (`drivers.mock.wiring.pace`), and no further than everybody who takes
-part says that it may. So a machine that holds a process or a thread up slows the bench down, and no watchdog, timeout
-or limit counts what the machine did.
+The emulator advances bench time with wall time (`drivers.mock.wiring.pace`), but no further than every participant
+allows. So a machine that delays a process or a thread slows the bench down, and no watchdog, timeout or limit counts
+that delay.
 
-Who waits on the clock takes part from then on: each thread says how far time may go before it is heard again. One that
-says nothing for `PATIENCE_S` of the wall is waited for no longer, until it speaks again: a loop that hangs is caught
-by the guard and by the devices' watchdogs as on a real bench.
+A thread that waits on the clock takes part from then on: each call sets how far time may advance before its next one.
+A thread that makes none for `PATIENCE_S` of wall time no longer holds time back, until it calls again: a loop that
+hangs is caught by the guard and by the devices' watchdogs as on a real bench.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ SLACK_S = 0.004
 than a turn of a loop of 200 Hz, more than a thread needs to wake up on a machine that is not busy."""
 
 PATIENCE_S = 1.0
-"""How long of the wall's time the bench waits for one that does not turn; what passes while the emulator itself is held
-up does not count, for then the machine is to blame. Assumption: longer than a busy machine holds one process up and
-serves another, and short enough for a person who watches."""
+"""How long, in wall time, the bench waits for a thread that does not turn, not counting the time for which the emulator
+itself is held up. Assumption: longer than a busy machine holds one process up and
+serves another, and short enough for a watching person."""
 
 PREPARING_S = 20.0
 """How long it waits for a trial that is being prepared (assumption: nothing moves, and a plant may have to be made)."""
@@ -36,13 +36,13 @@ ABSENCE_S = 5.0
 makes a plant anew (1 s, measured) has lost no time."""
 
 FORGOTTEN_S = 10.0
-"""A place whose thread has said nothing for so long is given to another (assumption)."""
+"""A place whose thread has been silent for so long is given to another (assumption)."""
 
 LOOK_S = 0.0005
 """Time between two looks at a bench time that is behind the wall's (assumption: a tenth of a turn at 200 Hz)."""
 
-SPEAK_S = 0.25
-"""A thread that waits for longer says so again after this time: a quarter of the patience."""
+RENEW_S = 0.25
+"""A waiting thread renews its limit this often: a quarter of the patience."""
 
 PLACES = 32
 """How many threads may take part (assumption: four times what the largest profile has)."""
@@ -52,10 +52,10 @@ _AWAY, _FIRST = 7, 8
 
 
 class ClockPage:
-    """Bench time as a function of the wall's, and what the threads that take part have said.
+    """Bench time as a function of wall time, and the limits that the participating threads set.
 
     One process writes the time, each thread writes its own place. The time is written beside the copy that is read,
-    and then the count that says which copy it is: no reader waits, and a writer that was killed leaves the page whole.
+    and then the count that selects the copy: no reader waits, and a writer that was killed leaves the page whole.
 
     Args:
         path: Of a page that another process has made; "" makes one, which lives as long as its maker.
@@ -75,67 +75,67 @@ class ClockPage:
             self._file = os.memfd_create("touchbench-clock")
             os.ftruncate(self._file, mmap.PAGESIZE)
             self.path = f"/proc/{os.getpid()}/fd/{self._file}"
-        # Eight bytes are written at once where they are aligned: nobody reads half a number.
-        self._words = memoryview(mmap.mmap(self._file, mmap.PAGESIZE)).cast("d")
+        # Aligned writes of eight bytes are atomic: no reader sees half a number.
+        self._cells = memoryview(mmap.mmap(self._file, mmap.PAGESIZE)).cast("d")
         if not path:
             self.write(0.0, monotonic_s(), 0.0)
             for place in range(PLACES):
-                self.say(place, math.inf)
+                self.allow(place, math.inf)
 
     def time_s(self, wall_s: float) -> float:
         """Bench time at a time of the wall's."""
-        words = self._words
+        cells = self._cells
         while True:
-            count = words[0]
+            count = cells[0]
             at = 1 + 3 * (int(count) & 1)
-            t_s, written_s, limit_s = words[at], words[at + 1], words[at + 2]
-            if words[0] == count:
+            t_s, written_s, limit_s = cells[at], cells[at + 1], cells[at + 2]
+            if cells[0] == count:
                 passed_s = wall_s - written_s
                 return min(t_s + passed_s, limit_s + max(0.0, passed_s - ABSENCE_S))
 
     def write(self, t_s: float, wall_s: float, limit_s: float) -> None:
         """It is bench time `t_s`, and time passes with the wall as far as `limit_s`."""
-        words, count = self._words, self._words[0] + 1.0
+        cells, count = self._cells, self._cells[0] + 1.0
         at = 1 + 3 * (int(count) & 1)
-        words[at], words[at + 1], words[at + 2] = t_s, wall_s, limit_s
-        words[0] = count
+        cells[at], cells[at + 1], cells[at + 2] = t_s, wall_s, limit_s
+        cells[0] = count
 
     def served_s(self, wall_s: float) -> float:
         """The wall's time without what passed while the emulator was held up: in it patience is counted."""
-        return wall_s - self._words[_AWAY]
+        return wall_s - self._cells[_AWAY]
 
     def away(self, seconds: float) -> None:
         """The emulator was held up for so long."""
-        self._words[_AWAY] += seconds
+        self._cells[_AWAY] += seconds
 
     def limit_s(self, wall_s: float) -> float:
-        """How far everybody who takes part lets bench time go; infinity where nobody does."""
+        """How far all participants let bench time advance; infinity without any."""
         served_s = self.served_s(wall_s)
-        said = self._words[_FIRST : _FIRST + 2 * PLACES].tolist()
+        limits = self._cells[_FIRST : _FIRST + 2 * PLACES].tolist()
         return min(
-            (said[k] for k in range(0, 2 * PLACES, 2) if said[k] < math.inf and said[k + 1] > served_s),
+            (limits[k] for k in range(0, 2 * PLACES, 2) if limits[k] < math.inf and limits[k + 1] > served_s),
             default=math.inf,
         )
 
     def take(self) -> int:
-        """A place of one's own."""
+        """Take a free place."""
         fcntl.flock(self._file, fcntl.LOCK_EX)
         try:
             served_s = self.served_s(monotonic_s())
             for place in range(PLACES):
                 at = _FIRST + 2 * place
-                if self._words[at] == math.inf or self._words[at + 1] < served_s - FORGOTTEN_S:
-                    self.say(place, served_s)
+                if self._cells[at] == math.inf or self._cells[at + 1] < served_s - FORGOTTEN_S:
+                    self.allow(place, served_s)
                     return place
         finally:
             fcntl.flock(self._file, fcntl.LOCK_UN)
         raise RuntimeError(f"more than {PLACES} threads wait on this bench")
 
-    def say(self, place: int, horizon_s: float, patience_s: float = PATIENCE_S) -> None:
-        """Let bench time go as far as `horizon_s`, and no further before the next word; infinity leaves the place."""
+    def allow(self, place: int, horizon_s: float, patience_s: float = PATIENCE_S) -> None:
+        """Let bench time advance to `horizon_s`, and no further before the next call; infinity leaves the place."""
         at = _FIRST + 2 * place
-        self._words[at + 1] = self.served_s(monotonic_s()) + patience_s
-        self._words[at] = horizon_s
+        self._cells[at + 1] = self.served_s(monotonic_s()) + patience_s
+        self._cells[at] = horizon_s
 
 
 class BenchClock:
@@ -185,17 +185,17 @@ class BenchClock:
         if place is None:
             with self._taking:  # the lock on the page is between processes
                 place = self._mine.place = self._page.take()
-        self._page.say(place, t_s, patience_s)
+        self._page.allow(place, t_s, patience_s)
 
     def leave(self) -> None:
         """See `Clock.leave`."""
         place = getattr(self._mine, "place", None)
         if place is not None:
-            self._page.say(place, math.inf)
+            self._page.allow(place, math.inf)
             self._mine.place = None
 
     def _wait(self, until_s: float) -> None:
         while (remaining_s := until_s - self.monotonic_s()) > 0.0:
             self.hold(until_s + SLACK_S)
-            rest(min(max(remaining_s, LOOK_S), SPEAK_S))
+            rest(min(max(remaining_s, LOOK_S), RENEW_S))
         self.hold(self.monotonic_s() + SLACK_S)

@@ -1,4 +1,4 @@
-"""What CAN drivers share: a bus of python-can's, and one thread that hears it and may ask at a steady beat."""
+"""For CAN drivers: a python-can bus, and one thread that receives from it and can poll at a fixed rate."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from drivers.settings import Settings
 if TYPE_CHECKING:
     import can
 
-HEAR_S = 0.05
-"""Longest wait for a frame while nobody asks: how long closing may take (assumption)."""
+RECEIVE_S = 0.05
+"""Longest wait for a frame while nothing is polled: how long closing may take (assumption)."""
 
 SERIAL_WAIT_S = 0.005
 """Longest wait of slcan for one byte: python-can's 1 ms would wake an idle thread a thousand times a second."""
@@ -38,7 +38,7 @@ class CanPort(Settings):
     bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
     """Bits per second on the bus; a socketcan interface has its own (`ip link set can0 type can bitrate …`)."""
     tty_baud: int = Field(default=115_200, ge=9_600, le=4_000_000)
-    """Line speed to a slcan adapter in bits per second; USB adapters pay no heed to it."""
+    """Line speed to a slcan adapter in bits per second; USB adapters ignore it."""
 
 
 def _bus(port: CanPort) -> can.BusABC:
@@ -55,22 +55,22 @@ def _bus(port: CanPort) -> can.BusABC:
         )
     import can
 
-    # A configuration file of python-can's own must not have a say in what a profile does.
+    # A python-can configuration file must not change what a profile does.
     return can.Bus(interface=port.interface, channel=port.port, ignore_config=True)
 
 
 @dataclass(frozen=True, slots=True)
 class PeriodicQuestion:
-    """A question that is asked again and again.
+    """A question that is sent in every cycle.
 
-    Beat k is due at `period_s` times k after the first. It is asked when the answers to the one before are in,
-    or have had `answer_s`; one that is late by more than half a period is passed over, so that a sample is
+    Cycle k is due at `period_s` times k after the first. The question is sent when the answers of the cycle before
+    are in, or have had `answer_s`; a cycle that is late by more than half a period is skipped, so that a sample is
     never farther than that from its due time.
 
     Attributes:
         frame: The question.
         answers: Identifiers of the frames that answer it.
-        period_s: Time between two beats.
+        period_s: Time between two cycles.
         answer_s: How long an answer may take.
     """
 
@@ -83,13 +83,13 @@ class PeriodicQuestion:
 class ReceivedFrame(NamedTuple):
     """A frame and when it was in hand, in monotonic seconds.
 
-    `beat` and `due_s` are the number and the due time of the beat that it answers, None where it answers none of the
+    `cycle` and `due_s` are the number and the due time of the cycle that it answers, None where it answers none of the
     present question.
     """
 
     frame: CanFrame
     arrival_s: float
-    beat: int | None = None
+    cycle: int | None = None
     due_s: float | None = None
 
 
@@ -99,13 +99,13 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
     Args:
         device: Name in the profile, for errors.
         port: Where it is.
-        clock: Says when frames arrive, and when a beat is due.
+        clock: Time-stamps frames, and times the cycles.
 
     Raises:
         PortError: absent, busy, forbidden, or no such interface: one line with what to do.
     """
     if port.interface == "slcan":
-        # python-can says neither which error it was nor that another program holds the port.
+        # python-can reports neither the error number nor that another program holds the port.
         open_serial(device, SerialPort(port=port.port, baud=port.tty_baud), clock).close()
     import can
 
@@ -123,13 +123,13 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
     if port.interface == "slcan":
         with suppress(OSError, ValueError, NotImplementedError):  # ptys refuse
             bus.serialPortOrig.set_low_latency_mode(True)  # type: ignore[attr-defined]
-        with suppress(OSError):  # who comes next is told that it is held
+        with suppress(OSError):  # the next program to open it gets an error
             bus.serialPortOrig.exclusive = True  # type: ignore[attr-defined]
     return CanLink(device, bus, clock)
 
 
 def strange_frames(others: int, link: CanLink) -> str:
-    """What came instead of an answer, in words; "" where nothing did."""
+    """Describes what arrived instead of an answer; "" where nothing did."""
     if not (others or link.malformed):
         return ""
     return f"{others} frames of others and {link.malformed} malformed ones came, and no answer"
@@ -138,16 +138,16 @@ def strange_frames(others: int, link: CanLink) -> str:
 class CanLink:
     """An open bus with its own thread.
 
-    The thread fills a queue with the frames that arrive, and when; between them it asks the beat's question,
-    for the loop that owns this turns too slowly for that. It raises nothing. Malformed lines, truncated
-    frames and those of other kinds (extended, error, FD) are counted and passed over. What an adapter refuses
-    is never told (python-can drops its BEL): whoever asks sees it by the answer that does not come.
+    The thread fills a queue with time-stamped frames; between them it sends the periodic question, for which the loop
+    turns too slowly. It raises nothing. Malformed lines, truncated frames and those of other kinds (extended, error,
+    FD) are counted and dropped. What an adapter refuses is not reported (python-can drops its BEL): the answer does
+    not come.
 
     `send`, `receive` and `ask` never wait; they belong to one thread, the loop's.
 
     Attributes:
-        fault: Why the bus is gone, in a few words, or None while it stands.
-        malformed: Lines and frames passed over.
+        fault: Why the bus is gone, or None while it stands.
+        malformed: Lines and frames dropped.
     """
 
     def __init__(self, device: str, bus: can.BusABC, clock: Clock) -> None:
@@ -157,9 +157,9 @@ class CanLink:
         self._clock = clock
         self._sending = threading.Lock()
         self._arrived: deque[tuple[PeriodicQuestion | None, ReceivedFrame]] = deque()
-        self._beat: PeriodicQuestion | None = None
+        self._question: PeriodicQuestion | None = None
         self._asked: PeriodicQuestion | None = None
-        """The thread's own: it still asks this while the loop has ordered another already."""
+        """The thread's own: it may still send this one after the loop has set another."""
         self._closing = False
         self._thread = threading.Thread(target=self._run, name=f"{device}-can", daemon=True)
         self._thread.start()
@@ -168,7 +168,7 @@ class CanLink:
         """Hand a frame to the kernel, without waiting; a bus that has no room for it is gone.
 
         Returns:
-            The monotonic time in seconds at which it was taken, or None where the bus is gone (`fault` says why).
+            The monotonic time in seconds at which it was taken, or None where the bus is gone (see `fault`).
         """
         import can
 
@@ -190,77 +190,79 @@ class CanLink:
         taken = []
         with suppress(IndexError):
             while True:
-                question, heard = self._arrived.popleft()
-                if question is not self._beat:  # the numbers of a question that is asked no more mean nothing
-                    heard = heard._replace(beat=None, due_s=None)
-                taken.append(heard)
+                question, received = self._arrived.popleft()
+                if question is not self._question:  # the cycles of an earlier question mean nothing
+                    received = received._replace(cycle=None, due_s=None)
+                taken.append(received)
         return taken
 
-    def ask(self, beat: PeriodicQuestion | None) -> None:
-        """Ask a question at its beat from now on, or no more; beats count from 0 each time."""
-        self._beat = beat
+    def ask(self, question: PeriodicQuestion | None) -> None:
+        """Send a question periodically from now on, or none; cycles count from 0 each time."""
+        self._question = question
 
     def close(self) -> None:
-        """Let go of the bus and wait for the thread. Never raises; may be called twice."""
+        """Close the bus and wait for the thread. Never raises; may be called twice."""
         self._closing = True
         self._thread.join(JOIN_TIMEOUT_S)
         if self.fault is not None:
             with suppress(Exception):  # the kernel would wait half a minute for what the adapter never took
                 self._bus.serialPortOrig.reset_output_buffer()  # type: ignore[attr-defined]
-        with suppress(Exception):  # whatever an adapter that is gone makes of it
+        with suppress(Exception):  # the adapter may be gone
             self._bus.shutdown()
-        with suppress(AttributeError, OSError):  # slcan leaves its port open where it cannot say goodbye
+        with suppress(AttributeError, OSError):  # slcan leaves its port open where closing the channel fails
             self._bus.serialPortOrig.close()  # type: ignore[attr-defined]
 
     def _run(self) -> None:
         while not self._closing and self.fault is None:
-            beat = self._beat
-            if beat is None:
-                self._hear(HEAR_S)
+            question = self._question
+            if question is None:
+                self._read(RECEIVE_S)
             else:
-                self._ask_steadily(beat)
+                self._poll(question)
 
-    def _ask_steadily(self, beat: PeriodicQuestion) -> None:
-        """Ask until the loop wants something else."""
-        self._asked = beat
+    def _poll(self, question: PeriodicQuestion) -> None:
+        """Send a question in every cycle until the loop sets another one."""
+        self._asked = question
         origin_s = self._clock.monotonic_s()
         number = 0
-        while beat is self._beat and not self._closing and self.fault is None:
-            due_s = origin_s + number * beat.period_s
+        while question is self._question and not self._closing and self.fault is None:
+            due_s = origin_s + number * question.period_s
             self._clock.rest(max(0.0, due_s - self._clock.monotonic_s()))
-            # A late answer would pass for one to this question, and each that follows for one to the next.
-            self._hear_out(beat.answer_s)
-            self.send(beat.frame)
-            waiting = set(beat.answers)
-            until_s = self._clock.monotonic_s() + beat.answer_s
+            # A late answer would be taken for one to this cycle, and each later one for the next cycle's.
+            self._read_pending(question.answer_s)
+            self.send(question.frame)
+            waiting = set(question.answers)
+            until_s = self._clock.monotonic_s() + question.answer_s
             self._clock.hold(until_s)  # an answer needs its time
             while waiting and self.fault is None and (left_s := until_s - self._clock.monotonic_s()) > 0.0:
-                for heard in self._hear(left_s, waiting, number, due_s):
-                    waiting.discard(heard.frame.id)
-            number = max(number + 1, math.ceil((self._clock.monotonic_s() - origin_s) / beat.period_s - 0.5))
+                for received in self._read(left_s, waiting, number, due_s):
+                    waiting.discard(received.frame.id)
+            number = max(
+                number + 1, math.ceil((self._clock.monotonic_s() - origin_s) / question.period_s - 0.5)
+            )
         self._asked = None
         self._clock.leave()
 
-    def _hear_out(self, limit_s: float) -> None:
-        """Hear all that has come already, at most for a while."""
+    def _read_pending(self, limit_s: float) -> None:
+        """Read all frames that have arrived already, for at most `limit_s`."""
         import can
 
         until_s = self._clock.monotonic_s() + limit_s
         # A virtual bus has nothing to select on, and nothing that could be late.
         with suppress(NotImplementedError, can.CanError, OSError, ValueError):
             while self.fault is None and select.select([self._bus.fileno()], [], [], 0.0)[0]:
-                self._hear(0.0)
+                self._read(0.0)
                 if self._clock.monotonic_s() > until_s:
                     break
 
-    def _hear(
+    def _read(
         self,
         wait_s: float,
         waiting: frozenset[int] | set[int] = frozenset(),
-        beat: int | None = None,
+        cycle: int | None = None,
         due_s: float | None = None,
     ) -> list[ReceivedFrame]:
-        """At most one frame, put into the queue; `waiting` are the answers to this beat that are not in yet."""
+        """Queue at most one frame; `waiting` are the answers of this cycle that are not in yet."""
         import can
 
         try:
@@ -284,6 +286,6 @@ class CanLink:
             self.malformed += 1
             return []
         frame = CanFrame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
-        heard = ReceivedFrame(frame, arrival_s, *((beat, due_s) if frame.id in waiting else (None, None)))
-        self._arrived.append((self._asked, heard))
-        return [heard]
+        received = ReceivedFrame(frame, arrival_s, *((cycle, due_s) if frame.id in waiting else (None, None)))
+        self._arrived.append((self._asked, received))
+        return [received]

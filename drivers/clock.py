@@ -1,4 +1,4 @@
-"""The only place that asks what time it is."""
+"""The only module that reads the time."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Time on a bench. Everything that waits, times out or notes an arrival is handed the bench's clock.
+    """Time on a bench. Everything that waits, times out or time-stamps an arrival is given the bench's clock.
 
     It counts twice: bench time begins anew with every trial, monotonic time never does. Drivers and their threads keep
     monotonic times, which outlive a trial, and turn them into bench time where they hand samples and statuses out.
     """
 
     virtual: bool
-    """True where nothing happens unless the loop says so, and waiting costs nothing."""
+    """True where time advances only when the loop waits, and waiting costs nothing."""
 
     path: str
     """Where another process joins this clock (`drivers.bench_clock`); "" where it is the host's own, or no one's."""
@@ -40,10 +40,10 @@ class Clock(Protocol):
         """Begin a trial: bench time is zero again."""
 
     def hold(self, t_s: float) -> None:
-        """Where the bench is emulated, let time go no further than monotonic `t_s` before this thread is heard again.
+        """On an emulated bench, let time advance no further than monotonic `t_s` before this thread's next call.
 
-        To wait is to be heard: `wait_until` and `rest` say as much by themselves, for a few milliseconds beyond. This
-        is for a thread that waits for something else, or whose own work needs bench time to pass.
+        `wait_until` and `rest` do this themselves, with a margin of a few milliseconds. Call it from a thread that
+        waits for something else, or whose own work needs bench time to pass.
         """
 
     def leave(self) -> None:

@@ -7,7 +7,7 @@ convex hull above their mean time, and touches only the quick ones (Moon, Skelly
 clock skew from network delay measurements, INFOCOM 1999). To this we add what is known of crystals, a normal
 distribution of the drift, which keeps a burst of late arrivals from tilting a line that is young.
 
-What one-way arrivals cannot tell is the least delay itself: host times are late by that much (on a pty some
+One-way arrivals cannot show the least delay itself: host times are late by that much (on a pty some
 microseconds; on a serial line the time that the frame takes).
 
 Error, with the delays measured on a pty (22 us p50, 3.6 ms p99, 16 ms max), 100 frames a second and a drift within
@@ -46,8 +46,8 @@ DELAY_S: Final = 0.01
 
 LATE_S: Final = 1e-3
 LATE_DELAYS: Final = 8.0
-"""An arrival that is later than both, in seconds and in mean delays, is one of a burst, and tells nothing of the
-clock. Assumptions: one in 3,000 exponential delays is as long; a clock of milliseconds alone makes 1 ms."""
+"""An arrival that is later than both, in seconds and in mean delays, belongs to a burst, and is not
+used. Assumptions: one in 3,000 exponential delays is as long; a clock of milliseconds alone makes 1 ms."""
 
 PATIENCE_S: Final = 10.0
 """Where all arrivals are late for so long, the least delay has changed: the line begins anew (assumption)."""
@@ -129,7 +129,7 @@ class ClockModel:
 
     @property
     def ready(self) -> bool:
-        """Whether anything has been observed; before, there are no times to be had."""
+        """Whether anything has been observed; before that there are no times."""
         return self._anchor is not None
 
     @property
@@ -148,7 +148,7 @@ class ClockModel:
         return -self._slope / (1.0 + self._slope) * 1e6
 
     def observe(self, device_s: float, arrival_s: float) -> None:
-        """Learn from one arrival; one that is no newer than those before tells nothing.
+        """Learn from one arrival; one that is no newer than those before is ignored.
 
         Args:
             device_s: Device time in seconds of the block's last sample, extended (it never wraps).
@@ -211,7 +211,7 @@ class ClockModel:
 class Timeline:
     """Host times of one stream: they ascend, and follow the model of its clock by steps too small to see.
 
-    Inside a block samples stand as far apart as the device says. Between two blocks the stream's distance from the
+    Within a block, samples keep the device's spacing. Between two blocks the stream's distance from the
     line shrinks by `SLEW` and `STEP_MAX_S` at most; only while the model settles it vanishes at once.
 
     Args:

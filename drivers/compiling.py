@@ -38,13 +38,13 @@ from numba.core.serialize import dumps
 from drivers.compiled import global_names
 
 KEPT_S = 30 * 86400.0
-"""Compiled code that nobody has loaded for so long is removed. Assumption: who comes back later may wait once."""
+"""Compiled code that was not loaded for so long is removed. Assumption: a later user can wait once."""
 
 DAY_S = 86400.0
 """How often loading writes down that a file is in use."""
 
-TOLD_S = 1.0
-"""Compilations that take less pass without a word, seconds."""
+REPORTED_S = 1.0
+"""Shorter compilations are not reported, seconds."""
 
 _SUM_BYTES = 32
 """A file begins with the SHA-256 of the rest."""
@@ -140,7 +140,7 @@ def reached(kernel: Any) -> list[Any]:
 
 
 def tidy(folder: Path, sources: Path) -> None:
-    """Remove what nobody loads any more; another run may do the same at the same moment.
+    """Remove what is no longer loaded; another run may do the same at the same moment.
 
     Args:
         folder: Of compiled code: what has not been loaded for `KEPT_S` goes, of this and of other versions beside it.
@@ -182,9 +182,12 @@ def _own(kernel: Any) -> str:
     return "\n".join(
         [
             _called(kernel),
-            *(f"{name}: {_told(value, function)}" for name, value in sorted(kernel.targetoptions.items())),
+            *(
+                f"{name}: {_described(value, function)}"
+                for name, value in sorted(kernel.targetoptions.items())
+            ),
             _coded(function.__code__, function.__doc__),
-            *(_told(value, function) for value in values),
+            *(_described(value, function) for value in values),
         ]
     )
 
@@ -213,16 +216,16 @@ def _coded(code: CodeType, doc: str | None) -> str:
     return f"{code.co_code.hex()} {constants} {code.co_names} {code.co_varnames}"
 
 
-def _told(value: Any, function: Any) -> str:  # noqa: PLR0911
-    """A value that a kernel is compiled with, told such that another value is told in another way."""
+def _described(value: Any, function: Any) -> str:  # noqa: PLR0911
+    """A value that a kernel is compiled with, as a text that no other value has."""
     if value is None or isinstance(value, bool | int | float | complex | str | bytes):
         return f"{type(value).__name__} {value!r}"
     if isinstance(value, np.generic | np.ndarray):
         return f"{value.dtype.descr} {value.shape} {value.strides} {value.tobytes().hex()}"
     if isinstance(value, tuple):
-        return f"{_told(type(value), function)}({[_told(member, function) for member in value]})"
+        return f"{_described(type(value), function)}({[_described(member, function) for member in value]})"
     if isinstance(value, set | frozenset):
-        return str(sorted(_told(member, function) for member in value))
+        return str(sorted(_described(member, function) for member in value))
     if isinstance(value, Dispatcher):
         return f"kernel {_called(value)}"
     if isinstance(value, type) and hasattr(value, "_fields"):
@@ -251,7 +254,7 @@ def _typed(kind: Any) -> str:
 
 
 class _Progress:
-    """Says what compiles: a line for what takes long, a count meanwhile on a terminal."""
+    """Reports what compiles: a line for what takes long, a count meanwhile on a terminal."""
 
     def __init__(self) -> None:
         self._outermost: Any = None
@@ -268,7 +271,7 @@ class _Progress:
             self._done = {k for k in self._all if k.overloads}
             self._since_s = time.perf_counter()
             if not self._announced:
-                self._say(
+                self._write(
                     f"compiling what this machine has not compiled before, once (kept in {kept_in()})\n"
                 )
                 self._announced = True
@@ -281,29 +284,29 @@ class _Progress:
         taken_s = time.perf_counter() - self._since_s
         count = f"{_called(self._outermost)}: {len(self._done)} of {len(self._all)} kernels, {taken_s:.1f} s"
         if self._live():
-            self._say(f"\r  {count}")
+            self._write(f"\r  {count}")
         if kernel is self._outermost:
             self._outermost = None
             if self._live():
-                self._say("\n")
-            elif taken_s > TOLD_S:
-                self._say(f"  {count}\n")
+                self._write("\n")
+            elif taken_s > REPORTED_S:
+                self._write(f"  {count}\n")
 
     def unkept(self, path: Path, error: OSError) -> None:
-        """Compiled code cannot be kept: said once, for all else goes on."""
+        """Compiled code cannot be kept: reported once, for all else goes on."""
         if not self._warned:
-            self._say(
+            self._write(
                 f"{path.parent}: {error.strerror}; compiled code is not kept, set NUMBA_CACHE_DIR to a folder\n"
             )
             self._warned = True
 
     @staticmethod
     def _live() -> bool:
-        """Whether somebody looks at it on a terminal."""
+        """Whether standard error is a terminal."""
         return not sys.stderr.closed and sys.stderr.isatty()
 
     @staticmethod
-    def _say(text: str) -> None:
+    def _write(text: str) -> None:
         # a program whose standard error is closed or full still compiles
         with suppress(OSError, ValueError):
             sys.stderr.write(text)

@@ -32,7 +32,7 @@ class SilentError(DeviceError, TimeoutError):
 
 
 class ProtocolError(DeviceError, ValueError):
-    """What came is not what this device says."""
+    """What arrived is not this device's protocol."""
 
 
 class RefusedError(DeviceError, RuntimeError):
@@ -44,7 +44,7 @@ class CommandError(DeviceError, ValueError):
 
 
 class CodecError(ValueError):
-    """Bytes or a line that are nothing of a device's, or a message that cannot be told in its bytes."""
+    """Bytes or a line outside a device's protocol, or a message that it cannot encode."""
 
 
 def wrong(device: str, command: object, reason: str, advice: str) -> CommandError:
@@ -53,7 +53,7 @@ def wrong(device: str, command: object, reason: str, advice: str) -> CommandErro
 
 
 def check_streams(device: str, command: object, streams: Iterable[str], known: Iterable[str]) -> None:
-    """See that a command names streams of the device's alone.
+    """Check that a command names only the device's own streams.
 
     Raises:
         CommandError: it names another.

@@ -1,4 +1,4 @@
-"""What serial drivers share: a port, and one thread that notes when bytes arrived."""
+"""For serial drivers: a port, and one thread that time-stamps arriving bytes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
     Args:
         device: Name in the profile, for errors.
         where: It is.
-        clock: Says when bytes arrive.
+        clock: Time-stamps arriving bytes.
 
     Raises:
         PortError: absent, busy, forbidden or no serial port: one line with what to do.
@@ -65,7 +65,7 @@ def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
             number or 0, (f"cannot be opened ({error})", "see: ls /dev/serial/by-id")
         )
         raise PortError(device, "opening its port", f"{port} {reason}", advice.format(port=port)) from error
-    # An FTDI adapter holds bytes back for 16 ms unless told otherwise (its data sheet); ptys refuse.
+    # An FTDI adapter holds bytes back for 16 ms by default (its data sheet); ptys refuse.
     with suppress(OSError, ValueError, NotImplementedError):
         opened.set_low_latency_mode(True)
     return SerialLink(device, opened, clock)
@@ -78,7 +78,7 @@ class SerialLink:
     `receive` never wait; they belong to one thread, the loop's.
 
     Attributes:
-        fault: Why the link is gone, in a few words, or None while it stands.
+        fault: Why the link is gone, or None while it stands.
     """
 
     def __init__(self, device: str, port: serial.Serial, clock: Clock) -> None:
@@ -95,7 +95,7 @@ class SerialLink:
 
         Returns:
             The monotonic time in seconds at which the last byte was taken, or None where the link is gone
-            (`fault` says why).
+            (see `fault`).
         """
         if self.fault is not None or self._closing:
             return None
@@ -119,7 +119,7 @@ class SerialLink:
         return chunks
 
     def close(self) -> None:
-        """Let go of the port and wait for the thread. Never raises; may be called twice."""
+        """Close the port and wait for the thread. Never raises; may be called twice."""
         self._closing = True
         with suppress(OSError):
             self._port.cancel_read()

@@ -26,7 +26,7 @@ class StreamInfo:
         scale: Units per raw count.
         rate_hz: Sample rate; None where samples come at irregular times, each with its own.
         longest_s: Longest time between two samples while all is well; a longer one is a hole. By default one and a half
-            of the rate's intervals; None where samples come when something changes, so that silence tells nothing.
+            of the rate's intervals; None where samples come only on a change, so that silence means nothing.
         noisy: Whether the sensor's own noise moves its raw values all the time, so that one which stands still is
             stuck. A position may stand for as long as it likes.
     """
@@ -133,7 +133,7 @@ class Command:
 
     Attributes:
         device: Its name in the profile.
-        id: Number that the loop gives it on its way to the device, from 1 within a trial; 0 where nobody numbered it.
+        id: Number that the loop gives it on its way to the device, from 1 within a trial; 0 where it has none.
             What a command asks for is the same under any number.
     """
 
@@ -147,7 +147,7 @@ class Home(Command):
 
 
 BLIND_TRAVEL_M = 0.002
-"""How far a mover may go that nobody looks at any more, where no profile says otherwise. Assumption: Table I's fastest
+"""How far a mover may go unsupervised, unless a profile sets it. Assumption: Table I's fastest
 approach (12.7 mm/s; Backus and Dollar) covers it in 0.16 s, and the guard stops what moves when a loop is so late."""
 
 
@@ -285,7 +285,7 @@ class Tare(Command):
 
 @dataclass(frozen=True, slots=True)
 class Ask(Command):
-    """Ask the person at the bench to do something, in words; answered by `Answered`.
+    """Ask the person at the bench to do something; answered by `Answered`.
 
     A newer request to the same person, of either kind, replaces an older one.
     """
@@ -374,7 +374,7 @@ class Standstill(Status):
 class Gripped(Status):
     """The jaws stand still after a `Grip`: on an object, or where they were sent.
 
-    One that follows with `object` False says that the object is gone.
+    A later one with `object` False means that the object is gone.
     """
 
     object: bool
@@ -384,14 +384,14 @@ class Gripped(Status):
 
 @dataclass(frozen=True, slots=True)
 class Answered(Status):
-    """The person at the bench says that what they were asked for is done."""
+    """The person at the bench has done what they were asked for."""
 
     request: str
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded(Status):
-    """The person at the bench says that this force hangs on a bridge, and nothing anywhere else."""
+    """The person at the bench has hung this force on a bridge, and nothing anywhere else."""
 
     bridge: str
     force_n: float
@@ -399,7 +399,7 @@ class Loaded(Status):
 
 @dataclass(frozen=True, slots=True)
 class Refused(Status):
-    """A device would not do what it was asked."""
+    """A device rejected a command."""
 
     command: Command
     reason: str
@@ -425,7 +425,7 @@ class Lost(Status):
 
 @dataclass(frozen=True, slots=True)
 class Saturated(Status):
-    """A stream left the range in which its sensor tells the truth, at `value` of its unit; told once each time."""
+    """A stream left its sensor's valid range, at `value` in its unit; reported once for each excursion."""
 
     stream: str
     value: float
@@ -448,7 +448,7 @@ class DeviceInfo:
 
     Attributes:
         device: Name in the profile.
-        model: What the device says it is.
+        model: As the device reports it.
         serial: Its serial number, or "".
         version: Firmware, or "".
         streams: What it can send, by `device.stream`.

@@ -1,7 +1,7 @@
-"""What every stream needs: numbers that grow for ever, loss that is seen, times, and blocks without a gap. Pure.
+"""For every stream: numbers that never wrap, loss detection, times, and blocks without a gap. Pure.
 
-A device with a clock of its own tells when a sample was taken, some also count samples; `StreamTrack` makes numbers
-and host times of both. Where the host asks for each sample it knows these itself, and needs `Runs` alone.
+A device with its own clock time-stamps its samples, and some also count them; `StreamTrack` turns both into numbers
+and host times. Where the host polls each sample it knows these already, and needs `Runs` alone.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class DeviceClock:
 
     Args:
         max_drift_ppm: Bound on its drift.
-        wrap_s: What it shows begins again at zero after so long; None where it never does.
+        wrap_s: When it wraps to zero; None where it never does.
 
     Attributes:
-        model: Of the clock, since it last began anew.
-        restarts: How often it began anew.
+        model: Of the clock, since its last restart.
+        restarts: How often it restarted.
     """
 
     def __init__(self, max_drift_ppm: float, wrap_s: float | None = None) -> None:
@@ -49,12 +49,12 @@ class DeviceClock:
         self.model = ClockModel(max_drift_ppm)
 
     def restart(self) -> None:
-        """It counts from anew."""
+        """The clock has restarted."""
         self.restarts += 1
         self.model = ClockModel(self._max_drift_ppm)
 
     def extended(self, shown_s: float, arrival_s: float) -> tuple[float, float]:
-        """What it showed, wraps undone, and by how much that is ahead of what the arrival lets expect (s)."""
+        """Device time with wraps undone, and by how much it is ahead of the time expected from the arrival (s)."""
         if not self.model.ready:
             return shown_s, 0.0
         expected_s = self.model.device_s(arrival_s)
@@ -64,7 +64,7 @@ class DeviceClock:
 
 
 class _Host(ClockModel):
-    """Of a clock that is the host's own: nothing is to be learnt."""
+    """The model of a clock that is the host's own: nothing is to be learnt."""
 
     def observe(self, device_s: float, arrival_s: float) -> None:
         """What it shows is the host's time, whatever arrives when."""
@@ -88,7 +88,7 @@ class Placed(NamedTuple):
         seq: Number of the first.
         t0_s: Its monotonic host time in seconds.
         device_s: Its extended device time in seconds.
-        lost: How many are missing before it; 0 where its counter or clock began anew and nobody knows how many;
+        lost: How many are missing before it; 0 where its counter or clock restarted and the number is unknown;
             None where it follows on the one before, or begins because it was asked for.
     """
 
@@ -101,10 +101,10 @@ class Placed(NamedTuple):
 class StreamTrack:
     """One stream of a device with a clock of its own.
 
-    Device time and the counter, where there is one, have to tell the same number of missing samples. Where they do
-    not, or time goes back, device time decides: if it goes on as arrivals let expect, the counter has slipped, and the
-    stream begins a new segment on the same clock; if it does not, the device has restarted, and so do its clock and
-    each stream. A new segment's number is where host time says, and never next to the last: no gap looks closed.
+    Device time and the counter, where there is one, must agree on the number of missing samples. Where they do not, or
+    time goes back, device time decides: if it agrees with the arrivals, the counter has slipped, and the stream begins
+    a new segment on the same clock; if not, the device has restarted, and with it its clock and every stream. A new
+    segment is numbered by host time, and never directly follows the last: no gap looks closed.
 
     Args:
         clock: Of the device.
@@ -176,7 +176,7 @@ class StreamTrack:
         missing = (counter - self._counter) % COUNTER_MODULUS
         if self._rate_hz is None:
             return missing if missing < COUNTER_MODULUS // 2 and first_s >= self._due_s else None
-        # A gap may be longer than the counter: device time tells how often it went round.
+        # A gap may be longer than the counter: device time shows how often it wrapped.
         missing += COUNTER_MODULUS * round((elapsed - missing) / COUNTER_MODULUS)
         agree = missing >= 0 and abs(missing - elapsed) <= max(1.0, SLACK_S * self._rate_hz)
         return missing if agree else None

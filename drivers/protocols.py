@@ -25,7 +25,7 @@ class Device(Protocol):
         """
 
     def close(self) -> None:
-        """Stop what moves, let go of the port. Never raises; may be called twice."""
+        """Stop what moves, close the port. Never raises; may be called twice."""
 
     def apply(self, command: Command) -> Applied:
         """Queue a command, within a millisecond; what becomes of it comes from `poll`, under the command's id.
@@ -41,11 +41,11 @@ class Device(Protocol):
         """Statuses since the last call, in order."""
 
     def account(self) -> Mapping[str, object]:
-        """How the link did so far (frames, losses, drift), for the manifest; empty where there is nothing to tell."""
+        """How the link did so far (frames, losses, drift), for the manifest; empty where there is nothing to report."""
 
 
 class Question(NamedTuple):
-    """What a person is asked on the console, and which question of its device it is: two may have the same words."""
+    """A question on the console, numbered by its device: two may have the same text."""
 
     number: int
     text: str
@@ -60,4 +60,4 @@ class Asking(Protocol):
         """What it waits for now."""
 
     def answer(self, number: int, done: bool) -> None:
-        """The person says that it is done, or that it cannot be; an older question's answer counts for nothing."""
+        """The person confirms that it is done, or declines; an answer to an older question is ignored."""

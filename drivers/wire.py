@@ -1,4 +1,4 @@
-"""What all drivers share: statuses and blocks on their way to the loop, failing once, a link that opens and closes."""
+"""The base of all drivers: statuses and blocks for the loop, one failure report, a link that opens and closes."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ class Link(Protocol):
 
     @property
     def fault(self) -> str | None:
-        """Why it is gone, in a few words; None while it stands."""
+        """Why it is gone; None while it stands."""
 
     def receive(self) -> Sequence[Any]:
         """What has arrived since the last call, in order."""
 
     def close(self) -> None:
-        """Let go, end the thread. Never raises; may be called twice."""
+        """Close it, end the thread. Never raises; may be called twice."""
 
 
 LinkT = TypeVar("LinkT", bound=Link)
 
 
 class Driver:
-    """A device's name, its clock, and what waits for the loop to take it.
+    """A device's name, its clock, and the blocks and statuses that the loop has not taken yet.
 
     Args:
         name: In the profile.
@@ -46,7 +46,7 @@ class Driver:
     def __init__(self, name: str, clock: Clock) -> None:
         self.name = name
         self._clock = clock
-        self._failure: str | None = NOT_OPEN  # why nothing can be asked of it
+        self._failure: str | None = NOT_OPEN  # why it takes no commands
         self._blocks: list[SampleBlock] = []
         self._statuses: list[Status] = []
 
@@ -79,10 +79,10 @@ class Driver:
             self._carry_out(command)
         return Applied(command, self._clock.now())
 
-    # what a device makes of it
+    # for subclasses
 
     def _turn(self) -> None:
-        """Hear what has come, say what is due."""
+        """Process what has arrived, send what is due."""
 
     def _valid(self, command: Command) -> Command:
         """The command as it will be sent; raises `CommandError`."""
@@ -92,7 +92,7 @@ class Driver:
         """Begin with a valid command; the device is open."""
         raise NotImplementedError
 
-    # what is told of it
+    # reporting
 
     def _report(self, status: Status) -> None:
         self._statuses.append(status)
@@ -109,7 +109,7 @@ class Driver:
         self._report(Refused(self._clock.now(), self.name, command, reason))
 
     def _fail(self, reason: str) -> None:
-        """The device can no longer be trusted; what comes of that later is told no more."""
+        """The device can no longer be trusted; only the first failure is reported."""
         if self._failure is None:
             self._failure = reason
             self._report(Failed(self._clock.now(), self.name, reason))
@@ -150,7 +150,7 @@ class WireDriver(Driver, Generic[LinkT]):
             RefusedError: it does not take a setting.
         """
         self.close()
-        self._blocks, self._statuses = [], []  # what nobody took is of a session that has ended
+        self._blocks, self._statuses = [], []  # left over from an earlier session
         self._forget()
         link = self._link = self._connect(self.name, self._settings, self._clock)
         try:
@@ -162,7 +162,7 @@ class WireDriver(Driver, Generic[LinkT]):
         return info
 
     def close(self) -> None:
-        """Stop what moves, let go of the port. Never raises; may be called twice."""
+        """Stop what moves, close the port. Never raises; may be called twice."""
         link, self._link = self._link, None
         opened, failure, self._failure = self._failure != NOT_OPEN, self._failure, NOT_OPEN
         if link is not None:
@@ -172,7 +172,7 @@ class WireDriver(Driver, Generic[LinkT]):
             finally:
                 link.close()
 
-    # what a device makes of it
+    # for subclasses
 
     def _prepare(self) -> None:
         """Make what lasts from one `open` to the next."""
@@ -181,14 +181,14 @@ class WireDriver(Driver, Generic[LinkT]):
         """Nothing is known of the device: it is being opened."""
 
     def _identify(self, link: LinkT) -> DeviceInfo:
-        """Ask who is there, set it up; raises a `DeviceError`."""
+        """Identify the device, set it up; raises a `DeviceError`."""
         raise NotImplementedError
 
     def _leave(self, link: LinkT, failure: str | None) -> None:
-        """The last words on a link to a device that was open, and has failed where `failure` says why."""
+        """Send the last messages to a device that was open; `failure` is why it has failed, or None."""
 
     def _update(self, link: LinkT) -> str | None:
-        """Hear what has come, say what is due; what is wrong with the device, or None."""
+        """Process what has arrived, send what is due; what is wrong with the device, or None."""
         raise NotImplementedError
 
     def _turn(self) -> None:
@@ -201,17 +201,17 @@ class WireDriver(Driver, Generic[LinkT]):
 
 @dataclass(frozen=True, slots=True)
 class Inquiry:
-    """What is asked of a device while it is being opened, one question at a time.
+    """Queries to a device while it is being opened, one at a time.
 
     Attributes:
         device: Name in the profile.
         doing: For errors.
         link: To it.
-        clock: For how long an answer takes.
-        timeout_s: How long it may take.
-        strange: What came that was no answer, in words; "" where nothing did.
-        stranger: What to do where something did.
-        silent: What to do where nothing did.
+        clock: Times the answers.
+        timeout_s: How long an answer may take.
+        strange: Describes what arrived that was no answer; "" where nothing did.
+        stranger: Advice where something did.
+        silent: Advice where nothing did.
     """
 
     device: str
@@ -223,8 +223,8 @@ class Inquiry:
     stranger: str
     silent: str
 
-    def ask(self, say: Callable[[], object], hear: Callable[[Any], T | None], attempts: int) -> T:
-        """Say something, some times over, until something that was received is an answer.
+    def ask(self, send: Callable[[], object], parse: Callable[[Any], T | None], attempts: int) -> T:
+        """Send a query, up to `attempts` times, until `parse` finds an answer in what is received.
 
         Raises:
             PortError: the link is gone.
@@ -232,11 +232,11 @@ class Inquiry:
             ProtocolError: what came is no answer.
         """
         for _ in range(attempts):
-            say()
+            send()
             until_s = self.clock.monotonic_s() + self.timeout_s
             while self.clock.monotonic_s() < until_s and self.link.fault is None:
-                for heard in self.link.receive():
-                    answer = hear(heard)
+                for received in self.link.receive():
+                    answer = parse(received)
                     if answer is not None:
                         return answer
                 self.clock.rest(TURN_S)

@@ -3,10 +3,10 @@
 The host writes lines of JSON; the recorder writes frames, each a header of 16 bytes and a payload:
 
     bytes 0-3   magic "TBA1"
-    byte  4     kind: 1 sound, 2 words
-    byte  5     channels (words: 0)
-    bytes 6-7   u16: sound: frames in it; words: bytes of JSON
-    bytes 8-15  u64: counter of the converter's frames: of the first in it; words: when they were said
+    byte  4     kind: 1 sound, 2 message
+    byte  5     channels (message: 0)
+    bytes 6-7   u16: sound: frames in it; message: bytes of JSON
+    bytes 8-15  u64: counter of the converter's frames: of the first in it; message: when it was sent
 
 All numbers are little-endian; sound is packed signed 24-bit counts, the channels of a frame side by side.
 """
@@ -58,10 +58,10 @@ class Sound:
 
 @dataclass(frozen=True, slots=True)
 class SoundMessage:
-    """What the recorder says.
+    """A message of the recorder.
 
     Attributes:
-        frame: The converter's counter when it said so; for a drive, the first frame that it applies to.
+        frame: The converter's counter when it was sent; for a drive, the first frame that it applies to.
         content: The JSON object.
     """
 
@@ -80,7 +80,7 @@ def unpack24(data: bytes | bytearray | memoryview | NDArray[np.uint8]) -> NDArra
     packed = np.frombuffer(data, np.uint8).reshape(-1, BYTES)
     wide = np.zeros((len(packed), 4), np.uint8)
     wide[:, 1:] = packed
-    # The three bytes stand at the top of a word; the arithmetic shift brings them down with their sign.
+    # The three bytes are the upper ones of an int32; the arithmetic shift brings them down with their sign.
     return np.asarray(wide.view("<i4")[:, 0] >> 8, dtype=np.int32)
 
 
@@ -112,24 +112,24 @@ def encode(message: Sound | SoundMessage) -> bytes:
         raise CodecError(f"it does not fit a frame: {error}") from error
 
 
-def encode_line(words: Mapping[str, Any]) -> bytes:
-    """A line of the host's."""
-    return json.dumps(words, separators=(",", ":")).encode() + b"\n"
+def encode_line(request: Mapping[str, Any]) -> bytes:
+    """A request of the host as a line."""
+    return json.dumps(request, separators=(",", ":")).encode() + b"\n"
 
 
 def decode_line(line: bytes) -> Mapping[str, Any]:
-    """What the host asks for.
+    """The request in a line.
 
     Raises:
         CodecError: no JSON object.
     """
     try:
-        words = json.loads(line)
+        request = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise CodecError(f"no JSON: {error}") from error
-    if not isinstance(words, dict):
+    if not isinstance(request, dict):
         raise CodecError("no JSON object")
-    return words
+    return request
 
 
 class FrameDecoder:
@@ -142,7 +142,7 @@ class FrameDecoder:
         """The frames that end in these bytes, in order.
 
         Raises:
-            CodecError: this is no recorder, or its line is out of step: nothing after it can be read.
+            CodecError: this is no recorder, or frames are out of step: nothing after it can be read.
         """
         self._waiting += data
         frames: list[Sound | SoundMessage] = []

@@ -1,4 +1,4 @@
-"""What the fingers' audio can be told, and what it sends: the same on the mock bench. Pure."""
+"""Commands and stream of the fingers' audio: for driver and mock alike. Pure."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def checked(name: str, command: Command) -> Command:
         case Excite():
             if command.on:
                 advice = "send a Tone; Excite off silences the drive"
-                raise _wrong(name, command, "it does not say at which frequency", advice)
+                raise _wrong(name, command, "it gives no frequency", advice)
             return command
         case Tone():
             _check_drive(name, command, command.frequency_hz)

@@ -14,9 +14,9 @@ from drivers.audio.quality import Excursions, Stillness, clipped, flaw
 from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, AudioSettings
 from drivers.audio.source import (
     Declined,
-    Happening,
     SoundPacket,
     SoundSource,
+    SourceEvent,
     SourceFound,
     Swept,
     make_source,
@@ -53,10 +53,10 @@ class Audio(WireDriver[SoundSource]):
 
     The stream `<name>.fingers` has raw 24-bit counts of the right and the left finger. Its `seq` counts the frames of
     the converter, which also drives: a tone's phase is zero at frame 0 (`level * cos(2 pi f seq / rate)`, but for
-    the constant delay of the converters), so that `seq` is the in-phase reference. What was overrun or
-    lost is a gap in `seq`, told as `Lost`. Times come from the converter's clock (`numbering`).
+    the constant delay of the converters), so that `seq` is the in-phase reference. Overrun or lost frames are a gap
+    in `seq`, reported as `Lost`. Times come from the converter's clock (`numbering`).
 
-    A finger at full scale is told as `Saturated` at each excursion. Clipped, silent or 16-bit sound is refused at
+    A finger at full scale is reported as `Saturated` at each excursion. Clipped, silent or 16-bit sound is refused at
     `open`; a finger that falls silent later, a recording that ends and a source that goes away have failed.
     """
 
@@ -75,12 +75,12 @@ class Audio(WireDriver[SoundSource]):
         self._stillness = Stillness(RATE_HZ, s.silence_timeout_s)
         self._listening = False
         self._saturations = 0
-        self._driven = 0  # id of what the drive was last told
+        self._driven = 0  # id of the last drive command
         self._turned_s = self._clock.monotonic_s()
-        self._unheard_s = 0.0
+        self._silent_s = 0.0
 
     def _identify(self, source: SoundSource) -> DeviceInfo:
-        """See that the sound fits, listen for a moment; clipped, silent or 16-bit sound is refused."""
+        """Check the source and a sample of its sound; clipped, silent or 16-bit sound is refused."""
         found = source.open()
         self._check(found)
         if self._settings.look_s > 0.0:
@@ -95,14 +95,14 @@ class Audio(WireDriver[SoundSource]):
             clock=found.clock,
             details={
                 "port": self._settings.port,
-                "bits": found.bits or "not said",
+                "bits": found.bits or "not reported",
                 "channels": dict(zip(FINGERS, self._settings.channels, strict=True)),
                 **found.details,
             },
         )
 
     def close(self) -> None:
-        """Silence the drive, let go of the source. Never raises; may be called twice."""
+        """Silence the drive, close the source. Never raises; may be called twice."""
         self._closed_account = self.account()
         super().close()
 
@@ -120,7 +120,9 @@ class Audio(WireDriver[SoundSource]):
 
     def poll(self) -> Sequence[Status]:
         """Statuses since the last call, in order."""
-        if self._listening:  # `read` hears, so that no sound is left behind the end that is told here
+        if (
+            self._listening
+        ):  # `read` processes the sound, so that none is left behind the end that is reported here
             statuses, self._statuses = self._statuses, []
             return statuses
         return super().poll()
@@ -140,7 +142,7 @@ class Audio(WireDriver[SoundSource]):
     # at open
 
     def _check(self, found: SourceFound) -> None:
-        """Whether it can be what is wanted, by what it says of itself."""
+        """Check what the source reports of itself."""
         doing, needed = "opening", max(*self._settings.channels, 1) + 1
         if found.channels < needed:
             has = f"{found.what} has {found.channels} channel{'s' if found.channels > 1 else ''}"
@@ -154,7 +156,7 @@ class Audio(WireDriver[SoundSource]):
             raise ProtocolError(self.name, doing, reason, "choose a 24-bit format")
 
     def _look(self, source: SoundSource, found: SourceFound) -> None:
-        """Listen for a moment, and refuse what is clipped, silent or coarse."""
+        """Look at a sample of the sound; refuse it where clipped, silent or coarse."""
         counts = source.peek(self._settings.look_s)
         if counts is None:
             counts = self._gather(source, found)
@@ -167,22 +169,24 @@ class Audio(WireDriver[SoundSource]):
     def _gather(self, source: SoundSource, found: SourceFound) -> NDArray[np.int32]:
         wanted = round(self._settings.look_s * RATE_HZ)
         until_s = self._clock.monotonic_s() + self._settings.look_s + self._settings.silence_timeout_s
-        heard: list[NDArray[np.int32]] = []
+        received: list[NDArray[np.int32]] = []
         source.listen(True)
-        while sum(map(len, heard)) < wanted and source.fault is None and self._clock.monotonic_s() < until_s:
+        while (
+            sum(map(len, received)) < wanted and source.fault is None and self._clock.monotonic_s() < until_s
+        ):
             self._clock.rest(TURN_S)
             for one in source.receive():
                 if isinstance(one, SoundPacket):
                     self._frames.learn(one)
-                    heard.append(one.counts)
+                    received.append(one.counts)
         source.listen(False)
         doing = f"listening to {found.what}"
         if source.fault is not None:
             raise PortError(self.name, doing, source.fault, MENDING)
-        if not heard:
+        if not received:
             reason = f"no sound in {self._settings.look_s + self._settings.silence_timeout_s:g} s"
             raise SilentError(self.name, doing, reason, "is it running?")
-        return np.concatenate(heard)
+        return np.concatenate(received)
 
     # while it runs
 
@@ -191,34 +195,34 @@ class Audio(WireDriver[SoundSource]):
             return
         self._turn()
         self._listening = on
-        self._unheard_s = 0.0
+        self._silent_s = 0.0
         self._frames.begin()
         self._excursions.begin()
         self._stillness.begin()
         source.listen(on)
 
     def _update(self, source: SoundSource) -> str | None:
-        """Hear what has come; notice what has not."""
+        """Process what has arrived; check for silence."""
         now_s = self._clock.monotonic_s()
         passed_s, self._turned_s = min(now_s - self._turned_s, TURN_MAX_S), now_s
-        self._unheard_s = self._unheard_s + passed_s if self._listening else 0.0
-        for happening in source.receive():
-            self._take(happening)
+        self._silent_s = self._silent_s + passed_s if self._listening else 0.0
+        for event in source.receive():
+            self._take(event)
         limit_s = self._settings.silence_timeout_s
-        return f"no sound in {limit_s:g} s; is the source running?" if self._unheard_s > limit_s else None
+        return f"no sound in {limit_s:g} s; is the source running?" if self._silent_s > limit_s else None
 
-    def _take(self, happening: Happening) -> None:
-        if isinstance(happening, Swept):
-            t_s = self._frames.time_s(happening.frame, happening.arrival_s)
+    def _take(self, event: SourceEvent) -> None:
+        if isinstance(event, Swept):
+            t_s = self._frames.time_s(event.frame, event.arrival_s)
             self._report(Reached(t_s, self.name, 0.0, command_id=self._driven))
-        elif isinstance(happening, Declined):
-            t_s = self._clock.from_monotonic(happening.arrival_s)
-            self._report(Refused(t_s, self.name, happening.command, happening.reason))
+        elif isinstance(event, Declined):
+            t_s = self._clock.from_monotonic(event.arrival_s)
+            self._report(Refused(t_s, self.name, event.command, event.reason))
         elif self._listening and self._failure is None:
-            self._unheard_s = 0.0
-            self._hear(happening)
+            self._silent_s = 0.0
+            self._receive(event)
 
-    def _hear(self, packet: SoundPacket) -> None:
+    def _receive(self, packet: SoundPacket) -> None:
         try:
             block, lost = self._frames.push(packet)
         except CounterError as error:

@@ -78,7 +78,7 @@ class SoundFrames:
         return block, placed.lost or 0
 
     def time_s(self, frame: int, arrival_s: float) -> float:
-        """Bench time of a frame; of its news where no sound has told of the converter's clock yet."""
+        """Bench time of a frame; its arrival while the converter's clock is not known yet."""
         if self.clock.model.ready:
             arrival_s = min(self.clock.model.host_s(frame / self._rate_hz), arrival_s)
         return self._bench.from_monotonic(arrival_s)

@@ -1,4 +1,4 @@
-"""A recorder on the network: sound and words over one TCP connection."""
+"""A recorder on the network: sound and messages over one TCP connection."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.audio.codec import FrameDecoder, SoundMessage, encode_line
 from drivers.audio.settings import AudioSettings
-from drivers.audio.source import Declined, Drive, Happening, SoundPacket, SourceFound, Swept
+from drivers.audio.source import Declined, Drive, SoundPacket, SourceEvent, SourceFound, Swept
 from drivers.clock import Clock
 from drivers.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
 from drivers.messages import Chirp, Tone
@@ -25,7 +25,7 @@ from drivers.messages import Chirp, Tone
 CHUNK_BYTES: Final = 1 << 16
 
 WAITING_BYTES: Final = 8 << 20
-"""Of sound that nobody has taken (14 s): beyond, the network holds the rest back, and the recorder's counter tells
+"""Of sound that was not taken (14 s): beyond, the network holds the rest back, and the recorder's counter shows
 what it had to drop (assumption)."""
 
 PAUSE_S: Final = 0.002
@@ -40,7 +40,7 @@ ADVICE: Final = "is it switched on, and the address right?"
 
 
 class Greeting(BaseModel):
-    """What a recorder says of itself; keys of newer ones are passed over."""
+    """What a recorder reports of itself; unknown keys of newer ones are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
@@ -60,15 +60,15 @@ class Greeting(BaseModel):
 
 @dataclass(slots=True)
 class _Asked:
-    """A line without a reply yet."""
+    """A request without a reply yet."""
 
-    words: Mapping[str, Any]
+    request: Mapping[str, Any]
     command: Drive | None
     due_s: float
 
 
 class NetworkRecorder:
-    """Speaks to a recorder as docs/reference/audio.md says.
+    """A client of a recorder; protocol: docs/reference/audio.md.
 
     Args:
         device: Name in the profile.
@@ -86,8 +86,8 @@ class NetworkRecorder:
         self._tag = 0
         self._asked: dict[int, _Asked] = {}
         self._greeting: Greeting | None = None
-        self._hears = False
-        self._happened: list[Happening] = []
+        self._sounding = False
+        self._events: list[SourceEvent] = []
         self.fault: str | None = None
 
     def open(self) -> SourceFound:
@@ -101,7 +101,7 @@ class NetworkRecorder:
         try:
             connection = socket.create_connection((host, int(port)), self._settings.reply_timeout_s)
         except (OSError, OverflowError) as error:
-            reason = f"nobody answers ({getattr(error, 'strerror', None) or error})"
+            reason = f"it does not answer ({getattr(error, 'strerror', None) or error})"
             raise PortError(self._device, doing, reason, ADVICE) from error
         self._link = _Link(self._device, connection, self._clock)
         greeting = self._greet(doing)
@@ -120,10 +120,10 @@ class NetworkRecorder:
         )
 
     def _greet(self, doing: str) -> Greeting:
-        """Who it is.
+        """Its greeting.
 
         Raises:
-            SilentError: it says nothing.
+            SilentError: it does not answer.
             ProtocolError: it is no recorder.
         """
         self._ask({"do": "hello"})
@@ -134,7 +134,7 @@ class NetworkRecorder:
         if self._greeting is not None:
             return self._greeting
         error: type[DeviceError] = SilentError if self.fault is None else ProtocolError
-        waited = f"it says nothing in {self._settings.reply_timeout_s:g} s"
+        waited = f"it does not answer in {self._settings.reply_timeout_s:g} s"
         raise error(
             self._device,
             doing,
@@ -147,23 +147,23 @@ class NetworkRecorder:
         return None
 
     def listen(self, on: bool) -> None:
-        """See `Source.listen`; what is still under way from before is not heard."""
-        self._hears = False
+        """See `Source.listen`; sound that is still under way from before is dropped."""
+        self._sounding = False
         self._ask({"do": "start" if on else "stop"})
 
     def drive(self, command: Drive) -> None:
         """See `Source.drive`."""
         match command:
             case Tone():
-                words = {"do": "tone", "frequency_hz": command.frequency_hz, "level": command.level}
+                request = {"do": "tone", "frequency_hz": command.frequency_hz, "level": command.level}
             case Chirp():
                 span = {"from_hz": command.from_hz, "to_hz": command.to_hz}
-                words = {"do": "chirp", **span, "duration_s": command.duration_s, "level": command.level}
+                request = {"do": "chirp", **span, "duration_s": command.duration_s, "level": command.level}
             case _:
-                words = {"do": "silence"}
-        self._ask(words, command)
+                request = {"do": "silence"}
+        self._ask(request, command)
 
-    def receive(self) -> Sequence[Happening]:
+    def receive(self) -> Sequence[SourceEvent]:
         """See `Source.receive`."""
         link = self._link
         if link is None or self.fault is not None:
@@ -172,11 +172,11 @@ class NetworkRecorder:
             for arrival_s, data in link.receive():
                 for frame in self._decoder.feed(data):
                     if isinstance(frame, SoundMessage):
-                        self._hear(frame, arrival_s)
-                    elif self._hears:
-                        self._happened.append(SoundPacket(frame.frame, frame.counts, arrival_s))
+                        self._receive(frame, arrival_s)
+                    elif self._sounding:
+                        self._events.append(SoundPacket(frame.frame, frame.counts, arrival_s))
         except CodecError as error:
-            self.fault = f"what it says is not a recorder's: {error}"
+            self.fault = f"it does not send as a recorder does: {error}"
         self.fault = self.fault or link.fault or self._overdue()
         return self._take()
 
@@ -191,49 +191,49 @@ class NetworkRecorder:
             link.send(encode_line({"do": "stop"}) + encode_line({"do": "silence"}))
             link.close()
 
-    def _take(self) -> Sequence[Happening]:
-        happened, self._happened = self._happened, []
-        return happened
+    def _take(self) -> Sequence[SourceEvent]:
+        events, self._events = self._events, []
+        return events
 
-    def _ask(self, words: Mapping[str, Any], command: Drive | None = None) -> None:
+    def _ask(self, request: Mapping[str, Any], command: Drive | None = None) -> None:
         if self._link is None or self.fault is not None:
             return
         self._tag += 1
-        # Who says hello waits for the reply itself.
-        timeout_s = math.inf if words["do"] == "hello" else self._settings.reply_timeout_s
-        self._asked[self._tag] = _Asked(words, command, self._clock.monotonic_s() + timeout_s)
-        self._link.send(encode_line({**words, "tag": self._tag}))
+        # `_greet` times the reply to a hello itself.
+        timeout_s = math.inf if request["do"] == "hello" else self._settings.reply_timeout_s
+        self._asked[self._tag] = _Asked(request, command, self._clock.monotonic_s() + timeout_s)
+        self._link.send(encode_line({**request, "tag": self._tag}))
 
-    def _hear(self, words: SoundMessage, arrival_s: float) -> None:
-        content = words.content
+    def _receive(self, message: SoundMessage, arrival_s: float) -> None:
+        content = message.content
         if content.get("event") == "swept":
-            self._happened.append(Swept(words.frame, arrival_s))
+            self._events.append(Swept(message.frame, arrival_s))
         asked = self._asked.pop(content.get("reply", 0), None)
         if asked is None:
             return
         if "refused" in content:
             reason = f"the recorder will not: {content['refused']}"
             if asked.command is None:
-                self.fault = f"{reason} ({asked.words['do']})"
+                self.fault = f"{reason} ({asked.request['do']})"
             else:
-                self._happened.append(Declined(asked.command, reason, arrival_s))
-        elif asked.words["do"] == "hello":
+                self._events.append(Declined(asked.command, reason, arrival_s))
+        elif asked.request["do"] == "hello":
             try:
                 self._greeting = Greeting.model_validate(dict(content))
             except ValidationError as error:
                 first = error.errors()[0]
                 where = ".".join(map(str, first["loc"]))
                 self.fault = f"its greeting is not a recorder's: {where}: {first['msg']}"
-        elif asked.words["do"] in ("start", "stop"):
+        elif asked.request["do"] in ("start", "stop"):
             # Of two on the way the later one holds: its reply is still to come.
-            later = any(other.words["do"] in ("start", "stop") for other in self._asked.values())
-            self._hears = asked.words["do"] == "start" and not later
+            later = any(other.request["do"] in ("start", "stop") for other in self._asked.values())
+            self._sounding = asked.request["do"] == "start" and not later
 
     def _overdue(self) -> str | None:
         now_s = self._clock.monotonic_s()
         for asked in self._asked.values():
             if now_s > asked.due_s:
-                return f"no reply to {asked.words['do']} in {self._settings.reply_timeout_s:g} s"
+                return f"no reply to {asked.request['do']} in {self._settings.reply_timeout_s:g} s"
         return None
 
 

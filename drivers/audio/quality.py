@@ -29,7 +29,7 @@ def flaw(counts: NDArray[np.int32], seconds: float) -> tuple[str, str] | None:
 
     Args:
         counts: 24-bit counts of the fingers, shape (n, 2).
-        seconds: Their length, for the words.
+        seconds: Their length, for the message.
     """
     spans = np.ptp(counts, axis=0)
     for finger, span in zip(FINGERS, spans, strict=True):
@@ -59,7 +59,7 @@ def clipped(counts: NDArray[np.int32]) -> NDArray[np.bool_]:
 
 
 class Excursions:
-    """Where a finger leaves the range of its converter; each excursion is told once.
+    """Where a finger leaves the range of its converter, once for each excursion.
 
     Args:
         rate_hz: Samples a second.
@@ -92,7 +92,7 @@ class Excursions:
 
 
 class Stillness:
-    """Notices a finger that says nothing any more.
+    """Notices a finger that has fallen silent.
 
     Args:
         rate_hz: Frames a second.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.audio.settings import FULL_SCALE, AudioSettings
-from drivers.audio.source import Drive, Happening, SoundPacket, SourceFound, Swept
+from drivers.audio.source import Drive, SoundPacket, SourceEvent, SourceFound, Swept
 from drivers.clock import Clock
 from drivers.errors import PortError, ProtocolError
 from drivers.messages import Chirp
@@ -33,9 +33,9 @@ MENDING: Final = "record it again, or save what is left of it with an editor"
 
 
 class Recording:
-    """Plays a file as if it were live: it runs from the first time that somebody listens, heard or not.
+    """Plays a file as if it were live: it runs from the first subscription on, subscribed or not.
 
-    What drove the fingers stands in it: a drive is taken, and changes nothing. A packet is handed out when its last
+    It holds the drive as recorded: a new drive is accepted, and changes nothing. A packet is handed out when its last
     frame is due, or as soon as it is asked for where `paced` is false.
 
     Args:
@@ -116,17 +116,17 @@ class Recording:
             self._begun_s = self._clock.monotonic_s()
 
     def drive(self, command: Drive) -> None:
-        """See `Source.drive`: what drove the fingers stands in the recording."""
+        """See `Source.drive`: the recording holds the drive."""
         self._sweep = None
         if isinstance(command, Chirp):
             now = self._next if not self._settings.paced else self._due()
             self._sweep = now + round(command.duration_s * self._rate_hz)
 
-    def receive(self) -> Sequence[Happening]:
+    def receive(self) -> Sequence[SourceEvent]:
         """See `Source.receive`."""
         if self._file is None or self._begun_s is None or self.fault is not None:
             return ()
-        happened: list[Happening] = []
+        events: list[SourceEvent] = []
         due = self._due()
         if not self._listening:
             self._skip(due)
@@ -138,20 +138,20 @@ class Recording:
             counts = self._read(end - self._next)
             if len(counts) < end - self._next:
                 self.fault = f"the recording cannot be read beyond {self._next / self._rate_hz:.2f} s"
-                return happened
-            happened.append(SoundPacket(self._next, counts, self._begun_s + end / self._rate_hz))
+                return events
+            events.append(SoundPacket(self._next, counts, self._begun_s + end / self._rate_hz))
             self._next = end
         if self._sweep is not None and self._sweep <= min(due, self._next):
-            happened.append(Swept(self._sweep, self._begun_s + self._sweep / self._rate_hz))
+            events.append(Swept(self._sweep, self._begun_s + self._sweep / self._rate_hz))
             self._sweep = None
         if self._next >= self._frames:
             self.fault = f"the recording has ended, after {self._frames / self._rate_hz:.2f} s"
-        return happened
+        return events
 
     def _due(self) -> int:
-        """How many frames are over."""
+        """How many frames are due."""
         if not self._settings.paced:
-            # Unheard, a tape that nothing paces stands still.
+            # Without a subscriber, an unpaced recording stands still.
             return self._next + PACKETS_MAX * PACKET_FRAMES if self._listening else self._next
         if self._begun_s is None:
             return 0
@@ -188,7 +188,7 @@ class Recording:
 
 
 def _riff_bytes(path: Path) -> int | None:
-    """How long a WAV file says it is; None where it is none, or too long to say."""
+    """Length of a WAV file by its header; None where it is none, or too long for the header."""
     with path.open("rb") as opened:
         magic, size, form = struct.unpack("<4sI4s", opened.read(12).ljust(12, b"\0"))
         if form != b"WAVE":

@@ -38,8 +38,8 @@ class AudioSettings(Settings):
     paced: bool = True
     """Of a file: play it as it was recorded; false hands it out as fast as it is asked for, times running ahead."""
     look_s: float = Field(default=0.25, ge=0.0, le=5.0)
-    """How long the fingers are listened to at `open`, where clipped, silent and 16-bit sound is refused; 0 does not
-    look. Assumption: ten thousand periods of the drive."""
+    """How much sound is checked at `open`, where clipped, silent and 16-bit sound is refused; 0 checks none.
+    Assumption: ten thousand periods of the drive."""
     silence_timeout_s: float = Field(default=1.0, gt=0.0, le=60.0)
     """Silence, of the link or of a finger, after which the device has failed (assumption)."""
     reply_timeout_s: float = Field(default=1.0, gt=0.0, le=30.0)

@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from drivers.audio.oscillator import ChirpWave, Silence, ToneWave, Wave
 from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
-from drivers.audio.source import Declined, Drive, Happening, SoundPacket, SourceFound, Swept
+from drivers.audio.source import Declined, Drive, SoundPacket, SourceEvent, SourceFound, Swept
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.messages import Chirp, Tone
 
 WAITING_PACKETS: Final = 4096
-"""Buffers that nobody has taken (20 s of 5 ms): beyond, the oldest are dropped, and their frames count as lost
+"""Buffers that were not taken (20 s of 5 ms): beyond, the oldest are dropped, and their frames count as lost
 (assumption)."""
 
 SPARE_BITS: Final = 8
 """PortAudio hands 24-bit samples over at the top of 32."""
 
 ROUND_TRIP_MAX_S: Final = 1.0
-"""A card that claims a longer way from output to input has no clock to tell it by (assumption)."""
+"""A card that reports a longer way from output to input has no clock to measure it (assumption)."""
 
 
 class SoundCard:
@@ -33,9 +33,9 @@ class SoundCard:
 
     Input and output are one stream on one clock: the drive is generated for the frames that its buffer is handed over
     with, so that the phase at the input is that of `seq`, but for the card's constant latency. Whatever the card loses,
-    of input or of output, may change that latency by some frames, and nobody knows by how many: the sound that may
-    hold the step is left out, which is a gap in `seq`. No phase from before it is to be compared with one from
-    after it. The drive itself goes on without a step of its own.
+    of input or of output, may change that latency by an unknown number of frames: the sound that may hold the step is
+    left out, which is a gap in `seq`. Phases before and after it must not be compared. The drive itself goes on
+    without a step.
 
     Args:
         device: Name in the profile.
@@ -71,7 +71,7 @@ class SoundCard:
                 dtype="int32",
                 latency=self._settings.latency_s,
                 dither_off=True,
-                callback=callback.both if self._has_output else callback.heard,
+                callback=callback.both if self._has_output else callback.input,
                 finished_callback=callback.finished,
                 **wanted,
             )
@@ -136,7 +136,7 @@ class SoundCard:
         return None
 
     def listen(self, on: bool) -> None:
-        """See `Source.listen`: the card runs on, unheard."""
+        """See `Source.listen`: the card runs on without a subscriber."""
         if self._callback is not None:
             self._callback.take()
         self._listening = on
@@ -151,19 +151,19 @@ class SoundCard:
         else:
             self._callback.play(command)
 
-    def receive(self) -> Sequence[Happening]:
+    def receive(self) -> Sequence[SourceEvent]:
         """See `Source.receive`."""
         callback = self._callback
         if callback is None:
             return ()
         taken = callback.take()
-        happened: list[Happening] = [*taken] if self._listening else []
+        events: list[SourceEvent] = [*taken] if self._listening else []
         while callback.declined:
-            happened.append(callback.declined.popleft())
+            events.append(callback.declined.popleft())
         while callback.sweeps:
-            happened.append(callback.sweeps.popleft())
+            events.append(callback.sweeps.popleft())
         self.fault = self.fault or callback.fault
-        return happened
+        return events
 
     def account(self) -> Mapping[str, object]:
         """See `Source.account`."""
@@ -181,20 +181,20 @@ class SoundCard:
 
 
 class _Callback:
-    """What PortAudio's thread runs: it copies the input into a queue and computes the output, nothing else.
+    """PortAudio's callbacks: they copy the input into a queue and compute the output, nothing else.
 
     Two counts: of input frames, those that were lost included, and of output frames, which nothing interrupts. They are
     equal until something is lost.
 
     Args:
-        clock: Says when buffers arrive.
-        round_trip_s: How long output is taken to need to the input, at the least, whatever the card says.
+        clock: Time-stamps buffers.
+        round_trip_s: Least time assumed from output to input, whatever the card reports.
 
     Attributes:
-        overruns: How often the card said that input was lost or made up.
-        underruns: How often it said so of output.
+        overruns: How often the card reported input as lost or made up.
+        underruns: The same of output.
         declined: Drives that cannot be.
-        sweeps: Chirps whose end has been heard, as far as the card's own word on its latency goes.
+        sweeps: Chirps whose end has arrived at the input, by the latency that the card reports.
         fault: Why the stream has ended.
         closing: It is meant to end.
     """
@@ -230,12 +230,12 @@ class _Callback:
             taken.append(self._packets.popleft())
         return taken
 
-    def heard(self, indata: NDArray[np.int32], frames: int, time: Any, status: Any) -> None:
+    def input(self, indata: NDArray[np.int32], frames: int, time: Any, status: Any) -> None:
         """Of a card without output."""
         arrival_s = self._clock.monotonic_s()
         if status.input_overflow:
             self._frame += self._missing(time)
-        if status.input_underflow:  # PortAudio has filled the buffer with what was never heard
+        if status.input_underflow:  # PortAudio has filled the buffer with samples that were never taken
             self._doubtful = max(self._doubtful, frames)
         self.overruns += bool(status.input_overflow or status.input_underflow)
         if self._doubtful < frames:
@@ -252,12 +252,12 @@ class _Callback:
         """Of a card with output: as many frames out as in."""
         output_lost = bool(status.output_underflow or status.output_overflow)
         self.underruns += output_lost
-        round_trip_s = _told_round_trip(time)
+        round_trip_s = _reported_round_trip(time)
         if output_lost or status.input_overflow or status.input_underflow:
-            # Told after it happened, of output that may not have been played yet: until what is computed now comes
+            # Reported afterwards, of output that may not have been played yet: until what is computed now comes
             # back, the step may lie anywhere.
             self._doubtful = max(frames, round(max(round_trip_s, self._round_trip_s) * RATE_HZ))
-        self.heard(indata, frames, time, status)
+        self.input(indata, frames, time, status)
         first, self._played = self._played, self._played + frames
         self._choose(first)
         wave = self._wave.at(first, frames) * (FULL_SCALE - 1)
@@ -271,7 +271,7 @@ class _Callback:
             self._sweep_returns = None
 
     def finished(self) -> None:
-        """The stream has ended: PortAudio says so when a card is unplugged."""
+        """The stream has ended, as when a card is unplugged."""
         if not self.closing:
             self.fault = self.fault or "the sound card is gone"
 
@@ -296,11 +296,11 @@ class _Callback:
         return max(1, round((adc_s - self._expected_s) * RATE_HZ))
 
 
-def _told_round_trip(time: Any) -> float:
-    """How long the card says that this buffer's output takes to the input, s; 0 where it does not say."""
+def _reported_round_trip(time: Any) -> float:
+    """Time from this buffer's output to the input as the card reports it, s; 0 where it does not."""
     adc_s, dac_s = float(time.inputBufferAdcTime), float(time.outputBufferDacTime)
-    told_s = dac_s - adc_s if adc_s > 0.0 else 0.0
-    return told_s if 0.0 < told_s < ROUND_TRIP_MAX_S else 0.0
+    reported_s = dac_s - adc_s if adc_s > 0.0 else 0.0
+    return reported_s if 0.0 < reported_s < ROUND_TRIP_MAX_S else 0.0
 
 
 def _first(error: Exception) -> str:

@@ -34,7 +34,7 @@ class SourceFound:
         model: For the manifest.
         rate_hz: Frames a second.
         channels: How many.
-        bits: Of a sample; None where it does not say.
+        bits: Of a sample; None where it is not reported.
         clock: Name of the clock that its frames count.
         serial: Its serial number, or "".
         version: Its version, or "".
@@ -72,8 +72,7 @@ class Swept:
     """A chirp is over.
 
     Attributes:
-        frame: The first frame after it, of those that are heard: what is known of the way from output to input is in
-            it.
+        frame: The first input frame after it, by what is known of the latency from output to input.
         arrival_s: Monotonic time in seconds at which that was known.
     """
 
@@ -96,7 +95,7 @@ class Declined:
     arrival_s: float
 
 
-Happening = SoundPacket | Swept | Declined
+SourceEvent = SoundPacket | Swept | Declined
 
 
 class SoundSource(Protocol):
@@ -117,19 +116,19 @@ class SoundSource(Protocol):
         """The first sound, left where it is, shape (n, channels); None where it has to be waited for."""
 
     def listen(self, on: bool) -> None:
-        """Hand out sound, or no more."""
+        """Start or stop handing out sound."""
 
     def drive(self, command: Drive) -> None:
         """Drive the transducers; a newer drive replaces an older one."""
 
-    def receive(self) -> Sequence[Happening]:
-        """What has happened since the last call, in order."""
+    def receive(self) -> Sequence[SourceEvent]:
+        """Events since the last call, in order."""
 
     def account(self) -> Mapping[str, object]:
-        """How it did so far, for the manifest."""
+        """Counts so far, for the manifest."""
 
     def close(self) -> None:
-        """Silence the drive, let go. Never raises; may be called twice."""
+        """Silence the drive, close the source. Never raises; may be called twice."""
 
 
 def make_source(device: str, settings: AudioSettings, clock: Clock) -> SoundSource:

@@ -1,7 +1,7 @@
-"""BarrettHand: CAN frames ⇄ questions, settings and replies. No I/O.
+"""BarrettHand: CAN frames ⇄ queries, settings and replies. No I/O.
 
 Source: docs/reference/barrett_hand.md. An identifier is `sender << 5 | receiver`, with bit 0x400 where the receiver
-is a group. A question is `[property]`, a setting `[0x80 | property, 0, i32]`, a reply, which goes to group 6,
+is a group. A query is `[property]`, a setting `[0x80 | property, 0, i32]`, a reply, which goes to group 6,
 `[0x80 | property, 0, i16 or i32]`; numbers are little-endian.
 """
 
@@ -16,7 +16,7 @@ from drivers.can_frame import CanFrame
 from drivers.errors import CodecError
 
 HOST: Final = 0
-"""Node of the host (docs/reference/barrett_hand.md: a finger's reply is to a group, so it need not be said)."""
+"""Node of the host (docs/reference/barrett_hand.md: a finger's reply is to a group, so it need not be given)."""
 
 FINGERS: Final = (11, 12, 13)
 SPREAD: Final = 14
@@ -24,7 +24,7 @@ SPREAD: Final = 14
 
 HAND: Final = 5
 REPLIES: Final = 6
-"""Groups: all of the hand, and those who hear replies (docs/reference/barrett_hand.md)."""
+"""Groups: the whole hand, and the receivers of replies (docs/reference/barrett_hand.md)."""
 
 GROUP_BIT: Final = 0x400
 REPLY_BIT: Final = 0x80
@@ -54,7 +54,7 @@ class Property(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Get:
-    """Asks a node, or a group, for a property."""
+    """Queries a property of a node or a group."""
 
     receiver: int
     property: int
@@ -81,7 +81,7 @@ class HandReply:
 
 
 def encode_request(request: Get | Set) -> CanFrame:
-    """A question or a setting as the frame on the wire."""
+    """A query or a setting as the frame on the wire."""
     identifier = HOST << 5 | request.receiver | GROUP_BIT * request.group
     if isinstance(request, Get):
         return CanFrame(identifier, bytes([request.property]))
@@ -92,7 +92,7 @@ def decode_request(frame: CanFrame) -> Get | Set:
     """What a node makes of a frame.
 
     Raises:
-        CodecError: neither a question nor a setting.
+        CodecError: neither a query nor a setting.
     """
     group, receiver, data = bool(frame.id & GROUP_BIT), frame.id & 0x1F, frame.data
     if not frame.remote and len(data) == 1 and not data[0] & REPLY_BIT:

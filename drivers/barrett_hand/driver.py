@@ -1,4 +1,4 @@
-"""The BarrettHand's finger torques, asked for on a CAN bus."""
+"""The BarrettHand's finger torques, polled on a CAN bus."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ from drivers.numbering import Runs, StreamTrack, host_clock
 from drivers.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 10
-"""How often a finger is asked while opening (assumption: frames may be lost, and a busy machine may sleep through
-some)."""
+"""How often a finger is queried while opening (assumption: frames may be lost, or missed by a busy machine)."""
 
 
 class _Answer(NamedTuple):
-    """What a finger answered to a beat."""
+    """What a finger answered in a cycle."""
 
-    beat: int
+    cycle: int
     due_s: float
     arrival_s: float
     counts: int
@@ -36,7 +35,7 @@ class BarrettHandSettings(CanPort, FingerStrainSettings):
     fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
     """Nodes of the fingers that have a strain gauge (docs/reference/barrett_hand.md)."""
     poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
-    """How often the gauges are asked for; what the bus does not carry is lost, and told (the paper: 1 kHz)."""
+    """How often the gauges are polled; samples that the bus does not carry are reported as lost (the paper: 1 kHz)."""
     answer_timeout_s: float = Field(default=0.02, gt=0.0, le=1.0)
     """When an answer counts as lost. Assumption: the longest delay measured on a pty is 16 ms."""
     silence_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
@@ -44,13 +43,12 @@ class BarrettHandSettings(CanPort, FingerStrainSettings):
 
 
 class BarrettHand(WireDriver[CanLink]):
-    """A hand whose fingers' torques are heard; implements `drivers.protocols.Device`. It moves nothing.
+    """The torques of a hand's fingers; implements `drivers.protocols.Device`. It moves nothing.
 
-    The link's thread asks at a steady beat, all fingers with one question, or one finger by itself where one alone is
-    listened to. Sample k is dated at its beat, `poll_hz` times k; it was asked for there or up to half a period
-    later. A beat that the bus or the host was too slow for is a jump in the sequence, told as `Lost`.
-    A finger that leaves the range in which the hand works is told as `Saturated`. `Tare` makes what a finger
-    reads its zero.
+    The link's thread polls periodically, all fingers with one query, or a single finger where only one is subscribed.
+    Sample k is dated at the start of its cycle, k / `poll_hz`; it was polled then or up to half a period later.
+    A cycle that the bus or the host was too slow for is a jump in the sequence, reported as `Lost`. A finger that
+    leaves the range in which the hand works is reported as `Saturated`. `Tare` takes a finger's reading as its zero.
 
     Streams: `<name>.strain_<finger>` in N at the fingertip, from the maker's rough figure until calibrated.
     """
@@ -71,8 +69,8 @@ class BarrettHand(WireDriver[CanLink]):
         self._forget()
 
     def _forget(self) -> None:
-        self._heard: frozenset[int] = frozenset()
-        self._heard_s = self._clock.monotonic_s()
+        self._subscribed: frozenset[int] = frozenset()
+        self._received_s = self._clock.monotonic_s()
         self._tracks = {
             finger: StreamTrack(host_clock(), self._settings.poll_hz) for finger in self._settings.fingers
         }
@@ -106,22 +104,22 @@ class BarrettHand(WireDriver[CanLink]):
         elif isinstance(command, Tare) and self._strains[self._fingers[command.stream]].tare():
             self._sent(command)
         else:
-            self._refuse(command, "nothing has been read of it; listen to it first")
+            self._refuse(command, "no samples of it yet; listen to it first")
 
     def account(self) -> Mapping[str, object]:
-        """How the bus did so far, for the manifest."""
+        """Samples lost, malformed frames and zeros, for the manifest."""
         malformed = 0 if self._link is None else self._link.malformed
         zeros = {strain.info.name: strain.zero for strain in self._strains.values()}
         return {"lost": self._missing, "malformed": malformed, "zero_counts": zeros}
 
     def _listen(self, fingers: frozenset[int]) -> None:
         link = self._link
-        if link is None or fingers == self._heard:
+        if link is None or fingers == self._subscribed:
             return
         self._turn()
-        self._heard = fingers
-        self._heard_s = self._clock.monotonic_s()
-        for finger in fingers:  # another question has another grid of beats
+        self._subscribed = fingers
+        self._received_s = self._clock.monotonic_s()
+        for finger in fingers:  # another query has another grid of cycles
             self._tracks[finger].begin()
             self._strains[finger].forget()
         if not fingers:
@@ -141,26 +139,27 @@ class BarrettHand(WireDriver[CanLink]):
         )
 
     def _update(self, link: CanLink) -> str | None:
-        answers = {finger: list[_Answer]() for finger in sorted(self._heard)}
-        for heard in link.receive():
-            reply = _strain(heard)
-            if reply is None or reply.sender not in answers or heard.beat is None or heard.due_s is None:
-                continue  # another's, or an answer that came too late to say to which question
-            answers[reply.sender].append(_Answer(heard.beat, heard.due_s, heard.arrival_s, reply.value))
+        answers = {finger: list[_Answer]() for finger in sorted(self._subscribed)}
+        for received in link.receive():
+            reply = _strain(received)
+            cycle, due_s = received.cycle, received.due_s
+            if reply is None or reply.sender not in answers or cycle is None or due_s is None:
+                continue  # from another node, or too late to be assigned to a cycle
+            answers[reply.sender].append(_Answer(cycle, due_s, received.arrival_s, reply.value))
         now_s = self._clock.monotonic_s()
-        if any(answers.values()) or not self._heard:
-            self._heard_s = now_s
+        if any(answers.values()) or not self._subscribed:
+            self._received_s = now_s
         for finger, taken in answers.items():
             self._take(finger, taken)
-        if now_s - self._heard_s > self._settings.silence_timeout_s:
+        if now_s - self._received_s > self._settings.silence_timeout_s:
             return f"no answer in {self._settings.silence_timeout_s:g} s; is the hand powered?"
         return None
 
     def _take(self, finger: int, answers: Sequence[_Answer]) -> None:
         """Make blocks of what a finger answered."""
         strain, runs, lost = self._strains[finger], Runs[int](), 0
-        for beat, due_s, arrival_s, counts in answers:
-            placed = self._tracks[finger].place(due_s, arrival_s, counter=beat, joins=bool(runs))
+        for cycle, due_s, arrival_s, counts in answers:
+            placed = self._tracks[finger].place(due_s, arrival_s, counter=cycle, joins=bool(runs))
             lost += placed.lost or 0
             runs.push(placed.seq, placed.t0_s, arrival_s, counts)
         for run in runs.take():
@@ -173,12 +172,12 @@ class BarrettHand(WireDriver[CanLink]):
             self._lost(self._clock.now(), strain.info.name, lost)
 
     def _reading(self, link: CanLink, finger: int) -> int:
-        """Ask one finger until it answers; raises a `DeviceError`."""
+        """Query one finger until it answers; raises a `DeviceError`."""
         strangers = 0
 
-        def hear(heard: ReceivedFrame) -> int | None:
+        def parse(received: ReceivedFrame) -> int | None:
             nonlocal strangers
-            reply = _strain(heard)
+            reply = _strain(received)
             strangers += reply is None
             return reply.value if reply is not None and reply.sender == finger else None
 
@@ -193,13 +192,13 @@ class BarrettHand(WireDriver[CanLink]):
             silent="is the hand powered?",
         )
         question = codec.encode_request(codec.Get(finger, codec.Property.STRAIN))
-        return inquiry.ask(lambda: link.send(question), hear, OPEN_ATTEMPTS)
+        return inquiry.ask(lambda: link.send(question), parse, OPEN_ATTEMPTS)
 
 
-def _strain(heard: ReceivedFrame) -> codec.HandReply | None:
-    """What a finger's gauge reads; None where this is something else."""
+def _strain(received: ReceivedFrame) -> codec.HandReply | None:
+    """A reading of a finger's gauge; None where this is something else."""
     try:
-        reply = codec.decode_reply(heard.frame)
+        reply = codec.decode_reply(received.frame)
     except CodecError:
         return None
     return reply if reply.property == codec.Property.STRAIN else None

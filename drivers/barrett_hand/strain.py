@@ -38,7 +38,7 @@ class FingerStrain:
 
     Attributes:
         info: Its stream, `<device>.strain_<finger>`.
-        zero: Raw counts that are called no force.
+        zero: Raw counts at no force.
     """
 
     def __init__(self, device: str, finger: int, rate_hz: float, settings: FingerStrainSettings) -> None:
@@ -67,13 +67,13 @@ class FingerStrain:
         return self.info.block(seq, t0_s, (raw - self.zero)[:, None], arrival_s=arrival_s)
 
     def saturation(self, block: SampleBlock) -> list[Saturated]:
-        """Where this block leaves the range in which the hand works; each excursion is told once."""
+        """Where this block leaves the range in which the hand works, once for each excursion."""
         lowest, highest = codec.SAFE_COUNTS
         raw = block.values[:, 0] + self.zero
-        told = []
+        excursions = []
         for place in np.flatnonzero(np.diff((raw < lowest) | (raw > highest), prepend=self._saturated)):
             self._saturated = not self._saturated
             if self._saturated:
                 value_n = float(block.physical[place, 0])
-                told.append(Saturated(float(block.times[place]), self._device, self.info.name, value_n))
-        return told
+                excursions.append(Saturated(float(block.times[place]), self._device, self.info.name, value_n))
+        return excursions

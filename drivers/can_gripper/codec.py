@@ -1,11 +1,11 @@
-"""SSG-48: CAN frames ⇄ words, no I/O.
+"""SSG-48: CAN frames ⇄ messages, no I/O.
 
 Source: docs/reference/can_gripper.md, and the firmware's behaviour. An identifier is
 `node << 7 | command << 1 | fault`; numbers are big-endian.
 
 The two object bits: the maker's page numbers bits from the left and the firmware writes the low bit of the verdict
-first, so that bit 5 of the byte is the low one; the vendor's own client takes it for the high one. Nobody
-should tell 1 from 2 by these bits: `GripperState.object` is true for both, and the direction is the command's.
+first, so that bit 5 of the byte is the low one; the vendor's own client takes it for the high one. Do
+not distinguish 1 from 2 by these bits: `GripperState.object` is true for both, and the command gives the direction.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def decode_order(frame: CanFrame) -> tuple[int, Order]:
 
 
 def encode_answer(node: int, fault: bool, answer: Answer) -> CanFrame:
-    """An answer as the frame on the wire; `fault` says that any fault is active."""
+    """An answer as the frame on the wire; `fault` where any fault is active."""
     match answer:
         case GripperState():
             code, data = GripperCode.STATE, _state_bytes(answer)

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.can_gripper.brackets import Brackets, CanGripperSettings, valid
 from drivers.can_gripper.codec import encode_order
-from drivers.can_gripper.identify import heard_from, identify
+from drivers.can_gripper.identify import answer_from, identify
 from drivers.can_gripper.messages import (
     AskState,
     DriveOrder,
@@ -54,14 +54,14 @@ class CanGripper(WireDriver[CanLink]):
 
     `Home` clears faults and calibrates where that has not been done since power-up: the jaws open and close
     fully, so they must be empty. `Grip` is one frame, written before `apply` returns: a grip that tightens
-    costs no more. Force is set by the motor's current and never measured: what is told as force is the
-    measured current times the maker's constant. `Stop` holds the jaws where they are; what they hold already
-    they go on holding. Any fault lets the grip go, and is told as `Stalled`.
+    costs no more. Force is set by the motor's current and never measured: the reported force is the measured
+    current times the maker's constant. `Stop` holds the jaws where they are, with what they hold. Any fault
+    opens the grip and is reported as `Stalled`.
 
-    The gripper's own watchdog is set at `open` and fed by `read` and `poll`, by no thread: it lets go when the
-    host hangs or dies. `close` switches it off, so that what is held at the end of a program stays held.
+    The gripper's own watchdog is set at `open` and fed by `read` and `poll`, not by a thread: it opens the
+    grip when the host hangs or dies. `close` switches it off, so that what is held at the end of a program stays held.
 
-    Streams, irregular, one sample for each answered question, at the middle of question and answer; a lost
+    Streams, irregular, one sample for each answered poll, dated midway between poll and answer; a lost
     answer is a jump in the sequence: `<name>.width` in m, `<name>.force` in N, positive where the jaws press
     inwards.
     """
@@ -84,14 +84,14 @@ class CanGripper(WireDriver[CanLink]):
 
     def _forget(self) -> None:
         self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
-        self._heard: frozenset[str] = frozenset()
+        self._subscribed: frozenset[str] = frozenset()
         self._state: GripperState | None = None
-        self._order = IDLE  # the last one that moves
-        self._asked: deque[float] = deque()  # monotonic times of questions for the state without an answer
+        self._order = IDLE  # the last one that drives the jaws
+        self._asked: deque[float] = deque()  # monotonic times of polls without an answer
         self._asked_s = -math.inf
-        self._late: deque[float] = deque()  # those of which the answer may come yet, or was lost
+        self._late: deque[float] = deque()  # those whose answer may still come, or was lost
         self._given_up_s = -math.inf
-        self._missing = 0  # questions in a row without an answer
+        self._missing = 0  # polls in a row without an answer
         self._faults: list[str] = []
 
     def _identify(self, link: CanLink) -> DeviceInfo:
@@ -138,7 +138,7 @@ class CanGripper(WireDriver[CanLink]):
             CommandError: not for a gripper, not finite or out of range. Nothing was sent.
         """
         if isinstance(command, Listen):
-            self._heard = command.streams & {info.name for info in self._infos}
+            self._subscribed = command.streams & {info.name for info in self._infos}
             return Applied(command, self._clock.now())
         return super().apply(command)
 
@@ -168,17 +168,17 @@ class CanGripper(WireDriver[CanLink]):
         return [
             self._block(info, run)
             for info in reversed(self._infos)
-            if info.name in self._heard
+            if info.name in self._subscribed
             for run in runs
         ]
 
     def account(self) -> Mapping[str, object]:
-        """How the bus did so far, for the manifest."""
+        """States received and lost, malformed frames and faults, for the manifest."""
         malformed = 0 if self._link is None else self._link.malformed
         answered = self._seq - self._unanswered
         return {"states": answered, "lost": self._unanswered, "malformed": malformed, "faults": self._faults}
 
-    # what is said
+    # sending
 
     def _refusal(self, command: Command) -> str | None:
         """Why a command cannot be carried out now."""
@@ -190,7 +190,7 @@ class CanGripper(WireDriver[CanLink]):
         return None
 
     def _orders(self, command: Command) -> Sequence[Order]:
-        """What is written to carry out a command."""
+        """The orders that carry out a command."""
         match command:
             case Grip():
                 self._order = self._brackets.grip(command)
@@ -209,7 +209,7 @@ class CanGripper(WireDriver[CanLink]):
         return clearing if known else (*clearing, Plain(GripperCode.CALIBRATE))
 
     def _stopping(self) -> Sequence[Order]:
-        """What stops a motion: to hold where the jaws are, or to sleep where they do not know that."""
+        """The order that stops a motion: hold the position, or sleep where it is not known."""
         if self._state is None or not self._state.calibrated:
             return (Plain(GripperCode.IDLE),)
         self._order = self._brackets.hold(self._state, self._order)
@@ -222,54 +222,54 @@ class CanGripper(WireDriver[CanLink]):
                 self._asked.append(sent_s)
                 self._asked_s = sent_s
 
-    # what is heard
+    # receiving
 
     def _update(self, link: CanLink) -> str | None:
-        """Hear what has come, ask what is due."""
-        for heard in link.receive():
-            self._hear(link, heard)
+        """Process what has arrived, poll when due."""
+        for received in link.receive():
+            self._receive(link, received)
         now_s = self._clock.monotonic_s()
         self._give_up(now_s)
         if self._missing * self._settings.reply_timeout_s >= self._settings.silence_timeout_s:
-            return f"{self._missing} questions in a row have no answer; is it powered, and the bus whole?"
+            return f"no answer to {self._missing} polls in a row; is it powered, and the bus whole?"
         if link.fault is None and not self._asked and now_s - self._asked_s >= self._interval_s():
             self._write(link, Poll())
         return None
 
     def _interval_s(self) -> float:
-        watched = self._heard or self._watch.busy or self._order.go
+        watched = self._subscribed or self._watch.busy or self._order.go
         return self._settings.poll_interval_s if watched else self._settings.idle_interval_s
 
-    def _hear(self, link: CanLink, heard: ReceivedFrame) -> None:
-        answer, fault = heard_from(self._settings.node, heard) or (None, False)
+    def _receive(self, link: CanLink, received: ReceivedFrame) -> None:
+        answer, fault = answer_from(self._settings.node, received) or (None, False)
         if isinstance(answer, GripperErrors):
             self._faults = sorted(answer.active)
         if not isinstance(answer, GripperState):
             return
         self._missing = 0
-        asked_s = self._asked.popleft() if self._asked else heard.arrival_s
-        surely_s = self._surely_asked_s(asked_s)
+        asked_s = self._asked.popleft() if self._asked else received.arrival_s
+        earliest_s = self._earliest_asked_s(asked_s)
         if fault and not self._watch.faulty:
             self._write(link, AskState(GripperCode.ERRORS))
         self._state = answer
         home = self._watch.only_asks
         if fault and not self._watch.faulty and home is not None:
-            # It came before the Home, as where nobody read for longer than the watchdog waits: it is to be cleared.
+            # The fault is older than the Home, as after a pause longer than the watchdog's: the Home clears it.
             self._watch.faulty = True
             self._order_now(link, home)
         else:
-            self._statuses += self._watch.push(self._clock.from_monotonic(surely_s), answer, fault)
-        if self._heard:
-            t_s = self._clock.from_monotonic(0.5 * (asked_s + heard.arrival_s))
+            self._statuses += self._watch.push(self._clock.from_monotonic(earliest_s), answer, fault)
+        if self._subscribed:
+            t_s = self._clock.from_monotonic(0.5 * (asked_s + received.arrival_s))
             width_m = self._brackets.width_m(answer.position)
-            arrival_s = self._clock.from_monotonic(heard.arrival_s)
+            arrival_s = self._clock.from_monotonic(received.arrival_s)
             self._runs.push(self._seq, t_s, arrival_s, _Sample(width_m, -answer.current_ma))
         self._seq += 1
 
-    def _surely_asked_s(self, asked_s: float) -> float:
-        """When, at the latest, the state of an answer was asked for.
+    def _earliest_asked_s(self, asked_s: float) -> float:
+        """The earliest time at which the state of an answer may have been requested.
 
-        Answers come in turn and have no number: after one that was given up, each may be the one before it, until
+        Answers come in order and have no number: after one that was given up, each may be the one before it, until
         the gripper would count as silent.
         """
         if not self._late:
@@ -278,7 +278,7 @@ class CanGripper(WireDriver[CanLink]):
         return self._late.popleft()
 
     def _give_up(self, now_s: float) -> None:
-        """Count answers that will not come any more."""
+        """Count answers that are overdue as lost."""
         if now_s - self._given_up_s > self._settings.silence_timeout_s:
             self._late.clear()
         while self._asked and now_s - self._asked[0] > self._settings.reply_timeout_s:
@@ -288,7 +288,7 @@ class CanGripper(WireDriver[CanLink]):
             self._seq += 1
             self._unanswered += 1
             self._missing += 1
-            for stream in sorted(self._heard):
+            for stream in sorted(self._subscribed):
                 self._lost(t_s, stream, 1)
 
     def _block(self, info: StreamInfo, run: SampleRun[_Sample]) -> SampleBlock:

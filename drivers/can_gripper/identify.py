@@ -1,4 +1,4 @@
-"""Who is at the other end of the bus, and how it is: what `open` asks."""
+"""Identity and state of the gripper on the bus, queried by `open`."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from drivers.errors import CodecError
 from drivers.wire import Inquiry
 
 ATTEMPTS = 4
-"""How often a question is asked (assumption: three frames may be lost)."""
+"""How often a query is sent (assumption: three frames may be lost)."""
 
 T = TypeVar("T")
 
 
 class GripperIdentity(NamedTuple):
-    """What a gripper says of itself."""
+    """What a gripper reports of itself."""
 
     info: GripperInfo
     errors: GripperErrors
@@ -39,12 +39,12 @@ class GripperIdentity(NamedTuple):
 
 
 def identify(name: str, settings: CanGripperSettings, link: CanLink, clock: Clock) -> GripperIdentity:
-    """Ask who it is, and how; nothing moves.
+    """Query identity and state; nothing moves.
 
     Raises:
         PortError: the bus was taken away.
         SilentError: nothing came.
-        ProtocolError: what came is none of this gripper's.
+        ProtocolError: no frame is from this gripper.
     """
 
     def answer(order: Order, kind: type[T]) -> T:
@@ -59,10 +59,10 @@ def identify(name: str, settings: CanGripperSettings, link: CanLink, clock: Cloc
     )
 
 
-def heard_from(node: int, heard: ReceivedFrame) -> tuple[Answer, bool] | None:
-    """What this node says, and whether it has a fault; None where it is not this gripper that speaks."""
+def answer_from(node: int, received: ReceivedFrame) -> tuple[Answer, bool] | None:
+    """An answer of this node, and whether it has a fault; None where the frame is something else."""
     try:
-        sender, fault, answer = decode_answer(heard.frame)
+        sender, fault, answer = decode_answer(received.frame)
     except CodecError:
         return None
     return (answer, fault) if sender == node else None
@@ -73,12 +73,12 @@ def _answer(
 ) -> T:
     strangers = 0
 
-    def hear(heard: ReceivedFrame) -> T | None:
+    def parse(received: ReceivedFrame) -> T | None:
         nonlocal strangers
-        said = heard_from(settings.node, heard)
-        strangers += said is None
-        mine = said is not None and isinstance(said[0], kind) and _fits(order, said[0])
-        return said[0] if mine else None  # type: ignore[index, return-value]
+        answer = answer_from(settings.node, received)
+        strangers += answer is None
+        mine = answer is not None and isinstance(answer[0], kind) and _fits(order, answer[0])
+        return answer[0] if mine else None  # type: ignore[index, return-value]
 
     where = f"node {settings.node}, and the bus at {settings.bitrate} bit/s?"
     inquiry = Inquiry(
@@ -91,9 +91,9 @@ def _answer(
         stranger=f"is the gripper {where}",
         silent=f"is it powered with 24 V, {where}",
     )
-    return inquiry.ask(lambda: link.send(encode_order(settings.node, order)), hear, ATTEMPTS)
+    return inquiry.ask(lambda: link.send(encode_order(settings.node, order)), parse, ATTEMPTS)
 
 
 def _fits(order: Order, answer: object) -> bool:
-    """A temperature is no voltage: numbers bear the code that was asked for."""
+    """Whether an answer fits an order: numbers bear the code that was queried."""
     return not (isinstance(order, AskState) and isinstance(answer, Number)) or answer.code is order.code

@@ -1,4 +1,4 @@
-"""SSG-48: what host and gripper say to each other, as values."""
+"""SSG-48: the messages between host and gripper, as values."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ PLAIN: Final = frozenset(
 """Orders without data and without an answer."""
 
 
-# --- what the host says --------------------------------------------------------------------------
+# --- host to gripper ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class DriveOrder:
 
 @dataclass(frozen=True, slots=True)
 class Watchdog:
-    """Fault where nothing comes for a while; 0 is never. The action is stored and never used (firmware)."""
+    """Fault where nothing arrives for this long; 0 is never. The action is stored and never used (firmware)."""
 
     period_ms: int
     action: int = 0
@@ -100,7 +100,7 @@ class Watchdog:
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatPeriod:
-    """How often it says that it lives, where it says nothing else; 0 is never."""
+    """Period of its heartbeat while it sends nothing else; 0 is never."""
 
     period_ms: int
 
@@ -108,7 +108,7 @@ class HeartbeatPeriod:
 Order = Plain | AskState | Poll | DriveOrder | Watchdog | HeartbeatPeriod
 
 
-# --- what the gripper says -----------------------------------------------------------------------
+# --- gripper to host ------------------------------------------------------------------------------
 
 
 class GripFinding(IntEnum):
@@ -122,7 +122,7 @@ class GripFinding(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class GripperState:
-    """How the gripper is.
+    """State of the gripper.
 
     Attributes:
         position: 0 open to 255 closed; means nothing before calibration.
@@ -132,7 +132,7 @@ class GripperState:
         going: As the last `DriveOrder` had it.
         over_temperature: Fault.
         watchdog: Fault.
-        estop: Fault raised by a `DriveOrder`; that of an `ESTOP` order is seen in `GripperErrors` alone.
+        estop: Fault raised by a `DriveOrder`; that of an `ESTOP` order shows in `GripperErrors` alone.
         calibrated: It knows its ends.
     """
 
@@ -154,7 +154,7 @@ class GripperState:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """The answer to a ping, or a heartbeat: it lives."""
+    """A heartbeat, or the answer to a ping."""
 
     code: GripperCode
 
@@ -169,7 +169,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class GripperInfo:
-    """Who it is."""
+    """Its identity."""
 
     hardware: int
     batch: int

@@ -1,4 +1,4 @@
-"""What became of a command, read from one state of the gripper after the other. Pure."""
+"""The outcome of a command, from the sequence of the gripper's states. Pure."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ CALIBRATION_S = 32.0
 """Longest calibration: the gripper itself gives up after 30 s (docs/reference/can_gripper.md)."""
 
 STILL_S = 0.05
-"""A position that does not change for this long stands still, where no finding says so (assumption)."""
+"""A position that does not change for this long stands still, where no finding reports it (assumption)."""
 
 FAULTS = {
     "over_temperature": "it is too hot",
-    "watchdog": "its watchdog heard nothing of the host in time",
+    "watchdog": "its watchdog tripped, for nothing came from the host in time",
     "estop": "its emergency stop is up",
 }
 """Faults in a state, and what they mean."""
@@ -25,9 +25,9 @@ FAULTS = {
 class Watch:
     """Follows the last command of one gripper.
 
-    A state counts only where it was asked for after the command was sent. The jaws have an object when
+    A state counts only where it was requested after the command was sent. The jaws have an object when
     something holds them for `hold_s`; the bits of its direction are not trusted. What the jaws do is followed apart
-    from what was asked last: a `Stop` or a `Home` that drives nothing leaves a grip a grip.
+    from the last command: a `Stop` or a `Home` that drives nothing leaves a grip a grip.
 
     Args:
         device: Name in the profile.
@@ -47,12 +47,12 @@ class Watch:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing has been commanded."""
+        """Forget all commands."""
         self.busy = False
         self._command: Command | None = None
         self._sent_s = -math.inf
         self._held_s: float | None = None  # since when something holds the jaws
-        self._gripped: bool | None = None  # what the last `Gripped` said
+        self._gripped: bool | None = None  # of the last `Gripped`
         self._still_s = math.inf
         self._state: GripperState | None = None
         self._driving: Command | None = None  # the last command that drove the jaws
@@ -60,7 +60,7 @@ class Watch:
         self._under_way = False  # whether the jaws have not yet come to where it ends
 
     def begin(self, command: Command, sent_s: float, *, drives: bool) -> None:
-        """A command has been sent at bench time `sent_s`; what came of an older one is told no more.
+        """A command has been sent at bench time `sent_s`; older ones are no longer reported on.
 
         Args:
             command: As it was sent.
@@ -93,12 +93,12 @@ class Watch:
         return 0 if self._command is None else self._command.id
 
     def push(self, asked_s: float, state: GripperState, fault: bool) -> list[Status]:
-        """What a state means that was asked for at bench time `asked_s`."""
+        """Take a state that was requested at bench time `asked_s`."""
         newly_faulty, self.faulty = fault and not self.faulty, fault
         fresh, stops = asked_s > self._sent_s, isinstance(self._command, Stop)
-        told = []
+        statuses = []
         if newly_faulty or (fresh and fault and self.busy and not stops):
-            told.append(self._broken(asked_s, state))
+            statuses.append(self._broken(asked_s, state))
             if not stops:
                 self.forget()
         before, found = self._state, None
@@ -111,21 +111,21 @@ class Watch:
                 # Whatever it did, the drive sleeps now.
                 self._driving, self._under_way = None, False
         if not fresh:
-            return told
+            return statuses
         match self._command:
             case Stop():
-                told += self._stopping(asked_s, before, state, found is not None and not fault)
+                statuses += self._stopping(asked_s, before, state, found is not None and not fault)
             case Home():
-                told += self._homing(asked_s, state)
+                statuses += self._homing(asked_s, state)
             case Grip():
-                told += self._gripping(asked_s, state, found)
+                statuses += self._gripping(asked_s, state, found)
             case Release():
-                told += self._releasing(asked_s, state, found)
-        return told
+                statuses += self._releasing(asked_s, state, found)
+        return statuses
 
     def _broken(self, t_s: float, state: GripperState) -> Status:
-        reasons = [words for name, words in FAULTS.items() if getattr(state, name)]
-        reason = " and ".join(reasons) or "it reports a fault of its motor or supply"
+        active = [text for name, text in FAULTS.items() if getattr(state, name)]
+        reason = " and ".join(active) or "it reports a fault of its motor or supply"
         return Stalled(
             t_s, self._device, f"{reason}, and whatever it held is loose; send Home", command_id=self._id
         )

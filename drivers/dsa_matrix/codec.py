@@ -1,4 +1,4 @@
-"""What controller and host say to each other: payloads ⇄ values. No I/O.
+"""Messages between controller and host: payloads ⇄ values. No I/O.
 
 Source: docs/reference/dsa_matrix.md; the layout of the infos is that of the maker's public library.
 """
@@ -69,7 +69,7 @@ class Id(IntEnum):
     THRESHOLD = 0x14
 
 
-# --- what the host says --------------------------------------------------------------------------
+# --- host to controller ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Acquire:
 
 @dataclass(frozen=True, slots=True)
 class SetThreshold:
-    """Texels below this are told as 0, in all matrices."""
+    """Texels below this are sent as 0, in all matrices."""
 
     counts: int
 
@@ -106,12 +106,12 @@ class SetThreshold:
 Request = AskMatrices | AskMatrix | Acquire | SetThreshold
 
 
-# --- what the controller says --------------------------------------------------------------------
+# --- controller to host ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerInfo:
-    """Who the controller is."""
+    """The controller's identity."""
 
     error: int
     serial: int
@@ -122,7 +122,7 @@ class ControllerInfo:
 
 @dataclass(frozen=True, slots=True)
 class SensorInfo:
-    """What is connected to it."""
+    """The sensor that is connected to it."""
 
     error: int
     matrices: int
@@ -278,7 +278,7 @@ def channel_names(shapes: Iterable[tuple[int, int]]) -> tuple[str, ...]:
 
 
 def meaning(error: int) -> str:
-    """What an error code says."""
+    """The meaning of an error code."""
     return ERRORS[error] if error < len(ERRORS) else f"error {error}"
 
 

@@ -24,16 +24,16 @@ OVERHEAD_BYTES = 13
 
 
 class DsaMatrixSettings(SerialPort):
-    """Tactile matrices, at the controller's line speed unless told otherwise."""
+    """Tactile matrices, at the controller's default line speed."""
 
     frame_hz: int = Field(default=100, ge=1, le=1000)
     """Frames that are asked for, a second (the paper, 5.4: 10 ms between samples)."""
     rle: bool = True
     """Frames run-length encoded: without, 70 cells fit the line 75 times a second (docs/reference/dsa_matrix.md)."""
     threshold_counts: int | None = Field(default=None, ge=0, le=codec.TEXEL_MAX)
-    """Texels below this are told as 0 by the controller; None leaves it as it is."""
+    """Texels below this are sent as 0 by the controller; None leaves its threshold as it is."""
     power_up_s: float = Field(default=12.0, gt=0.0, le=60.0)
-    """How long a controller that does not answer is waited for: after power-up it is deaf for about 8 s."""
+    """How long to wait for the first answer: after power-up the controller is deaf for about 8 s."""
     reply_timeout_s: float = Field(default=0.5, gt=0.0, le=10.0)
     """How long an answer may take. Assumption: three raw frames of 210 cells are ahead of it on the line."""
     silence_timeout_s: float = Field(default=1.0, gt=0.0, le=60.0)
@@ -52,12 +52,12 @@ class _Order:
 
 
 class DsaMatrix(WireDriver[SerialLink]):
-    """Tactile matrices whose texels are heard; implements `drivers.protocols.Device`. It moves nothing.
+    """The texels of tactile matrices; implements `drivers.protocols.Device`. It moves nothing.
 
-    Which matrices there are and how many cells they have they say themselves. The stream `<name>.taxels` has one
-    channel for each cell, `m<matrix>.r<row>.c<column>`, raw counts of about a millivolt; frame k stands on the
-    controller's own clock (`numbering`), which counts milliseconds. A gap in it is loss, told as `Lost`: the
-    controller drops the frames that the line is too slow for. A texel at its end is told as `Saturated`.
+    The controller reports its matrices and their cells. The stream `<name>.taxels` has one channel for each cell,
+    `m<matrix>.r<row>.c<column>`, raw counts of about a millivolt; frames are dated by the controller's own clock
+    (`numbering`), which counts milliseconds. A gap is reported as `Lost`: the controller drops the frames that the
+    line is too slow for. A texel at full scale is reported as `Saturated`.
     """
 
     _settings: DsaMatrixSettings
@@ -73,10 +73,10 @@ class DsaMatrix(WireDriver[SerialLink]):
         self._listening = False
         self._order: _Order | None = None
         self._refusal: str | None = None
-        self._heard_s = 0.0
+        self._received_s = 0.0
 
     def _identify(self, link: SerialLink) -> DeviceInfo:
-        """Stop whatever an earlier host has left on, ask what there is; wait for one that is powering up."""
+        """Stop frames that an earlier host has left on, query the matrices; wait for a controller that powers up."""
         s = self._settings
         found = identify(self.name, s.port, link, self._decoder, self._clock, s.power_up_s, s.reply_timeout_s)
         if s.threshold_counts is not None:
@@ -127,7 +127,7 @@ class DsaMatrix(WireDriver[SerialLink]):
         self._sent(command)
 
     def account(self) -> Mapping[str, object]:
-        """What came of the bytes on the line, and the drift of the controller's clock, for the manifest."""
+        """Packets, errors and losses, and the drift of the controller's clock, for the manifest."""
         frames, counts = self._frames, self._decoder.counts
         if frames is None:
             return {}
@@ -165,15 +165,15 @@ class DsaMatrix(WireDriver[SerialLink]):
 
     def _ask(self, link: SerialLink, request: codec.Request) -> None:
         link.send(encode_packet(codec.encode_request(request)))
-        now_s = self._heard_s = self._clock.monotonic_s()
+        now_s = self._received_s = self._clock.monotonic_s()
         self._order = _Order(request, now_s + self._settings.reply_timeout_s)
 
     def _update(self, link: SerialLink) -> str | None:
-        """Hear what has come; notice what has not."""
+        """Process what has arrived; check for silence."""
         frames = self._frames
         assert frames is not None
         for arrival_s, data in link.receive():
-            self._heard_s = arrival_s
+            self._received_s = arrival_s
             for packet in self._decoder.feed(data):
                 try:
                     answer = codec.decode_answer(packet)
@@ -195,18 +195,18 @@ class DsaMatrix(WireDriver[SerialLink]):
             self._refusal = f"it refuses to send frames: {codec.meaning(done.error)}"
 
     def _overdue(self, link: SerialLink) -> str | None:
-        """Say an order again that has no answer, once."""
+        """Repeat an order that has no answer, once."""
         order, now_s = self._order, self._clock.monotonic_s()
         if order is None or now_s < order.due_s:
             return None
         if order.repeated:
-            return f"no answer to an order, said twice in {2 * self._settings.reply_timeout_s:g} s"
+            return f"no answer to an order, sent twice in {2 * self._settings.reply_timeout_s:g} s"
         self._ask(link, order.request)
         self._order = _Order(order.request, now_s + self._settings.reply_timeout_s, repeated=True)
         return None
 
     def _silent(self) -> str | None:
         silence_s = self._settings.silence_timeout_s
-        if not self._listening or self._clock.monotonic_s() - self._heard_s <= silence_s:
+        if not self._listening or self._clock.monotonic_s() - self._received_s <= silence_s:
             return None
         return f"no frame in {silence_s:g} s; is the controller powered?"

@@ -16,7 +16,7 @@ from drivers.numbering import DeviceClock, SampleStream
 class MatrixFrames:
     """From the controller's frames to sample blocks, on its own clock. Pure: it asks no clock.
 
-    Frame k is where the controller's clock says; a step of more than one and a half periods is loss
+    Frames are dated by the controller's clock; a step of more than one and a half periods is loss
     (`numbering.StreamTrack`).
 
     Args:
@@ -27,7 +27,7 @@ class MatrixFrames:
 
     Attributes:
         clock: The controller's.
-        wrong: Frames that have not the cells that the matrices said.
+        wrong: Frames whose number of cells is not that of the matrices.
         lost: Frames lost so far.
     """
 

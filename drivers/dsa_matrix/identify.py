@@ -1,4 +1,4 @@
-"""Who the controller is and what is connected to it: what `open` asks, through its power-up if need be."""
+"""Identity of the controller and its matrices, queried by `open`, through power-up if need be."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.links import SerialLink
 from drivers.wire import Inquiry
 
 ATTEMPTS = 3
-"""How often a question is asked of a controller that has answered before (assumption)."""
+"""How often a query is sent to a controller that has answered before (assumption)."""
 
 T = TypeVar("T", bound=codec.Answer)
 
@@ -24,9 +24,9 @@ class MatrixIdentity:
     """What there is.
 
     Attributes:
-        controller: Who it is.
-        sensor: What is connected.
-        matrices: The same, one by one.
+        controller: Its identity.
+        sensor: That is connected.
+        matrices: Of the sensor.
         set_threshold: Sets the threshold of all matrices and reads it back.
     """
 
@@ -45,14 +45,14 @@ def identify(
     power_up_s: float,
     timeout_s: float,
 ) -> MatrixIdentity:
-    """Stop the frames of an earlier host, then ask who is there and what there is.
+    """Stop the frames of an earlier host, then query the controller and its matrices.
 
     Args:
         name: Of the device, for errors.
         port: Its port, for errors.
         link: To the port.
         decoder: Left in step with the line.
-        clock: For how long an answer takes.
+        clock: Times the answers.
         power_up_s: How long to wait for the first answer.
         timeout_s: How long any other may take.
 
@@ -77,7 +77,7 @@ def identify(
         for number in range(sensor.matrices):
             held = dialogue.ask(codec.AskMatrix(codec.Id.THRESHOLD, number), codec.Threshold).counts
             if held != counts:
-                reason = f"matrix {number} was told threshold {counts} and holds {held}"
+                reason = f"matrix {number} was set to threshold {counts} and holds {held}"
                 raise RefusedError(name, "setting it up", reason, "is its firmware older than release 268?")
 
     return MatrixIdentity(controller, sensor, matrices, set_threshold)
@@ -108,19 +108,19 @@ class _Dialogue:
         """Ask until this packet's answer comes."""
         packet = codec.encode_request(request)
 
-        def say() -> None:
-            self._decoder.flush()  # what the last attempt has left
+        def send() -> None:
+            self._decoder.flush()  # left over from the last attempt
             self._link.send(encode_packet(packet))
 
-        def hear(arrived: tuple[float, bytes]) -> T | None:
+        def parse(arrived: tuple[float, bytes]) -> T | None:
             answers = [
-                self._decoded(heard, kind)
-                for heard in self._decoder.feed(arrived[1])
-                if heard.id == packet.id
+                self._decoded(received, kind)
+                for received in self._decoder.feed(arrived[1])
+                if received.id == packet.id
             ]
             return next((answer for answer in answers if answer is not None), None)
 
-        return self._inquiry.ask(say, hear, attempts)
+        return self._inquiry.ask(send, parse, attempts)
 
     def _decoded(self, packet: MatrixPacket, kind: type[T]) -> T | None:
         try:

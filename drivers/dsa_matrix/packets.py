@@ -65,7 +65,7 @@ def encode_packet(packet: MatrixPacket) -> bytes:
 
 @dataclass(slots=True)
 class PacketCounts:
-    """What came of the bytes on the line."""
+    """Counts of the bytes and packets on the line."""
 
     good: int = 0
     bad_crc: int = 0
@@ -81,7 +81,7 @@ class PacketDecoder:
     found. Memory is bounded by `MAX_PAYLOAD_BYTES`.
 
     Attributes:
-        counts: What came of the bytes so far.
+        counts: Of the bytes so far.
         noise: The latest bytes that were passed over, for error messages.
     """
 

@@ -1,1 +1,1 @@
-"""The person at the bench as a device: what the program cannot do, it asks for in words."""
+"""The person at the bench as a device: asked to do what the program cannot."""

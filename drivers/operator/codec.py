@@ -6,7 +6,7 @@
                     {"answer": 3, "done": true}
                     {"answer": 3, "done": false, "reason": "that weight is missing"}
 
-`load` is there for whoever answers by a machine; a person reads what it says. A newer question replaces an older one.
+`load` is for a program that answers; a person reads `says`. A newer question replaces an older one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from drivers.errors import CodecError
 from drivers.messages import Ask, LoadWeight
-from drivers.operator.requests import in_words
+from drivers.operator.requests import request_text
 
 LINE_MAX = 4096
 """Longest line in bytes; what is longer is noise (assumption: some lines of text)."""
@@ -24,7 +24,7 @@ LINE_MAX = 4096
 
 @dataclass(frozen=True, slots=True)
 class PersonHello:
-    """Who speaks."""
+    """Identity of the sender."""
 
     who: str
 
@@ -34,14 +34,14 @@ class PersonRequest:
     """A question to a person; `bridge` and `force_n` where it is for a weight."""
 
     number: int
-    says: str
+    text: str
     bridge: str | None = None
     force_n: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class PersonAnswer:
-    """What the person says to a question."""
+    """The person's answer to a question."""
 
     number: int
     done: bool
@@ -52,10 +52,10 @@ Message = PersonHello | PersonRequest | PersonAnswer
 
 
 def request_of(number: int, command: Ask | LoadWeight) -> PersonRequest:
-    """The question that a command puts."""
+    """The question for a command."""
     if isinstance(command, LoadWeight):
-        return PersonRequest(number, in_words(command), command.bridge, command.force_n)
-    return PersonRequest(number, in_words(command))
+        return PersonRequest(number, request_text(command), command.bridge, command.force_n)
+    return PersonRequest(number, request_text(command))
 
 
 def encode(message: Message) -> bytes:
@@ -64,8 +64,8 @@ def encode(message: Message) -> bytes:
     match message:
         case PersonHello(who=who):
             table = {"hello": who}
-        case PersonRequest(number=number, says=says, bridge=bridge, force_n=force_n):
-            table = {"ask": number, "says": says}
+        case PersonRequest(number=number, text=text, bridge=bridge, force_n=force_n):
+            table = {"ask": number, "says": text}
             if bridge is not None:
                 table["load"] = {"bridge": bridge, "force_n": force_n}
         case PersonAnswer(number=number, done=done, reason=reason):
@@ -83,10 +83,10 @@ def decode(line: bytes) -> Message:
         match json.loads(line.decode()):
             case {"hello": str(who)}:
                 return PersonHello(who)
-            case {"ask": int(number), "says": str(says), "load": {"bridge": str(bridge), "force_n": force_n}}:
-                return PersonRequest(number, says, bridge, float(force_n))
-            case {"ask": int(number), "says": str(says)}:
-                return PersonRequest(number, says)
+            case {"ask": int(number), "says": str(text), "load": {"bridge": str(bridge), "force_n": force_n}}:
+                return PersonRequest(number, text, bridge, float(force_n))
+            case {"ask": int(number), "says": str(text)}:
+                return PersonRequest(number, text)
             case {"answer": int(number), "done": bool(done), **others}:
                 return PersonAnswer(number, done, str(others.get("reason", "")))
     except (ValueError, TypeError, OverflowError, RecursionError):
@@ -95,7 +95,7 @@ def decode(line: bytes) -> Message:
 
 
 class LineDecoder:
-    """Cuts a stream of bytes into messages; what is none is counted and left out.
+    """Cuts a stream of bytes into messages; other lines are counted and dropped.
 
     Attributes:
         malformed: Lines that were no message.

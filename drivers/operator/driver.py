@@ -12,12 +12,12 @@ from drivers.errors import PortError
 from drivers.links import SerialLink, SerialPort, open_serial
 from drivers.messages import Answered, Applied, Ask, Command, DeviceInfo, Listen, Loaded, LoadWeight, Refused
 from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, encode, request_of
-from drivers.operator.requests import LoadLimits, Loads, in_words, load_stream, valid
+from drivers.operator.requests import LoadLimits, Loads, load_stream, request_text, valid
 from drivers.protocols import Question
 from drivers.wire import Inquiry, WireDriver
 
 CONSOLE = "console"
-"""The port of a person who sits at the terminal that the program runs in."""
+"""The port of a person at the terminal that the program runs in."""
 
 HOW_TO_ANSWER = "then press Enter (n and Enter: it cannot be done)"
 
@@ -26,14 +26,14 @@ class PersonSettings(SerialPort, LoadLimits):
     """The person at the bench."""
 
     port: str = Field(default=CONSOLE, min_length=1)
-    """"console", or the path of a serial port or pty with somebody behind it."""
+    """"console", or the path of a serial port or pty with a client behind it."""
 
     hello_timeout_s: float = Field(default=2.0, gt=0.0, le=60.0)
-    """How long whoever is behind a line may take to say hello. Assumption: a program does, not a person."""
+    """How long the client on a line may take to answer the hello. Assumption: a program answers it, not a person."""
 
 
 class ConsolePerson:
-    """The terminal that the program runs in: its keyboard hears the answer, nothing comes over a line.
+    """The terminal that the program runs in: the answer comes from its keyboard, not over a line.
 
     Args:
         clock: Gives monotonic time.
@@ -53,7 +53,7 @@ class ConsolePerson:
         return []
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to close."""
 
 
 def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink | ConsolePerson:
@@ -65,7 +65,7 @@ def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink
     if settings.port != CONSOLE:
         return open_serial(name, settings, clock)
     if sys.stdin is None or not sys.stdin.isatty():
-        reason = "nobody can answer: standard input is no terminal"
+        reason = "no person can answer: standard input is no terminal"
         raise PortError(name, "opening the console", reason, "run it in a terminal, by hand")
     return ConsolePerson(clock)
 
@@ -73,9 +73,9 @@ def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink
 class Person(WireDriver[SerialLink | ConsolePerson]):
     """Puts requests to a person; implements `drivers.protocols.Device` and `Asking`.
 
-    It answers when the person does: how long that may take is for the behavior to say. A request that is not
-    answered yet is replaced by the next. On the console the program's own keyboard hears the answer (`question`,
-    `answer`), for there is but one Enter key.
+    It answers when the person does; the behavior decides how long that may take. A newer request replaces one that is
+    not answered yet. On the console the program itself reads the keyboard (`question`, `answer`), for there is only
+    one Enter key.
     """
 
     _settings: PersonSettings
@@ -97,11 +97,11 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
         return DeviceInfo(self.name, model=who, streams={info.name: info})
 
     def _greeted(self, link: SerialLink | ConsolePerson) -> str:
-        """Say hello; returns who says it back. What else was on the line is forgotten."""
+        """Send a hello; returns the identity in its answer. Other input is dropped."""
 
-        def hear(arrived: tuple[float, bytes]) -> str | None:
-            heard = self._decoder.feed(arrived[1])
-            return next((message.who for message in heard if isinstance(message, PersonHello)), None)
+        def parse(arrived: tuple[float, bytes]) -> str | None:
+            messages = self._decoder.feed(arrived[1])
+            return next((message.who for message in messages if isinstance(message, PersonHello)), None)
 
         advice = 'is their program running? for a person at this terminal write port = "console"'
         inquiry = Inquiry(
@@ -114,10 +114,10 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
             stranger=advice,
             silent=advice,
         )
-        return inquiry.ask(lambda: link.send(encode(PersonHello("touchbench"))), hear, attempts=1)
+        return inquiry.ask(lambda: link.send(encode(PersonHello("touchbench"))), parse, attempts=1)
 
     def close(self) -> None:
-        """Ask for nothing any more, let go of the line. Never raises; may be called twice."""
+        """Withdraw the request, close the line. Never raises; may be called twice."""
         self._asked = None
         super().close()
 
@@ -151,14 +151,14 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
         """What the console has to ask, or None; see `drivers.protocols.Asking`."""
         if self._asked is None or not isinstance(self._link, ConsolePerson):
             return None
-        return Question(self._number, f"{in_words(self._asked)}, {HOW_TO_ANSWER}")
+        return Question(self._number, f"{request_text(self._asked)}, {HOW_TO_ANSWER}")
 
     def answer(self, number: int, done: bool) -> None:
         """The person has answered on the console; see `drivers.protocols.Asking`."""
         self._settle(self._clock.now(), PersonAnswer(number, done, "" if done else "the person says no"))
 
     def account(self) -> Mapping[str, object]:
-        """How many requests were made, and lines that made no sense."""
+        """Numbers of requests and of malformed lines."""
         return {"requests": self._number, "malformed_lines": self._decoder.malformed}
 
     def _update(self, link: SerialLink | ConsolePerson) -> None:

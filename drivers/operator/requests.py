@@ -1,4 +1,4 @@
-"""What a person may be asked for: checked, put into words, and what then hangs where."""
+"""Requests to a person: their limits and text, and the stream of the loads that hang."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def valid(device: str, limits: LoadLimits, command: Command) -> Ask | LoadWeight
         command: As asked for.
 
     Raises:
-        CommandError: not for a person, without words, or a load that the sensor does not bear.
+        CommandError: not for a person, without text, or a load that the sensor does not bear.
     """
     doing = f"applying {type(command).__name__}"
     if command.device != device:
@@ -46,7 +46,7 @@ def valid(device: str, limits: LoadLimits, command: Command) -> Ask | LoadWeight
     match command:
         case Ask(request=request):
             if not request.strip():
-                raise CommandError(device, doing, "it says nothing", "put the request into words")
+                raise CommandError(device, doing, "it has no text", "write what is to be done")
             return command
         case LoadWeight(bridge=bridge, force_n=force_n):
             if bridge not in BRIDGES:
@@ -61,7 +61,7 @@ def valid(device: str, limits: LoadLimits, command: Command) -> Ask | LoadWeight
     raise CommandError(device, doing, "a person has no such command", "a person can Ask and LoadWeight")
 
 
-def in_words(command: Ask | LoadWeight) -> str:
+def request_text(command: Ask | LoadWeight) -> str:
     """The request as a person reads it."""
     if isinstance(command, Ask):
         return command.request
@@ -73,7 +73,7 @@ def in_words(command: Ask | LoadWeight) -> str:
 
 
 def load_stream(device: str) -> StreamInfo:
-    """The stream of what hangs on the fingertip, by the person's word: a sample each time that it changes."""
+    """The stream of what hangs on the fingertip, as the person confirms it: a sample at each change."""
     return StreamInfo(f"{device}.load", tuple(BRIDGES.values()), "N")
 
 
@@ -86,17 +86,17 @@ class Loads:
 
     def __init__(self, device: str) -> None:
         self._info = load_stream(device)
-        self._heard = False
+        self._listening = False
         self._seq = 0
         self._blocks: list[SampleBlock] = []
 
     def listen(self, streams: frozenset[str]) -> None:
         """Send what changes from now on, or nothing."""
-        self._heard = self._info.name in streams
+        self._listening = self._info.name in streams
 
     def hang(self, t_s: float, bridge: str, force_n: float) -> None:
         """This hangs since `t_s`, and nothing else."""
-        if self._heard:
+        if self._listening:
             values = np.array([[force_n if name == bridge else 0.0 for name in BRIDGES]])
             times_s = np.array([t_s])
             self._blocks.append(

@@ -57,7 +57,7 @@ class BoardCode(IntEnum):
 
 
 class ReplyStatus(IntEnum):
-    """What the board says to a command."""
+    """The board's reply to a command."""
 
     OK = 0
     UNKNOWN = 1
@@ -114,7 +114,7 @@ class Times:
 
 
 class _Json(BaseModel):
-    """What the board says of itself; keys of newer boards are passed over."""
+    """What the board reports of itself; unknown keys of newer boards are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
@@ -129,7 +129,7 @@ class HelloStream(_Json):
         rate_hz: Sample rate, or None where every sample brings its own time.
         unit: SI unit of `count * scale`.
         scale: Units per raw count.
-        kind: The board's own word for it; read by nobody.
+        kind: The board's own name for its kind; not used.
     """
 
     id: int = Field(ge=0, lt=MAX_STREAMS)
@@ -149,7 +149,7 @@ class HelloStream(_Json):
 
 
 class BoardHello(_Json):
-    """Who the board is, and what it can send."""
+    """The board's identity and streams."""
 
     board: str
     serial: str
@@ -157,7 +157,7 @@ class BoardHello(_Json):
     streams: tuple[HelloStream, ...] = Field(max_length=MAX_STREAMS)
 
     @model_validator(mode="after")
-    def _tell_apart(self) -> BoardHello:
+    def _distinct(self) -> BoardHello:
         if any(stream.scale == 0.0 for stream in self.streams):
             raise ValueError("a stream has a scale of 0")
         for what in ("id", "name"):
@@ -201,7 +201,7 @@ def decode(body: bytes) -> Message:
     """The message in a body whose CRC was right.
 
     Raises:
-        CodecError: of no known kind, of a wrong length, or a hello that says nothing usable.
+        CodecError: of no known kind, of a wrong length, or an unusable hello.
     """
     kind = body[0] if body else -1
     try:

@@ -1,4 +1,4 @@
-"""What a sensor board takes and refuses of a command, whoever makes the board: the same on the mock bench. Pure."""
+"""Which commands a sensor board takes and refuses: for driver and mock alike. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orders to the board: who it is, tags, replies, one repetition, and what a silence means."""
+"""Orders to the board: identity, tags, replies, one repetition, silence."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.wire import Inquiry
 
 HELLO_ATTEMPTS = 4
-"""How often a board is asked who it is. Assumption: the first answer may be lost in a half-heard frame."""
+"""How often a board is asked for its hello. Assumption: the first answer may be lost in a partial frame."""
 
 TAGS = 256
-"""The tag is a u8. It comes round only after as many orders: the replies to those are long in."""
+"""The tag is a u8. By the time it wraps, the replies to earlier orders are in."""
 
 
 @dataclass(slots=True, eq=False)
@@ -62,9 +62,9 @@ class BoardOrder:
 class BoardDialogue:
     """Orders that have no reply yet.
 
-    An order without a reply is written once more, under its tag: each says what shall be, so saying it twice
-    does no harm, unless something newer has been said on the same thing; then it is let go. One that stays
-    without a reply even so is a fault of the board. Nothing here waits.
+    An order without a reply is written once more, under its tag. Orders set a state, so repeating one does no harm,
+    unless a newer one on the same thing was sent; then it is dropped. One that stays without a reply is a fault of
+    the board. Nothing here waits.
 
     Args:
         link: The open port.
@@ -100,14 +100,14 @@ class BoardDialogue:
         return order
 
     def answered(self, reply: BoardReply) -> BoardOrder | None:
-        """The order that this replies to; None for a reply that nobody waits for (any more)."""
+        """The order that this replies to; None for a reply that is not awaited."""
         order = self._orders.get(reply.tag)
         if order is None or order.code != reply.code:
             return None
         return self._orders.pop(reply.tag)
 
     def turn(self, watch_s: float) -> str | None:
-        """Repeat what is overdue; says what is wrong where the board does not answer."""
+        """Repeat what is overdue; returns what is wrong where the board does not answer, or None."""
         for tag, order in list(self._orders.items()):
             if watch_s < order.due_s:
                 continue
@@ -125,14 +125,14 @@ class BoardDialogue:
 def identify(
     name: str, port: str, link: SerialLink, decoder: BoardFrameDecoder, clock: Clock, timeout_s: float
 ) -> BoardHello:
-    """Ask who is there, up to `HELLO_ATTEMPTS` times, until somebody says so.
+    """Ask for the hello, up to `HELLO_ATTEMPTS` times.
 
     Args:
         name: Of the device, for errors.
         port: Its port, for errors.
         link: To the port.
         decoder: Left in step with the line.
-        clock: For how long an answer takes.
+        clock: Times the answers.
         timeout_s: How long an answer may take.
 
     Raises:
@@ -141,11 +141,11 @@ def identify(
         ProtocolError: what came is no hello of a sensor board.
     """
     doing = f"asking who is at {port}"
-    heard = 0
+    received_bytes = 0
 
-    def hear(arrived: tuple[float, bytes]) -> BoardHello | None:
-        nonlocal heard
-        heard += len(arrived[1])
+    def parse(arrived: tuple[float, bytes]) -> BoardHello | None:
+        nonlocal received_bytes
+        received_bytes += len(arrived[1])
         return _hello(name, doing, decoder.feed(arrived[1]))
 
     inquiry = Inquiry(
@@ -154,13 +154,15 @@ def identify(
         link,
         clock,
         timeout_s,
-        strange=lambda: f"{heard} bytes came, and none say hello as a sensor board does" if heard else "",
+        strange=lambda: (
+            f"{received_bytes} bytes came, but no hello of a sensor board" if received_bytes else ""
+        ),
         stranger="is another device at this port, or the baud rate wrong?",
         silent="is it powered, and is this its port?",
     )
-    # The delimiter ahead closes whatever the board has half heard.
+    # The leading delimiter closes any partial frame that the board has received.
     question = b"\0" + encode(CommandFrame(BoardCode.HELLO, 0))
-    return inquiry.ask(lambda: link.send(question), hear, HELLO_ATTEMPTS)
+    return inquiry.ask(lambda: link.send(question), parse, HELLO_ATTEMPTS)
 
 
 def _hello(name: str, doing: str, bodies: list[bytes]) -> BoardHello | None:

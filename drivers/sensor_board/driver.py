@@ -19,7 +19,7 @@ from drivers.sensor_board.streams import BoardStreams, stream_info
 from drivers.wire import TURN_S, WireDriver
 
 CLOSE_S = 0.25
-"""Longest wait at close for the board to say that all is off (assumption: as long as a reply may take)."""
+"""Longest wait at close for the board to acknowledge that all is off (assumption: as long as a reply may take)."""
 
 TURN_MAX_S = 0.05
 """A turn that comes later counts as this: a host that was away must not blame the board (assumption)."""
@@ -60,15 +60,15 @@ class SensorBoardSettings(SerialPort, BoardLimits):
 class SensorBoard(WireDriver[SerialLink]):
     """A board of sensor streams; implements `drivers.protocols.Device`.
 
-    What it can send it says itself. Blocks carry raw counts with their scale; their times come from the
-    board's clock through the lower envelope of arrivals (`clock_model`), never from an arrival. Loss is
-    counted by the board's own sample counter and told as `Lost`; `Lost` of 0 samples is a board that began
-    anew. A stream that `Listen` switches on again begins a new segment: its numbers jump, and nothing is
-    told as lost. The last blocks before a stream ends can be lost unseen: no later counter tells of them.
+    The board reports its streams. Blocks carry raw counts with their scale; their times come from the board's clock
+    through the lower envelope of arrivals (`clock_model`), never from an arrival. Loss is found by the board's own
+    sample counter and reported as `Lost`; `Lost` of 0 samples is a board that restarted. A stream that `Listen`
+    switches on again begins a new segment: its numbers jump, and nothing is reported as lost. The last blocks before a
+    stream ends can be lost unnoticed, for no later counter shows it.
 
     A command without a reply is written once more; then the board has failed. The board's watchdog is fed
-    from `read` and `poll`, by no thread: a host that hangs or dies loses the excitation. Where that has
-    happened under way the device fails, rather than go on unexcited. A tendon position is rounded to the micrometre.
+    from `read` and `poll`, not by a thread: a host that hangs or dies loses the excitation. If that happens during a
+    run the device fails, rather than go on unexcited. A tendon position is rounded to the micrometre.
     """
 
     _settings: SensorBoardSettings
@@ -83,14 +83,14 @@ class SensorBoard(WireDriver[SerialLink]):
         self._infos: Mapping[int, StreamInfo] = {}
         self._malformed = 0
         self._excited = False
-        self._heard_s: dict[int, float] = {}
-        """For each stream that is on: when it was last heard, by the watch."""
+        self._arrived_s: dict[int, float] = {}
+        """For each stream that is on: when its last frame arrived, by the watch."""
         self._fault: str | None = None
         self._watch_s = 0.0
         self._turned_s = self._fed_s = self._clock.monotonic_s()
 
     def account(self) -> Mapping[str, object]:
-        """Frames on the line by what came of them, and the drift of the board's clock in ppm."""
+        """Frames on the line, good and bad, and the drift of the board's clock in ppm."""
         if not self._infos:
             return {}
         drift_ppm = self._streams.clock.model.drift_ppm
@@ -134,7 +134,7 @@ class SensorBoard(WireDriver[SerialLink]):
             error = ProtocolError if link.fault is None else PortError
             advice = "does the board's firmware fit this version of the program?"
             raise error(self.name, "setting it up", fault, advice)
-        # What came so far was for somebody else.
+        # What has arrived so far belongs to an earlier session.
         self._blocks.clear()
         self._statuses.clear()
 
@@ -153,14 +153,14 @@ class SensorBoard(WireDriver[SerialLink]):
         if failure is None:
             self._settled(link, CLOSE_S)
 
-    # what is said
+    # sending
 
     def _valid(self, command: Command) -> Command:
         return valid(self.name, self._settings, self._numbers, command)
 
     def _carry_out(self, command: Command) -> None:
         code, argument = self._translated(command)
-        if not (self._heard_s or self._excited):  # what is off could starve for as long as it liked
+        if not (self._arrived_s or self._excited):  # with all off, the watchdog may have tripped
             self._fed_s = self._clock.monotonic_s()
         order = self._dialogue.ask(self._watch_s, code, argument, command)
         if order.sent_s is not None:
@@ -187,16 +187,16 @@ class SensorBoard(WireDriver[SerialLink]):
         self._fed_s = now_s
         self._dialogue.ask(self._watch_s, BoardCode.WATCHDOG, round(self._settings.watchdog_s * 1e3))
 
-    # what is heard
+    # receiving
 
     def _update(self, link: SerialLink) -> str | None:
-        """Hear what has come, repeat what is overdue, feed the watchdog, notice what is silent."""
+        """Process what has arrived, repeat what is overdue, feed the watchdog, check for silence."""
         now_s = self._clock.monotonic_s()
         self._watch_s += min(now_s - self._turned_s, TURN_MAX_S)
         self._turned_s = now_s
         for arrival_s, data in link.receive():
             for body in self._decoder.feed(data):
-                self._hear(body, arrival_s)
+                self._receive(body, arrival_s)
         fault = (
             self._fault
             or link.fault
@@ -204,13 +204,13 @@ class SensorBoard(WireDriver[SerialLink]):
             or self._dialogue.turn(self._watch_s)
             or self._silent()
         )
-        # A feed that waits for its reply is not replaced: it is repeated, and fails by itself.
+        # A feed that awaits its reply is not sent anew: it is repeated, and then fails.
         due = now_s - self._fed_s >= self._settings.watchdog_s / FEEDS
         if fault is None and due and not self._dialogue.awaits(BoardCode.WATCHDOG):
             self._feed(now_s)
         return fault
 
-    def _hear(self, body: bytes, arrival_s: float) -> None:
+    def _receive(self, body: bytes, arrival_s: float) -> None:
         try:
             message = decode(body)
             if isinstance(message, Samples | Times):
@@ -225,14 +225,14 @@ class SensorBoard(WireDriver[SerialLink]):
         if lost is not None:
             self._lost(self._clock.from_monotonic(arrival_s), block.stream, lost)
         self._blocks.append(block)
-        if frame.stream in self._heard_s:
-            self._heard_s[frame.stream] = self._watch_s
+        if frame.stream in self._arrived_s:
+            self._arrived_s[frame.stream] = self._watch_s
 
     def _settle(self, reply: BoardReply) -> None:
         order = self._dialogue.answered(reply)
         if order is None:
             return
-        reason = REFUSALS.get(reply.status, f"the board says {reply.status}")
+        reason = REFUSALS.get(reply.status, f"the board replies {reply.status}")
         if reply.status == ReplyStatus.OK:
             self._follow(order)
         elif order.command is not None:
@@ -241,26 +241,26 @@ class SensorBoard(WireDriver[SerialLink]):
             self._fault = f"{reason}: {order.code.name.lower()}"
 
     def _follow(self, order: BoardOrder) -> None:
-        """The board has done it. Its reply stands on the line between the frames before and after."""
+        """The board has carried an order out. Its reply separates the frames before from those after."""
         if order.code is BoardCode.EXCITE:
             self._excited = bool(order.argument)
         elif order.code in (BoardCode.START, BoardCode.STOP):
             mask = order.argument or 0
             on = [number for number in self._infos if mask >> number & 1]
-            self._streams.begin(number for number in on if number not in self._heard_s)
-            self._heard_s = {number: self._heard_s.get(number, self._watch_s) for number in on}
+            self._streams.begin(number for number in on if number not in self._arrived_s)
+            self._arrived_s = {number: self._arrived_s.get(number, self._watch_s) for number in on}
 
-    # what is wrong
+    # faults
 
     def _starved(self, now_s: float) -> str | None:
-        if now_s - self._fed_s <= self._settings.watchdog_s or not (self._heard_s or self._excited):
+        if now_s - self._fed_s <= self._settings.watchdog_s or not (self._arrived_s or self._excited):
             return None
         return f"the host was away for {now_s - self._fed_s:.2f} s, so the board's watchdog switched it off"
 
     def _silent(self) -> str | None:
         limit_s = self._settings.silence_timeout_s
-        for number, heard_s in self._heard_s.items():
-            if self._infos[number].rate_hz is not None and self._watch_s - heard_s > limit_s:
+        for number, arrived_s in self._arrived_s.items():
+            if self._infos[number].rate_hz is not None and self._watch_s - arrived_s > limit_s:
                 return f"nothing of {self._infos[number].name} in {limit_s:g} s; is the board powered?"
         return None
 

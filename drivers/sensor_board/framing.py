@@ -1,4 +1,4 @@
-"""Frames on the sensor board's line: `COBS(body | crc16) 0x00`, whatever the body says.
+"""Frames on the sensor board's line: `COBS(body | crc16) 0x00`, whatever the body holds.
 
 The CRC is CRC-16/IBM-3740 (polynomial 0x1021, init 0xFFFF, not reflected) over the body, little-endian.
 Source: docs/reference/sensor_board.md.
@@ -34,7 +34,7 @@ def _crc(body: bytes) -> bytes:
 
 @dataclass(slots=True)
 class FrameCounts:
-    """What came of the frames on the wire. Loss is told by the samples' counter, not by these."""
+    """Counts of the frames on the wire. Loss shows in the samples' counter, not in these."""
 
     good: int = 0
     bad_crc: int = 0
@@ -46,11 +46,11 @@ class FrameCounts:
 class BoardFrameDecoder:
     """Cuts a stream of bytes into bodies, in whatever pieces they come.
 
-    What precedes the first delimiter is the rest of a frame that began before anybody listened, and is
-    passed over. A frame that is never closed is given up at `MAX_ENCODED_BYTES`: memory is bounded.
+    Bytes before the first delimiter are the rest of a frame that began before the port was opened, and are
+    dropped. A frame that is never closed is given up at `MAX_ENCODED_BYTES`: memory is bounded.
 
     Attributes:
-        counts: What came of the frames so far.
+        counts: Of the frames so far.
     """
 
     counts: FrameCounts = field(default_factory=FrameCounts)

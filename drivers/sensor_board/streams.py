@@ -21,7 +21,7 @@ PERIOD_S = 0.2
 def stream_info(
     name: str, channels: tuple[str, ...], unit: str, scale: float, rate_hz: float | None
 ) -> StreamInfo:
-    """What is known of a stream by what the board says of it: a converter's last bits never stand still."""
+    """A stream as the board describes it; a converter's last bits never stand still."""
     longest_s = PERIOD_S if rate_hz is None else None
     return StreamInfo(
         name, channels, unit, scale, rate_hz, longest_s, noisy=rate_hz is not None and unit != "m"
@@ -70,7 +70,7 @@ class BoardStreams:
         """The block in a frame that was in hand at monotonic time `arrival_s`.
 
         Raises:
-            CodecError: of a stream that the board does not have, or of another shape than it says.
+            CodecError: of a stream that the board does not have, or not of its shape.
         """
         info = self._infos.get(frame.stream)
         if info is None:

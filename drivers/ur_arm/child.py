@@ -1,8 +1,8 @@
 """The arm's process: `python -m drivers.ur_arm.child FD`. It may hang, crash or be killed; the program may not.
 
 Two threads, each with the ur_rtde object that it alone uses: this one the control interface, and the listener the
-receive interface, so that no sample is missed while a command is under way. What they have to say waits where the pipe
-is full: a program that is slow to read must not keep the controller from its watchdog. The process ends without
+receive interface, so that no sample is missed while a command is under way. Their messages are queued while the pipe is
+full: a program that is slow to read must not keep the controller from its watchdog. The process ends without
 destroying those objects, for their destructors wait, and some abort.
 
 On an emulated bench both threads take part in its time (`drivers.bench_clock`).
@@ -39,7 +39,7 @@ VARIABLES = [
     "safety_status_bits",
     "runtime_state",
 ]
-"""What is heard of the controller in each of its cycles; a short list is cheap for the client to parse."""
+"""What the controller sends in each of its cycles; a short list is cheap for the client to parse."""
 
 RATE_HZ = 500.0
 """An e-Series controller's cycle (RTDE guide)."""
@@ -64,11 +64,11 @@ its watchdog, which is slower than anything else."""
 BACKLOG = 2500
 """Messages that wait for a program which does not read: five seconds of rows, longer than any start of a trial."""
 
-LAST_WORD_S = 0.1
-"""How long the last message may wait for its turn (assumption)."""
+DRAIN_S = 0.1
+"""How long the last message may wait for room in the pipe (assumption)."""
 
 START_S = 10.0
-"""Longest wait for what the program sends first, at once (assumption)."""
+"""Longest wait for the program's first message (assumption)."""
 
 LEAVE_S = 2.0
 """How long the arm may take to stand when the host is gone (assumption)."""
@@ -93,7 +93,7 @@ class ArmProcess:
         self._settings = settings
         self._outbox: deque[Status | ArmRow | Opened | Broken] = deque()
         self._sending = threading.Lock()
-        self._beat_s = self._clock.monotonic_s()
+        self._heartbeat_s = self._clock.monotonic_s()
         self._patience_s = STUCK_S
         self._row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, 0, 0)
         self._still_since_s = self._clock.monotonic_s()
@@ -123,7 +123,7 @@ class ArmProcess:
         )
         client = RtdeClient(settings, dashboard, self._clock, lambda: self._row, self._link)
         self._await_row(lambda row: row.runtime == PLAYING)
-        self._beat_s = self._clock.monotonic_s()
+        self._heartbeat_s = self._clock.monotonic_s()
         threading.Thread(target=self._listen, args=(client,), name="listener", daemon=True).start()
         self._send(opened)
         self._obey(client)
@@ -137,9 +137,9 @@ class ArmProcess:
         due_s = self._clock.monotonic_s()
         while True:
             due_s = max(due_s + CYCLE_S, self._clock.monotonic_s())
-            self._beat_s = self._clock.monotonic_s()
+            self._heartbeat_s = self._clock.monotonic_s()
             try:
-                # However late the cycle is, the program is heard in it.
+                # However late the cycle is, it takes the program's commands.
                 self._take(conductor)
                 while self._await_command(due_s):
                     self._take(conductor)
@@ -154,7 +154,7 @@ class ArmProcess:
             conductor.step(self._seen())
 
     def _await_command(self, due_s: float) -> bool:
-        """Wait for the program until the cycle is due; whether it has something to say."""
+        """Wait until the cycle is due; whether a command has arrived before."""
         self._clock.hold(due_s + CALLS_S)
         while (wait_s := due_s - self._clock.monotonic_s()) > 0.0:
             if self._pipe.wait(max(wait_s, BENCH_LOOK_S)):
@@ -177,17 +177,17 @@ class ArmProcess:
             # A recovery takes its time, within its own deadline.
             self._patience_s = STUCK_S + self._settings.recover_s * isinstance(command, Home)
             conductor.order(command)
-            self._patience_s, self._beat_s = STUCK_S, self._clock.monotonic_s()
+            self._patience_s, self._heartbeat_s = STUCK_S, self._clock.monotonic_s()
 
     def _leave(self, client: RtdeClient, conductor: Conductor) -> None:
-        """The program is gone: stop, see that the arm stands, end the controller's program."""
+        """The program is gone: stop the arm, wait until it stands, end the controller's program."""
         conductor.order(Stop(self._name))
         deadline_s = self._clock.monotonic_s() + LEAVE_S
         while (
             conductor.state not in (MotionState.STANDING, MotionState.HALTED)
             and self._clock.monotonic_s() < deadline_s
         ):
-            self._beat_s = self._clock.monotonic_s()
+            self._heartbeat_s = self._clock.monotonic_s()
             conductor.step(self._seen())
             self._clock.hold(self._clock.monotonic_s() + CALLS_S)
             rest(CYCLE_S)
@@ -206,7 +206,7 @@ class ArmProcess:
             self._receive = RTDEReceiveInterface(host, RATE_HZ, VARIABLES)
         except RuntimeError as error:
             raise BrokenError(
-                "port", f"the client says: {error}", "is the controller on, and is the address right?"
+                "port", f"the client reports: {error}", "is the controller on, and is the address right?"
             ) from error
         if not self._receive.isConnected() or self._receive.getTimestamp() == 0.0:
             raise BrokenError(
@@ -250,7 +250,7 @@ class ArmProcess:
                     self._send(self._row)
                     if len(self._outbox) > BACKLOG:
                         raise BrokenError(
-                            "silent", "nobody reads what it sends", "is this machine overloaded?"
+                            "silent", "the program does not read what it sends", "is this machine overloaded?"
                         )
                     rest(PAUSE_S)
                 else:
@@ -295,13 +295,13 @@ class ArmProcess:
                 f"the controller's time has stood still for {silent_s:.2f} s",
                 "is the cable in, and the controller up?",
             )
-        if self._clock.monotonic_s() - self._beat_s > self._patience_s:
+        if self._clock.monotonic_s() - self._heartbeat_s > self._patience_s:
             raise BrokenError(
                 "silent", "the client is blocked in a command", "restart the controller's program"
             )
 
     def _send(self, message: Status | ArmRow | Opened | Broken) -> None:
-        """Hand a message over, after those that wait; where the pipe is full, it waits for the next one."""
+        """Send a message after the queued ones; where the pipe is full, it is queued until the next one."""
         with self._sending:
             self._outbox.append(message)
             # A program that is gone shows in the control thread, which has an arm to stop yet.
@@ -310,9 +310,9 @@ class ArmProcess:
                     self._outbox.popleft()
 
     def end(self, broken: Broken) -> None:
-        """Say why, and be gone; where nobody reads, unheard."""
+        """Report why, and exit, whether or not the report can be sent."""
         self._clock.leave()
-        self._pipe.drain(LAST_WORD_S)
+        self._pipe.drain(DRAIN_S)
         self._send(broken)
         os._exit(1)
 
@@ -358,7 +358,7 @@ def main() -> None:
     except ImportError as error:
         process.end(Broken("refused", f"the client is missing ({error})", "pip install ur_rtde"))
     except Exception as error:
-        # Whatever it is, the program hears of it, and goes on.
+        # Whatever it is, it is reported to the program, which goes on.
         process.end(Broken("protocol", f"{type(error).__name__}: {error}", "report this with the recording"))
     os._exit(0)
 

@@ -42,7 +42,7 @@ class RtdeSockets:
     """This process's connections to an RTDE port, known by their sockets.
 
     The client connects again by itself within milliseconds, and may crash at it. A busy machine can hide those
-    milliseconds from whoever asks the client; a new connection has a new socket for good.
+    milliseconds from a caller that asks the client; a new connection has a new socket for good.
 
     Args:
         others: Whose connections these are not.
@@ -107,7 +107,7 @@ class RtdeClient:
         try:
             self._control = RTDEControlInterface(settings.host)
         except (RuntimeError, ValueError) as error:
-            raise BrokenError("refused", f"the client says: {error}", _advice(str(error))) from error
+            raise BrokenError("refused", f"the client reports: {error}", _advice(str(error))) from error
         self._link = RtdeSockets(receiving)
         self._watch()
 
@@ -157,7 +157,7 @@ class RtdeClient:
     def recover(self) -> str:
         """See `Client.recover`."""
         self._check_link()
-        self._clock.leave()  # it takes as long as it takes
+        self._clock.leave()  # it may take long
         self._speeds = False
         deadline_s = self._clock.monotonic_s() + self._settings.recover_s
         if reason := self._unlock(deadline_s):

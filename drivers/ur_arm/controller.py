@@ -1,4 +1,4 @@
-"""The arm's controller as commands see it: what can be asked of it, and what its rows say."""
+"""The arm's controller as commands see it: its calls, and the meaning of its rows."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Seen(NamedTuple):
 
 
 class Client(Protocol):
-    """The arm's controller as commands see it. A False says that the command was refused."""
+    """The arm's controller as commands see it. False where the command was refused."""
 
     def speed(self, twist: Pose, acceleration_m_s2: float) -> bool:
         """Bring the tool to a twist, and keep it until the next one."""
@@ -55,7 +55,7 @@ class Client(Protocol):
         """Whether a move, or its stop, is under way."""
 
     def kick(self) -> bool:
-        """Tell the controller's watchdog that we live."""
+        """Feed the controller's watchdog."""
 
     def zero_force(self) -> bool:
         """Take the present force for zero."""

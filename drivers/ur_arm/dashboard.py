@@ -24,7 +24,7 @@ class Dashboard:
         host: Address of the controller.
 
     Raises:
-        BrokenError: nobody listens, or what answers is no dashboard.
+        BrokenError: nothing listens there, or what answers is no dashboard.
     """
 
     def __init__(self, host: str) -> None:
@@ -34,7 +34,7 @@ class Dashboard:
         except OSError as error:
             raise BrokenError(
                 "port",
-                f"nobody answers at {host}:{PORT} ({error.strerror or error})",
+                f"nothing answers at {host}:{PORT} ({error.strerror or error})",
                 "is the controller on, and is the address right?",
             ) from error
         self._lines = self._socket.makefile("r", encoding="utf-8", newline="\n")
@@ -64,7 +64,7 @@ class Dashboard:
         return found[0] if found else ""
 
     def close(self) -> None:
-        """Let go of the connection; never raises."""
+        """Close the connection; never raises."""
         with suppress(OSError):
             self._lines.close()
             self._socket.close()

@@ -26,7 +26,7 @@ OPEN_TURN_S = 0.005
 """Pause between two looks at the arm's process while opening (assumption)."""
 
 SILENCE_S = 0.3
-"""How long an opened process may say nothing, beyond its own time-out: rows come every 2 ms (assumption)."""
+"""How long an opened process may be silent, beyond its own time-out: rows come every 2 ms (assumption)."""
 
 RETRY_S = 0.5
 """Pause before the next attempt to connect (assumption)."""
@@ -71,8 +71,8 @@ class UrArm(Driver):
         """Connect, identify, set the controller's watchdog, move nothing.
 
         Raises:
-            PortError: nobody listens there.
-            SilentError: the controller accepts the connection and says nothing.
+            PortError: nothing listens there.
+            SilentError: the controller accepts the connection and sends nothing.
             ProtocolError: what answers is no controller.
             RefusedError: remote control is off, another program or client holds the arm, it is in a protective
                 stop, or the client is not installed.
@@ -142,7 +142,7 @@ class UrArm(Driver):
         raise SilentError(
             self.name,
             "opening",
-            f"{self._settings.host} accepts the connection and then says nothing for "
+            f"{self._settings.host} accepts the connection and then sends nothing for "
             f"{self._settings.open_timeout_s:g} s",
             "is the controller up, and is it one?",
         )
@@ -170,7 +170,7 @@ class UrArm(Driver):
     # --- every turn ------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
-        """Hear what has come; mind the process."""
+        """Process what has arrived; supervise the process."""
         now_s = self._clock.monotonic_s()
         host = self._host
         if host is not None:
@@ -180,14 +180,14 @@ class UrArm(Driver):
                 if isinstance(message, ArmRow):
                     rows.append(message)
                 else:
-                    self._hear(message)
+                    self._receive(message)
             self._statuses += self._streams.take(rows)
             self._blocks += self._streams.blocks()
         if self._failure is None:
-            self._mind(now_s)
+            self._supervise(now_s)
         self._turned_s = now_s
 
-    def _hear(self, message: object) -> None:
+    def _receive(self, message: object) -> None:
         match message:
             case Opened():
                 self._ready = True
@@ -200,7 +200,7 @@ class UrArm(Driver):
                     self._stop = None
                 self._report(replace(message, t_s=self._clock.from_monotonic(message.t_s)))
 
-    def _mind(self, now_s: float) -> None:
+    def _supervise(self, now_s: float) -> None:
         """Replace a process that is gone or hangs, as long as there is time for it."""
         host = self._host
         if not self._ready and self._clock.monotonic_s() - self._lost_s >= self._settings.reconnect_s:
@@ -211,9 +211,9 @@ class UrArm(Driver):
         elif fate := host.fate():
             self._lose(fate)
         elif self._ready:
-            # After a turn that took long, what came meanwhile may still be on its way to the queue.
+            # After a slow turn, messages may still be on their way to the queue.
             punctual = now_s - self._turned_s < 0.5 * SILENCE_S
-            if punctual and now_s - host.heard_s > SILENCE_S + self._settings.link_timeout_s:
+            if punctual and now_s - host.received_s > SILENCE_S + self._settings.link_timeout_s:
                 self._lose("the arm's process hangs")
 
     def _lose(self, reason: str) -> None:

@@ -71,7 +71,7 @@ class FreeMotion:
     the duration, the ramp down comes after it.
 
     Args:
-        start: The last twist that the controller was told.
+        start: The last twist that the controller was sent.
         goal: The twist that is asked for.
         begin_s: When it begins.
         duration_s: As asked for.

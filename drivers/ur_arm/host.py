@@ -1,4 +1,4 @@
-"""The program's side of the arm's process: starts it, hears it, kills it. No thread: the loop reads the pipe."""
+"""The program's side of the arm's process: starts it, reads it, kills it. No thread: the loop reads the pipe."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ class ArmHost:
     Args:
         name: Of the device.
         settings: Of the arm.
-        clock: Says when something was heard.
+        clock: Time-stamps messages.
         again: Whether it replaces one that died.
 
     Attributes:
-        heard_s: The clock's monotonic time at which something was last heard; of the start before that.
+        received_s: The clock's monotonic time of the last message; of the start before the first.
     """
 
     def __init__(self, name: str, settings: UrArmSettings, clock: Clock, again: bool) -> None:
         self._clock = clock
-        self.heard_s = self._clock.monotonic_s()
+        self.received_s = self._clock.monotonic_s()
         # The socket is kept beside the pipe: shutting it down is what the child takes for our end.
         self._socket, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         self._pipe = Pipe(self._socket)
@@ -71,7 +71,7 @@ class ArmHost:
             self._pipe.send(command)
 
     def turned(self) -> None:
-        """The program's loop has turned: it leads the arm yet. Never waits."""
+        """The program's loop has turned: it still supervises the arm. Never waits."""
         os.eventfd_write(self._turns, 1)
 
     def receive(self) -> list[object]:
@@ -83,7 +83,7 @@ class ArmHost:
         except EOFError:
             self._ended_s = min(self._ended_s, self._clock.monotonic_s())
         if messages:
-            self.heard_s = self._clock.monotonic_s()
+            self.received_s = self._clock.monotonic_s()
         return messages
 
     def fate(self) -> str:
@@ -96,13 +96,13 @@ class ArmHost:
             return (
                 ""
                 if self._clock.monotonic_s() - self._ended_s < EXIT_S
-                else "the arm's process let go of its pipe"
+                else "the arm's process closed its pipe"
             )
         if code < 0:
             return f"the arm's process died ({signal.Signals(-code).name})"
         if code == GAVE_UP:
-            # It says why, but for one case: its pipe was full.
-            return "the arm's process gave up, for nobody read what it sent: is this machine overloaded?"
+            # It has sent its reason, unless its pipe was full.
+            return "the arm's process gave up, for the program did not read what it sent: is this machine overloaded?"
         return f"the arm's process ended with {code}"
 
     def kill(self) -> None:

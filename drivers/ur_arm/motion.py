@@ -1,4 +1,4 @@
-"""What the arm does with a command, cycle by cycle. No client, no clock, no process: they are handed in.
+"""What the arm does with a command, cycle by cycle. Client and clock are passed in.
 
 One thing moves the arm at a time. A `MoveAt` and a `Twist` are tool speeds, sent anew in every cycle; a `MoveTo`, a
 `MovePose` and `Home` are moves that the controller plans. Whatever comes next waits until the last has come to rest,
@@ -44,7 +44,7 @@ HALT_S = 0.5
 """How long an arm may go on after its program was ended from outside, before that is done again (assumption: ten
 times what braking from 0.25 m/s takes)."""
 
-UNHEARD_S = 0.1
+REFUSED_S = 0.1
 """How long commands may be refused for no visible reason (assumption: a refusal shows in the next row)."""
 
 REST: Pose = (0.0,) * 6
@@ -101,11 +101,11 @@ class Conductor:
         self._next: Command | None = None
         self._ending: Callable[[], Status] | None = None
         self._free: FreeMotion | None = None
-        self._told: Pose = REST  # the last tool speed that the controller was told
+        self._sent_twist: Pose = REST  # the last tool speed that the controller was sent
         self._halted = ""
         self._target = seen.row.pose
         self._since_s = self._deadline_s = now()
-        self._heard_s = now()
+        self._accepted_s = now()
         self._led_s = now()
 
     def lead(self) -> None:
@@ -166,7 +166,9 @@ class Conductor:
                 self._start_speed(command)
             case Twist():
                 acceleration, begin_s = self._settings.acceleration_m_s2, self._now()
-                self._free = FreeMotion(self._told, command.twist, begin_s, command.duration_s, acceleration)
+                self._free = FreeMotion(
+                    self._sent_twist, command.twist, begin_s, command.duration_s, acceleration
+                )
                 self._start_speed(command)
             case MoveTo():
                 self._travel(command, self._axis.pose(command.position_m), command.speed_m_s)
@@ -220,8 +222,8 @@ class Conductor:
         if reason:
             self._refuse(command, reason)
             return False
-        self.state, self._halted, self._heard_s = MotionState.STANDING, "", self._now()
-        self._told = REST
+        self.state, self._halted, self._accepted_s = MotionState.STANDING, "", self._now()
+        self._sent_twist = REST
         return True
 
     # --- ending ----------------------------------------------------------------------------------------
@@ -246,11 +248,11 @@ class Conductor:
             self._since_s = self._now()
             speed_m_s = math.hypot(*self._seen.row.twist[:3])
             self._deadline_s = self._since_s + speed_m_s / self._settings.stop_m_s2 + GRACE_S
-        self.state, self._ending, self._told = MotionState.BRAKING, ending, REST
-        self._hear(self._client.speed(REST, self._settings.stop_m_s2))
+        self.state, self._ending, self._sent_twist = MotionState.BRAKING, ending, REST
+        self._note(self._client.speed(REST, self._settings.stop_m_s2))
 
     def _stop_travel(self, ending: Callable[[], Status] | None) -> None:
-        self._hear(self._client.end_move(self._settings.stop_m_s2))
+        self._note(self._client.end_move(self._settings.stop_m_s2))
         self._settle(ending)
 
     def _settle(self, ending: Callable[[], Status] | None) -> None:
@@ -259,8 +261,8 @@ class Conductor:
         self._deadline_s = self._since_s + GRACE_S
 
     def _rest(self) -> None:
-        """The arm stands: say what came of the motion, and begin the next."""
-        self.state, self._goal, self._told = MotionState.STANDING, None, REST
+        """The arm stands: report the outcome of the motion, and begin the next."""
+        self.state, self._goal, self._sent_twist = MotionState.STANDING, None, REST
         ending, self._ending = self._ending, None
         if ending is not None:
             self._report(ending())
@@ -274,7 +276,7 @@ class Conductor:
         if self._ending != self._standstill:
             self._ending = None
         self.state, self._halted, self._next, self._goal = MotionState.HALTED, reason, None, None
-        self._told = REST
+        self._sent_twist = REST
         self._since_s = self._now()
         self._deadline_s = self._since_s + HALT_S
         self._report(
@@ -289,7 +291,7 @@ class Conductor:
     # --- in every cycle --------------------------------------------------------------------------------
 
     def _stand(self) -> None:
-        self._hear(self._client.kick())
+        self._note(self._client.kick())
 
     def _keep_speed(self) -> bool:
         twist = self._guided(self._goal)
@@ -297,32 +299,32 @@ class Conductor:
             return False
         taken = self._client.speed(twist, self._settings.acceleration_m_s2)
         if taken:
-            self._told = twist
-        self._hear(taken)
+            self._sent_twist = twist
+        self._note(taken)
         return taken
 
     def _keep_braking(self) -> None:
         if self._stands():
-            self._hear(self._client.end_speed())
+            self._note(self._client.end_speed())
             self._rest()
         elif self._now() > self._deadline_s:
             self._client.halt()
         else:
-            self._hear(self._client.speed(REST, self._settings.stop_m_s2))
+            self._note(self._client.speed(REST, self._settings.stop_m_s2))
 
     def _keep_travelling(self) -> None:
-        self._hear(self._client.kick())
+        self._note(self._client.kick())
         if self._now() > self._deadline_s:
             self._stop_travel(lambda: self._stalled("it takes too long to get there"))
         elif self._now() - self._since_s > START_S and self._stands() and not self._client.busy():
             missed_m, missed_rad = way(self._seen.row.pose, self._target)
-            words = f"it stands {missed_m * 1e3:.1f} mm and {missed_rad:.3f} rad from where it was sent"
+            reason = f"it stands {missed_m * 1e3:.1f} mm and {missed_rad:.3f} rad from where it was sent"
             reached = missed_m <= MISSED_M and missed_rad <= MISSED_RAD
-            self._ending = self._reached if reached else lambda: self._stalled(words)
+            self._ending = self._reached if reached else lambda: self._stalled(reason)
             self._rest()
 
     def _keep_stopping(self) -> None:
-        self._hear(self._client.kick())
+        self._note(self._client.kick())
         if self._stands() and not self._client.busy():
             self._rest()
         elif self._now() > self._deadline_s:
@@ -332,7 +334,7 @@ class Conductor:
         if self._ending is not None and self._stands():
             self._report(self._ending())
             self._ending = None
-        # A program that has ended brakes by itself, and what a person then does at the pendant is theirs.
+        # A program that has ended brakes by itself; motion at the pendant after that is the person's own.
         moving = math.isinf(self._seen.still_since_s)
         if moving and self._seen.row.runtime == PLAYING and self._now() > self._deadline_s:
             self._deadline_s = self._now() + HALT_S
@@ -362,7 +364,7 @@ class Conductor:
                 self._brake(self._reached)
             return twist
         assert self._free is not None
-        # What is told now is reached by the next cycle.
+        # What is sent now is reached by the next cycle.
         twist = self._free.twist(self._now() + CYCLE_S)
         if twist is None:
             self._brake(self._reached)
@@ -372,18 +374,18 @@ class Conductor:
             return None
         return twist
 
-    # --- words -----------------------------------------------------------------------------------------
+    # --- reporting -------------------------------------------------------------------------------------
 
     def _stands(self) -> bool:
         return self._now() - max(self._seen.still_since_s, self._since_s) >= STILL_S
 
-    def _hear(self, taken: bool) -> None:
+    def _note(self, taken: bool) -> None:
         """Note whether the controller takes commands; a reason shows in the rows, as a rule at once."""
         if taken:
-            self._heard_s = self._now()
-        elif self._now() - self._heard_s > UNHEARD_S and self.state is not MotionState.HALTED:
+            self._accepted_s = self._now()
+        elif self._now() - self._accepted_s > REFUSED_S and self.state is not MotionState.HALTED:
             self._halt("the controller takes no commands")
-            # Its watchdog may yet hear what it does not obey.
+            # Its watchdog may still be fed by commands that it does not obey.
             self._client.halt()
 
     def _refuse(self, command: Command, reason: str) -> None:

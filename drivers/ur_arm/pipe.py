@@ -22,7 +22,7 @@ Kind = Literal["port", "silent", "refused", "protocol"]
 
 
 class Start(NamedTuple):
-    """What the arm's process is told first.
+    """The first message to the arm's process.
 
     Attributes:
         name: Of the device.
@@ -66,7 +66,7 @@ class Opened:
     """The arm is connected, its program runs and its watchdog is set.
 
     Attributes:
-        model: As the dashboard says it.
+        model: As the dashboard reports it.
         serial: Likewise.
         version: Of PolyScope.
         pose: Where the tool is.
@@ -115,7 +115,7 @@ class Pipe:
         self._end = end
 
     def send(self, message: object) -> bool:
-        """Whether the message was taken: False where nobody has read for long.
+        """Whether the message was taken: False where the pipe is full.
 
         Raises:
             OSError: the other end is gone.
@@ -130,7 +130,7 @@ class Pipe:
         """The next message, None where there is none yet.
 
         Raises:
-            EOFError: the other end is gone, and all that it said has been received.
+            EOFError: the other end is gone, and all its messages have been received.
         """
         try:
             data = self._end.recv(PACKET_BYTES)
@@ -142,7 +142,7 @@ class Pipe:
             raise EOFError
         message: object = pickle.loads(
             data
-        )  # by a process of our own, over a pair of sockets that nobody else has
+        )  # by a process of our own, over a pair of sockets that is private to them
         return message
 
     def wait(self, seconds: float) -> bool:
@@ -154,5 +154,5 @@ class Pipe:
         select.select([], [self._end], [], seconds)
 
     def close(self) -> None:
-        """Let go of this end."""
+        """Close this end."""
         self._end.close()

@@ -49,12 +49,12 @@ class UrArmSettings(Settings):
     stop_m_s2: float = Field(3.0, gt=0.0, le=20.0)
     """Deceleration of a `Stop` (the client's own script stops at 3 m/s^2 after a contact)."""
     watchdog_hz: float = Field(10.0, ge=5.0, le=50.0)
-    """The controller stops the program when it hears from us more rarely (client: 10 Hz)."""
+    """The controller stops the program when commands come more rarely (client: 10 Hz)."""
     link_timeout_s: float = Field(0.1, ge=0.05, le=1.0)
     """How long the controller's time may stand still before the link counts as lost (measured: 50-100 ms)."""
     loop_timeout_s: float = Field(0.5, ge=0.05, le=5.0)
     """How long the program may not look at an arm that moves before the arm's process stops it. Assumption: more than
-    the guard bears of a late loop (`limits.late_s`, at most 0.3 s in the profiles), so that the guard speaks first."""
+    the guard bears of a late loop (`limits.late_s`, at most 0.3 s in the profiles), so that the guard acts first."""
     open_timeout_s: float = Field(12.0, ge=1.0, le=60.0)
     """Longest connection; the client itself waits 5 s for its script to run."""
     reconnect_s: float = Field(6.0, ge=0.0, le=60.0)

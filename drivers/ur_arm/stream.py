@@ -57,8 +57,8 @@ class Streams:
         bench: Turns monotonic time into bench time.
 
     Attributes:
-        info: What can be listened to, by `device.stream`.
-        listening: Which streams are sent.
+        info: The streams, by `device.stream`.
+        listening: Those that are subscribed.
         rows: How many rows have come.
         missed: How many the controller took that did not come.
     """
@@ -75,10 +75,10 @@ class Streams:
         self._runs = Runs[ArmRow]()
 
     def take(self, rows: Sequence[ArmRow]) -> list[Lost]:
-        """Take rows in order; what was lost between them, for each stream that is listened to.
+        """Take rows in order; what was lost between them, for each subscribed stream.
 
         A row that the client skipped is a jump in the controller's time. A controller whose time has gone back
-        was started anew: a new segment. What nobody listened to is not lost, and counted all the same.
+        was restarted: a new segment. Without a subscriber a row is not lost, but still counted.
         """
         lost = []
         for row in rows:

@@ -1,9 +1,9 @@
 """Zaber ASCII: lines of bytes ⇄ messages, and microsteps ⇄ metres. No I/O.
 
 Source: the Zaber ASCII protocol, as the vendor's own library speaks it.
-A command is `/device axis [id] words[:LRC]`; a reply is
+A command is `/device axis [id] text[:LRC]`; a reply is
 `@dd a [id] OK|RJ BUSY|IDLE WW data[:LRC]`; an alert `!dd a BUSY|IDLE WW [data]` and an info line
-`#dd a [id] text` come without being asked for.
+`#dd a [id] text` are unsolicited.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ FLAGS = {
     "NC": "it is under manual control",
     "NI": "its movement was interrupted",
 }
-"""Warning flags and what they say of the device, most severe first (Zaber ASCII protocol)."""
+"""Warning flags and what they mean, most severe first (Zaber ASCII protocol)."""
 
 UNHOMED = frozenset({"WH", "WR"})
 """Flags of a device that does not know where it is."""
@@ -147,12 +147,12 @@ def decode_request(line: bytes) -> StageRequest:
         ChecksumError: the line's checksum is wrong.
         CodecError: the line is no command.
     """
-    words = _body(line, b"/", checksum=False).split()
+    fields = _body(line, b"/", checksum=False).split()
     numbers: list[int] = []
-    while words and len(numbers) < 3 and words[0].isdecimal():
-        numbers.append(int(words.pop(0)))
+    while fields and len(numbers) < 3 and fields[0].isdecimal():
+        numbers.append(int(fields.pop(0)))
     device, axis, *rest = [*numbers, 0, 0][: max(2, len(numbers))]
-    return StageRequest(device, axis, rest[0] if rest else None, " ".join(words))
+    return StageRequest(device, axis, rest[0] if rest else None, " ".join(fields))
 
 
 def encode_message(message: Message, *, checksum: bool = True) -> bytes:
@@ -180,10 +180,10 @@ def decode_message(line: bytes, *, checksum: bool = True) -> Message:
         CodecError: the line is no message of this protocol.
     """
     lead = line[:1]
-    words = _body(line, lead if lead in (b"@", b"!", b"#") else b"@", checksum=checksum).split(" ")
+    fields = _body(line, lead if lead in (b"@", b"!", b"#") else b"@", checksum=checksum).split(" ")
     try:
-        device, axis = int(words[0]), int(words[1])
-        rest = words[2:]
+        device, axis = int(fields[0]), int(fields[1])
+        rest = fields[2:]
         number = None
         if lead != b"!" and rest and rest[0].isdecimal():
             number = int(rest.pop(0))
@@ -200,12 +200,12 @@ def decode_message(line: bytes, *, checksum: bool = True) -> Message:
 
 
 def meaning(flag: str) -> str:
-    """What a warning flag says of the device."""
+    """The meaning of a warning flag."""
     return FLAGS.get(flag, "it reports a fault")
 
 
 def astray(flag: str) -> bool:
-    """Whether a flag says that the device is not where its commands put it: all faults, and WM."""
+    """Whether a flag means that the device is not where its commands put it: all faults, and WM."""
     return flag.startswith("F") or flag == "WM"
 
 
@@ -258,7 +258,7 @@ def _body(line: bytes, lead: bytes, *, checksum: bool) -> str:
         raise CodecError(f"not ASCII: {line!r}") from error
 
 
-def _either(word: str, yes: str, no: str) -> bool:
-    if word not in (yes, no):
-        raise ValueError(word)
-    return word == yes
+def _either(field: str, yes: str, no: str) -> bool:
+    if field not in (yes, no):
+        raise ValueError(field)
+    return field == yes

@@ -34,10 +34,10 @@ class StageAnswer(NamedTuple):
 
 
 class StageDialogue:
-    """What was asked and is not answered yet.
+    """Questions that have no answer yet.
 
-    A question without an answer is asked again, under a new id, every `retry_s`: each command of this
-    driver may safely be said twice. What comes late or garbled is passed over. Nothing here waits.
+    A question without an answer is repeated, under a new id, every `retry_s`: each command of this
+    driver may safely be repeated. Late and garbled lines are dropped. Nothing here waits.
 
     Args:
         link: The open port.
@@ -47,9 +47,9 @@ class StageDialogue:
         timeout_s: When to give up, in seconds.
 
     Attributes:
-        checksums_due: True where a reply without a checksum is passed over.
-        fault: Why the device can no longer be spoken to, or None.
-        garbage: What has come since the last line that was a message, as far as it is known.
+        checksums_due: True where a reply without a checksum is dropped.
+        fault: Why the device has failed, or None.
+        garbage: The latest bytes since the last line that was a message.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class StageDialogue:
         return question
 
     def withdraw(self, question: StageQuestion) -> None:
-        """Neither repeat a question nor hear its answer."""
+        """Neither repeat a question nor take its answer."""
         self._open.pop(question.id, None)
 
     def turn(self) -> list[tuple[StageQuestion, StageAnswer]]:
@@ -103,8 +103,8 @@ class StageDialogue:
     def _repeat(self, now_s: float) -> None:
         for question in list(self._open.values()):
             if now_s - question.first_s > self._timeout_s:
-                said = f"only {self.garbage[:24]!r}" if self.garbage else "no reply"
-                self.fault = self.fault or f"{said} in {self._timeout_s:.2f} s"
+                received = f"only {self.garbage[:24]!r}" if self.garbage else "no reply"
+                self.fault = self.fault or f"{received} in {self._timeout_s:.2f} s"
             elif now_s - question.sent_s > self._retry_s:
                 self.withdraw(question)
                 question.attempts += 1

@@ -47,15 +47,15 @@ class ZaberStage(WireDriver[SerialLink]):
     """A stage on its approach axis; implements `drivers.protocols.Device`.
 
     A motion is a chain of absolute moves: the first goes as far as the command's `blind_travel_m`, the next ones are
-    sent while the stage moves, each as far beyond where it was last seen, so that it never slows down before the end.
+    sent while the stage moves, each as far beyond its last known position, so that it never slows down before the end.
     The limit of an approach is set in the device's travel limits beforehand and read back. So nothing need be done
-    when the host dies or is stopped: the stage halts by itself. `Stop` is written at once, past whatever else is on its
-    way. A move before homing is refused; `Home` goes to the stage's home end, which the device does by itself. A newer
+    when the host dies or is stopped: the stage halts by itself. `Stop` is written at once, ahead of everything
+    else. A move before homing is refused; `Home` goes to the stage's home end, which the device does by itself. A newer
     motion replaces an older.
 
-    The stream `<name>.position` (raw microsteps, irregular) has one sample for each question that was
-    answered, at the middle of question and answer; one that was not is a jump in the sequence. Before
-    homing the position is whatever the device takes it to be.
+    The stream `<name>.position` (raw microsteps, irregular) has one sample for each poll that was answered,
+    dated midway between poll and answer; one that was not is a jump in the sequence. Before homing the
+    position is whatever the device takes it to be.
     """
 
     _settings: ZaberStageSettings
@@ -84,7 +84,7 @@ class ZaberStage(WireDriver[SerialLink]):
         self._motion: Command | None = None  # the stage is on its way
         self._way: StageWay | None = None  # of the motion; None on the way home
         self._stopping: Stop | None = None  # not yet answered
-        self._since_s = -math.inf  # answers to older questions say nothing of this motion
+        self._since_s = -math.inf  # answers to older questions do not count for this motion
         self._asked_s = -math.inf
         self._flag = codec.NO_FLAG
 
@@ -145,16 +145,13 @@ class ZaberStage(WireDriver[SerialLink]):
         ]
 
     def account(self) -> Mapping[str, object]:
-        """Position samples published, how often it was sent on, and how often it had halted before that.
-
-        What was lost is told by statuses.
-        """
+        """Position samples published, how often it was sent on, and how often it had halted before that."""
         return {"positions": self._seq, "sent_on": self._renewals, "halted_unseen": self._halts}
 
-    # what is said
+    # sending
 
     def _write_stop(self, command: Stop) -> None:
-        """Past everything: no answer is waited for, and no line of an unfinished procedure follows."""
+        """Written ahead of everything: it awaits no answer, and ends an unfinished procedure."""
         self._abandon()
         reason = self._failure
         if self._link is not None:
@@ -166,7 +163,7 @@ class ZaberStage(WireDriver[SerialLink]):
             reason = reason or self._dialogue.fault
         if reason is None:
             self._sent(command, self._since_s)
-        else:  # it may have been written, but nobody will see the stage stand still
+        else:  # it may have been written, but the standstill cannot be observed
             self._failure = reason
             self._report(Failed(self._clock.now(), self.name, reason))
 
@@ -178,10 +175,10 @@ class ZaberStage(WireDriver[SerialLink]):
         self._procedure = self._command = self._waiting = self._motion = None
 
     def _update(self, link: SerialLink) -> str | None:
-        """Hear what has come, say what is due."""
+        """Process what has arrived, send what is due."""
         dialogue = self._dialogue
         for question, answer in dialogue.turn():
-            self._hear(dialogue, question, answer)
+            self._receive(dialogue, question, answer)
         if dialogue.fault is not None:
             what = doing(self._command or self._motion)
             self._fail(f"{dialogue.fault} while {what}; is the cable in {self._settings.port}?")
@@ -207,9 +204,9 @@ class ZaberStage(WireDriver[SerialLink]):
             self._stopping = None
             self._sent(self._command, self._since_s)
 
-    # what is heard
+    # receiving
 
-    def _hear(self, dialogue: StageDialogue, question: StageQuestion, answer: StageAnswer) -> None:
+    def _receive(self, dialogue: StageDialogue, question: StageQuestion, answer: StageAnswer) -> None:
         if question is self._poll:
             self._poll = None
             self._observe(dialogue, question, answer)
@@ -227,7 +224,7 @@ class ZaberStage(WireDriver[SerialLink]):
             self._advance(dialogue, answer)
 
     def _advance(self, dialogue: StageDialogue, answer: StageAnswer) -> None:
-        """Give the procedure its reply, and say its next line."""
+        """Pass the reply to the procedure, and send its next line."""
         command, procedure = self._command, self._procedure
         assert command is not None
         assert procedure is not None
@@ -241,7 +238,7 @@ class ZaberStage(WireDriver[SerialLink]):
             self._refuse(command, str(rejection))
 
     def _observe(self, dialogue: StageDialogue, question: StageQuestion, answer: StageAnswer) -> None:
-        """Take a position, and what the stage says of itself beside it."""
+        """Take a position and the flag that comes with it."""
         reply = answer.reply
         if not (reply.accepted and reply.data.lstrip("-").isdecimal()):
             self._fail(f"it answers 'get pos' with {reply.data!r}; is this a linear stage?")
@@ -258,7 +255,7 @@ class ZaberStage(WireDriver[SerialLink]):
         if answer.sent_s < self._since_s:
             return
         if self._motion is not None and self._way is not None:
-            # One that stands elsewhere was stopped by something, a hand perhaps: it is not sent on against that.
+            # A stage that stands elsewhere was stopped by something, perhaps by hand: it is not sent on.
             ahead = self._procedures.renewed(self._way, counts)
             if ahead is not None and (reply.busy or counts == self._way.bound):
                 self._send_on(dialogue, ahead, standing=not reply.busy)

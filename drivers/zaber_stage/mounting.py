@@ -51,14 +51,14 @@ class StageLimits(Settings):
 
 
 class ZaberStageSettings(SerialPort, StageLimits):
-    """A stage on a serial port, at its factory's line speed unless told otherwise."""
+    """A stage on a serial port, at its factory's line speed by default."""
 
     address: int = Field(default=1, ge=1, le=99)
     """Device number on the line (assumption: the factory default)."""
     position_interval_s: float = Field(default=0.01, ge=0.001, le=1.0)
-    """Time in seconds between two questions for the position while it moves or is listened to."""
+    """Time in seconds between two polls of the position while it moves or is subscribed."""
     idle_interval_s: float = Field(default=0.2, ge=0.001, le=10.0)
-    """The same while it stands and nobody listens: how soon a dead link is noticed (assumption)."""
+    """The same while it stands without a subscriber: how soon a dead link is noticed (assumption)."""
     retry_s: float = Field(default=0.05, gt=0.0, le=5.0)
     """When a question is asked again, in seconds (assumption: ten times an exchange at 115,200 baud)."""
     reply_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
@@ -101,7 +101,7 @@ class Mounting:
         return self.at_most(command.limit_m) if forward else self.at_least(command.limit_m)
 
     def ahead(self, here: int, target: int, blind_travel_m: float) -> int:
-        """The count, on the way from `here` to a target, to which the device may be sent and nobody look."""
+        """The count, on the way from `here` to a target, to which the device may be sent unsupervised."""
         reach = max(1, self.at_most(blind_travel_m))
         return min(target, here + reach) if target >= here else max(target, here - reach)
 
@@ -110,11 +110,11 @@ class Mounting:
         return codec.length_m(counts, self._microstep_m)
 
     def device(self, counts: int) -> int:
-        """What the device calls a count."""
+        """The device position of a count."""
         return self._origin + self._forward * counts
 
     def counts(self, device: int) -> int:
-        """What a device position is on the approach axis."""
+        """The count of a device position."""
         return self._forward * (device - self._origin)
 
     def limits(self, lowest: int, highest: int) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""What is said to the stage, line by line, to open it and to carry out a command.
+"""The lines that open the stage and carry out a command.
 
 A procedure is a generator: it yields lines and is sent the reply to each. It touches no port and no clock.
 """
@@ -20,7 +20,7 @@ RENEWED_SHARE = 0.25
 
 
 class StageLine(NamedTuple):
-    """What is said next; `decisive` where it is the line that sets the stage in motion."""
+    """A line to send; `decisive` where it sets the stage in motion."""
 
     text: str
     decisive: bool = False
@@ -50,9 +50,9 @@ class StageWay(NamedTuple):
 
     Attributes:
         target: Where it ends.
-        bound: Where the device has been sent so far: it stands there unless it is sent on.
+        bound: Where the device has been sent so far: it stops there unless it is sent on.
         speed: Velocity data.
-        blind_travel_m: How far ahead of where it was last seen it may be sent.
+        blind_travel_m: How far ahead of its last known position it may be sent.
     """
 
     target: int
@@ -81,7 +81,7 @@ class Procedures:
         self._acceleration_m_s2 = math.nan
 
     def identify(self) -> Opening:
-        """Asks who it is, stops it where it moves, sets travel and speed limits.
+        """Queries its identity, stops it where it moves, sets travel and speed limits.
 
         Raises:
             RejectedError: it does not take a limit.
@@ -143,7 +143,7 @@ class Procedures:
         return way
 
     def towards(self, way: StageWay) -> StageLine:
-        """What sends the stage to the bound of its way. Said of one that moves, it goes on at its speed."""
+        """The line that sends the stage to the bound of its way; one that moves goes on at its speed."""
         return StageLine(f"move abs {self._mounting.device(way.bound)} {way.speed}", decisive=True)
 
     def renewed(self, way: StageWay, here: int) -> StageWay | None:
@@ -178,7 +178,7 @@ class Procedures:
 def _accepted(line: StageLine) -> Generator[StageLine, codec.StageReply, codec.StageReply]:
     reply = yield line
     if not reply.accepted:
-        reason = codec.REJECTIONS.get(reply.data, "it does not say why")
+        reason = codec.REJECTIONS.get(reply.data, "it gives no reason")
         raise RejectedError(f"it rejects {line.text!r} with {reply.data}: {reason}")
     return reply
 
@@ -196,4 +196,4 @@ def _set(setting: str, value: int) -> Generator[StageLine, codec.StageReply, Non
     yield from _accepted(StageLine(f"set {setting} {value}"))
     held = yield from _asked(setting)
     if held != value:
-        raise RejectedError(f"it was told {setting} = {value} and holds {held}")
+        raise RejectedError(f"it was sent {setting} = {value} and holds {held}")

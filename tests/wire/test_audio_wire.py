@@ -225,7 +225,7 @@ class Other:
     ("says", "patience_s", "error", "words"),
     [
         (b"HTTP/1.1 400\r\n\r\n", 20.0, ProtocolError, "a frame begins with b'TBA1', not with b'HTTP'"),
-        (b"", 0.3, SilentError, "it says nothing in 0.3 s"),
+        (b"", 0.3, SilentError, "it does not answer in 0.3 s"),
     ],
 )
 def test_what_is_no_recorder_is_not_opened(
@@ -238,9 +238,9 @@ def test_what_is_no_recorder_is_not_opened(
 @pytest.mark.parametrize(
     ("port", "words"),
     [
-        ("tcp:127.0.0.1:1", r"nobody answers \(Connection refused\)"),
+        ("tcp:127.0.0.1:1", r"it does not answer \(Connection refused\)"),
         ("tcp:127.0.0.1", "it is no address"),
-        ("tcp:127.0.0.1:99999", "nobody answers"),
+        ("tcp:127.0.0.1:99999", "it does not answer"),
     ],
 )
 def test_an_address_where_nobody_is_is_said_to_be_so(port: str, words: str) -> None:

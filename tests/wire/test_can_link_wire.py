@@ -111,7 +111,7 @@ def test_a_question_is_answered_through_an_adapter(serve: Any) -> None:
         assert sent_s is not None
         assert before_s <= sent_s
         assert before_s <= heard.arrival_s <= serve.clock.monotonic_s()
-        assert (heard.beat, heard.due_s) == (None, None)
+        assert (heard.cycle, heard.due_s) == (None, None)
     finally:
         link.close()
 
@@ -237,12 +237,12 @@ def beaten(serve: Any, echo: Echo, beats: int, answer_s: float = 0.1) -> list[Re
 
 def test_a_question_is_asked_at_its_beat_and_each_answer_bears_its_number(serve: Any) -> None:
     heard = beaten(serve, Echo(), 30)
-    beats = [one.beat for one in heard if one.beat is not None]
+    beats = [one.cycle for one in heard if one.cycle is not None]
     assert beats == sorted(set(beats))
     assert len(beats) >= 30
     for one in heard:
         assert one.due_s is not None
-        assert one.due_s - heard[0].due_s == pytest.approx(0.01 * one.beat)
+        assert one.due_s - heard[0].due_s == pytest.approx(0.01 * one.cycle)
         assert one.arrival_s > one.due_s
 
 
@@ -251,7 +251,7 @@ def test_a_lost_answer_leaves_a_gap_in_the_beats(serve: Any) -> None:
     echo.quiet = {5}
     heard = beaten(serve, echo, 15)
     assert [int.from_bytes(one.frame.data[:2], "big") for one in heard[:8]] == [0, 1, 2, 3, 4, 6, 7, 8]
-    assert heard[5].beat - heard[4].beat >= 10, "its answer had 0.1 s: ten beats"
+    assert heard[5].cycle - heard[4].cycle >= 10, "its answer had 0.1 s: ten beats"
 
 
 def test_a_late_answer_passes_for_one_to_the_next_question_and_to_no_other(serve: Any) -> None:
@@ -278,11 +278,11 @@ def test_an_answer_to_a_question_that_is_asked_no_more_bears_no_number(serve: An
         assert eventually(lambda: len(link._arrived) > 3)
         link.ask(second)
         of_first = [heard for question, heard in [*link._arrived] if question is first]
-        assert of_first[-1].beat is not None
+        assert of_first[-1].cycle is not None
         heard = gathered(link, len(of_first) + 3)
-        numbered = [one.beat for one in heard if one.beat is not None]
+        numbered = [one.cycle for one in heard if one.cycle is not None]
         assert numbered[0] == 0
         assert numbered == sorted(set(numbered)), "the second question's"
-        assert all((one.beat, one.due_s) == (None, None) for one in heard[: len(of_first)])
+        assert all((one.cycle, one.due_s) == (None, None) for one in heard[: len(of_first)])
     finally:
         link.close()

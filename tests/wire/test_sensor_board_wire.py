@@ -256,7 +256,7 @@ class Nobody(Other):
 
 @pytest.mark.parametrize(
     ("device", "error", "words"),
-    [(Other(), ProtocolError, "none say hello"), (Nobody(), SilentError, "no answer in 0.4 s")],
+    [(Other(), ProtocolError, "no hello of a sensor board"), (Nobody(), SilentError, "no answer in 0.4 s")],
 )
 def test_what_is_no_sensor_board_is_not_opened(
     serve: Serve, device: Any, error: type[Exception], words: str

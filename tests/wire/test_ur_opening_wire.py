@@ -24,13 +24,13 @@ def refused(emulated: EmulatedUr, kind: type[Exception], words: str, **changes: 
 
 def test_nobody_listens_is_a_port_error() -> None:
     given = UrArmSettings(host=free_host(), start_pose=(0.4, 0.0, 0.2, 0.0, 3.14, 0.0))
-    with pytest.raises(PortError, match="nobody answers"):
+    with pytest.raises(PortError, match="nothing answers"):
         UrArm("arm", given, WallClock()).open()
 
 
 def test_a_handshake_without_a_reply_is_given_up(emulated: EmulatedUr) -> None:
     emulated.order(deaf=True)
-    refused(emulated, SilentError, "says nothing", open_timeout_s=2.0)
+    refused(emulated, SilentError, "sends nothing", open_timeout_s=2.0)
 
 
 def test_a_stream_that_never_starts_is_given_up(emulated: EmulatedUr) -> None:

@@ -199,7 +199,7 @@ def test_a_tare_needs_a_reading(hand: BarrettHand, link: Link) -> None:
     hand.apply(tare)
     (refused,) = hand.poll()
     assert isinstance(refused, Refused)
-    assert (refused.command, refused.reason) == (tare, "nothing has been read of it; listen to it first")
+    assert (refused.command, refused.reason) == (tare, "no samples of it yet; listen to it first")
     link.waiting = [answer(11, 2100 + beat, beat) for beat in range(3)]
     hand.read()
     hand.apply(tare)

@@ -201,7 +201,7 @@ def test_ten_questions_in_a_row_without_an_answer_are_a_failure_and_nine_are_not
         assert bench.clock.now() < begin_s + 2.0
     failed: Any
     (failed,) = bench.take(Failed)
-    assert failed.reason == "10 questions in a row have no answer; is it powered, and the bus whole?"
+    assert failed.reason == "no answer to 10 polls in a row; is it powered, and the bus whole?"
     lost: Any = bench.take(Lost)
     assert [(status.stream, status.samples) for status in lost] == [(FORCE, 1), (WIDTH, 1)] * 10
     assert lost[0].t_s == pytest.approx(begin_s, abs=0.011)

@@ -111,7 +111,7 @@ def test_a_silent_port_is_said_to_be_silent(make_bench: MakeBench) -> None:
 def test_another_protocol_is_told_apart(make_bench: MakeBench, noise: bytes) -> None:
     bench = make_bench()
     bench.host.hush = lambda data: noise
-    with pytest.raises(ProtocolError, match="none say hello as a sensor board does while asking who is at"):
+    with pytest.raises(ProtocolError, match="but no hello of a sensor board while asking who is at"):
         bench.driver.open()
     assert bench.host.closed
 

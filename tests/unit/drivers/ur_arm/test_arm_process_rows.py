@@ -227,7 +227,7 @@ def test_a_program_that_does_not_read_for_five_seconds_ends_the_process(arm):
     with pytest.raises(EndError):
         arm.process._listen(arm.client)
     assert arm.process._outbox[-1] == Broken(
-        "silent", "nobody reads what it sends", "is this machine overloaded?"
+        "silent", "the program does not read what it sends", "is this machine overloaded?"
     )
 
 
@@ -269,7 +269,7 @@ def test_commands_are_taken_in_order_with_patience_for_a_recovery(arm):
     assert (conductor.orders, conductor.passed) == ([home, move], [])
     assert conductor.patience_s == [5.0, 1.0]
     assert arm.process._patience_s == 1.0
-    assert arm.process._beat_s == arm.clock.monotonic_s()
+    assert arm.process._heartbeat_s == arm.clock.monotonic_s()
 
 
 def test_a_stop_overtakes_all_that_waits_and_nothing_that_comes_after_it(arm):
@@ -321,7 +321,7 @@ def test_an_arm_whose_program_is_gone_is_stopped_seen_standing_and_its_program_e
     beats_s = []
 
     def each():
-        beats_s.append(arm.clock.monotonic_s() - arm.process._beat_s)
+        beats_s.append(arm.clock.monotonic_s() - arm.process._heartbeat_s)
         if stops and arm.clock.monotonic_s() > now_s + 0.1:
             arm.process._row = arm.process._row._replace(twist=REST)
             arm.process._still_since_s = min(arm.process._still_since_s, arm.clock.monotonic_s())

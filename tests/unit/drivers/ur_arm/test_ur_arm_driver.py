@@ -38,7 +38,7 @@ class Process:
 
     def __init__(self, name, settings, clock, again):
         self.started = (name, settings, again)
-        self.clock, self.heard_s = clock, clock.monotonic_s()
+        self.clock, self.received_s = clock, clock.monotonic_s()
         self.inbox, self.sent, self.done, self.ended, self.turns = [], [], [], "", 0
 
     def send(self, command):
@@ -50,7 +50,7 @@ class Process:
     def receive(self):
         taken, self.inbox = self.inbox, []
         if taken:
-            self.heard_s = self.clock.monotonic_s()
+            self.received_s = self.clock.monotonic_s()
         return taken
 
     def fate(self):
@@ -169,7 +169,7 @@ def test_a_process_that_dies_while_opening_is_said_to(monkeypatch):
 def test_a_controller_that_says_nothing_is_given_up_after_its_time(monkeypatch):
     desk = Desk(monkeypatch, open_timeout_s=2.0)
     desk.inbox = [desk.row()]
-    words = r"^arm: 10.0.0.9 accepts the connection and then says nothing for 2 s while opening; is the controller up"
+    words = r"^arm: 10.0.0.9 accepts the connection and then sends nothing for 2 s while opening; is the controller up"
     with pytest.raises(SilentError, match=words):
         desk.arm.open()
     assert desk.clock.now() == pytest.approx(2.0, abs=0.006)

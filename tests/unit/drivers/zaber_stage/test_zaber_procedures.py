@@ -84,7 +84,7 @@ def test_a_limit_that_the_device_does_not_hold_ends_the_approach_before_it_begin
     script = Script()
     procedures = opened(script)
     script.obeys = False
-    with pytest.raises(RejectedError, match=r"told limit.max = 10000 and holds 51200"):
+    with pytest.raises(RejectedError, match=r"sent limit.max = 10000 and holds 51200"):
         script.play(procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)))
     assert not [line for line in script.said if line.startswith("move")]
 
@@ -171,7 +171,7 @@ def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_
     script = Script()
     procedures = opened(script)
     script.rejects["home"] = "ODD"
-    with pytest.raises(RejectedError, match=r"^it rejects 'home' with ODD: it does not say why$"):
+    with pytest.raises(RejectedError, match=r"^it rejects 'home' with ODD: it gives no reason$"):
         script.play(procedures.carry_out(Home("stage")))
     script.held["pos"] = "NA"  # type: ignore[assignment]
     with pytest.raises(RejectedError, match=r"^it answers 'get pos' with 'NA'$"):
