@@ -16,7 +16,7 @@ import click
 from config.verbs import Program, profiles, recordings, results, running
 
 
-def _say_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+def _print_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
     """Of the folder that this file is in, or of the package as it is installed."""
     if not wanted:
         return
@@ -35,13 +35,13 @@ def _say_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -
     is_flag=True,
     expose_value=False,
     is_eager=True,
-    callback=_say_version,
-    help="Say which version this is.",
+    callback=_print_version,
+    help="Print the version.",
 )
 def cli() -> None:
     """Run touch experiments on a robot bench: simulated, emulated on the wire, or real.
 
-    A profile says which bench, which experiment and which trials. To begin with:
+    A profile defines the bench, the experiment and the trials. To begin with:
 
     \b
       run.py list                    what there is

@@ -74,8 +74,8 @@ class Aura(SonicBehavior):
     """Approach, stay, come back; several times if asked to.
 
     Every detector is armed from the rest before the approach until the finger is back; the measure uses their events.
-    An approach that is to touch is not begun while the detector that is to stop it reports a touch. Events of a pause
-    are handled by nobody, so after one the detectors begin anew before the next approach.
+    An approach that is to touch is not begun while the detector that is to stop it reports a touch. Events during a
+    pause are not handled, so after one the detectors begin anew before the next approach.
     """
 
     table = with_failures(

@@ -20,7 +20,7 @@ class CenteringFactors(SearchFactors):
 
 
 class Centering(Search, Gripping):
-    """Find the middle; close there, hold and let go.
+    """Find the middle; close there, hold and release.
 
     Args:
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.

@@ -10,7 +10,7 @@ from drivers.settings import DeviceName, Settings, StreamName
 
 
 class FingerTrialSettings(Settings):
-    """The probe, the finger and what is heard of both."""
+    """The probe, the finger and the streams of both."""
 
     mover: DeviceName = "stage"
     """Device that carries the probe."""

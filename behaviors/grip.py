@@ -1,4 +1,4 @@
-"""Close on an object until both fingers feel it, let go: a part of a trial (Rupavatharam et al., IV.A.2)."""
+"""Close on an object until both fingers feel it, release: a part of a trial (Rupavatharam et al., IV.A.2)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class GripSettings(SonicSettings):
 
 
 def gripping(felt: str) -> Sequence[Row]:
-    """Rows from the rest at the object: close, and go on to `felt` once both fingers feel it; else let go and leave."""
+    """Rows from the rest at the object: close, go on to `felt` once both fingers feel it; else release and leave."""
     both = "both fingers touch"
     return (
         on("deadline", "RESTING", "CLOSING"),
@@ -103,5 +103,5 @@ class Gripping(SonicBehavior):
         )
 
     def enter_RELEASING(self) -> None:
-        """Let go."""
+        """Release."""
         self.command(Release(self.settings.gripper, self.settings.open_speed_m_s))

@@ -26,7 +26,7 @@ LIFTING: Sequence[Row] = (
     on("reached", "LOWERING", "RELEASING", "from_mover"),
     on("resumed", (*_UP, "LOWERING"), "LOWERING", do="conclude_broken_off"),
 )
-"""Rows from the object's being felt to its being let go of, where it was found."""
+"""Rows from the first contact felt at the object to its release, at the place where it was found."""
 
 
 class LiftSettings(GripSettings):

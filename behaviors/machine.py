@@ -14,7 +14,7 @@ from behaviors.events import Event, Tick
 from drivers.messages import Command
 
 UNDECIDED = "aborted"
-"""The outcome of a trial that nobody concluded."""
+"""The outcome of a trial that no transition concluded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,15 +180,17 @@ class Behavior:
     def conclude_fault(self) -> None:
         """Before a transition on a failure: a device or detector could not go on."""
         self.outcome = "fault"
-        who = getattr(self.event, "device", getattr(self.event, "detector", ""))
-        self.reason = f"{who} {trigger_of(self.event).replace('_', ' ')}: {getattr(self.event, 'reason', '')}"
+        source = getattr(self.event, "device", getattr(self.event, "detector", ""))
+        self.reason = (
+            f"{source} {trigger_of(self.event).replace('_', ' ')}: {getattr(self.event, 'reason', '')}"
+        )
 
     def conclude_guard(self) -> None:
         """Before a transition on the guard's stop."""
         self.outcome, self.reason = "guard", getattr(self.event, "reason", "")
 
     def conclude_late(self) -> None:
-        """Before a transition on a deadline: what was waited for did not come, and nothing is wrong with the bench."""
+        """Before a transition on a deadline: the awaited event did not come, and nothing is wrong with the bench."""
         self.outcome = "aborted"
         came = ", ".join(self._came) or "nothing"
         self.reason = (
@@ -197,13 +199,13 @@ class Behavior:
         )
 
     def _awaited(self) -> str:
-        """What would have ended the present state in time, and who reports it."""
+        """The events that would have ended the present state in time, and their sources."""
         events: dict[str, None] = {}
         for row in self.table:
             if self.state in sources(row) and row["trigger"] not in _NOT_AWAITED:
                 events[row["trigger"].replace("_", " ")] = None
-        who = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
-        return " or ".join(events) + (f" of {', '.join(who)}" if who else "")
+        awaited = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
+        return " or ".join(events) + (f" of {', '.join(awaited)}" if awaited else "")
 
     def conclude_stuck(self) -> None:
         """Before a transition on the deadline of a motion: a device did not do its part."""
@@ -249,7 +251,7 @@ def with_failures(*rows: Row) -> Sequence[Row]:
     """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
 
     A device, the baseline of a detector that it acts on or the guard that gives up fails the trial. So does a deadline
-    in a state in which no row without a condition says what follows from it: a device did not do its part.
+    in a state that has no unconditional row for it: a device did not do its part.
 
     Args:
         rows: What happens otherwise; the trial is over in `DONE` and `FAILED`.
@@ -281,9 +283,9 @@ _NOT_AWAITED = frozenset(("deadline", "resumed", "guard_stopped", *_BROKEN, _UNL
 
 
 def _described(event: Event) -> str:
-    """An event in short: what, of whom."""
-    who = getattr(event, "device", getattr(event, "detector", ""))
-    return f"{trigger_of(event).replace('_', ' ')}{f' of {who}' if who else ''}"
+    """An event in short: its name and its source."""
+    source = getattr(event, "device", getattr(event, "detector", ""))
+    return f"{trigger_of(event).replace('_', ' ')}{f' of {source}' if source else ''}"
 
 
 def trigger_of(event: Event) -> str:

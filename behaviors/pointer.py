@@ -159,7 +159,7 @@ class Pointer(TipTrial):
         return self._missed or self._recorded >= len(self.settings.turns_rad)
 
     def astray(self) -> bool:
-        """Whether nobody knows how far the tip is turned."""
+        """Whether the angle of the tip is unknown."""
         return self._astray
 
     # before transitions

@@ -38,8 +38,8 @@ class SearchSettings(SonicSettings):
     """Farthest search to either side of the start pose."""
 
     run_up: bool = False
-    """Whether the detectors of method `ours` get a long way before they speak: the right finger goes to the object
-    first, and what it finds is thrown away. A wave that is fitted with a memory along the way has a size that depends
+    """Whether the detectors of method `ours` get a long way before they report: the right finger goes to the object
+    first, and its result is discarded. A wave that is fitted with a memory along the way has a size that depends
     a little on how long the way was; with this both ways that count are as long as the room between the places."""
 
     blind_m: float = Field(default=0.0045, ge=0.0, le=0.1)
@@ -57,7 +57,7 @@ class SearchFactors(Settings):
     """What a trial varies."""
 
     method: Literal["paper", "ours"] = "ours"
-    """Whose detectors are asked: those named `left_METHOD` and `right_METHOD`."""
+    """Method whose detectors decide: those named `left_METHOD` and `right_METHOD`."""
 
     speed_m_s: float = Field(default=0.01, gt=0.0, le=1.0)
     """Speed of the search (Fig. 4d: 0.01 and 0.03 m/s)."""
@@ -103,7 +103,7 @@ SEARCHING: Sequence[Row] = (
     on("resumed", ["BASELINE", *_SEEKING, *_TURNING, "STOPPING", "CENTERING"], "ENTERING"),
     on("resumed", "BACKING_OFF", "LEAVING"),
 )
-"""Rows from the rest that `COMING_IN` ends in to `CENTERING`; the behavior says what follows it. A search that sees
+"""Rows from the rest that `COMING_IN` ends in to `CENTERING`; the behavior adds what follows. A search that sees
 nothing, or touches something, leaves; a pause begins it anew."""
 
 
@@ -139,7 +139,7 @@ class Search(SonicBehavior):
         search_plan = StatePlan(search + motion, seeking, seen)
         # A turn names no finder, so that the way back is searched afresh.
         turn_plan = StatePlan(motion, contact, seen)
-        # Nor does anybody feel here: after a hard stop the contact detectors begin anew, at rest in the middle.
+        # Contact is not evaluated either: after a hard stop the contact detectors begin anew, at rest in the middle.
         numb_plan = StatePlan(motion, frozenset(), seen)
         own = {"BASELINE": StatePlan(settings.baseline_s, seeking, seen, prompt=False)}
         own |= dict.fromkeys(("RUNNING_UP", "SEEKING_FORWARD", "SEEKING_BACKWARD"), search_plan)
@@ -163,7 +163,7 @@ class Search(SonicBehavior):
         return isinstance(self.event, Detected) and self.event.detector == self._right
 
     def running_up(self) -> bool:
-        """Whether the first way is thrown away."""
+        """Whether the result of the first way is discarded."""
         return self.settings.run_up and self.factors.method == "ours"
 
     def under_way(self) -> bool:

@@ -152,7 +152,7 @@ class RollSlip(TipTrial):
         }
 
     def _armed(self) -> frozenset[str]:
-        """Who listens from now on."""
+        """The detectors armed from now on."""
         run = self.run
         return frozenset((run.touch, run.paper, run.ours) if self._listening else (run.touch,))
 

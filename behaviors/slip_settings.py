@@ -58,8 +58,8 @@ class SensorRunSettings(Settings):
     """Ours."""
 
     listen: Literal["rest", "motion"] = "rest"
-    """From when the slip detectors listen: from rest in the air, or from the first step in which the pressed tip
-    moves. A detector that learns what noise is learns it there."""
+    """From when the slip detectors are armed: from rest in the air, or from the first step in which the pressed tip
+    moves. A detector that learns the noise learns it there."""
 
     tilt_rad: float = Field(default=0.0, ge=-1.5, le=1.5)
     """Angle of the tip at touch, about base y."""
@@ -121,4 +121,4 @@ class RollSlipFactors(Settings):
     """What a trial varies."""
 
     sensor: SensorName
-    """Which sensor the tip carries. On a real bench it is changed by hand, between runs: nobody asks for it in one."""
+    """Which sensor the tip carries. On a real bench it is changed by hand, between runs: no run asks for it."""

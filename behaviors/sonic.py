@@ -1,4 +1,4 @@
-"""What the experiments with sonic fingers share: coming in from above, who touches, leaving, failing."""
+"""What the experiments with sonic fingers share: coming in from above, tracking touches, leaving, failing."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ COMING_IN: Sequence[Row] = (
     ),
 )
 """Rows of the way in: up to where the jaws are empty, open them there, down to the place, rest. A pause on this way
-begins it anew. Nobody leaves the rest towards an object with a touch that stands: it was reported, will not be reported
+begins it anew. The rest is not left towards an object while a touch stands: it was reported, will not be reported
 again, and so could stop nothing."""
 
 GOING_OUT: Sequence[Row] = (
@@ -75,7 +75,7 @@ GOING_OUT: Sequence[Row] = (
 
 
 class SonicBehavior(Behavior):
-    """A trial of sonic fingers: what `COMING_IN` and `GOING_OUT` need commanded, and who touches.
+    """A trial of sonic fingers: what `COMING_IN` and `GOING_OUT` need commanded, and which fingers touch.
 
     Args:
         place_m: Where the fingers rest before what is measured.
@@ -141,10 +141,10 @@ class SonicBehavior(Behavior):
 
     def conclude_touched_at_rest(self) -> None:
         """There is a touch where there should be none."""
-        who = ", ".join(sorted(self._touching))
+        touching = ", ".join(sorted(self._touching))
         self.outcome = "contact"
         self.reason = (
-            f"{who} reported a touch at rest and not its end, so that it could stop no motion: "
+            f"{touching} reported a touch at rest and not its end, so that it could stop no motion: "
             "is something at the finger, or is the finger's level not quiet?"
         )
 

@@ -26,7 +26,7 @@ class TransientSettings(FingerTrialSettings):
     """Where the mover is (m)."""
 
     waveform_streams: tuple[StreamName, ...] = ()
-    """The finger's accelerometers (m/s2), where a measure needs them whoever listens: proximal link, then distal."""
+    """The finger's accelerometers (m/s2), where a measure needs them: proximal link, then distal."""
 
     baseline_timeout_s: float = Field(default=30.0, gt=0.0, le=3600.0)
     """Longest wait for every detector's baseline."""
@@ -154,7 +154,7 @@ class Transient(FingerTrial, Approaching):
     # before transitions
 
     def conclude_contact(self) -> None:
-        """The acting detector spoke before the approach began: the measure will call it false."""
+        """The acting detector reported contact before the approach began: the measure will call it false."""
         self.conclude("contact")
 
     # what is commanded on entry

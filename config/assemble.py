@@ -38,7 +38,7 @@ class DriverEntry(NamedTuple):
 
 
 class KindEntry(NamedTuple):
-    """A class as `module:Class`, and its settings where its constructor's parameter does not say which."""
+    """A class as `module:Class`, and its settings where its constructor's parameter does not name them."""
 
     summary: str
     made: str
@@ -122,7 +122,7 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, real
         profile: Which devices, where.
         endpoints: What an emulator that runs already has printed; where there are none, an emulated bench starts
             its own, which ends with the rig.
-        realtime: Whether time on an emulated bench of its own passes with the wall's, whoever is late.
+        realtime: Whether an emulated bench of its own follows the wall clock, even when this program is late.
     """
     if profile.bench == "mock":
         return _mock_rig(profile)
@@ -138,7 +138,7 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, real
 def _wire_devices(
     profile: Profile, clock: Clock, ports: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Device]:
-    """Real drivers; `ports` says where the emulated ones are, beside which a device may have a port of its own."""
+    """Real drivers; `ports` holds the addresses of the emulated ones; other devices keep their own port."""
     devices = {}
     for name, entry in profile.devices.items():
         there = dict(ports.get(name, {})) if entry.port == "emulated" else {}
@@ -169,11 +169,11 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
 
 
 def start_emulator(profile: Profile, realtime: bool = False) -> EmulatorProcess:
-    """Start the process that holds the profile's plant and emulated devices; its `endpoints` say where they are.
+    """Start the process that holds the profile's plant and emulated devices; its `endpoints` are their addresses.
 
     Args:
         profile: Which devices, on which plant.
-        realtime: Whether time passes with the wall's, whoever is late.
+        realtime: Whether time follows the wall clock, even when this program is late.
     """
     from drivers.mock.wiring.emulator_process import EmulatorProcess
 
@@ -265,7 +265,7 @@ def plan_campaign(
         trials: In the order of running.
         seed: Of order and noise.
         done: Numbers of trials that were run before.
-        asked: What the command line said, for the manifest.
+        asked: The arguments of the command line, for the manifest.
 
     Raises:
         ProfileError: a trial that its behavior cannot run, or a detector that it arms and the profile has not.
@@ -293,7 +293,7 @@ def plan_campaign(
         trials=_trial_plans(profile, left, seed),
         factors=tuple(names),
         columns=measures.COLUMNS,
-        telling=getattr(measures, "HIGHLIGHTS", ()),
+        leading=getattr(measures, "HIGHLIGHTS", ()),
         loop=profile.loop,  # type: ignore[arg-type]
         roles=roles,
         signals={signal.info.name: signal.info for signal in make_signals(profile)},
@@ -331,7 +331,7 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
 
 
 def _limits(profile: Profile) -> GuardSettings:
-    """The guard's settings; on a bench without noise nobody can tell whether a sensor is stuck."""
+    """The guard's settings; on a bench without noise a stuck sensor cannot be detected."""
     limits: GuardSettings = profile.limits  # type: ignore[assignment]
     quiet = profile.plant is not None and getattr(profile.plant.settings, "quiet", False)
     return limits.model_copy(update={"stuck_s": None}) if quiet else limits

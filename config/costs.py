@@ -1,4 +1,4 @@
-"""What a campaign will take, move and press, told before anything is opened."""
+"""What a campaign will take, move and press, estimated before anything is opened."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COSTS = Path(__file__).with_name("costs.toml")
 """What a trial of each shipped profile took: `python -m benchmarks.costs`."""
 
 STIFFNESS = {"finger": ("pad_n_m", "back_n_m")}
-"""Settings of a plant that say how stiff a contact is, N/m."""
+"""Settings of a plant that give the stiffness of a contact, N/m."""
 
 _UNITS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
 _SIZES = ((1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
@@ -61,14 +61,14 @@ def planned(profile: Profile, trials: Sequence[Trial], first: TrialPlan, workers
     speed = f"at {speed_m_s:g} m/s" if speed_m_s else "no speed is set in m/s"
     yield f"motion    {travel}, {speed}; the guard stops beyond {limits.speed_m_s:g} m/s"
     yield f"force     {_force(profile, speed_m_s)}"
-    heard: set[str] = set()
+    subscribed: set[str] = set()
     for state in (state for state in first.behavior.states if state not in first.behavior.final):
         plan = first.behavior.plans[state]
         names = [f"{name} ({', '.join(first.detectors[name].inputs)})" for name in sorted(plan.detectors)]
         names += [f"{name} (recorded)" for name in sorted(plan.measures)]
-        heard |= plan.detectors
-        yield f"{state:<20}{', '.join(names) or 'skipped: nobody subscribes'}"
-    idle = sorted(set(profile.detectors) - heard)
+        subscribed |= plan.detectors
+        yield f"{state:<20}{', '.join(names) or 'skipped: no subscriber'}"
+    idle = sorted(set(profile.detectors) - subscribed)
     if idle:
         yield f"never     {', '.join(idle)}: no state subscribes"
 
@@ -79,7 +79,7 @@ def counted(trials: int) -> str:
 
 
 def duration(name: str, experiment: str, bench: str, trials: int, workers: int = 1) -> str:
-    """How long trials take, in words."""
+    """How long trials take, as text."""
     found = cost(name, experiment, trials)
     if found is None:
         return "not measured"
@@ -92,18 +92,18 @@ def duration(name: str, experiment: str, bench: str, trials: int, workers: int =
 
 def _fastest(profile: Profile, trials: Sequence[Trial]) -> float:
     """The greatest speed that trials or behavior ask for, m/s."""
-    told = [profile.behavior.model_dump(), *(trial.own for trial in trials)]
-    return max(_speeds(told), default=0.0)
+    tables = [profile.behavior.model_dump(), *(trial.own for trial in trials)]
+    return max(_speeds(tables), default=0.0)
 
 
-def _speeds(told: Any) -> Iterator[float]:
+def _speeds(settings: Any) -> Iterator[float]:
     """All speeds that are named in settings, however deep, m/s."""
-    if isinstance(told, Mapping):
+    if isinstance(settings, Mapping):
         yield from (
-            abs(value) for key, value in told.items() if key.endswith("speed_m_s") and value is not None
+            abs(value) for key, value in settings.items() if key.endswith("speed_m_s") and value is not None
         )
-    if isinstance(told, Mapping | list | tuple):
-        for value in told.values() if isinstance(told, Mapping) else told:
+    if isinstance(settings, Mapping | list | tuple):
+        for value in settings.values() if isinstance(settings, Mapping) else settings:
             yield from _speeds(value)
 
 
@@ -112,15 +112,15 @@ def _force(profile: Profile, speed_m_s: float) -> str:
     force_n, median_s, rate_hz = limits.force_n, limits.force_median_s, loop.rate_hz  # type: ignore[attr-defined]
     if force_n is None:
         return "no limit (limits.force_n is not set)"
-    said = f"the guard stops at {force_n:g} N"
+    stop = f"the guard stops at {force_n:g} N"
     keys = STIFFNESS.get(profile.plant.kind, ()) if profile.plant else ()
     if not keys:
-        return f"{said}; no contact stiffness is known, so no peak is forecast"
+        return f"{stop}; no contact stiffness is known, so no peak is forecast"
     stiffness = max(float(getattr(profile.plant.settings, key)) for key in keys)  # type: ignore[union-attr]
     latency_s = median_s + 1.0 / rate_hz
     peak_n = force_n + speed_m_s * latency_s * stiffness
     return (
-        f"{said}; {peak_n:.2g} N at the most if it alone does, with {speed_m_s:g} m/s x {1e3 * latency_s:.0f} ms "
+        f"{stop}; {peak_n:.2g} N at the most if it alone does, with {speed_m_s:g} m/s x {1e3 * latency_s:.0f} ms "
         f"(median and a turn) x {stiffness:g} N/m, braking aside"
     )
 

@@ -1,4 +1,4 @@
-"""What a profile is made of, and the lookup that says which class validates which part."""
+"""What a profile is made of, and the lookup of the class that validates each part."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class SettingsTable(Protocol):
         Args:
             part: Which.
             name: One that `names` holds, or a class of the user's own.
-            port: Of a driver: tells mock from wire.
+            port: Of a driver: distinguishes mock from wire.
         """
 
     def faults_of(self, driver: str, port: str) -> Collection[str]:
-        """Kinds of faults that a driver's simulated device can show; the port tells mock from emulated."""
+        """Kinds of faults that a driver's simulated device can show; the port distinguishes mock from emulated."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What somebody probably meant who wrote a name that does not exist."""
+"""What was probably meant by a name that does not exist."""
 
 from __future__ import annotations
 
@@ -40,23 +40,23 @@ _MANY = 12
 """More known names than this are not listed in full."""
 
 
-def did_you_mean(word: str, known: Collection[str]) -> str:
+def did_you_mean(given: str, known: Collection[str]) -> str:
     """`did you mean 'force_n'?`, or "" where nothing known is near."""
     from difflib import get_close_matches
 
-    near = get_close_matches(word, known, n=3, cutoff=0.6)
+    near = get_close_matches(given, known, n=3, cutoff=0.6)
     return f"did you mean {' or '.join(repr(name) for name in near)}?" if near else ""
 
 
-def near_or_all(word: str, known: Collection[str]) -> str:
-    """The names near to a word; where none is, all that there are."""
+def near_or_all(given: str, known: Collection[str]) -> str:
+    """The names near to the given one; where none is, all that there are."""
     names = sorted(known)
     listed = ", ".join(names[:_MANY]) + (", …" if len(names) > _MANY else "")
-    return did_you_mean(word, known) or f"known: {listed or 'none'}"
+    return did_you_mean(given, known) or f"known: {listed or 'none'}"
 
 
 def unknown_key(key: str, value: object, known: Collection[str]) -> str:
-    """What to say of a key that nobody knows: the SI name where only the unit is off, else the near ones."""
+    """The hint for an unknown key: the SI name where only the unit is off, else the near ones."""
     stem, unit = _stem(key, tuple(_SI) + _SI_UNITS)
     for name in sorted(known):
         known_stem, known_unit = _stem(name, _SI_UNITS)

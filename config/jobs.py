@@ -48,7 +48,7 @@ CONNECT_S = 30.0
 """How long a scheduler is waited for, s; assumption: on a machine with much to do one answers in a few seconds."""
 
 END_S = 5.0
-"""How long a worker that is told to end is waited for, s; assumption: the system ends a process in far less."""
+"""How long a worker is given to end, s; assumption: the system ends a process in far less."""
 
 DEATHS = 3
 """How often workers may die in a row before any trial of theirs is done: by then it is the trial's doing."""
@@ -90,7 +90,7 @@ class Order:
 
 
 class Silent:
-    """A console that nobody looks at, and an operator who never interrupts."""
+    """A console without output, and an operator who never interrupts."""
 
     def poll(self) -> None:
         """Nothing."""
@@ -150,7 +150,7 @@ def _profile(
     return profile
 
 
-# --- who runs them -------------------------------------------------------------------------------
+# --- the workers ---------------------------------------------------------------------------------
 
 
 class Crew:
@@ -159,7 +159,7 @@ class Crew:
     Args:
         count: How many there are.
         begin: Starts them.
-        end: Lets them go; what they are at is not waited for.
+        end: Shuts them down without waiting for what they are at.
         given_up: What a part fails by where its workers died and others were tried already.
     """
 
@@ -193,7 +193,7 @@ class Crew:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def close(self) -> None:
-        """Let all go; those that are needed later are started anew."""
+        """Shut all down; new ones are started when they are needed."""
         executor, self._executor = self._executor, None
         if executor is not None:
             self._end(executor)
@@ -215,7 +215,7 @@ def cores(asked: int | None = None) -> Crew:
             child.terminate()
         for child in children:
             child.join(END_S)
-            if child.is_alive():  # it is at something that hears nothing
+            if child.is_alive():  # it is busy, and takes no signal
                 child.kill()
                 child.join()
 
@@ -235,7 +235,7 @@ def cluster(address: str) -> Crew:
     """The workers of a Dask scheduler.
 
     Raises:
-        JobsError: Dask is not installed, nobody answers there, or it has no workers.
+        JobsError: Dask is not installed, no scheduler answers there, or it has no workers.
     """
     try:
         from distributed import Client, KilledWorker
@@ -265,18 +265,18 @@ def cluster(address: str) -> Crew:
 def parts(
     crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[], None]
 ) -> Iterator[RunPart]:
-    """Have trials run, and give their parts in the order of the trials; every trial once, whoever dies.
+    """Have trials run, and give their parts in the order of the trials; every trial once, even where workers die.
 
-    The crew stays when all is done, for a next campaign; where this ends before, it is let go with what it was at.
+    The crew stays when all is done, for a next campaign; where this ends before, it is shut down at once.
 
     Args:
-        crew: Who runs them.
+        crew: The workers.
         order: What they are of.
         trials: In the order of running.
         waiting: Called again and again meanwhile.
 
     Raises:
-        JobsError: workers die of it, or nobody hands out work any more.
+        JobsError: workers die of it, or the scheduler is gone.
     """
     left = deque(trials)
     given: deque[tuple[Future[RunPart], list[Trial]]] = deque()
@@ -294,7 +294,7 @@ def parts(
                 continue
             try:
                 part = future.result()
-            except CancelledError:  # by nobody here
+            except CancelledError:  # not by this program
                 raise JobsError(
                     "the scheduler is gone, and what it had been given with it; start it again, then: run.py resume"
                 ) from None
@@ -336,7 +336,7 @@ def in_parts(
     """A campaign that a crew runs.
 
     Args:
-        crew: Who.
+        crew: The workers.
         profile: Of the campaign.
         plan: What is run.
         console: The person's side.

@@ -34,7 +34,7 @@ class Shown(Settings):
 
 
 class ProfileParts(Settings):
-    """What a profile of parts says."""
+    """The content of a profile of parts."""
 
     title: str
     """Of the report."""
@@ -52,12 +52,12 @@ class ProfileParts(Settings):
 
     @property
     def tried(self) -> Sequence[Sequence[str]]:
-        """The arguments of each run that say which trials of which profile: what other verbs take as well."""
+        """The arguments of each run that select profile and trials: other verbs take them as well."""
         return [_trials_of(run_context(arguments)) for arguments in self.runs]
 
 
 def parts_of(name_or_path: str) -> ProfileParts | None:
-    """What a profile of parts says; None for a profile of trials.
+    """The content of a profile of parts; None for a profile of trials.
 
     Raises:
         ProfileError: no such profile, or a mistake in it.
@@ -97,14 +97,14 @@ def _mistake(part: str) -> str:
     """Why nothing can be run by a part's line; "" where it can."""
     try:
         arguments = shlex.split(part)
-        refused = [word for word in arguments if word.partition("=")[0] in NOT_OF_A_PART]
+        refused = [argument for argument in arguments if argument.partition("=")[0] in NOT_OF_A_PART]
         if refused:
             return f"a part has no {refused[0]}"
         if "parts" in read_source(run_context(arguments).params["profile"]).data:
             return "has parts itself; name those here"
     except (ValueError, click.ClickException) as error:  # a ProfileError is one as well
-        said = error.format_message() if isinstance(error, click.ClickException) else str(error)
-        return f"{said[:1].lower()}{said[1:].rstrip('.')}"
+        reason = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        return f"{reason[:1].lower()}{reason[1:].rstrip('.')}"
     return ""
 
 
@@ -124,11 +124,11 @@ def _trials_of(context: click.Context) -> list[str]:
 
 
 def begin(name: str, parts: ProfileParts, common: Sequence[str], out: Path) -> RunFolder:
-    """Make the folder of a campaign of parts; its manifest says what is to be run.
+    """Make the folder of a campaign of parts; its manifest lists the runs.
 
     Args:
         name: Of the profile.
-        parts: What it says.
+        parts: Its content.
         common: Arguments of every run, behind its own.
         out: Folder of all runs.
 
@@ -155,7 +155,7 @@ def carry_on(
     resume: click.Command,
     workers: Sequence[str],
     crew: Crew,
-    say: Callable[[str], None],
+    show: Callable[[str], None],
 ) -> int:
     """Run the parts of a campaign that are not done; what was begun goes on.
 
@@ -165,14 +165,14 @@ def carry_on(
         resume: Likewise.
         workers: Arguments of both: where trials are run.
         crew: These workers; they stay from part to part.
-        say: Shows a line.
+        show: Prints a line.
 
     Returns:
         The exit code of the first part that did not end well; the parts behind it are not begun.
     """
     parts, begun = folder.read_manifest()["parts"], folder.runs
     for number, arguments in enumerate(parts):
-        say(f"[{number + 1}/{len(parts)}] {' '.join(arguments)}")
+        show(f"[{number + 1}/{len(parts)}] {' '.join(arguments)}")
         verb, first = (resume, [str(begun[number].path)]) if number < len(begun) else (run, arguments)
         code = verb.main(
             [*first, "--out", str(folder.path), "--no-report", *workers],

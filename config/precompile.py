@@ -1,4 +1,4 @@
-"""Compiles what the shipped profiles need, so that nobody waits for it later: `python -m config.precompile`."""
+"""Compiles what the shipped profiles need, so that no run has to wait for it: `python -m config.precompile`."""
 
 from collections.abc import Iterator
 from contextlib import closing

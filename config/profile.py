@@ -42,7 +42,7 @@ class Profile:
         plant: The physics, None on hardware.
         faults: What goes wrong on purpose, each of the table's class for it.
         trial_settings: Which trials.
-        source: The files, and what they say together.
+        source: The files and their joined content.
     """
 
     name: str
@@ -185,7 +185,7 @@ def load_profile(
 
     Args:
         name_or_path: A name under config/profiles (`mock/transient`), or the path of a TOML file.
-        overrides: `{"limits.force_n": "1.5"}`: TOML values, or plain words; applied last.
+        overrides: `{"limits.force_n": "1.5"}`: TOML values, or plain text; applied last.
         table: Which settings class validates what.
         rows: Trials from elsewhere, in place of the profile's list and grid; nested or dotted factors.
         labels: Where each of these rows stands, for errors.

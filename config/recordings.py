@@ -143,7 +143,7 @@ def _in_run(
     if len(recorded) > 1:
         names = " or ".join(sorted(recorded))
         raise ReplayError(
-            f"{path}: {len(recorded)} detectors of kind {asked} in trial {recording.trial}; say --detector {names}"
+            f"{path}: {len(recorded)} detectors of kind {asked} in trial {recording.trial}; choose --detector {names}"
         )
     return _split(path, next(iter(recorded.values()))) if recorded else (asked, {})
 
@@ -173,7 +173,7 @@ def _was_recorded(path: Path, table: Mapping[str, Any], recording: TrialRecordin
 
 
 def _chain_settings(detector: EnvelopeDetector, given: Mapping[str, str]) -> IqSettings:
-    """Settings of the chain before a detector: its drive is the one that the detector believes in."""
+    """Settings of the chain before a detector: its drive must be the one that the detector is set to."""
     drive_hz = getattr(getattr(detector, "settings", None), "drive_hz", None)
     values = {key: given_value(f"--set {CHAIN}{key}", text) for key, text in given.items()}
     if drive_hz is not None and values.setdefault("drive_hz", drive_hz) != drive_hz:

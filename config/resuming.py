@@ -60,5 +60,5 @@ def differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     """Settings that are not the same, "key: before → after" each; "" where all are."""
     old, new = dict(flatten(before)), dict(flatten(after))
     keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
-    said = [f"{key}: {old.get(key, 'absent')} → {new.get(key, 'absent')}" for key in keys[:SHOWN]]
-    return ", ".join([*said, *(["…"] if len(keys) > SHOWN else [])])
+    changes = [f"{key}: {old.get(key, 'absent')} → {new.get(key, 'absent')}" for key in keys[:SHOWN]]
+    return ", ".join([*changes, *(["…"] if len(keys) > SHOWN else [])])

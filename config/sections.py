@@ -48,7 +48,7 @@ DRIVE = "drive_hz"
 """Setting by this name of a behavior, a signal or a detector is the frequency with which the transducers are driven."""
 
 REST = "baseline_s"
-"""Setting by this name of a behavior is how long it listens at rest before it moves."""
+"""Setting by this name of a behavior is how long it rests, with its detectors armed, before it moves."""
 
 HOME_SPEED = "home_speed_m_s"
 """Setting by this name of a device is the speed of its `Home`, which no command carries and so no guard can see."""
@@ -207,10 +207,10 @@ class Sections:
         for section, name, settings in listeners:
             own_hz = getattr(settings, DRIVE, driven_hz)
             if driven_hz is not None and own_hz != driven_hz:
-                said = (
+                mistake = (
                     f" = {shown(own_hz)}: [behavior] has {DRIVE} = {shown(driven_hz)}; write the same in both"
                 )
-                self._complain((section, name), DRIVE, said)
+                self._complain((section, name), DRIVE, mistake)
         self._check_rest(behavior, signals, detectors)
 
     def _check_rest(
@@ -227,12 +227,12 @@ class Sections:
             silent_s = getattr(signals[signal].settings, "silent_s", 0.0) if signal in signals else 0.0
             if baseline_s is None or learn_s is None or not silent_s or baseline_s >= silent_s + learn_s:
                 continue
-            said = (
+            mistake = (
                 f" = {shown(baseline_s)}: [signals.{signal}] tracks for {silent_s:.2f} s before it gives anything, and"
                 f" [detectors.{name}] learns for {learn_s:g} s; make it"
                 f" {math.ceil(100.0 * (silent_s + learn_s)) / 100.0:g} or longer"
             )
-            self._complain(("behavior",), REST, said)
+            self._complain(("behavior",), REST, mistake)
 
     def check_home(self, devices: Mapping[str, DeviceEntry], limits: Settings | None) -> None:
         """Limits are of movers that there are; `Home` must not be faster than the guard lets its other motions be."""
@@ -245,8 +245,8 @@ class Sections:
             most_m_s = getattr(movers.get(name, limits), "speed_m_s", None)
             home_m_s = getattr(entry.settings, HOME_SPEED, None)
             if most_m_s is not None and home_m_s is not None and home_m_s > most_m_s:
-                said = f" = {shown(home_m_s)}: faster than [limits] speed_m_s = {shown(most_m_s)}; lower it to that"
-                self._complain(("devices", name), HOME_SPEED, said)
+                mistake = f" = {shown(home_m_s)}: faster than [limits] speed_m_s = {shown(most_m_s)}; lower it to that"
+                self._complain(("devices", name), HOME_SPEED, mistake)
 
     def part(self, name: str) -> Settings | None:
         """Settings of the guard (`limits`) or of the `loop`."""
@@ -369,7 +369,7 @@ class Sections:
         return None
 
     def _settings(self, model: type[Settings], table: Table, path: KeyPath) -> Settings | None:
-        """Settings whose class somebody else wrote: it need not know the keys that chose it."""
+        """Settings of a class that may be the user's own: it need not have the keys that chose it."""
         own = {
             key: value for key, value in table.items() if key not in _NAMED_ABOVE or key in model.model_fields
         }
@@ -424,7 +424,7 @@ class Sections:
         key = names.pop() if location else ""
         section = f"[{'.'.join(names)}]" if names else ""
         file = self._source.origin((*path, *location))
-        return " ".join(word for word in (f"{file}:", section, key) if word)
+        return " ".join(part for part in (f"{file}:", section, key) if part)
 
 
 def referred(field: FieldInfo) -> set[str]:

@@ -1,4 +1,4 @@
-"""Profile files: finding them, joining what they extend, and knowing which file said what.
+"""Profile files: finding them, joining what they extend, and tracking which file gave each value.
 
 Nothing here knows what the keys mean, and nothing heavy is imported: `run.py list` stays quick.
 """
@@ -23,7 +23,7 @@ Bench = Literal["mock", "emulated", "hardware"]
 Table = dict[str, Any]
 KeyPath = tuple[str, ...]
 
-TOO_DEEP = "tables and lists are nested deeper than anybody means; a profile has four levels"
+TOO_DEEP = "tables and lists are nested too deep; a profile has four levels"
 
 ABSENT = "none"
 """What a device is that a bench does not have, though one that it extends has it."""
@@ -47,7 +47,7 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True)
 class Source:
-    """What a profile's files say together.
+    """The joined content of a profile's files.
 
     Attributes:
         name: `mock/transient`, or the path that was asked for.
@@ -64,7 +64,7 @@ class Source:
     folders: tuple[Path, ...] = ()
 
     def origin(self, path: KeyPath) -> str:
-        """The file that gave a value, or for what is missing the last one to say anything around it."""
+        """The file that gave a value; for a missing one, the last file to give anything around it."""
         while path:
             if path in self.origins:
                 return self.origins[path]
@@ -80,7 +80,7 @@ class Source:
         return replace(self, data=_join(self.data, top, (), label, origins), origins=origins)
 
     def with_rows(self, rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> Source:
-        """This source with trials from elsewhere in place of its own; `labels` say where each stands."""
+        """This source with trials from elsewhere in place of its own; `labels` are their places."""
         trials = self.data.get("trials")
         kept = trials if isinstance(trials, dict) else {}
         asked = {key: kept[key] for key in ("order", "repeats") if key in kept}
@@ -187,7 +187,7 @@ def given_value(dotted: str, text: str) -> Any:
 
 
 def toml_value(text: str) -> Any:
-    """A TOML value, or the text itself where it is none, so that words need no quotes."""
+    """A TOML value, or the text itself where it is none, so that text needs no quotes."""
     try:
         parsed = tomllib.loads(f"value = {text}")
     except RecursionError:
@@ -290,7 +290,7 @@ def _join(
             _forget(origins, here)
             before = {}
         joined[key] = _join(before, value, here, label, origins)
-        if not value:  # a table that says nothing has been written all the same
+        if not value:  # an empty table counts as written
             origins[here] = label
     return joined
 

@@ -15,11 +15,11 @@ _COMMENT_COLUMN = 42
 
 
 def to_toml(table: Mapping[str, Any], origin: Callable[[KeyPath], str]) -> str:
-    """A profile file that says the same as the table.
+    """A profile file equivalent to the table.
 
     Args:
         table: Nested tables, as `Profile.resolved` gives them.
-        origin: Says for the path of a value where it came from; becomes its comment.
+        origin: Gives the source of the value at a path; it becomes the value's comment.
     """
     return "\n".join(_lines(table, (), origin)).strip() + "\n"
 

@@ -25,7 +25,7 @@ Factor = str | bool | int | float
 
 def _plain(value: Any) -> Any:
     if not isinstance(value, Factor):
-        raise ValueError("must be a number, a word, true or false")
+        raise ValueError("must be a number, text, true or false")
     return value
 
 
@@ -155,7 +155,7 @@ def distinct(trials: Sequence[Trial]) -> list[Trial]:
 def read_csv(path: str | Path) -> tuple[list[dict[str, Factor]], list[str]]:
     """Rows of factors from a CSV file whose header names them.
 
-    A cell that reads as a number is one; `true` and `false` are truth values, anything else is a word.
+    A cell that reads as a number is one; `true` and `false` are truth values, anything else is text.
 
     Returns:
         The rows, and for each where it stands, for errors.
@@ -208,15 +208,15 @@ def _row(label: str, header: Sequence[str], cells: Sequence[str]) -> dict[str, F
 
 
 def _cell(label: str, text: str) -> Factor:
-    word = text.strip()
-    if not word:
+    cell = text.strip()
+    if not cell:
         raise ProfileError(f"{label}: empty; every trial needs a value")
-    if word in ("true", "false"):
-        return word == "true"
+    if cell in ("true", "false"):
+        return cell == "true"
     try:
-        number = float(word)
+        number = float(cell)
     except ValueError:
-        return word
+        return cell
     if not math.isfinite(number):
-        raise ProfileError(f"{label} = {word}: must be finite")
-    return int(word) if word.lstrip("+-").isdecimal() and word.isascii() else number
+        raise ProfileError(f"{label} = {cell}: must be finite")
+    return int(cell) if cell.lstrip("+-").isdecimal() and cell.isascii() else number

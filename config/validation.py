@@ -1,4 +1,4 @@
-"""From what a settings class refuses to one line that says where and what to do."""
+"""From the refusal of a settings class to one line with the place and the remedy."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from config.source import KeyPath
 S = TypeVar("S", bound=BaseModel)
 
 NONE = "none"
-"""How a profile writes None, for which TOML has no word; only where a setting can be None."""
+"""How a profile writes None, which TOML does not have; only where a setting can be None."""
 
 Where = Callable[[KeyPath, KeyPath], str]
-"""Says, for the path of a table and a place in it (empty: the table itself), where somebody wrote it."""
+"""Gives, for the path of a table and a place in it (empty: the table itself), where it was written."""
 
 _TYPES = {
     "float": "a number",
@@ -46,7 +46,7 @@ def validated(
         model: The settings class.
         table: Keys and values as TOML gives them.
         path: Where the table stands in the profile, for `where`.
-        where: Says where a key was written, or is missing.
+        where: Gives the place where a key was written, or is missing.
         problems: Grows by one line for each thing that is wrong.
 
     Returns:
@@ -56,10 +56,10 @@ def validated(
         key: None if value == NONE and _may_be_none(model, key) else value for key, value in table.items()
     }
     try:
-        # As JSON, because strict settings take a list for a tuple and a word for an Enum from text alone.
+        # As JSON, because only from JSON do strict settings take a list for a tuple and text for an Enum.
         return model.model_validate_json(json.dumps(given))
     except ValidationError as error:
-        # A key that nobody knows explains one that is missing, so it comes first.
+        # An unknown key explains a missing one, so it comes first.
         for found in sorted(error.errors(include_url=False), key=lambda found: found["type"] == "missing"):
             location = tuple(str(part) for part in found["loc"])
             problems.append(f"{where(path, location)}{_reason(model, location, found)}")
@@ -75,7 +75,7 @@ def as_table(settings: BaseModel) -> dict[str, Any]:
 
 
 def _without_none(value: Any) -> Any:
-    """A table in a table leaves out what is None: there it is the default, and TOML has no word for it."""
+    """A table in a table leaves out what is None: there it is the default, and TOML has no null."""
     if not isinstance(value, dict):
         return value
     return {key: _without_none(leaf) for key, leaf in value.items() if leaf is not None}
@@ -136,7 +136,7 @@ def _table(model: type[BaseModel], location: KeyPath) -> type[BaseModel] | None:
 
 
 def _described(model: type[BaseModel], location: KeyPath) -> str:
-    """What the text below a field says, read from its source: for all fields at every start that takes 0.1 s."""
+    """The text below a field, read from its source: for all fields at every start that takes 0.1 s."""
     here = _table(model, location[:-1])
     for known in here.__mro__ if here else ():
         if text := _texts(known).get(location[-1]):

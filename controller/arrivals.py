@@ -40,7 +40,7 @@ class Arrivals:
         self._moves_since_s: float | None = None
 
     def know_streams(self, infos: Mapping[str, StreamInfo], sources: Mapping[str, Sequence[str]]) -> None:
-        """Know the streams: what their devices say of them, and of which others a signal is made."""
+        """Register the streams: their descriptions, and of which others a signal is made."""
         self._infos, self._sources = infos, sources
 
     def depend(self, urgent: frozenset[str]) -> None:
@@ -61,7 +61,7 @@ class Arrivals:
             t_s: Bench time of the turn.
             blocks: What arrived in it.
             moving: Whether any mover may be moving.
-            late_s: How much later than planned the turn began: a loop that was away has asked nobody.
+            late_s: How much later than planned the turn began: a late loop polled no device.
 
         Returns:
             Which device no longer sends what it should, and why; None while all arrives.
@@ -82,27 +82,27 @@ class Arrivals:
     def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
         """Until when nothing is silent in turns that are seen as one: as far as `t_s` where that is infinite.
 
-        A turn hears of a sample a little later than it is taken: half of what is allowed is left for that.
+        A sample reaches its turn a little later than it is taken: half of what is allowed is left for that.
 
         Args:
             t_s: Bench time of the last of the turns.
             blocks: What arrived in them.
         """
-        heard: dict[str, list[SampleBlock]] = {}
+        arrived: dict[str, list[SampleBlock]] = {}
         for block in blocks:
             if len(block):
-                heard.setdefault(block.stream, []).append(block)
+                arrived.setdefault(block.stream, []).append(block)
         whole_s = math.inf
         for stream, seen_s in self._seen_s.items():
             since_s, limit_s, _ = self._limit_s(stream, seen_s)
             if limit_s < math.inf:
-                whole_s = min(whole_s, _within(since_s, limit_s / 2.0, heard.get(stream, ()), t_s))
+                whole_s = min(whole_s, _within(since_s, limit_s / 2.0, arrived.get(stream, ()), t_s))
         return whole_s
 
     def _limit_s(self, stream: str, seen_s: float) -> tuple[float, float, bool]:
         """Since when a stream is silent, how long it may be, and whether a late loop counts."""
         if self._moves_since_s is not None and stream in self._urgent:
-            # One that nobody needed before the motion is not stale, it is about to start.
+            # A stream that was not needed before the motion is not stale, it is about to start.
             return max(seen_s, self._moves_since_s), self._stale_s, True
         return seen_s, self._patience_s(stream), False
 
@@ -110,11 +110,11 @@ class Arrivals:
         for stream, seen_s in self._seen_s.items():
             since_s, limit_s, urgent = self._limit_s(stream, seen_s)
             if t_s - since_s - (0.0 if urgent else late_s) > limit_s:
-                said = (
+                reason = (
                     f"{self._named(stream)} is silent for {t_s - seen_s:.3f} s, since {seen_s:.3f} s"
                     f" (limits.stale_s = {self._stale_s:g}); {REMEDY}"
                 )
-                return Failed(t_s, self._device(stream), said)
+                return Failed(t_s, self._device(stream), reason)
         return None
 
     def _patience_s(self, stream: str) -> float:
@@ -145,12 +145,12 @@ class Arrivals:
         if until_s - since_s <= self._stuck_s:
             return None
         stuck = block.physical[changes[longest - 1] if longest else 0]
-        said = (
+        reason = (
             f"{block.stream} sticks at {', '.join(f'{value:.6g}' for value in stuck[:3])} {info.unit}"
             f" for {until_s - since_s:.3f} s, since {since_s:.3f} s (limits.stuck_s = {self._stuck_s:g}):"
             f" no sensor is so quiet; {REMEDY}"
         )
-        return Failed(last_s, self._device(block.stream), said)
+        return Failed(last_s, self._device(block.stream), reason)
 
     def _named(self, stream: str) -> str:
         made_of = self._sources.get(stream)

@@ -52,11 +52,11 @@ class TrialPlan:
     Attributes:
         trial: Its number.
         factors: Flat, in the order of the columns.
-        scene: What a simulated bench is told.
+        scene: The settings of a simulated bench.
         behavior: Fresh, in its initial state.
         detectors: Fresh, by name.
         guard: With the trial's limits.
-        signals: Fresh; what can be heard beside the devices' own streams.
+        signals: Fresh; what is computed from the devices' own streams.
         measure: From evidence and the behavior's outcome to the final outcome and the row.
     """
 
@@ -87,8 +87,8 @@ class CampaignPlan:
         loop: Rates.
         roles: Which device does what, for reports.
         signals: What comes out of the signals, by stream.
-        telling: Columns that say most, for who watches.
-        asked: What the command line said: the profile, `set`, `trials` and `only`, for who resumes the run.
+        leading: The most informative columns, to be shown first.
+        asked: The command line: the profile, `set`, `trials` and `only`, for resuming the run.
         own: Modules of the user's own that the profile names: their folder and the SHA-256 of their files.
     """
 
@@ -105,7 +105,7 @@ class CampaignPlan:
     roles: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, StreamInfo] = field(default_factory=dict)
     asked: Mapping[str, Any] = field(default_factory=dict)
-    telling: Sequence[str] = ()
+    leading: Sequence[str] = ()
     own: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
@@ -130,9 +130,9 @@ class Console(LoopOperator, Protocol):
         """After the last."""
 
 
-def foremost(row: Mapping[str, Any], telling: Sequence[str]) -> dict[str, Any]:
-    """A row with what says most before the rest; nothing where it is not there."""
-    return {name: row[name] for name in telling if name in row} | dict(row)
+def foremost(row: Mapping[str, Any], leading: Sequence[str]) -> dict[str, Any]:
+    """A row with its leading columns first; columns that it does not have are left out."""
+    return {name: row[name] for name in leading if name in row} | dict(row)
 
 
 @runtime_checkable
@@ -239,12 +239,14 @@ class Campaign:
             line = f"{line}; NOT seen standing still: {', '.join(self._unstill)}: look at the bench"
         elif status == "aborted":
             line = f"{line}: the bench is still"
-        warnings = [told["warning"] for told in self._manifest["signals"].values() if "warning" in told]
+        warnings = [
+            account["warning"] for account in self._manifest["signals"].values() if "warning" in account
+        ]
         line = "; ".join(part for part in (line, *warnings) if part)
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
         if counted:
             line = f"{line} ({counted})" if line else counted
-        with suppress(Exception):  # whoever wants them has the recording
+        with suppress(Exception):  # the recording has them all
             from controller.recording.layouts import write_layouts
 
             write_layouts(folder.recordings[-1])
@@ -286,7 +288,7 @@ class Campaign:
             gc.unfreeze()
             try:
                 self._close()
-            finally:  # last: a device may have to be let go of in time, a disk may take long
+            finally:  # last: a device may have to be released in time, a disk may take long
                 if recorder is not None:
                     for attached in self._attached():
                         recorder.attach(*attached)
@@ -295,13 +297,13 @@ class Campaign:
     def _attached(self) -> Iterator[tuple[str, bytes]]:
         """For the recording: the profile as it is resolved, and the manifest as it is before the run's end is known."""
         profile = self._manifest["profile"]["resolved"]
-        for name, told in (("profile.json", profile), ("manifest.json", self._manifest)):
-            yield name, json.dumps(told, indent=2, default=str).encode()
+        for name, document in (("profile.json", profile), ("manifest.json", self._manifest)):
+            yield name, json.dumps(document, indent=2, default=str).encode()
 
     def _close(self) -> None:
-        """Let go of every device, then of the bench; each whatever became of the others."""
+        """Close every device, then the bench; each even where another one fails."""
         for name, device in self._rig.devices.items():
-            if name in self._manifest["devices"]:  # while the link is there to be asked about
+            if name in self._manifest["devices"]:  # while the link can still be queried
                 with suppress(Exception):
                     self._manifest["devices"][name]["link"] = dict(device.account())
         for device in self._rig.devices.values():
@@ -326,7 +328,7 @@ class Campaign:
             self._console.trial_started(trial.trial, trial.factors)
             outcome, reason, row, length_s = self._trial(trial, recorder, infos, offset_s)
             offset_s += length_s
-            self._console.trial_ended(trial.trial, outcome, foremost(row, self._plan.telling))
+            self._console.trial_ended(trial.trial, outcome, foremost(row, self._plan.leading))
             if outcome in _EXIT_OF_OUTCOME:
                 code = _EXIT_OF_OUTCOME[outcome]
                 status = "failed" if outcome == "aborted" else outcome
@@ -452,9 +454,9 @@ class Campaign:
         for stream, samples in account.lost.items():
             self._manifest["loss"][stream] = self._manifest["loss"].get(stream, 0) + samples
         for signal in signals:
-            told = signal.account() if isinstance(signal, Accountable) else {}
-            if told:  # a short trial tells nothing, and takes nothing back
-                self._manifest["signals"][signal.name] = dict(told)
+            watched = signal.account() if isinstance(signal, Accountable) else {}
+            if watched:  # a short trial reports nothing, and withdraws nothing
+                self._manifest["signals"][signal.name] = dict(watched)
 
     def _first_manifest(self, started: datetime) -> dict[str, Any]:
         plan = self._plan
@@ -497,7 +499,7 @@ def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -
     """See that a run goes on with the devices that it began with, before anything moves.
 
     Raises:
-        RefusedError: another device; the run's own where it never came to open one says nothing.
+        RefusedError: another device; one that the run never opened is not compared.
     """
     for name, info in infos.items():
         for key in ("model", "serial", "version") if name in before else ():
@@ -528,7 +530,7 @@ PACKAGES = {
     "pyserial": "serial",
     "mcap": "controller.campaign",
 }
-"""Packages whose versions a manifest tells, with the module that says whether one is used; two load later than that."""
+"""Packages whose versions a manifest lists, with the module that shows whether one is used; two load later."""
 
 
 def program(packages: Collection[str] | None = None) -> dict[str, Any]:
@@ -552,7 +554,7 @@ def _commit() -> str:
     """
     here = Path(__file__).resolve().parent.parent
     try:
-        said = subprocess.run(
+        described = subprocess.run(
             ["git", "-C", str(here), "describe", "--always", "--dirty=+", "--abbrev=12"],
             capture_output=True,
             text=True,
@@ -561,4 +563,4 @@ def _commit() -> str:
         )
     except (OSError, subprocess.SubprocessError):
         return ""
-    return said.stdout.strip()
+    return described.stdout.strip()

@@ -61,7 +61,7 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
     Args:
         first: A run with a report.
         second: Likewise.
-        lines: What `compared` says of them.
+        lines: The output of `compared`.
 
     Raises:
         RecordingError: it cannot be written.
@@ -77,9 +77,9 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
     tables = _tables(first, second) if first.trials and second.trials else []
     page = environment().get_template("compare.html.j2")
     try:
-        others = [line for line in lines if ", n = " not in line]  # what the table has is not said twice
-        told = page.render(names=names, lines=others, figures=figures, tables=tables, kind_of=None)
-        path.write_text(told, "utf-8")
+        others = [line for line in lines if ", n = " not in line]  # those with n are in the table
+        html = page.render(names=names, lines=others, figures=figures, tables=tables, kind_of=None)
+        path.write_text(html, "utf-8")
     except OSError as error:
         raise RecordingError(path, "writing", error) from error
     return path
@@ -133,7 +133,7 @@ def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
 
 
 def _factors(first: Run, second: Run) -> list[str]:
-    """The columns that say what was varied in both."""
+    """The columns of what was varied in both."""
     varied = [set(_varied(run)) for run in (first, second)]
     return [name for name in first.table.columns if name in varied[0] & varied[1]]
 

@@ -32,21 +32,21 @@ DIGITS = 4
 """Significant digits of a number for the eye: a sensor here has three that mean something."""
 
 _EXPONENT = re.compile(r"e(?:\+|(-))0*")
-"""What an exponent has of signs and zeros that say nothing: `6.323e-05` is `6.323e-5`."""
+"""Sign and zeros of an exponent that carry no information: `6.323e-05` is `6.323e-5`."""
 
 
 class ConsoleOperator:
     r"""Ctrl+C, `kill` and the Enter key, as the loop asks for them at every turn.
 
     On a terminal the first Ctrl+C pauses and the second aborts, while Enter goes on with what is paused.
-    Without a terminal nobody could press Enter, so the first one aborts, as `kill` and a closed terminal always
+    Without a terminal Enter cannot be pressed, so the first one aborts, as `kill` and a closed terminal always
     and Ctrl+\ always do. Ctrl+Z pauses as well, and suspends the program once the loop has seen everything stand still;
-    where somebody lets it go on, it is paused yet (without a terminal, where nobody could press Enter, that is the word
-    to go on). A signal sets a flag and no more: nothing is interrupted in the middle, the loop stops what moves. In the
+    when it is continued, it is still paused (without a terminal, where Enter cannot be pressed, it also resumes).
+    A signal sets a flag and no more: nothing is interrupted in the middle, the loop stops what moves. In the
     background the keyboard is not read, so that nothing there can suspend a program whose bench moves.
 
     Where a device asks the person for something, Enter answers it, as long as nothing is paused; what was pressed
-    before the question came up counts for nothing.
+    before the question came up is ignored.
 
     Use as a context manager; the handlers from before are put back at its end.
 
@@ -104,14 +104,14 @@ class ConsoleOperator:
             self._forget_keys()
             return "pause"
         if not self._paused:
-            self._hear_answer()
+            self._read_answer()
         elif self._line_typed() is not None:
             self._paused = False
             return "resume"
         return None
 
     def suspend(self) -> None:
-        """Suspend the program until somebody lets it go on; nothing may be moving."""
+        """Suspend the program until it is continued; nothing may be moving."""
         self._show_keys()
         # this thread's own signal: it goes no instruction farther
         signal.pthread_kill(get_ident(), signal.SIGSTOP)
@@ -119,22 +119,22 @@ class ConsoleOperator:
         self._forget_keys()
         self._go_on = not self._interactive
 
-    def press(self, word: str) -> None:
-        """What somebody wants who is not at this keyboard, told by any thread: "pause", "resume" or "stop".
+    def press(self, command: str) -> None:
+        """A command from elsewhere, on any thread: "pause", "resume" or "stop".
 
         A stop is latched: the run ends by it, and another act begins the next.
         """
-        self._abort |= word == "stop"
-        self._pause |= word == "pause" and not self._paused
-        self._go_on |= word == "resume" and self._paused
+        self._abort |= command == "stop"
+        self._pause |= command == "pause" and not self._paused
+        self._go_on |= command == "resume" and self._paused
 
     def reply(self, number: int, done: bool) -> None:
-        """Somebody's answer to the question of that number, told by any thread."""
+        """An answer from elsewhere, on any thread, to the question of that number."""
         self._reply = number, done
 
     @property
     def stopped(self) -> bool:
-        """Whether the run ends by somebody's word."""
+        """Whether the run was stopped from elsewhere."""
         return self._abort
 
     @property
@@ -196,7 +196,7 @@ class ConsoleOperator:
             return True
 
     def _forget_keys(self) -> None:
-        """An Enter from before the pause is no word to go on."""
+        """An Enter from before the pause does not resume."""
         if self._in_foreground():
             import termios
 
@@ -215,7 +215,7 @@ class ConsoleOperator:
         except OSError:
             typed = b""
         if not typed:
-            self._abort = True  # The terminal is gone, and with it whoever could go on.
+            self._abort = True  # The terminal is gone, and with it the only way to resume.
             return None
         return typed.decode(errors="replace").strip().lower()
 
@@ -226,8 +226,8 @@ class ConsoleOperator:
                 return device, question
         return None
 
-    def _hear_answer(self) -> None:
-        """Enter answers a question that has been put; any other word than no is a slip of the finger."""
+    def _read_answer(self) -> None:
+        """Enter answers a question that has been put; any other text than no is a slip of the finger."""
         asked = self._open_question()
         new, self._put = asked != self._put, asked
         reply, self._reply = self._reply, None
@@ -246,32 +246,32 @@ class ConsoleOperator:
 
 
 class _Printer:
-    """Says lines on a thread of its own: whoever reads them and takes nothing holds up that thread, and nobody else.
+    """Prints lines on a thread of its own: a reader that takes nothing holds up that thread and no other.
 
     Args:
-        say: Takes each line; where it raises `OSError`, the reader has left, and nothing more is said.
+        show: Prints a line; where it raises `OSError`, the reader has left, and nothing more is printed.
     """
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
+    def __init__(self, show: Callable[[str], None]) -> None:
+        self._show = show
         self._lines: SimpleQueue[str | None] = SimpleQueue()
         # A thread that is held up may outlive the campaign, but not the program.
         self._thread = Thread(target=self._run, name="printer", daemon=True)
         self._thread.start()
 
-    def say(self, line: str) -> None:
+    def print(self, line: str) -> None:
         """Hand over a line. Never waits, never raises."""
         self._lines.put(line)
 
     def end(self) -> None:
-        """Say what is left; a reader that takes nothing is waited for no longer than `LAST_S`."""
+        """Print what is left; a reader that takes nothing is waited for no longer than `LAST_S`."""
         self._lines.put(None)
         self._thread.join(LAST_S)
 
     def _run(self) -> None:
         with suppress(OSError):
             while (line := self._lines.get()) is not None:
-                self._say(line)
+                self._show(line)
 
 
 LINES = 24
@@ -286,27 +286,27 @@ class PlainConsole:
 
     Args:
         operator: Who may interrupt.
-        say: Takes each line, on a thread of its own.
+        show: Prints a line, on a thread of its own.
         first: Line to begin with; empty for none.
     """
 
-    def __init__(self, operator: ConsoleOperator, say: Callable[[str], None], first: str = "") -> None:
+    def __init__(self, operator: ConsoleOperator, show: Callable[[str], None], first: str = "") -> None:
         self._operator = operator
         self._question: Question | None = None
-        self._printer = _Printer(say)
-        self._say = self._printer.say
+        self._printer = _Printer(show)
+        self._print = self._printer.print
         self._first = first
         self._trials = 0
         self._begun = 0
         self._factors = ""
 
     def poll(self) -> str | None:
-        """Asks the operator, and says what a device asks of them."""
+        """Polls the operator, and prints the question of a device."""
         question = self._operator.question
         if question != self._question:
             self._question = question
             if question is not None:
-                self._say(question.text)
+                self._print(question.text)
         return self._operator.poll()
 
     def suspend(self) -> None:
@@ -314,38 +314,38 @@ class PlainConsole:
         self._operator.suspend()
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
-        """Says what is run, and where it goes."""
+        """Prints what is run, and where it goes."""
         self._trials = trials
         if self._first:
-            self._say(self._first)
-        self._say(f"{title}: {trials} trial{'s' * (trials != 1)} into {folder}")
+            self._print(self._first)
+        self._print(f"{title}: {trials} trial{'s' * (trials != 1)} into {folder}")
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
-        """Nothing is said before there is a result."""
+        """Nothing is printed before there is a result."""
         self._begun += 1
         self._factors = " ".join(f"{name}={figure(value)}" for name, value in factors.items())
 
     def state(self, name: str, t_s: float) -> None:
         """Only a pause is worth a line."""
         if name == PAUSED:
-            self._say("paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts")
+            self._print("paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts")
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
-        """Says what came out, where it is this trial's turn."""
+        """Prints the result, where it is this trial's turn."""
         shown = self._begun in (1, self._trials) or self._begun % -(-self._trials // LINES or 1) == 0
         if not shown and outcome not in INTERRUPTED:
             return
-        results = " ".join(f"{name}={figure(value)}" for name, value in telling(row).items())
+        results = " ".join(f"{name}={figure(value)}" for name, value in key_results(row).items())
         place = f"[{self._begun}/{self._trials}]"
-        self._say(f"{place} trial {trial} {self._factors}: {outcome.replace('_', ' ')} {results}".rstrip())
+        self._print(f"{place} trial {trial} {self._factors}: {outcome.replace('_', ' ')} {results}".rstrip())
 
     def campaign_ended(self, line: str) -> None:
-        """The exit says the rest."""
+        """The exit prints the rest."""
         self._printer.end()
 
 
-def telling(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The results of a row that are shown, by column: the first ones, which the experiment's measure has put there."""
+def key_results(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The results of a row that are shown, by column: the first ones, as the experiment's measure orders them."""
     return dict(islice(row.items(), RESULTS))
 
 

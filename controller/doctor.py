@@ -33,22 +33,22 @@ TURN_S = 0.01
 
 @dataclass(frozen=True)
 class Finding:
-    """One line about the bench, and whether what it says is as it should be."""
+    """One line about the bench, and whether it is good."""
 
     sound: bool
     line: str
 
 
 @dataclass
-class _Heard:
-    """What came from the bench while it was listened to."""
+class _Received:
+    """What the bench sent while it was read."""
 
     blocks: dict[str, list[SampleBlock]] = field(default_factory=dict)
     statuses: list[Status] = field(default_factory=list)
 
 
 def compare(rig: Rig, trials: Iterable[TrialPlan]) -> Iterator[Finding]:
-    """Open every device and close it again: a line for each stream that a trial or its guard wants and nobody sends.
+    """Open every device and close it again: a line for each stream that a trial or its guard needs and no device sends.
 
     Args:
         rig: The bench, closed.
@@ -67,7 +67,7 @@ def compare(rig: Rig, trials: Iterable[TrialPlan]) -> Iterator[Finding]:
 def examine(rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = ()) -> Iterator[Finding]:
     """Open every device, read each of its streams for a second, close all; nothing is moved or excited.
 
-    A device that does not open is told of, and the others are looked at all the same.
+    A device that does not open is reported, and the others are examined all the same.
 
     Args:
         rig: The bench, closed.
@@ -81,12 +81,12 @@ def examine(rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = ()) -> It
                 infos[name] = device.open()
             except DeviceError as error:
                 yield Finding(False, str(error))
-        heard = _listen(rig, scene, infos)
+        received = _listen(rig, scene, infos)
         for name, info in infos.items():
             yield _identity(name, info)
             for stream in info.streams.values():
-                yield _reading(stream, heard.blocks.get(stream.name, []))
-            for status in heard.statuses:
+                yield _reading(stream, received.blocks.get(stream.name, []))
+            for status in received.statuses:
                 if status.device == name and isinstance(status, Failed | Lost | Refused | Stalled):
                     yield _trouble(status)
         if infos.keys() == rig.devices.keys():
@@ -98,7 +98,7 @@ def examine(rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = ()) -> It
 
 def _misfits(infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan]) -> Iterator[Finding]:
     streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
-    told = set()
+    reported = set()
     for trial in trials:
         lines = misfits(streams.keys(), trial.behavior, trial.detectors, trial.signals)
         try:
@@ -106,13 +106,13 @@ def _misfits(infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan]) -> It
         except GuardRefusal as refusal:
             lines = [*lines, str(refusal)]
         for line in lines:
-            if line not in told:
-                told.add(line)
+            if line not in reported:
+                reported.add(line)
                 yield Finding(False, line)
 
 
-def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Heard:
-    heard = _Heard()
+def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Received:
+    received = _Received()
     rig.clock.restart()
     rig.begin_trial(scene)
     for name, info in infos.items():
@@ -121,11 +121,11 @@ def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Heard
         rig.clock.wait_until(rig.clock.now() + TURN_S)
         for name in infos:
             for block in rig.devices[name].read():
-                heard.blocks.setdefault(block.stream, []).append(block)
-            heard.statuses += rig.devices[name].poll()
+                received.blocks.setdefault(block.stream, []).append(block)
+            received.statuses += rig.devices[name].poll()
     for name in infos:
         rig.devices[name].apply(Listen(name, frozenset()))
-    return heard
+    return received
 
 
 def _identity(name: str, info: DeviceInfo) -> Finding:
@@ -138,7 +138,7 @@ def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> Finding:
     if not blocks:
         if stream.rate_hz is None:
             return Finding(
-                True, f"    {stream.name}: nothing in {LISTEN_S:g} s; it speaks when something happens"
+                True, f"    {stream.name}: nothing in {LISTEN_S:g} s; it sends when something happens"
             )
         return Finding(False, f"    {stream.name}: silent for {LISTEN_S:g} s; is the sensor plugged in?")
     values = np.concatenate([block.physical for block in blocks])
@@ -147,12 +147,12 @@ def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> Finding:
             False, f"    {stream.name}: reads values that are not finite; is the sensor plugged in?"
         )
     means, spreads = values.mean(axis=0), values.std(axis=0)
-    said = ", ".join(
+    means = ", ".join(
         f"{channel} {mean:.6g} +- {spread:.2g}"
         for channel, mean, spread in zip(stream.channels, means, spreads, strict=True)
     )
     return Finding(
-        True, f"    {stream.name}: {len(values)} samples in {LISTEN_S:g} s, {said} {stream.unit}".rstrip()
+        True, f"    {stream.name}: {len(values)} samples in {LISTEN_S:g} s, {means} {stream.unit}".rstrip()
     )
 
 

@@ -14,11 +14,11 @@ class Experiment(NamedTuple):
 
     Attributes:
         summary: One line for people.
-        behavior: `module:Class` of the state machine, whose parameters say which settings and factors it has.
+        behavior: `module:Class` of the state machine, whose parameters name its settings and factors.
         measures: Module with `COLUMNS` and `measure`.
         report: Module whose `section(runs, figures)` reports it; "" for the standard section of any experiment.
-        pooled: Whether that section is given trials in which a setting of the profile was varied together, and tells
-            them apart by itself.
+        pooled: Whether that section is given trials in which a setting of the profile was varied together, and
+            separates them by itself.
     """
 
     summary: str
@@ -66,7 +66,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         pooled=True,
     ),
     "proximal": Experiment(
-        "approach to either link, and tell by an accelerometer on each which was touched (A4)",
+        "approach to either link, and identify the touched one by an accelerometer on each (A4)",
         "behaviors.transient:Transient",
         "controller.measures.proximal",
         "controller.reports.proximal",
@@ -85,7 +85,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         "controller.reports.static",
     ),
     "tradeoff": Experiment(
-        "approach to a depth: what every threshold on frequency, amplitude and phase would have told (A5)",
+        "approach to a depth: what every threshold on frequency, amplitude and phase would have detected (A5)",
         "behaviors.transient:Transient",
         "controller.measures.tradeoff",
         "controller.reports.tradeoff",

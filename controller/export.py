@@ -107,7 +107,7 @@ def _trials_parquet(run: Run, path: Path) -> Path:
     def column(values: list[Any]) -> pa.Array[Any]:
         try:
             return pa.array(values)
-        except (pa.ArrowInvalid, pa.ArrowTypeError):  # numbers and words
+        except (pa.ArrowInvalid, pa.ArrowTypeError):  # numbers and text
             return pa.array([None if value is None else str(value) for value in values])
 
     names = dict.fromkeys(name for row in run.trials for name in row)
@@ -185,8 +185,11 @@ def _write_bag(run: Run, trial: int, writer: Writer) -> None:
         for number, (t_s, values) in enumerate(zip(series.times_s, series.values, strict=True)):
             t_ns = round(float(t_s) * 1e9)
             stamp = {"sec": t_ns // 1_000_000_000, "nanosec": t_ns % 1_000_000_000}
-            told = {"header": {"stamp": stamp, "frame_id": name}, **message(name, [float(v) for v in values])}
-            writer.write_message(f"/{name.replace('.', '/')}", schemas[kind], told, t_ns, t_ns, number)
+            content = {
+                "header": {"stamp": stamp, "frame_id": name},
+                **message(name, [float(v) for v in values]),
+            }
+            writer.write_message(f"/{name.replace('.', '/')}", schemas[kind], content, t_ns, t_ns, number)
 
 
 def _vector(values: list[float]) -> Message:

@@ -1,4 +1,4 @@
-"""Whether what a trial is to hear is there, asked before anything moves."""
+"""Whether the streams that a trial subscribes to exist, checked before anything moves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from controller.signals.protocol import Signal
 def misfits(
     streams: Set[str], behavior: Behavior, detectors: Mapping[str, Detector], signals: Sequence[Signal] = ()
 ) -> Sequence[str]:
-    """Streams that some state wants to hear and nobody sends; what no state listens to may be as it likes.
+    """Streams that some state subscribes to and nothing sends; streams without a subscriber are not checked.
 
     Args:
         streams: What the open devices send, as `device.stream`.
@@ -22,7 +22,7 @@ def misfits(
         signals: What is made of the devices' streams.
 
     Returns:
-        A line for each, with who asks for it and what there is instead.
+        A line for each, with its subscriber and what there is instead.
     """
     plans = list(behavior.plans.values())
     asked = [
@@ -33,8 +33,8 @@ def misfits(
     asked += [("behavior", stream) for stream in sorted({name for plan in plans for name in plan.measures})]
     made = {signal.info.name: signal for signal in signals}
     found = dict.fromkeys(
-        f"{who} hears {stream}: the bench has no such stream; {_instead(stream, streams | made.keys())}"
-        for who, stream in _followed(asked, made)
+        f"{subscriber} subscribes to {stream}: the bench has no such stream; {_instead(stream, streams | made.keys())}"
+        for subscriber, stream in _followed(asked, made)
         if stream not in streams
     )
     return list(found)
@@ -42,11 +42,11 @@ def misfits(
 
 def _followed(asked: Sequence[tuple[str, str]], made: Mapping[str, Signal]) -> Iterator[tuple[str, str]]:
     """Through the signals to the streams of devices."""
-    for who, stream in asked:
+    for subscriber, stream in asked:
         if stream in made:
             yield from _followed([(stream, source) for source in made[stream].inputs], made)
         else:
-            yield who, stream
+            yield subscriber, stream
 
 
 def _instead(stream: str, known: Set[str]) -> str:

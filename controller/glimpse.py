@@ -15,7 +15,7 @@ from behaviors.machine import Behavior, sources
 from controller.detectors.protocol import Detector
 from controller.limits import GuardSettings, watched
 from controller.recording.series import DETECTOR, TrialRecording
-from controller.wording import in_words
+from controller.wording import as_text
 
 BARS = "▁▂▃▄▅▆▇█"
 
@@ -64,7 +64,7 @@ class Glimpse:
     # on the terminal
 
     def lines(self, width: int = 80) -> list[str]:
-        """The signal's line, no wider than that, and the margins'; nothing for what has not been heard."""
+        """The signal's line, no wider than that, and the margins'; nothing for what has not arrived."""
         margins = (f"{name} {value:.2f} of {limit:.1f} {unit}" for name, value, limit, unit in self.margins())
         return [line for line in (self._signal_or_why_not(width), "  ".join(margins)) if line]
 
@@ -82,13 +82,13 @@ class Glimpse:
         values, unit = self.recording.latest(stream, SPARKS)
         if not len(values):
             return ""
-        shown, unit = heard(stream, values[:, 0], unit)
-        told, _ = self.recording.latest(f"{DETECTOR}{name}", 1)
-        known = len(told) and math.isfinite(told[-1, 1])
-        beside = f"  {name} {told[-1, 0]:.4g} of {told[-1, 1]:.4g}" if known else ""
-        said = f"  {shown[-1]:.4g} {unit}".rstrip() + beside
-        room = max(1, width - len(f"{stream}  {said}"))
-        return f"{stream}  {sparkline(shown[-room:])}{said}"
+        shown, unit = displayed(stream, values[:, 0], unit)
+        readings, _ = self.recording.latest(f"{DETECTOR}{name}", 1)
+        known = len(readings) and math.isfinite(readings[-1, 1])
+        beside = f"  {name} {readings[-1, 0]:.4g} of {readings[-1, 1]:.4g}" if known else ""
+        newest = f"  {shown[-1]:.4g} {unit}".rstrip() + beside
+        room = max(1, width - len(f"{stream}  {newest}"))
+        return f"{stream}  {sparkline(shown[-room:])}{newest}"
 
     # on both
 
@@ -121,7 +121,7 @@ class Glimpse:
         }
 
     def panels(self) -> list[str]:
-        """Streams that are drawn: what detectors hold against thresholds, what they hear, what the guard watches."""
+        """Streams that are drawn: detectors' statistics with thresholds, their inputs, what the guard watches."""
         wanted = [f"{DETECTOR}{name}" for name in self._detectors]
         wanted += [stream for detector in self._detectors.values() for stream in detector.inputs]
         wanted += [stream for stream in (self._limits.force_stream, self._limits.position_stream) if stream]
@@ -129,7 +129,7 @@ class Glimpse:
         return list(islice((stream for stream in dict.fromkeys(wanted) if stream in present), PANELS))
 
     def ages(self) -> list[tuple[str, float, int]]:
-        """Each stream that was heard, s since its last sample, and how many samples were lost."""
+        """Each stream that has arrived, s since its last sample, and how many samples were lost."""
         now_s = self.now()
         found = []
         for stream in self.recording.streams:
@@ -139,11 +139,11 @@ class Glimpse:
         return found
 
     def events(self, first: int) -> list[tuple[float, str]]:
-        """What happened, the first ones left out: when, and what in words."""
-        return [(event.t_s, in_words(event)) for event in self._events[first:]]
+        """What happened, the first ones left out: when, and what as text."""
+        return [(event.t_s, as_text(event)) for event in self._events[first:]]
 
 
-def heard(stream: str, values: NDArray[np.float64], unit: str) -> tuple[NDArray[np.float64], str]:
+def displayed(stream: str, values: NDArray[np.float64], unit: str) -> tuple[NDArray[np.float64], str]:
     """A signal as it is shown: a period as a frequency, metres as millimetres."""
     if stream.endswith(".period"):
         return 1.0 / values, "Hz"

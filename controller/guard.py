@@ -76,7 +76,7 @@ class Guard:
         """
         self.inputs = frozenset((*self._looks, *self.settings.range_streams, *range_streams))
         self._tail_n: list[float] = []
-        # What pressed beyond the limit ever since the trial began; infinite before anything was heard, then 0.
+        # What pressed beyond the limit ever since the trial began; infinite before the first sample, then 0.
         self._borne_n = math.inf
         self._arrivals.begin()
         self.arm(frozenset())
@@ -85,7 +85,7 @@ class Guard:
         """Watch other streams from now on, beside the guard's own.
 
         Args:
-            decisive: Streams that the armed detectors hear: a motion that ends by them needs them alive.
+            decisive: Input streams of the armed detectors: a motion that ends by them needs them alive.
         """
         self._arrivals.depend(self.inputs | decisive)
 
@@ -99,11 +99,11 @@ class Guard:
         """See that what is to be watched is there, before anything moves.
 
         Args:
-            streams: All that can be heard, by name.
+            streams: All that can be subscribed to, by name.
             sources: Of which other streams each signal is made.
 
         Raises:
-            GuardRefusal: a stream that nobody sends, or one with too few channels.
+            GuardRefusal: a stream that nothing sends, or one with too few channels.
         """
         self._arrivals.know_streams(streams, sources or {})
         settings = self.settings
@@ -127,7 +127,7 @@ class Guard:
                 )
 
     def admit(self, command: Command) -> Command:
-        """Let a command through, with the bound that its mover's device shall hold; or say why not.
+        """Admit a command, with the bound that its mover's device shall hold, or refuse it with the reason.
 
         Raises:
             GuardRefusal: not finite, too fast, beyond the travel, or a motion that no limit is known for.
@@ -184,22 +184,22 @@ class Guard:
     ) -> str | None:
         """See one turn of the loop.
 
-        Force and travel count whether anything moves or not, wherever the loop listens to them: while anything
-        moves, in a pause, and in every state that listens to anything. A late loop counts while something moves.
+        Force and travel count whether anything moves or not, wherever the loop subscribes to them: while anything
+        moves, in a pause, and in every state with a subscription. A late loop counts while something moves.
 
         Args:
             t_s: Bench time of the turn.
             blocks: What arrived in it.
             moving: Whether any mover may be moving.
             late_s: How much later than planned the turn began.
-            saturated: Streams that left the range in which they tell the truth.
+            saturated: Streams that left their valid range.
 
         Returns:
             Why every mover must stop now, or None.
         """
         settings = self.settings
         reasons = [
-            f"{status.stream} is beyond its range, at {status.value:.4g}: it no longer tells the truth"
+            f"{status.stream} is beyond its range, at {status.value:.4g}: it is no longer valid"
             for status in saturated
         ]
         for block in blocks:

@@ -133,8 +133,8 @@ def _frames(streams: Mapping[str, Series], widths: Mapping[str, int], fps: int) 
         one = streams.get(name)
         if one is not None:
             last = np.searchsorted(one.times_s, times_s + 0.25 / fps, side="right") - 1
-            heard = last >= 0
-            values[heard], own_s[heard] = one.values[last[heard]], one.times_s[last[heard]]
+            present = last >= 0
+            values[present], own_s[present] = one.values[last[present]], one.times_s[last[present]]
         columns[f"observation.{name}"], columns[f"time.{name}"] = values, own_s
     return columns
 
@@ -157,12 +157,12 @@ def _write(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
 
 
 def _moments(values: NDArray[Any]) -> NDArray[np.float64]:
-    """Least, largest, sum, sum of squares and number of each channel, what was not heard left out."""
+    """Least, largest, sum, sum of squares and number of each channel, missing values left out."""
     known = values.reshape(len(values), -1).astype(float)
-    heard = np.isfinite(known)
-    low, high = np.where(heard, known, np.inf).min(axis=0), np.where(heard, known, -np.inf).max(axis=0)
-    known = np.where(heard, known, 0.0)
-    return np.array([low, high, known.sum(axis=0), (known**2).sum(axis=0), heard.sum(axis=0)])
+    finite = np.isfinite(known)
+    low, high = np.where(finite, known, np.inf).min(axis=0), np.where(finite, known, -np.inf).max(axis=0)
+    known = np.where(finite, known, 0.0)
+    return np.array([low, high, known.sum(axis=0), (known**2).sum(axis=0), finite.sum(axis=0)])
 
 
 def _joined(parts: Sequence[NDArray[np.float64]]) -> dict[str, Any]:

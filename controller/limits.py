@@ -38,7 +38,7 @@ class MoverLimits(Settings):
     """Nearest position on the approach axis. Assumption: half a millimetre behind zero for overshoot."""
 
     blind_travel_m: float = Field(default=BLIND_TRAVEL_M, gt=0.0, le=2.0)
-    """How far it may go that nobody looks at any more: what its device itself holds it to, where the program dies or is
+    """How far it may go unsupervised: its device itself holds it to that, where the program dies or is
     stopped. A mover whose controller has a watchdog is held by that (`drivers.messages.BLIND_TRAVEL_M`)."""
 
     position_stream: StreamName | None = None
@@ -104,8 +104,8 @@ class GuardSettings(MoverLimits):
     """Length of the running median that the force is seen through: a single spike stops nothing."""
 
     range_streams: Annotated[tuple[StreamName, ...], Strict(False)] = ()
-    """Streams that must stay within the range in which they tell the truth, a fingertip's forces for example: heard and
-    watched in every motion. What they say of their range (`Saturated`) stops it, as does their silence."""
+    """Streams that must stay within their valid range, a fingertip's forces for example: subscribed and
+    watched in every motion. Leaving the range (`Saturated`) stops it, as does silence."""
 
     grip_n: float = Field(default=80.0, gt=0.0, le=500.0)
     """Hardest grip that may be asked for. Source: the SSG-48's own range ends at 80 N."""

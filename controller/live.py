@@ -15,7 +15,7 @@ from rich.console import Console as Terminal
 from rich.live import Live
 from rich.text import Text
 
-from controller.console import LAST_S, PAUSED, ConsoleOperator, figure, telling
+from controller.console import LAST_S, PAUSED, ConsoleOperator, figure, key_results
 from controller.glimpse import Glimpse
 from drivers.clock import monotonic_s
 
@@ -40,7 +40,7 @@ _BAD = "red"
 
 
 class _Drawer:
-    """Draws in a thread of its own: a terminal that takes nothing holds up that thread, and nobody else.
+    """Draws in a thread of its own: a terminal that takes nothing holds up that thread and no other.
 
     Args:
         terminal: Where to draw.
@@ -122,7 +122,7 @@ class LiveConsole:
         self._entered_s = monotonic_s()
 
     def poll(self) -> str | None:
-        """Shows how it stands where it is time to, and asks the operator."""
+        """Shows how it stands where it is time to, and polls the operator."""
         if monotonic_s() - self._drawn_s > REFRESH_S:
             self._refresh()
         return self._operator.poll()
@@ -138,7 +138,7 @@ class LiveConsole:
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Adds a row."""
         self._counts[outcome] += 1
-        self._results.append((trial, self._factors, outcome, telling(row)))
+        self._results.append((trial, self._factors, outcome, key_results(row)))
 
     def campaign_ended(self, line: str) -> None:
         """Draws for the last time."""
@@ -201,8 +201,8 @@ class LiveConsole:
     def _present(self) -> list[Text]:
         if self._trial is None:
             return []
-        said = sorted(self._counts.items())
-        counts = Text(", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in said))
+        outcomes = sorted(self._counts.items())
+        counts = Text(", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in outcomes))
         name, t_s = self._state
         factors = "  ".join(
             f"{key.rpartition('.')[2]} {figure(value)}" for key, value in self._factors.items()

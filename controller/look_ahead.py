@@ -37,12 +37,12 @@ class Acting(Protocol):
 
     @property
     def alone_s(self) -> float:
-        """For how long nobody need look: then it acts."""
+        """How long it need not be polled: then it acts."""
 
 
 @runtime_checkable
 class Leashed(Protocol):
-    """A simulated mover that halts on its way where nobody looks at it."""
+    """A simulated mover that halts on its way where it is not polled."""
 
     watched_until_s: float
     """Until when turns that come often enough are taken together."""
@@ -59,8 +59,8 @@ class UnkeptError(Exception):
 class Snapshot:
     """What some objects are now, down to the last array; they are put back in place.
 
-    Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which nobody changes;
-    neither is an array that nobody can write. A class names in `lasting` what need not be put back: a ring of the
+    Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which never change;
+    nor does a read-only array. A class names in `lasting` what need not be put back: a ring of the
     latest samples, twice as long as a look; what it holds of later ones is written anew.
 
     Args:
@@ -89,9 +89,9 @@ class Reach:
         self.turns = 1
         self._known = False
 
-    def quiet(self, heard: bool) -> None:
-        """Nothing happened in as many turns. Where no detector hears anything, little can happen in many."""
-        self.turns = 1 if self._known else min(GROWTH * self.turns, MOST_TURNS) if heard else sys.maxsize
+    def quiet(self, armed: bool) -> None:
+        """Nothing happened in as many turns. Where no detector is armed, little can happen in many."""
+        self.turns = 1 if self._known else min(GROWTH * self.turns, MOST_TURNS) if armed else sys.maxsize
         self._known = False
 
     def happened(self, turns: int, before: int) -> None:

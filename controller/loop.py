@@ -49,10 +49,10 @@ class LoopSettings(Settings):
     """How often the loop turns."""
 
     rate_hz: float = Field(default=200.0, ge=1.0, le=2000.0)
-    """Turns a second while something moves, or is heard in a state whose decisions may not wait."""
+    """Turns a second while something moves, or a state whose decisions may not wait has subscriptions."""
 
     idle_rate_hz: float = Field(default=50.0, ge=1.0, le=2000.0)
-    """Turns a second otherwise. Where nobody listens at all, virtual time jumps to the next deadline instead."""
+    """Turns a second otherwise. Without any subscription, virtual time jumps to the next deadline instead."""
 
 
 class Witness(Protocol):
@@ -69,7 +69,7 @@ class Witness(Protocol):
         """Keep what a detector held against its threshold."""
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
-        """Nobody listened to a stream in this span."""
+        """Keep that a stream had no subscriber in this span."""
 
     def event(self, event: Event, *, state: str, next_state: str, commands: Sequence[Command]) -> None:
         """Keep one event and what followed from it."""
@@ -83,7 +83,7 @@ class LoopOperator(Protocol):
         waits."""
 
     def suspend(self) -> None:
-        """Suspend the program until somebody lets it go on."""
+        """Suspend the program until it is continued."""
 
     def state(self, name: str, t_s: float) -> None:
         """Show the state that the trial is in."""
@@ -94,7 +94,7 @@ class Aborted(Exception):  # noqa: N818 - asked for, not an error
 
 
 class UnfitStreamError(Exception):
-    """A stream is not there, or not what the signal or detector that hears it needs: profile and bench do not fit."""
+    """A stream is missing, or unfit for the signal or detector that subscribes to it: profile and bench do not fit."""
 
 
 @dataclass(slots=True)
@@ -107,7 +107,7 @@ class LoopAccount:
         worst_late_s: The latest of them.
         lost: Samples lost, by stream.
         paused_s: Time spent paused.
-        missing: Which stream did not arrive and so ended the trial, in words; "" where all did.
+        missing: Which stream did not arrive and so ended the trial, and why; "" where all did.
         unstill: Movers that were not seen standing still at the end.
     """
 
@@ -164,20 +164,20 @@ class Loop:
         Args:
             behavior: What is done.
             detectors: By the names that the behavior's states know them by.
-            signals: What can be heard beside the devices' own streams.
+            signals: What is computed from the devices' own streams.
 
         Raises:
             GuardRefusal: the guard would not let a command through.
             DeviceError: a device cannot do its part.
-            UnfitStreamError: a signal or detector cannot hear what the profile gives it.
-            Aborted: the operator said so.
-            Exception: the witness's failure; a trial that nobody records does not go on.
+            UnfitStreamError: a signal or detector cannot use the stream that the profile gives it.
+            Aborted: the operator ended the run.
+            Exception: the witness's failure; a trial that is not recorded does not go on.
         """
         self._behavior = behavior
         self._detectors = detectors
         self._signals = Signals(signals)
         self._armed: frozenset[str] = frozenset()
-        self._heard: frozenset[str] = frozenset()
+        self._subscribed: frozenset[str] = frozenset()
         self._asked: frozenset[str] = frozenset()
         self._behind: frozenset[str] = frozenset()
         self._silent_since = dict.fromkeys(self._streams.keys() | self._signals.streams, 0.0)
@@ -196,7 +196,7 @@ class Loop:
             )
             for line in misfits(self._streams.keys(), behavior, detectors, signals):
                 raise UnfitStreamError(line)
-            self._hear_operator_first()
+            self._poll_operator_first()
             self._begin()
             while not behavior.done:
                 if not self._pass_quietly():
@@ -208,7 +208,7 @@ class Loop:
         return self.account
 
     def halt(self) -> None:
-        """Stop every mover, see that it stands still, hear nothing more.
+        """Stop every mover, see that it stands still, end all subscriptions.
 
         Each step runs for each device whatever fails; a mover that was not seen standing still is named in
         `account.unstill`.
@@ -232,7 +232,7 @@ class Loop:
                             self.account.unstill.append(name)
         self.account.unstill += sorted(pending)
         with suppress(Exception):
-            self._listen(frozenset())
+            self._subscribe(frozenset())
         for stream, since_s in sorted(self._silent_since.items()):
             self._witness.skip(stream, since_s, self._clock.now())
 
@@ -249,9 +249,9 @@ class Loop:
 
     def _stride(self) -> int:
         """How many periods a turn takes; 0 where nothing happens before the deadline."""
-        if self._moving or (self._heard and self._behavior.plan.prompt):
+        if self._moving or (self._subscribed and self._behavior.plan.prompt):
             return 1
-        if self._heard or not self._clock.virtual or self._paused_s is not None:
+        if self._subscribed or not self._clock.virtual or self._paused_s is not None:
             return max(1, round(self._settings.rate_hz / self._settings.idle_rate_hz))
         return 0
 
@@ -271,8 +271,8 @@ class Loop:
     # many turns at once
 
     def _pass_quietly(self) -> bool:
-        """Take the next turns at once where nothing happens in them: what would be seen, heard and recorded in them is
-        the same, however it is cut. Where something does, time is taken back, and False says that turns are due."""
+        """Take the next turns at once where nothing happens in them: what is observed, sampled and recorded in them is
+        the same, however it is cut. Where something does, time is taken back, and False means that turns are due."""
         stride, reach, rate_hz = self._stride(), self._reach, self._settings.rate_hz
         plants = self._rig.plants()
         if plants is None or not stride or self._paused_s is not None or reach.turns < 2 or self._guard.bears:
@@ -286,9 +286,9 @@ class Loop:
         if turns < 2:
             return False
         devices = self._rig.devices.values()
-        hearing = [self._detectors[name] for name in self._armed]
+        armed = [self._detectors[name] for name in self._armed]
         try:
-            before = Snapshot([self._clock, *plants, *devices, self._guard, *self._signals.awake, *hearing])
+            before = Snapshot([self._clock, *plants, *devices, self._guard, *self._signals.awake, *armed])
         except UnkeptError:
             return False
         last = first + (turns - 1) * stride
@@ -318,7 +318,7 @@ class Loop:
             blocks = [*gathered, *made]
             found, readings = self._detect(blocks)
             events: list[Event] = [*statuses, *saturated, *found]
-        except Exception:  # what it is, and when, the turn that meets it says
+        except Exception:  # what it is, and when, the turn that meets it reports
             return t_s
         if events:
             return min(event.t_s for event in events)
@@ -334,17 +334,17 @@ class Loop:
 
     # one turn
 
-    def _hear_operator_first(self) -> None:
-        """A word from before the trial counts before anything moves."""
-        word = self._operator.poll()
-        if word in ("pause", "suspend"):
+    def _poll_operator_first(self) -> None:
+        """A request from before the trial counts before anything moves."""
+        request = self._operator.poll()
+        if request in ("pause", "suspend"):
             self._operator.state("PAUSED", self._clock.now())
-            while word not in ("resume", "abort"):
-                if word == "suspend":
+            while request not in ("resume", "abort"):
+                if request == "suspend":
                     self._operator.suspend()
                 rest(KEY_INTERVAL_S)
-                word = self._operator.poll()
-        if word == "abort":
+                request = self._operator.poll()
+        if request == "abort":
             raise Aborted
 
     def _begin(self) -> None:
@@ -391,15 +391,15 @@ class Loop:
             self._reach.begin()
         else:
             self._reach.quiet(bool(self._armed))
-        while self._waits_for_a_word():
+        while self._waits_for_operator():
             # Virtual time stands still while a person thinks; the processor may as well rest.
             rest(KEY_INTERVAL_S)
             self._attend(t_s)
         self._go_on(t_s)
 
     def _heeds(self, event: Event) -> bool:
-        """Whether the behavior is told: never after its end, never of the answer to an older command, of the time only
-        from when it wakes on (turns before may be taken together), and while paused only of what ends the trial."""
+        """Whether the behavior gets it: never after its end, no answer to an older command, a tick only
+        from its wake time on (turns before may be taken together), and while paused only what ends the trial."""
         if self._behavior.done or (isinstance(event, ANSWERS) and self._outdated(event)):
             return False
         if isinstance(event, Tick) and event.t_s < self._behavior.wake_s - 1e-9:
@@ -407,9 +407,9 @@ class Loop:
         return self._paused_s is None or isinstance(event, GuardStopped | Failed | Stalled)
 
     def _perceive(self, gathered: Sequence[SampleBlock]) -> tuple[list[SampleBlock], list[Saturated]]:
-        """What came, and what the signals make of it, recorded.
+        """What arrived, and what the signals make of it, recorded.
 
-        What was heard for a signal's sake alone is not: the signal is kept in its place.
+        The input of a signal alone is not recorded: the signal is, in its place.
         """
         self._record_blocks(gathered)
         try:
@@ -435,7 +435,7 @@ class Loop:
         return status.command_id != self._newest.get(status.device, 0)
 
     def _detect(self, blocks: Iterable[SampleBlock]) -> tuple[list[Detected], list[tuple[str, Reading]]]:
-        """What the armed detectors say of new blocks, and what they held against their thresholds."""
+        """The armed detectors' events from new blocks, and what they held against their thresholds."""
         found: list[Detected] = []
         readings: list[tuple[str, Reading]] = []
         armed = [self._detectors[name] for name in sorted(self._armed)]
@@ -470,7 +470,7 @@ class Loop:
                 self._operator.state(after, event.t_s)
 
     def _obey(self, commands: Sequence[Command]) -> None:
-        """Stop first, then hear what the new state hears, then the rest in order."""
+        """Stop first, then change the subscriptions, then the rest in order."""
         self._apply([command for command in commands if isinstance(command, Stop)])
         self._arrange(commands)
         self._apply([command for command in commands if not isinstance(command, Stop)])
@@ -488,42 +488,42 @@ class Loop:
     # what follows from a decision
 
     def _arrange(self, commands: Sequence[Command]) -> None:
-        """Arm the detectors of the present state, and ask devices for what is heard from now on."""
+        """Arm the detectors of the present state, and subscribe to what it needs."""
         plan = self._behavior.plan
         for name in plan.detectors - self._armed:
             self._detectors[name].reset()
         self._armed = plan.detectors
         decisive = frozenset(stream for name in plan.detectors for stream in self._detectors[name].inputs)
         self._guard.arm(decisive)
-        heard = plan.measures | decisive
+        wanted = plan.measures | decisive
         moves = self._moving or any(isinstance(command, MOTION) for command in commands)
-        if heard or moves or self._paused_s is not None:
-            heard |= self._guard.inputs
-        self._listen(heard)
+        if wanted or moves or self._paused_s is not None:
+            wanted |= self._guard.inputs
+        self._subscribe(wanted)
 
-    def _listen(self, heard: frozenset[str]) -> None:
-        if heard == self._heard:
+    def _subscribe(self, streams: frozenset[str]) -> None:
+        if streams == self._subscribed:
             return
         now_s = self._clock.now()
-        asked = self._signals.subscribe(heard)
+        asked = self._signals.subscribe(streams)
         for name in self._rig.devices:
             wanted = frozenset(stream for stream in asked if stream.partition(".")[0] == name)
             present = frozenset(stream for stream in self._asked if stream.partition(".")[0] == name)
             if wanted != present:
                 self._send(Listen(name, wanted))
-        self._asked, self._behind = asked, asked - heard
-        self._guard.expect(asked | heard, now_s)
-        for stream in sorted(heard - self._heard):
+        self._asked, self._behind = asked, asked - streams
+        self._guard.expect(asked | streams, now_s)
+        for stream in sorted(streams - self._subscribed):
             self._witness.skip(stream, self._silent_since.pop(stream, now_s), now_s)
-        for stream in self._heard - heard:
+        for stream in self._subscribed - streams:
             self._silent_since[stream] = now_s
-        self._heard = heard
+        self._subscribed = streams
 
     def _apply(self, commands: Sequence[Command]) -> None:
         for command in commands:
             admitted = self._guard.admit(command)
             self._send(admitted)
-            # A mover that is told to stop is waited for like one that moves: its standstill is told either way.
+            # A mover with a command to stop is waited for like one that moves: it reports its standstill either way.
             if isinstance(admitted, MOTION) or (
                 isinstance(admitted, Stop) and command.device in self._movers
             ):
@@ -544,16 +544,16 @@ class Loop:
                 # Its answer is waited for even where it stood.
                 self._moving.add(name)
 
-    def _waits_for_a_word(self) -> bool:
+    def _waits_for_operator(self) -> bool:
         paused = self._paused_s is not None and not self._resuming and not self._behavior.done
         return paused and self._clock.virtual and not self._moving
 
     def _attend(self, t_s: float) -> None:
-        """Hear the operator: pause stops every mover, the guard goes on watching."""
-        word = self._operator.poll()
-        if word == "abort":
+        """Poll the operator: pause stops every mover, the guard goes on watching."""
+        request = self._operator.poll()
+        if request == "abort":
             raise Aborted
-        if word in ("pause", "suspend") and self._paused_s is None:
+        if request in ("pause", "suspend") and self._paused_s is None:
             self._paused_s = t_s
             self._resuming = False
             self._stop_all()
@@ -561,9 +561,9 @@ class Loop:
             name = self._behavior.state
             self._record_event(Paused(t_s), name, name, ())
             self._operator.state("PAUSED", t_s)
-        elif word == "resume":
+        elif request == "resume":
             self._resuming = True
-        self._suspending |= word == "suspend"
+        self._suspending |= request == "suspend"
         if self._suspending and not self._moving:
             self._suspend()
 
@@ -574,12 +574,12 @@ class Loop:
         rest(KEY_INTERVAL_S)  # the drivers' threads were suspended too, and take now what came meanwhile
         now_s = self._clock.now()
         self._turns = math.floor(now_s * self._settings.rate_hz)  # no turn was late
-        # Nor was any stream silent: nobody was there.
+        # Nor was any stream silent: the program was suspended.
         self._guard.expect(frozenset(), now_s)
-        self._guard.expect(self._asked | self._heard, now_s)
+        self._guard.expect(self._asked | self._subscribed, now_s)
 
     def _go_on(self, t_s: float) -> None:
-        """End a pause, once what the movers say of it has been passed over.
+        """End a pause, once the movers' answers to its stop have been passed over.
 
         A mover that is still braking would answer the next command with the old one's standstill.
         """

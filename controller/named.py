@@ -164,7 +164,7 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
         set(sys.modules),
         sys.dont_write_bytecode,
         True,
-    )  # it tells no version
+    )  # it has no version
     try:
         importlib.invalidate_caches()
         module = import_module(name)
@@ -176,11 +176,11 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
             where = ", ".join(str(folder) for folder in folders) or "the program"
             raise NamedError(f"no module {error.name} in {where}") from None
         place = traceback.extract_tb(error.__traceback__)[-1]
-        said = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         line = getattr(error, "lineno", None) or place.lineno
         file = getattr(error, "filename", None) or place.filename
         raise NamedError(
-            f"{name} cannot be imported: {type(error).__name__}: {said} ({file}, line {line})"
+            f"{name} cannot be imported: {type(error).__name__}: {reason} ({file}, line {line})"
         ) from None
     finally:
         sys.dont_write_bytecode = kept

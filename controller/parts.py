@@ -19,7 +19,7 @@ from controller.recording.ledger import read_ledger
 from controller.recording.run_folder import RunFolder, RunFolderError
 
 POLL_S = 0.1
-"""How often the operator is asked while a campaign is paused, seconds (assumption: nobody presses Enter faster)."""
+"""How often the operator is polled while a campaign is paused, seconds (assumption: Enter is not pressed faster)."""
 
 
 class PartError(RuntimeError):
@@ -43,9 +43,9 @@ class RunPart:
     @classmethod
     def of(cls, folder: Path, error: Exception | None, took_s: float) -> RunPart:
         """What stands in a run's folder."""
-        said = "" if error is None else f"{type(error).__name__}: {error}"
+        failure = "" if error is None else f"{type(error).__name__}: {error}"
         return cls(
-            {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}, said, took_s
+            {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}, failure, took_s
         )
 
 
@@ -80,7 +80,7 @@ class CampaignInParts(Campaign):
                     if found[1] != "failed" or not whole:  # nothing more is run after an error
                         break
         finally:
-            with suppress(OSError):  # a full disk is told by what closes it
+            with suppress(OSError):  # closing reports a full disk
                 for attached in self._attached():
                     joiner.attach(*attached)
             joiner.close()
@@ -89,12 +89,12 @@ class CampaignInParts(Campaign):
     def _taken(self, joiner: Joiner, folder: RunFolder) -> tuple[tuple[int, str, str], bool]:
         """Take over what a part has; returns how it ended, and whether that is all of its trials."""
         manifest = folder.read_manifest()
-        told = manifest["exit"]
-        ended = told["code"], told["status"], told["reason"]
+        end = manifest["exit"]
+        ended = end["code"], end["status"], end["reason"]
         try:
             parts = Parts(folder)
         except RunFolderError:
-            if told["status"] == "failed":  # its own disk took no more: that is what there is to say
+            if end["status"] == "failed":  # its own disk took no more: nothing else is to be reported
                 return ended, False
             raise
         rows, _ = read_ledger(parts.folder.trials_path)
@@ -103,22 +103,22 @@ class CampaignInParts(Campaign):
             self._console.trial_started(trial, factors)
             self._manifest["loop"]["bench_s"] += joiner.add(parts, trial)
             measured = {name: row[name] for name in self._plan.columns}
-            self._console.trial_ended(trial, str(row["outcome"]), foremost(measured, self._plan.telling))
+            self._console.trial_ended(trial, str(row["outcome"]), foremost(measured, self._plan.leading))
         add_part(self._manifest, manifest)
         return ended, len(rows) == manifest["trials"]
 
     def _poll(self) -> None:
         """Do what the operator wants: what is being run goes on to its end, nothing more is begun."""
-        word = self._console.poll()
-        paused = word in ("pause", "suspend")
-        while word != "resume" and (paused or word):
-            if word == "abort":
+        request = self._console.poll()
+        paused = request in ("pause", "suspend")
+        while request != "resume" and (paused or request):
+            if request == "abort":
                 raise Aborted
-            if word == "suspend":
+            if request == "suspend":
                 self._console.suspend()
             self._console.state(PAUSED, 0.0)
             Event().wait(POLL_S)
-            word = self._console.poll()
+            request = self._console.poll()
 
 
 def add_part(manifest: dict[str, Any], part: Mapping[str, Any]) -> None:

@@ -26,7 +26,7 @@ UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_hz": "Hz", "_s": "s", "_n": "N", "_v"
 """Units that a column's name ends in; the first that fits decides. A column without one is a plain waveform."""
 
 ENVELOPES = ("FS", "V", "")
-"""Units that an envelope may be in; a file's columns need not say."""
+"""Units that an envelope may be in; a file's columns need not name one."""
 
 SLOW_HZ = 5.0
 """Below this rate a recording's times may be in another unit than its column says (assumption)."""
@@ -42,10 +42,10 @@ class ReplayError(ValueError):
 
 
 def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detected]:
-    """Everything that a detector says of recorded blocks, in order.
+    """All events of a detector on recorded blocks, in order.
 
     Raises:
-        ReplayError: the detector cannot hear such a recording.
+        ReplayError: the detector cannot use such a recording.
     """
     for block in blocks:
         try:
@@ -66,7 +66,7 @@ def calibration_line(
         false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
-        ReplayError: recordings that say nothing about it: too short, at irregular times, not finite, dead.
+        ReplayError: recordings that allow no estimate: too short, at irregular times, not finite, dead.
     """
     try:
         found = calibrate_pieces(pieces, false_alarm_interval_s)
@@ -81,7 +81,7 @@ def as_line(event: Detected, kind: str) -> dict[str, Any]:
     """One event as one JSON object.
 
     Args:
-        event: What the detector said.
+        event: Of the detector.
         kind: Of detector, as it was asked for.
     """
 
@@ -108,7 +108,7 @@ def read_inputs(
     trial: int | None = None,
     notes: list[str] | None = None,
 ) -> Sequence[SampleBlock]:
-    """Blocks of all streams that a detector hears, each given when its last sample has come, as the loop gives them.
+    """Blocks of all inputs of a detector, each given when its last sample has come, as the loop gives them.
 
     Args:
         path: As `read_blocks`.
@@ -125,11 +125,12 @@ def read_inputs(
     names = " and ".join(inputs)
     if path.is_file() and len(inputs) > 1 and len(columns) != len(inputs):
         raise ReplayError(
-            f"{path}: {names} are heard, in this order; give --column for each, for example --column i,q --column x_m"
+            f"{path}: the inputs are {names}, in this order; give --column for each,"
+            " for example --column i,q --column x_m"
         )
     if len(columns) > len(inputs):
         raise ReplayError(
-            f"{path}: {len(columns)} times --column, but {names} alone is heard; join them: i,q"
+            f"{path}: {len(columns)} times --column, but {names} is the only input; join them: i,q"
         )
     asked = [*columns, *[None] * (len(inputs) - len(columns))]
     read = [
@@ -142,7 +143,7 @@ def read_inputs(
 
 
 def _check_overlap(path: Path, read: Sequence[Sequence[SampleBlock]]) -> None:
-    """Streams of which one ends before another begins tell nothing of each other."""
+    """Refuse streams of which one ends before another begins."""
     first_out = min(read, key=lambda blocks: blocks[-1].last_s)[-1]
     last_in = max(read, key=lambda blocks: float(blocks[0].times[0]))[0]
     begin_s = float(last_in.times[0])
@@ -158,7 +159,7 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
 
     Args:
         blocks: Of all streams.
-        stream: The one in which an envelope is heard. At 4 kHz and more it is sound, with frame 0 at the drive's
+        stream: The one that holds the envelope. At 4 kHz and more it is sound, with frame 0 at the drive's
             phase zero; below, an envelope already.
         settings: Of the chain; its channel is the first of what was read.
 
@@ -183,7 +184,7 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
                 f"{stream}: {block.values.shape[1]} channels of sound; choose one finger's, for example --column 0"
             )
         try:
-            # full scale is told on the bench, where it stops the arm; here it is but heard
+            # full scale is reported on the bench, where it stops the arm; here there is nothing to stop
             parts = [part for part in chain.push(block) if isinstance(part, SampleBlock)]
         except ValueError as error:
             raise ReplayError(str(error)) from None
@@ -237,13 +238,13 @@ def read_blocks(
 
     Args:
         path: A run folder, or a file that `controller.recording.tables` reads.
-        stream: Name that the detector hears it under; in a run folder, the recorded stream.
+        stream: Name of the detector's input; in a run folder, the recorded stream.
         column: Of a file as `read_columns` takes it; of a run's stream: the channel's number, from 0. Several with
             commas between them. None is the only one there is besides the times; of a run's stream, all.
         rate_hz: Sample rate of a file without times, or in place of them. Otherwise regular times give it, with a
             jump in `seq` where rows are missing; times that wander are resampled; those of events give none.
         trial: Of a run folder; None is its first.
-        notes: A line is added that says what was read: samples, rate, duration, gaps, unit, where the times are from,
+        notes: A line is added about the input: samples, rate, duration, gaps, unit, where the times are from,
             how many samples are no finite numbers.
 
     Raises:
@@ -271,7 +272,7 @@ def read_blocks(
 def _from_columns(
     path: Path, stream: str, chosen: Chosen, asked_hz: float | None
 ) -> tuple[Sequence[SampleBlock], str]:
-    """Blocks of a file's columns, and what is to be said of their times."""
+    """Blocks of a file's columns, and a note on their times."""
     values, times_s, rate_hz = chosen.values, chosen.times_s, asked_hz or chosen.rate_hz
     if times_s is None and rate_hz is None:
         raise ReplayError(
@@ -321,7 +322,7 @@ def _no_times(times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _check_values(path: Path, name: str, blocks: Sequence[SampleBlock]) -> str:
-    """How many samples are no finite numbers and when the first one is, in words; "" where all are finite."""
+    """How many samples are no finite numbers and when the first one is, as text; "" where all are finite."""
     lost = [block.times[~np.isfinite(block.physical).all(axis=1)] for block in blocks]
     count = sum(map(len, lost))
     if not count:
@@ -363,7 +364,7 @@ def _from_run(path: Path, stream: str, trial: int | None, column: str | None) ->
 
 
 def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) -> Sequence[SampleBlock]:
-    """The samples with t0_s <= t < t1_s: a baseline that begins there is the first thing that a detector hears."""
+    """The samples with t0_s <= t < t1_s: a baseline that begins there takes the first of them."""
     kept: list[SampleBlock] = []
     for block in blocks:
         first, last = (int(at) for at in np.searchsorted(block.times, [t0_s - 1e-9, t1_s - 1e-9]))

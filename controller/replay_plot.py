@@ -1,4 +1,4 @@
-"""A picture of a replay: the signal, the detector's number with its threshold, and what it said."""
+"""A picture of a replay: the signal, the detector's number with its threshold, and its events."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
 from controller.detectors.protocol import Detector, Reading, reading_of
-from controller.glimpse import heard
+from controller.glimpse import displayed
 from controller.replay import ReplayError
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
 from controller.wording import spaced
@@ -38,13 +38,13 @@ HEIGHT_IN = 1.9
 
 
 def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: Sequence[Detected]) -> None:
-    """Draw what a detector heard and said.
+    """Draw a detector's input and its events.
 
     Args:
         path: Of the picture; its end says the kind.
-        blocks: What was heard, all streams.
-        detector: Who heard it. Its number is drawn where it has one (`Statistic`) and the recording is regular.
-        events: What it said.
+        blocks: The input, all streams.
+        detector: Its number is drawn where it has one (`Statistic`) and the recording is regular.
+        events: Of the detector.
 
     Raises:
         ReplayError: no such kind of picture, or it cannot be written.
@@ -73,8 +73,8 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
                     INK,
                 )
             axes.set_ylabel(f"{detector.name}: statistic")
-        told = [*(each.threshold for each in reversed(shown)), *(event.threshold for event in events)]
-        threshold = next((each for each in told if np.isfinite(each)), None)
+        thresholds = [*(each.threshold for each in reversed(shown)), *(event.threshold for event in events)]
+        threshold = next((each for each in thresholds if np.isfinite(each)), None)
         if threshold is not None:
             drawing.axes[-1].axhline(
                 threshold, color=FALSE, linestyle="--", label=f"threshold {threshold:.4g}"
@@ -136,7 +136,7 @@ def _signal(axes: Axes, stream: str, blocks: Sequence[SampleBlock]) -> None:
     unit = blocks[0].unit if blocks else ""
     for times_s, values in curves:
         for channel in range(values.shape[1]):
-            shown, unit = heard(stream, values[:, channel], blocks[0].unit)
+            shown, unit = displayed(stream, values[:, channel], blocks[0].unit)
             _line(axes, times_s, shown, OURS if channel == 0 else FAINT)
     axes.set_ylabel(f"{stream}, {unit}" if unit else stream)
 

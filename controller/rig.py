@@ -14,7 +14,7 @@ BenchKind = Literal["mock", "emulated", "hardware"]
 
 @dataclass(frozen=True)
 class TrialScene:
-    """What a simulated bench is told before a trial; a real one is set by hand.
+    """What a simulated bench is given before a trial; a real one is set by hand.
 
     Attributes:
         trial: Number of the trial, which keys the noise together with `seed`.
@@ -42,7 +42,7 @@ class Rig:
             is simulated in this process. For scoring alone; no detector or behavior is given it.
         slips: Likewise: instants at which a contact really began and ceased to slip, where the bench knows slip.
         account: What the plant did: tiers, what was skipped; for the manifest.
-        close: Lets go of what is not a device (an emulator's process).
+        close: Closes what is not a device (an emulator's process).
         plants: What the devices are on, where time may be tried and taken back: with devices and clock it is all that
             a turn changes on the bench. None where it may not.
     """

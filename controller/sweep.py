@@ -18,11 +18,11 @@ from controller.signals.transducer import Kind, Sweep, analyse
 Floats = NDArray[np.float64]
 
 UNITS_HZ = (("mhz", 1e6), ("khz", 1e3), ("hz", 1.0))
-"""What a column's name may say of its unit; the first that is in it counts."""
+"""Units in a column's name; the first that is in it counts."""
 
 KHZ_BELOW = 1000.0
-"""A sweep that ends below this number and does not name its unit is in kHz. Assumption: nobody sweeps a transducer of
-ultrasound below 1 kHz."""
+"""A sweep that ends below this number and does not name its unit is in kHz. Assumption: a transducer of ultrasound is
+not swept below 1 kHz."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def read_sweep(path: Path, column: str | None, span_hz: tuple[float, float] | No
     if not inside.any():
         raise ReplayError(f"{path}: no frequency from {low_hz:g} to {high_hz:g} Hz")
     frequencies_hz, response = frequencies_hz[inside], response[inside]
-    assumed = "" if named else f"; taken for {'kHz' if scale > 1.0 else 'Hz'}, for no name says it"
+    assumed = "" if named else f"; taken for {'kHz' if scale > 1.0 else 'Hz'}, as no name has a unit"
     first, last = 1e-3 * frequencies_hz[0], 1e-3 * frequencies_hz[-1]
     note = f"{path.name}: {len(response)} points, {first:g} to {last:g} kHz, {kind}{assumed}"
     return Measured(frequencies_hz, response, kind, note)

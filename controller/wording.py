@@ -1,4 +1,4 @@
-"""Columns, commands and events in words, as page, report and recording show them; new ones need nothing here."""
+"""Columns, commands and events as text, as page, report and recording show them; new ones need nothing here."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _UNITS = {
 
 
 def unit_of(name: str) -> tuple[str, str, float]:
-    """Name in words, unit that it is shown in, and scale from SI, of a column or field: the unit is in the name."""
+    """Readable name, unit that it is shown in, and scale from SI, of a column or field: the unit is in the name."""
     for ending, (unit, scale) in _UNITS.items():
         if name.endswith(ending):
             return name.removesuffix(ending).replace("_", " "), unit, scale
@@ -32,28 +32,28 @@ def unit_of(name: str) -> tuple[str, str, float]:
 
 
 def spaced(name: str) -> str:
-    """A class's name in words: `MoveTo` as `move to`."""
+    """A class's name as separate words: `MoveTo` as `move to`."""
     return re.sub(r"(?<!^)(?=[A-Z])", " ", name).lower()
 
 
-def in_words(told: Command | Event) -> str:
+def as_text(message: Command | Event) -> str:
     """A command or an event: `stage: move to 3 mm, speed 5 mm/s`, `stage: sent “move to 3 mm, speed 5 mm/s”`."""
-    who = getattr(told, "device", None) or getattr(told, "detector", None)
-    return f"{who}: {_deed(told)}" if who else _deed(told)
+    source = getattr(message, "device", None) or getattr(message, "detector", None)
+    return f"{source}: {_deed(message)}" if source else _deed(message)
 
 
-def _deed(told: Command | Event) -> str:
-    name = spaced(type(told).__name__)
-    parts = list(_parts(told, bare=name.endswith((" to", " at"))))
+def _deed(message: Command | Event) -> str:
+    name = spaced(type(message).__name__)
+    parts = list(_parts(message, bare=name.endswith((" to", " at"))))
     if parts and (parts[0].startswith("“") or name.endswith((" to", " at"))):
         name = f"{name} {parts.pop(0)}"
     return ", ".join([name, *parts])
 
 
-def _parts(told: Command | Event, bare: bool) -> Iterator[str]:
+def _parts(message: Command | Event, bare: bool) -> Iterator[str]:
     """What its fields hold; the first without its name where the verb wants that."""
-    for field in fields(told):
-        value = getattr(told, field.name)
+    for field in fields(message):
+        value = getattr(message, field.name)
         if field.name in ("t_s", "device", "detector", "command_id") or not field.repr or value is None:
             continue
         if isinstance(value, Command):

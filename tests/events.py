@@ -1,4 +1,4 @@
-"""What detectors say of recordings that are kept: shows what changed, and keeps it: python -m tests.events"""
+"""Events of the detectors on kept recordings: shows what changed, and keeps it: python -m tests.events"""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ VALUE = 1e-4
 Events = Sequence[Mapping[str, Any]]
 
 
-def said(case: str) -> Events:
-    """What the detector of a case says of its recording."""
+def detected(case: str) -> Events:
+    """The events of a case's detector on its recording."""
     asked = CASES[case]
     overrides = {key: json.dumps(value) for key, value in asked.get("set", {}).items()}
     baseline = tuple(asked["baseline"]) if "baseline" in asked else None
@@ -40,7 +40,7 @@ def said(case: str) -> Events:
 
 
 def kept() -> dict[str, Events]:
-    """What they said when it was last kept."""
+    """Their events when they were last kept."""
     return json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else {}
 
 
@@ -51,8 +51,8 @@ def changes(before: Events, after: Events) -> Iterator[str]:
         if tag == "equal":
             yield from filter(None, map(_moved, before[a:b], after[c:d]))
             continue
-        yield from (f"- {_told(event)}" for event in before[a:b])
-        yield from (f"+ {_told(event)}" for event in after[c:d])
+        yield from (f"- {_line(event)}" for event in before[a:b])
+        yield from (f"+ {_line(event)}" for event in after[c:d])
 
 
 def _moved(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
@@ -62,15 +62,15 @@ def _moved(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
         one, other = (math.nan if event[name] is None else event[name] for event in (old, new))
         if not (math.isclose(one, other, rel_tol=VALUE) or (math.isnan(one) and math.isnan(other))):
             parts.append(f"{name} {one:.6g} → {other:.6g} (at most {VALUE:g} of it)")
-    return f"~ {_told(old)}: {', '.join(parts)}" if parts else ""
+    return f"~ {_line(old)}: {', '.join(parts)}" if parts else ""
 
 
-def _told(event: Mapping[str, Any]) -> str:
+def _line(event: Mapping[str, Any]) -> str:
     return f"{event['t_s']:.6f} s {event['event']} {event['value']}"
 
 
 if __name__ == "__main__":
-    old, new = kept(), {case: said(case) for case in CASES}
+    old, new = kept(), {case: detected(case) for case in CASES}
     for case in dict.fromkeys((*old, *new)):
         lines = list(changes(old.get(case, ()), new.get(case, ())))
         click.echo("\n  ".join([case, *(lines or ["as before"])]))

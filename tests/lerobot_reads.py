@@ -32,7 +32,7 @@ def main(python: str) -> None:
 
 
 def load(root: str, samples: str) -> None:
-    """Load a dataset as who trains on it does, and compare what comes out with the run's samples.
+    """Load a dataset as a training program does, and compare the result with the run's samples.
 
     Args:
         root: Folder of the dataset.
@@ -52,10 +52,10 @@ def load(root: str, samples: str) -> None:
     compared = 0
     for (trial, stream), whole in table.groupby(["trial", "stream"], sort=False):
         episode = frames[frames["episode_index"] == list(trials).index(trial)]
-        heard = episode.dropna(subset=f"time.{stream}").drop_duplicates(f"time.{stream}")
-        values = np.array(heard[f"observation.{stream}"].to_list()).reshape(len(heard), -1)
+        present = episode.dropna(subset=f"time.{stream}").drop_duplicates(f"time.{stream}")
+        values = np.array(present[f"observation.{stream}"].to_list()).reshape(len(present), -1)
         for channel, own in whole.groupby("channel"):
-            np.testing.assert_array_equal(heard[f"time.{stream}"], own["t_s"])
+            np.testing.assert_array_equal(present[f"time.{stream}"], own["t_s"])
             np.testing.assert_allclose(values[:, channel], own["value"], rtol=1e-6, atol=1e-12)
             compared += len(own)
     assert compared == len(table)

@@ -20,8 +20,8 @@ from drivers.messages import SampleBlock
 from drivers.protocols import Question
 
 
-class Nobody(Silent):
-    """A console at which nobody sits, but the operator is heard."""
+class Unattended(Silent):
+    """A console without a person; the operator is polled."""
 
     def __init__(self, operator):
         self._operator = operator
@@ -46,15 +46,15 @@ class Detector:
 
 
 class StubRun:
-    """One trial that goes on until the operator ends it; `words` is what the loop heard of them, and when."""
+    """One trial that goes on until the operator ends it; `requests` is what the loop received from them, and when."""
 
     def __init__(self, folder, began=None):
         folder.mkdir()
-        self.folder, self.words, self.turns = folder, [], 0
+        self.folder, self.requests, self.turns = folder, [], 0
         self.asker = Asker()
         self.keyboard = Path(os.devnull).open()  # noqa: SIM115 - until the run ends
         self.operator = ConsoleOperator(self.keyboard, asking=[self.asker])
-        self.watched = Watched(Nobody(self.operator), self.operator, began)
+        self.watched = Watched(Unattended(self.operator), self.operator, began)
         self.events, self.lost = [Contact(0.5, "contact", 28.31, 28.2)], {"board.load_cell": 3}
         self.recording = TrialRecording(3)
         limits = GuardSettings(force_n=2.0, travel_m=0.012)
@@ -78,12 +78,14 @@ class StubRun:
         self._thread.start()
 
     def _run(self):
-        word = None
-        while word != "abort":
-            word = self.watched.poll()
-            if word is not None:
-                self.words.append((word, time.monotonic()))
-                self.watched.state({"pause": "PAUSED", "resume": "APPROACH"}.get(word, "STOPPING"), self.t_s)
+        request = None
+        while request != "abort":
+            request = self.watched.poll()
+            if request is not None:
+                self.requests.append((request, time.monotonic()))
+                self.watched.state(
+                    {"pause": "PAUSED", "resume": "APPROACH"}.get(request, "STOPPING"), self.t_s
+                )
             self._record()
             self.turns += 1
             time.sleep(0.005)
@@ -100,14 +102,16 @@ class StubRun:
         ):
             block = SampleBlock(stream, first, times_s[0], values[:, None], rate_hz=1000.0, unit=unit)
             self.recording.add(block)
-        told = np.column_stack([28.0 + 0.1 * np.sin(times_s[-1:]), [28.2]])
-        self.recording.add(SampleBlock("detector.contact", first, times_s[-1], told, times_s=times_s[-1:]))
+        readings = np.column_stack([28.0 + 0.1 * np.sin(times_s[-1:]), [28.2]])
+        self.recording.add(
+            SampleBlock("detector.contact", first, times_s[-1], readings, times_s=times_s[-1:])
+        )
 
     def ask(self, text):
         self.asker.question = Question(7, text)
 
-    def heard(self):
-        return [word for word, _ in self.words]
+    def received(self):
+        return [request for request, _ in self.requests]
 
     def end(self):
         self.operator.press("stop")

@@ -56,7 +56,7 @@ class Program(click.Group):
             code = INTERRUPTED
         except BrokenPipeError:
             # Who read the output has gone, `run.py list | head` for one.
-            _let_go(sys.stdout)
+            _discard(sys.stdout)
             code = FAILED
         sys.exit(code)
 
@@ -95,7 +95,7 @@ class Verb(click.Command):
 
 
 def explained(error: Exception) -> tuple[int, str]:
-    """Exit code and line for an error; one that nobody foresaw is the program's own."""
+    """Exit code and line for an error; an unforeseen one is the program's own."""
     from config.jobs import JobsError
     from config.source import ProfileError
     from controller.guard import GuardRefusal
@@ -116,30 +116,30 @@ def explained(error: Exception) -> tuple[int, str]:
         return GUARD, f"guard: {error}"
     if isinstance(error, RecordingError):
         return FAILED, str(error)
-    said = " ".join(str(error).split())
+    message = " ".join(str(error).split())
     kind, place = type(error).__name__, own_place(error)
-    line = f"{place}: {kind}: {said}" if place else f"unexpected {kind}: {said}"
+    line = f"{place}: {kind}: {message}" if place else f"unexpected {kind}: {message}"
     return FAILED, f"{line}; run again with --debug to see where"
 
 
 def complain(line: str) -> None:
-    """Say what is wrong, on standard error."""
+    """Print a mistake on standard error."""
     say(line, err=True)
 
 
 def say(line: str, *, err: bool = False) -> None:
-    """Say a line that counts for less than the exit code: where it cannot be written, or nobody reads, it is let go."""
+    """Print a line that counts for less than the exit code: where it cannot be written, it is dropped."""
     try:
         click.echo(line, err=err)
     except OSError:
-        _let_go(sys.stderr if err else sys.stdout)
+        _discard(sys.stderr if err else sys.stdout)
 
 
 def say_at_once(line: str) -> None:
-    """Say a line on standard output without Python's lock on it: a thread that hangs in here holds up no other.
+    """Print a line on standard output without Python's lock on it: a thread that hangs in here holds up no other.
 
     Raises:
-        OSError: it cannot be written, or who read it has left.
+        OSError: it cannot be written, or its reader has left.
     """
     try:
         descriptor = sys.stdout.fileno()
@@ -151,13 +151,13 @@ def say_at_once(line: str) -> None:
         data = data[os.write(descriptor, data) :]
 
 
-def _let_go(stream: TextIO) -> None:
-    """Have what is still to be written to a stream that takes nothing more go nowhere."""
+def _discard(stream: TextIO) -> None:
+    """Discard what is still to be written to a stream that takes nothing more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _open_standard_streams() -> None:
-    """Open those that the caller closed: a file of the run would take their place, and what is said go into it."""
+    """Open those that the caller closed: a file of the run would take their place, and the output go into it."""
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
@@ -227,7 +227,7 @@ endpoints_option = click.option(
 realtime_option = click.option(
     "--realtime",
     is_flag=True,
-    help="Let an emulated bench's time pass with the wall's, whoever is late: to measure latencies.",
+    help="Let an emulated bench's time follow the wall clock, even when late: to measure latencies.",
 )
 
 
@@ -264,7 +264,7 @@ def jobs_options(verb: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """What `replay` and `calibrate` ask of a recording and of the detector that hears it."""
+    """The options of `replay` and `calibrate` for the recording and the detector."""
     for decorate in reversed(
         (
             click.option(
@@ -280,7 +280,7 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
                 multiple=True,
                 metavar="C[,C]",
                 help="Columns of a file by name; channels of a WAV file or a run's stream, from 0; TOPIC:FIELD of an "
-                "MCAP file. Once for each stream that the detector hears, in its order.",
+                "MCAP file. Once for each input of the detector, in its order.",
             ),
             click.option(
                 "--rate",
@@ -293,7 +293,7 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
                 "--baseline",
                 callback=span,
                 metavar="T0:T1",
-                help="Hear from T0 on; a detector with a baseline learns for T1 - T0 seconds.",
+                help="Start at T0; a detector with a baseline learns for T1 - T0 seconds.",
             ),
             click.option(
                 "--trial", type=int, help="Trial of a run folder; `replay` takes its first one otherwise."
@@ -320,7 +320,7 @@ def sets(overrides: Mapping[str, str]) -> list[str]:
 
 
 def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
-    """Write the report of some runs, its figures in other formats as well, and say what it says."""
+    """Write the report of some runs, its figures in other formats as well, and print its summary."""
     from controller.export import tidy
     from controller.recording.reader import open_run
     from controller.reports.report import build_report_with_summary

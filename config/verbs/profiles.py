@@ -1,4 +1,4 @@
-"""Verbs on a profile: what there is, what it says, what it would take, its emulated devices."""
+"""Verbs on a profile: `list`, `check`, `plan`, `emulate`."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def check(
     click.echo(f"# sha256 {loaded.hash}\n")
     click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
     trials = plan_campaign(loaded, distinct(asked), 0).trials
-    if not connect and loaded.bench != "mock":  # what a bench on the wire sends, it says when it is connected
+    if not connect and loaded.bench != "mock":  # a bench on the wire reports its streams once it is connected
         return verbs.DONE
     from config.assemble import build_rig
     from controller.doctor import compare, examine
@@ -93,13 +93,13 @@ def check(
     return verbs.DONE if sound else verbs.DEVICE
 
 
-@click.command(cls=verbs.Verb, short_help="Say what a run would take, move and compute.")
+@click.command(cls=verbs.Verb, short_help="Show what a run would take, move and compute.")
 @click.argument("profile")
 @verbs.set_option
 @click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
 @verbs.only_option
 def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int]) -> int:
-    """Say what running a PROFILE would take: time, disk, travel, force, and what each state computes.
+    """Show what running a PROFILE would take: time, disk, travel, force, and what each state computes.
 
     Nothing is opened or computed. Times and sizes are those that were measured with the experiment's shipped profile.
 
@@ -131,7 +131,7 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
 @verbs.set_option
 @verbs.realtime_option
 def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
-    """Start the emulated devices of a PROFILE and say in one JSON line where they are.
+    """Start the emulated devices of a PROFILE and print their addresses in one JSON line.
 
     They serve until Ctrl+C: real bytes on pseudo-terminals, for this program or any other.
 

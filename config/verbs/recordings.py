@@ -20,7 +20,7 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
 
     RECORDING is a run folder, a part of its name or `latest`, or a file: CSV (any separator, with or without a line of
     names), NPZ, MAT, WAV, MCAP. Of a run, a detector of the run's own profile has its settings there; where it has
-    several of a kind, NAME is one of their names. What was read is said on standard error.
+    several of a kind, NAME is one of their names. A summary of the input goes to standard error.
 
     \b
     Example:

@@ -41,7 +41,7 @@ def report(runs: Sequence[str], for_print: bool, out: Path) -> None:
 def watch(name: str, out: Path) -> None:
     """Serve the live page of a RUN that goes on, and print its link; it ends with the run, or by Ctrl+C.
 
-    The page is on this machine alone, and whoever has the link can pause and stop the run. Stop is not a safety
+    The page is on this machine alone, and anyone with the link can pause and stop the run. Stop is not a safety
     function: use the robot's emergency stop.
 
     \b
@@ -94,7 +94,7 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
 
     csv and parquet: trials, and samples as tidy tables (trial, stream, channel, t_s, value, unit). rosbag2: an MCAP
     file a trial with WrenchStamped, Imu and JointState, which ROS 2 plays. lerobot: a dataset (v3.0), an episode a
-    trial, in which each frame says when each stream was sampled.
+    trial, in which each frame has the time of each stream's sample.
 
     \b
     Example:

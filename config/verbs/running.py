@@ -277,7 +277,7 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
 
 
 def _console(operator: ConsoleOperator, page: PageProcess | None, time: str) -> Console:
-    """The person's side: the terminal, and whoever watches; `time` is what is said of how long it takes."""
+    """The person's side: the terminal, or a live page beside it; `time` is the expected duration, as text."""
     from controller.console import PlainConsole
     from controller.watching.feed import Watched
 

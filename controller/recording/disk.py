@@ -43,8 +43,8 @@ class DiskFile(Protocol):
 class DiskThread:
     """Does what is posted, in order; posting costs a microsecond, never waits for the disk and never raises.
 
-    Where writing a file fails, `failure` says why, and what is posted for that file afterwards is dropped; the others
-    go on. More than `BACKLOG` posts are never held: a disk that cannot keep up is a failure as well.
+    Where writing a file fails, `failure` is the reason, and what is posted for that file afterwards is dropped; the
+    others go on. More than `BACKLOG` posts are never held: a disk that cannot keep up is a failure as well.
 
     Args:
         files: What is written, in the order in which it is committed.
@@ -154,6 +154,6 @@ class DiskThread:
         if file.path not in self._failures:
             try:
                 write(*arguments)
-            except Exception as error:  # whatever it was: the run ends by it, in order, and its line says so
+            except Exception as error:  # whatever it was: the run ends by it, in order, and reports it
                 self._fail(file.path, error, doing)
         self._done += 1

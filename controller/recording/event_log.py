@@ -1,4 +1,4 @@
-"""events.jsonl: one line an event, with the state that heard it and what followed from it."""
+"""events.jsonl: one line an event, with the state that handled it and what followed from it."""
 
 from __future__ import annotations
 

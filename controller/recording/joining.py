@@ -1,4 +1,4 @@
-"""Puts trials that were run apart into one run folder, in which nobody can tell that they were."""
+"""Puts trials that were run apart into one run folder, indistinguishable from that of one run."""
 
 from __future__ import annotations
 
@@ -100,15 +100,15 @@ class Parts:
                         channel = Channel.read(stream)
                         channels[channel.id] = channel
                     else:
-                        present = self._told(path, Metadata.read(stream), present)
+                        present = self._noted(path, Metadata.read(stream), present)
 
-    def _told(self, path: Path, record: Metadata, present: _Recorded | None) -> _Recorded | None:
-        told = record.metadata
+    def _noted(self, path: Path, record: Metadata, present: _Recorded | None) -> _Recorded | None:
+        noted = record.metadata
         if record.name == TRIAL:
-            present = _Recorded(path, int(told["base_ns"]), json.loads(told["factors"]))
-            self._recorded[int(told["trial"])] = present  # one that was run again replaces its first attempt
+            present = _Recorded(path, int(noted["base_ns"]), json.loads(noted["factors"]))
+            self._recorded[int(noted["trial"])] = present  # one that was run again replaces its first attempt
         elif record.name == TRIAL_END and present is not None:
-            present.length_s = float(told["length_s"])
+            present.length_s = float(noted["length_s"])
             present = None
         return present
 

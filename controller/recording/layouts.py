@@ -38,7 +38,7 @@ def write_layouts(recording: Path) -> None:
 
 
 def plotted(recording: Path) -> Mapping[str, Sequence[str]]:
-    """Topics to plot with their fields, what tells most first."""
+    """Topics to plot with their fields, the most informative first."""
     found = {}
     for channel, schema in topics_of(recording):
         if not channel.topic.startswith(_OTHERS):

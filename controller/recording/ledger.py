@@ -88,7 +88,7 @@ class Ledger:
             raise RecordingError(self.path, "appending to", error) from error
 
     def add(self, line: str) -> None:
-        """Take a whole line for the next commit: what the row tells of is then written before it."""
+        """Take a whole line for the next commit: what the row summarises is then written before it."""
         self._lines += line
 
     def commit(self, sync: bool) -> None:

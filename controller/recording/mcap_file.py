@@ -328,9 +328,11 @@ class McapWriter:
         self._write(record)
 
     def _write_attachment(self, record: bytes) -> None:
-        told = Attachment.read(ReadDataStream(BytesIO(record[RECORD.size :])))
-        size, times = len(told.data), (told.log_time, told.create_time)
-        index = AttachmentIndex(self._offset, len(record), *times, size, told.name, told.media_type)
+        attachment = Attachment.read(ReadDataStream(BytesIO(record[RECORD.size :])))
+        size, times = len(attachment.data), (attachment.log_time, attachment.create_time)
+        index = AttachmentIndex(
+            self._offset, len(record), *times, size, attachment.name, attachment.media_type
+        )
         self._attachments += _encoded(index)
         self._attachment_count += 1
         self._write(record)
@@ -451,7 +453,7 @@ def unpacked(body: bytes) -> bytes:
     chunk = Chunk.read(ReadDataStream(BytesIO(body)))
     size = zstandard.get_frame_parameters(chunk.data).content_size
     if not size == chunk.uncompressed_size <= LARGEST_CHUNK_BYTES:
-        raise ValueError(f"it unpacks to {size} bytes where {chunk.uncompressed_size} are told")
+        raise ValueError(f"it unpacks to {size} bytes instead of {chunk.uncompressed_size}")
     plain = zstandard.ZstdDecompressor().decompress(chunk.data)
     if zlib.crc32(plain) != chunk.uncompressed_crc:
         raise ValueError("its checksum is another")

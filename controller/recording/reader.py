@@ -81,7 +81,7 @@ class Run:
 
     @property
     def factors(self) -> Sequence[str]:
-        """Columns of what was varied: what the recording says of its trials, and settings of the profile."""
+        """Columns of what was varied: the trials' factors in the recording, and settings of the profile."""
         recorded = (name for factors in self._index.factors.values() for name in factors)
         settings = (name for row in self.trials for name in row if "." in name)
         return list(dict.fromkeys((*recorded, *settings)))
@@ -106,7 +106,7 @@ class Run:
 def close_recordings(folder: RunFolder) -> None:
     """Close what a killed run left open, for other programs; a file that cannot be closed stays as it is."""
     for path in folder.recordings:
-        with suppress(Exception):  # what is damaged, `open_run` tells of
+        with suppress(Exception):  # `open_run` reports what is damaged
             close_cut(path)
 
 

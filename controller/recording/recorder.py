@@ -17,15 +17,15 @@ from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.recording.stream_writer import StreamWriter
-from controller.wording import in_words
+from controller.wording import as_text
 from drivers.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
 
 _ERRORS = (GuardStopped, Failed, Stalled)
 _WARNINGS = (Lost, Refused, BaselineRefused, ContactLost)
 
 READINGS_S = 0.1
-"""How much of what a detector tells is gathered before it is kept, s: a person sees no less, and a block costs as much
-as ten readings."""
+"""Over how long a detector's readings are gathered before they are kept, s: a person sees no less, and a block costs
+as much as ten readings."""
 
 
 class Recorder:
@@ -37,7 +37,7 @@ class Recorder:
     Args:
         folder: The run's folder.
         wall_start: Calendar time at which the campaign's time is zero (UTC).
-        streams: What the devices said of their streams, by `device.stream`.
+        streams: The devices' descriptions of their streams, by `device.stream`.
         factors: Names of what the trials vary, in the order of the columns.
         measures: Names of what is measured of a trial, in the order of the columns.
         patient: Whether `record` may wait for a disk that cannot keep up: in virtual time, which waits too.
@@ -105,14 +105,16 @@ class Recorder:
             self._keep_readings(detector)
 
     def _keep_readings(self, detector: str) -> None:
-        told = np.array(self._readings.pop(detector))
+        readings = np.array(self._readings.pop(detector))
         stream = DETECTOR + detector
         before = self.trial.blocks(stream, -1)
         seq = before[-1].seq + len(before[-1]) if before else 0
-        self.record([SampleBlock(stream, seq, float(told[0, 0]), told[:, 1:], times_s=told[:, 0])])
+        self.record(
+            [SampleBlock(stream, seq, float(readings[0, 0]), readings[:, 1:], times_s=readings[:, 0])]
+        )
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
-        """Note that nobody listened to a stream from `t0_s` to `t1_s`: no loss. An empty span is none."""
+        """Note that a stream had no subscriber from `t0_s` to `t1_s`: no loss. An empty span is none."""
         if t1_s > t0_s:
             self.trial.skip(stream, t0_s, t1_s)
             self._disk.post(self._streams, self._streams.skip, stream, t0_s, t1_s)
@@ -120,7 +122,7 @@ class Recorder:
     def event(
         self, event: Event, *, state: str, next_state: str = "", commands: Sequence[Command] = ()
     ) -> None:
-        """Write down an event, the state that heard it, the state that followed and the commands given."""
+        """Write down an event, the state that handled it, the state that followed and the commands given."""
         self._now_s = max(self._now_s, event.t_s)
         if not self._disk.room():
             return
@@ -184,6 +186,6 @@ class Recorder:
             "ERROR" if isinstance(event, _ERRORS) else "WARNING" if isinstance(event, _WARNINGS) else "INFO"
         )
         change = f" → {next_state}" if next_state != state else ""
-        text = "; ".join([f"{in_words(event)}{change}", *map(in_words, commands)])
+        text = "; ".join([f"{as_text(event)}{change}", *map(as_text, commands)])
         self._streams.log(event.t_s, state, text, level)
         self._streams.state(event.t_s, state, next_state)

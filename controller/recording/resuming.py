@@ -14,7 +14,7 @@ from controller.recording.ledger import read_ledger
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
 
 AGAIN = frozenset({"guard", "fault", "aborted"})
-"""Outcomes that end a run: such a trial says nothing of what was to be measured, and is run again."""
+"""Outcomes that end a run: such a trial is no measurement, and is run again."""
 
 TORN = "interrupted.jsonl"
 """Where the events of torn trials go; their samples stay in the recording that they broke off."""

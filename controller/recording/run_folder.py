@@ -151,10 +151,10 @@ class RunFolder:
             [manifest.parent for manifest in root.glob(f"{below}/{MANIFEST}")] for below in ("*", "*/*")
         )
         runs = sorted([*whole, *parts], key=lambda run: run.name)
-        word, _, profile = str(text).partition(":")
+        keyword, _, profile = str(text).partition(":")
         if str(text) == "latest":
             matches = sorted(whole)[-1:]
-        elif word == "latest":
+        elif keyword == "latest":
             matches = [run for run in runs if _profile_of(run.name) == _folder_part(profile)][-1:]
         else:
             matches = [run for run in runs if str(text) in run.name]

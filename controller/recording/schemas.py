@@ -2,7 +2,7 @@
 
 - one message a sample, `t_s` and a double for each channel: what Foxglove and PlotJuggler plot;
 - `touchbench.Block`: a sample block as the driver gave it, raw, for replay and for measures;
-- `touchbench.Skipped`: a span in which nobody listened to a stream;
+- `touchbench.Skipped`: a span in which a stream had no subscriber;
 - `foxglove.Log`: what happened, in Foxglove's own schema, for its log panel.
 """
 
@@ -76,7 +76,7 @@ def _file(package: str, message: str, fields: Mapping[str, str]) -> descriptor_p
             field.type_name = plain
         if rule == "repeated":
             field.label = _Field.LABEL_REPEATED
-        elif rule == "optional":  # proto3 says presence by a oneof of one
+        elif rule == "optional":  # proto3 marks presence by a oneof of one
             field.proto3_optional = True
             field.oneof_index = len(described.oneof_decl)
             described.oneof_decl.add(name=f"_{name}")

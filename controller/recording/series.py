@@ -38,7 +38,7 @@ class Series:
         values: In `unit`, shape (n, channels).
         unit: Unit of the values, "" where nothing was recorded.
         gaps: Where samples were lost.
-        skipped: Where nobody listened: no loss.
+        skipped: Where it had no subscriber: no loss.
     """
 
     times_s: NDArray[np.float64]
@@ -89,7 +89,7 @@ class TrialRecording:
         self._blocks.setdefault(block.stream, []).append(block)
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
-        """Note that nobody listened to a stream from `t0_s` to `t1_s`."""
+        """Note that a stream had no subscriber from `t0_s` to `t1_s`."""
         self._skipped.setdefault(stream, []).append(Span(t0_s, t1_s))
 
     def blocks(self, stream: str, first: int = 0) -> Sequence[SampleBlock]:

@@ -95,14 +95,14 @@ class StreamWriter:
         self._base_ns = self._start_ns + round(offset_s * 1e9)
         self._trial = trial
         text = json.dumps(factors, default=str)
-        told = {
+        described = {
             "trial": str(trial),
             "offset_s": repr(offset_s),
             "base_ns": str(self._base_ns),
             "factors": text,
         }
         self.commit(sync=False)
-        self._file.add_metadata(TRIAL, told)
+        self._file.add_metadata(TRIAL, described)
 
     def end_trial(self, length_s: float, row: Mapping[str, str]) -> None:
         """The trial took so long and came to this row of trials.csv; the next one begins behind it."""
@@ -130,7 +130,7 @@ class StreamWriter:
         self._samples.setdefault(block.stream, []).append(block)
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
-        """Write a span that nobody listened to."""
+        """Write a span in which a stream had no subscriber."""
         message = self._skipped.message(stream=stream, t0_s=t0_s, t1_s=t1_s)
         self._file.add_message(self._skipped_channel, self._ns(t0_s), message.SerializeToString())
 
@@ -176,11 +176,11 @@ class StreamWriter:
         """
         if any(channel.topic == _EVENTS for channel, _ in topics.values()):
             for offset, (_, length, _, _, time_ns, _) in message_heads(plain):
-                told = self._log.message.FromString(
+                line = self._log.message.FromString(
                     plain[offset + MESSAGE.size : offset + RECORD.size + length]
                 )
-                level = LOG_LEVELS[told.level]
-                self.log((time_ns - base_ns) * 1e-9, told.name, told.message, level)
+                level = LOG_LEVELS[line.level]
+                self.log((time_ns - base_ns) * 1e-9, line.name, line.message, level)
             return
         data = np.frombuffer(plain, np.uint8).copy()
         moved = {}
@@ -250,9 +250,9 @@ class StreamWriter:
             if watching == stream:
                 firsts = np.cumsum([0, *map(len, blocks[:-1])])
                 sizes = np.maximum.reduceat(np.linalg.norm(values[:, list(channels)], axis=1), firsts)
-                told = np.column_stack([sizes, np.full(len(sizes), limit), limit - sizes])
+                margins = np.column_stack([sizes, np.full(len(sizes), limit), limit - sizes])
                 info = StreamInfo(f"guard.{what}", ("largest", "limit", "margin"), unit)
-                self._write_plotted(info, times_s[firsts], told)
+                self._write_plotted(info, times_s[firsts], margins)
 
     def _write_plotted(self, info: StreamInfo, times_s: Floats, values: Floats) -> None:
         if info.name in self._streams:  # the bench has one of its own

@@ -64,8 +64,8 @@ class Chosen:
         name: Of the first column.
         values: Shape (n, columns).
         times_s: Of each row, shape (n,); None where the file has none.
-        rate_hz: Where the file itself says it.
-        clock: Where the times come from, in words.
+        rate_hz: Where the file itself gives it.
+        clock: The source of the times, as text.
     """
 
     name: str
@@ -103,7 +103,7 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         raise
     except OSError as error:
         raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # of damaged files each library says many things
+    except Exception as error:  # each library reports damaged files in its own ways
         kind = path.suffix.removeprefix(".").upper()
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise TableError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
@@ -230,8 +230,8 @@ def _header(rows: Sequence[str], comment: str) -> tuple[list[str], Sequence[str]
     if not all(map(_numeric, first)):
         names, rows = first, rows[1:]
     else:
-        said = _fields(comment, separator)
-        names = said if len(said) == len(first) else [str(place) for place in range(len(first))]
+        named = _fields(comment, separator)
+        names = named if len(named) == len(first) else [str(place) for place in range(len(first))]
     while names and not names[-1]:
         names.pop()
     if rows and separator and len(_fields(rows[0], separator)) == len(names) + 1:
@@ -348,11 +348,11 @@ def _check_riff(path: Path) -> None:
             if name == b"ds64" and large:
                 sound_bytes = int.from_bytes(file.read(16)[8:], "little")
                 if sound_bytes > size:
-                    raise ValueError(f"it is cut off: {sound_bytes} bytes of sound are told")
+                    raise ValueError(f"it is cut off: its header claims {sound_bytes} bytes of sound")
             elif length == 0xFFFFFFFF and large:
                 return
             elif length > size - offset - 8:
-                raise ValueError(f"it is cut off: a piece of {length} bytes is told at byte {offset}")
+                raise ValueError(f"it is cut off: a piece at byte {offset} claims {length} bytes")
             offset += 8 + length + length % 2
 
 
@@ -362,11 +362,11 @@ def channel_numbers(where: str, column: str, count: int) -> list[int]:
     Raises:
         TableError: there is no such channel.
     """
-    words = column.split(",")
-    unknown = next((word for word in words if not (word.isdecimal() and int(word) < count)), None)
+    numbers = column.split(",")
+    unknown = next((each for each in numbers if not (each.isdecimal() and int(each) < count)), None)
     if unknown is not None:
         raise TableError(f"{where} no channel {unknown}; there are 0 to {count - 1}")
-    return [int(word) for word in words]
+    return [int(each) for each in numbers]
 
 
 # --- MCAP of other programs ----------------------------------------------------------------------
@@ -434,8 +434,8 @@ def _check_chunks(path: Path) -> None:
             chunk = Chunk.read(ReadDataStream(io.BytesIO(file.read(length))))
             unpacked = chunk.uncompressed_size
             if chunk.compression == "zstd":
-                told = zstandard.get_frame_parameters(chunk.data).content_size
-                unpacked = max(unpacked, 0 if told == zstandard.CONTENTSIZE_UNKNOWN else told)
+                claimed = zstandard.get_frame_parameters(chunk.data).content_size
+                unpacked = max(unpacked, 0 if claimed == zstandard.CONTENTSIZE_UNKNOWN else claimed)
             if unpacked > LARGEST_CHUNK_BYTES:
                 raise ValueError(f"the chunk at byte {body} unpacks to {unpacked} bytes")
 

@@ -1,1 +1,1 @@
-"""A run that others watch: what it tells, and the page that shows it."""
+"""A run that others watch: what it publishes, and the page that shows it."""

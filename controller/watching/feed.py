@@ -1,4 +1,4 @@
-"""A run that others may watch: it tells them how it stands, and hears what they want, on a thread of its own."""
+"""A run that others may watch: it publishes its state and receives their commands, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ import numpy as np
 
 from controller.campaign import Console, Watching
 from controller.console import PAUSED, ConsoleOperator
-from controller.glimpse import Glimpse, heard
+from controller.glimpse import Glimpse, displayed
 from controller.recording.series import DETECTOR, extremes
 from drivers.clock import monotonic_s, rest
 
 SOCKET = "watch.sock"
-"""In the run folder, as long as the run goes on: who may write there may watch."""
+"""In the run folder, as long as the run goes on: a user who may write there may watch."""
 
-TELL_S = 0.2
-"""How often it tells, s: it takes a core about 1 ms each time, for every one who watches."""
+PUBLISH_S = 0.2
+"""How often it publishes, s: it takes a core about 1 ms each time, for every client."""
 
 GIVE_WAY_S = 5e-4
 """How long it leaves Python's lock to the loop before each signal, s: only a sleep does; else the loop waits 5 ms."""
 
 BLOCKS = 100
-"""After so many blocks it gives way as well: a minute of a board for one who comes late has 6,000; 100 take 1 ms."""
+"""After so many blocks it gives way as well: a minute of a board for a late client has 6,000; 100 take 1 ms."""
 
 CLIENTS = 4
 """How many may watch at once (assumption: a bench and a desk, twice)."""
 
 LATE_S = 60.0
-"""What one who comes late is told of the trial, s of bench time."""
+"""How much of the trial a late client gets, s of bench time."""
 
 POINTS_HZ = 25.0
-"""Points of one signal that are told, a second of bench time: as many as a screen shows of a minute."""
+"""Points of one signal that are published, a second of bench time: as many as a screen shows of a minute."""
 
 ROWS = 200
-"""Trials and events that one who comes late is told of."""
+"""Trials and events that a late client gets."""
 
 COMMAND_BYTES = 4096
-"""Longest line that is heard (assumption: ten times any there is)."""
+"""Longest line that is received (assumption: ten times any there is)."""
 
 
 @dataclass
 class _Client:
-    """One who watches: what was told so far, and what still has to go out."""
+    """A client: what it has received so far, and what still has to go out."""
 
     socket: socket.socket
     out: bytes = b""
-    heard: bytes = b""
+    received: bytes = b""
     trial: Glimpse | None = None
     greeted: bool = False
     rows: int = 0
@@ -66,12 +66,12 @@ class _Client:
 class Watched:
     """A console beside which others watch; implements `controller.campaign.Console`.
 
-    Nothing here waits. The loop's thread notes what is new; the thread that tells makes messages of it and of what was
-    recorded. One who does not read is told nothing more until they do: no message is made before the last one is out.
+    Nothing here waits. The loop's thread notes what is new; the publishing thread makes messages of it and of what was
+    recorded. A client that does not read gets nothing more: no message is made before the last one is out.
 
     Args:
         console: The person's own.
-        operator: Who hears what is wanted elsewhere.
+        operator: Receives the clients' commands.
         began: Called with the run's folder once it can be watched.
     """
 
@@ -86,10 +86,10 @@ class Watched:
         self._rows: list[list[Any]] = []
         self._feed: _Feed | None = None
 
-    # what the loop's thread says
+    # on the loop's thread
 
     def watch(self, glimpse: Glimpse) -> None:
-        """Tells of this trial from now on."""
+        """Publishes this trial from now on."""
         self._glimpse = glimpse
         if isinstance(self._console, Watching):
             self._console.watch(glimpse)
@@ -119,7 +119,7 @@ class Watched:
         return self._console.poll()
 
     def suspend(self) -> None:
-        """Suspends the program, and with it what tells."""
+        """Suspends the program, and with it the publishing thread."""
         self._console.suspend()
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
@@ -128,54 +128,54 @@ class Watched:
         self._console.trial_ended(trial, outcome, row)
 
     def campaign_ended(self, line: str) -> None:
-        """Says so to all who watch, and tells nothing more."""
+        """Publishes the end to all clients, and nothing more."""
         self._present = self._present | {"trial": None, "ended": line or "done"}
         feed, self._feed = self._feed, None
         if feed is not None:
             feed.end()
         self._console.campaign_ended(line)
 
-    # what the thread that tells asks
+    # on the publishing thread
 
-    def hear(self, line: bytes) -> None:
-        """What somebody wants: `{"do": "stop"}`, `pause`, `resume`, or `answer` with `number` and `done`."""
+    def receive(self, line: bytes) -> None:
+        """A client's command: `{"do": "stop"}`, `pause`, `resume`, or `answer` with `number` and `done`."""
         with suppress(ValueError, KeyError, TypeError):
-            told = json.loads(line)
-            if told["do"] == "answer":
-                self._operator.reply(int(told["number"]), bool(told["done"]))
+            message = json.loads(line)
+            if message["do"] == "answer":
+                self._operator.reply(int(message["number"]), bool(message["done"]))
             else:
-                self._operator.press(str(told["do"]))
+                self._operator.press(str(message["do"]))
 
     def news(self, client: _Client) -> bytes:
-        """What is new since a client was told last, as a line."""
+        """What is new since a client's last message, as a line."""
         question = self._operator.question
-        told: dict[str, Any] = dict(self._present)
-        told["stopped"] = self._operator.stopped
-        told["paused"] = told["state"] == PAUSED
-        told["question"] = question and {"number": question.number, "text": question.text}
+        news: dict[str, Any] = dict(self._present)
+        news["stopped"] = self._operator.stopped
+        news["paused"] = news["state"] == PAUSED
+        news["question"] = question and {"number": question.number, "text": question.text}
         if not client.greeted:
-            told["run"], client.greeted = self._run, True
+            news["run"], client.greeted = self._run, True
             client.rows = max(0, len(self._rows) - ROWS)
         rows = self._rows[client.rows :]
         client.rows += len(rows)
-        told["rows"] = rows
+        news["rows"] = rows
         glimpse = self._glimpse
         if glimpse is not None:
             if client.trial is not glimpse:
                 client.trial, client.events, client.blocks = glimpse, 0, {}
-                told["diagram"] = glimpse.diagram()
-            told["t_s"] = glimpse.now()
-            told["margins"] = list(glimpse.margins())
-            told["streams"] = glimpse.ages()
+                news["diagram"] = glimpse.diagram()
+            news["t_s"] = glimpse.now()
+            news["margins"] = list(glimpse.margins())
+            news["streams"] = glimpse.ages()
             events = glimpse.events(client.events)
             client.events += len(events)
-            told["events"] = events[-ROWS:]
-            told["signals"] = {stream: self._signal(glimpse, stream, client) for stream in glimpse.panels()}
-        return json.dumps(told, default=str, separators=(",", ":")).encode() + b"\n"
+            news["events"] = events[-ROWS:]
+            news["signals"] = {stream: self._signal(glimpse, stream, client) for stream in glimpse.panels()}
+        return json.dumps(news, default=str, separators=(",", ":")).encode() + b"\n"
 
     @staticmethod
     def _signal(glimpse: Glimpse, stream: str, client: _Client) -> dict[str, Any]:
-        """What came of a stream: of each stretch its least and largest value, and the last threshold."""
+        """What is new of a stream: of each stretch its least and largest value, and the last threshold."""
         rest(GIVE_WAY_S)
         blocks = glimpse.recording.blocks(stream, client.blocks.get(stream, 0))
         if stream not in client.blocks:
@@ -194,14 +194,14 @@ class Watched:
             times.append(block.times)
             parts.append(block.physical)
         times_s, values = np.concatenate(times), np.concatenate(parts)
-        shown, unit = heard(stream, values[:, 0], fresh[0].unit)
+        shown, unit = displayed(stream, values[:, 0], fresh[0].unit)
         span_s = min(LATE_S, float(times_s[-1] - times_s[0]))
         keep = extremes(shown, max(4, round(POINTS_HZ * span_s)))
         keep = keep[np.isfinite(shown[keep])]
-        told = {"t": times_s[keep].round(4).tolist(), "y": shown[keep].tolist(), "unit": unit}
+        news = {"t": times_s[keep].round(4).tolist(), "y": shown[keep].tolist(), "unit": unit}
         if values.shape[1] == 2 and stream.startswith(DETECTOR) and np.isfinite(values[-1, 1]):
-            told["threshold"] = float(values[-1, 1])
-        return told
+            news["threshold"] = float(values[-1, 1])
+        return news
 
 
 class _Feed:
@@ -209,7 +209,7 @@ class _Feed:
 
     Args:
         path: Of the socket.
-        watched: What is told of.
+        watched: What is published.
 
     Raises:
         OSError: there can be no socket.
@@ -225,7 +225,7 @@ class _Feed:
         self._waker = waker
         self._door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         path.unlink(missing_ok=True)  # of a run that was killed; this one holds the folder
-        os.fchmod(self._door.fileno(), 0o600)  # before there is a name: nobody else ever gets in
+        os.fchmod(self._door.fileno(), 0o600)  # before there is a name: no other user ever gets in
         with at(path) as name:
             self._door.bind(name)
         self._door.listen(CLIENTS)
@@ -236,23 +236,23 @@ class _Feed:
         self._thread.start()
 
     def end(self) -> None:
-        """Tell for the last time; who takes nothing is not waited for."""
+        """Publish for the last time; a client that takes nothing is not waited for."""
         self._ending = True
         self._waker.send(b".")
-        self._thread.join(2 * TELL_S)
+        self._thread.join(2 * PUBLISH_S)
 
     def _serve(self) -> None:
-        told_s = 0.0
+        published_s = 0.0
         while not self._ending:
-            ready = self._selector.select(TELL_S if self._clients else None)
+            ready = self._selector.select(PUBLISH_S if self._clients else None)
             for key, mask in ready:
                 self._attend(key, mask)
-            # Who has just come may only have looked whether anybody is there, and is gone by the next round.
+            # A client that has just come may only have looked whether a run is there, and is gone by the next round.
             came = any(key.fileobj is self._door for key, _ in ready)
-            if not came and monotonic_s() - told_s >= TELL_S:
-                told_s = monotonic_s()
-                self._tell()
-        self._tell()
+            if not came and monotonic_s() - published_s >= PUBLISH_S:
+                published_s = monotonic_s()
+                self._publish()
+        self._publish()
         self._path.unlink(missing_ok=True)
         for each in (*(client.socket for client in self._clients), self._door, self._wake, self._waker):
             each.close()
@@ -285,18 +285,18 @@ class _Feed:
             return
         except OSError:
             data = b""
-        *lines, client.heard = (client.heard + data).split(b"\n")
+        *lines, client.received = (client.received + data).split(b"\n")
         for line in lines:
-            self._watched.hear(line)
-        if not data or len(client.heard) > COMMAND_BYTES:
+            self._watched.receive(line)
+        if not data or len(client.received) > COMMAND_BYTES:
             self._drop(client)
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         for client in list(self._clients):
             if not client.out:
-                self._tell_one(client)
+                self._publish_to(client)
 
-    def _tell_one(self, client: _Client) -> None:
+    def _publish_to(self, client: _Client) -> None:
         try:
             client.out = self._watched.news(client)
         except Exception:  # of a detector of the user's own: it ends neither the run nor this thread
@@ -322,7 +322,7 @@ class _Feed:
             client.socket.close()
 
 
-class at:  # noqa: N801 - reads as a word
+class at:  # noqa: N801 - reads as a preposition
     """A socket's name, however long its folder's: sockets know 107 characters (unix(7))."""
 
     def __init__(self, path: Path) -> None:

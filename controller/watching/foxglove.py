@@ -8,13 +8,13 @@ from contextlib import suppress
 import foxglove
 
 PORT = 8765
-"""Where Foxglove looks for a stream unless it is told otherwise (its documentation, "Foxglove WebSocket")."""
+"""Where Foxglove looks for a stream by default (its documentation, "Foxglove WebSocket")."""
 
 
 class FoxgloveStream:
     """Publishes on loopback; implements `controller.recording.mcap_file.Mirror`.
 
-    The recorder's thread feeds it. Who does not read loses the oldest messages (the SDK's own backlog); nobody waits.
+    The recorder's thread feeds it and never waits. A slow client loses the oldest messages (the SDK's own backlog).
 
     Args:
         port: Where; 0 takes one that is free.
@@ -32,13 +32,13 @@ class FoxgloveStream:
 
     @property
     def address(self) -> str:
-        """What Foxglove is told."""
+        """The address to open in Foxglove."""
         return f"ws://127.0.0.1:{self._server.port}"
 
     def channel(
         self, number: int, topic: str, schema: tuple[str, bytes], metadata: Mapping[str, str]
     ) -> None:
-        """A topic of the recording; raw blocks and spans that nobody heard are for programs, and left out."""
+        """A topic of the recording; raw blocks and spans without a subscriber are for programs, and left out."""
         if topic.startswith(("/raw/", "/skipped")):
             return
         with suppress(Exception):  # a view never ends a run

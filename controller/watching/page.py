@@ -24,7 +24,7 @@ ALIVE_S = 1.0
 """How often the page looks whether its run goes on, s."""
 
 LINE_BYTES = 1 << 24
-"""Longest line of a run: far more than one who comes late is told."""
+"""Longest line of a run: far more than a late client gets."""
 
 
 class Door(NamedTuple):
@@ -45,7 +45,7 @@ class Door(NamedTuple):
 
     @property
     def link(self) -> str:
-        """What the person opens; who has it can stop the run."""
+        """What the person opens; anyone who has it can stop the run."""
         return f"http://{self.host}/?token={self.token}"
 
 
@@ -160,7 +160,7 @@ class _Wire(_Guarded, WebSocketHandler):
 
 
 def html() -> str:
-    """The page: one file, which asks nobody but this process."""
+    """The page: one file, which sends requests to this process alone."""
     from controller.reports.pages import environment, library
 
     return environment().get_template("watch.html.j2").render(library=library())

@@ -47,7 +47,9 @@ def watched(browser, root):
     yield watching
     watching.end()
     hosts = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
-    assert [url for url in watching.asked if not url.startswith(hosts)] == [], "it asks nobody else"
+    assert [url for url in watching.asked if not url.startswith(hosts)] == [], (
+        "it sends requests to this process alone"
+    )
     assert watching.errors == []
 
 
@@ -58,7 +60,7 @@ def endless(browser, tmp_path_factory):
 
 @pytest.fixture
 def watching(endless):
-    """Of a run that nobody ends."""
+    """Of a run that no operator ends."""
     yield endless
     endless.look_away()
 
@@ -69,7 +71,7 @@ def ending(browser, tmp_path):
     yield from watched(browser, tmp_path)
 
 
-def test_it_tells_the_state_the_signals_the_margins_the_trials_and_the_events(watching):
+def test_it_shows_the_state_the_signals_the_margins_the_trials_and_the_events(watching):
     page = watching.look()
     assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed_m_s 0.003785: APPROACH")
     assert page.locator("#diagram .here").text_content() == "APPROACH"
@@ -87,14 +89,14 @@ def test_two_who_watch_see_the_same_and_each_can_pause_and_go_on(watching):
     other.wait_for_selector('body[data-state="PAUSED"]')
     other.get_by_role("button", name="Resume").click()
     one.wait_for_selector('body[data-state="APPROACH"]')
-    assert watching.run.heard() == ["pause", "resume"]
+    assert watching.run.received() == ["pause", "resume"]
 
 
-def test_one_click_stops_and_the_stop_is_latched_whoever_reloads(ending):
+def test_one_click_stops_and_the_stop_is_latched_over_a_reload(ending):
     page = ending.look()
     page.get_by_role("button", name="Stop").click()
     page.wait_for_selector('#stop[aria-pressed="true"]')
-    assert ending.run.heard() == ["abort"]
+    assert ending.run.received() == ["abort"]
     page.reload()
     page.wait_for_selector('#stop[aria-pressed="true"]')
     assert page.get_by_role("button", name="Stopped").is_visible()

@@ -32,7 +32,9 @@ def page(browser, report):
     page.goto(report.as_uri())
     yield page
     page.close()
-    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == [], "it asks nobody"
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == [], (
+        "it sends no request"
+    )
     assert errors == []
 
 
@@ -52,16 +54,16 @@ def test_the_signal_of_the_longest_delay_is_three_clicks_away(page):
     row.click()
     key = row.get_attribute("data-trial")
     page.wait_for_selector(f'#signals-shown[data-ready="{key}"]')
-    said = page.locator("#trial").inner_text()
-    assert "Trial 2, location d" in said
-    assert "contact: contact" in said
-    assert "Threshold: contact" in said
-    assert "APPROACH" in said
-    assert "Truth:" in said
+    text = page.locator("#trial").inner_text()
+    assert "Trial 2, location d" in text
+    assert "contact: contact" in text
+    assert "Threshold: contact" in text
+    assert "APPROACH" in text
+    assert "Truth:" in text
     assert page.locator(".signals .bk-Figure").count() >= 2
 
 
-def test_the_table_is_filtered_by_words_and_by_comparisons(page):
+def test_the_table_is_filtered_by_text_and_by_comparisons(page):
     assert len(shown(page)) == 7
     field = page.get_by_role("searchbox", name="Filter")
     field.fill("false_contact")
@@ -104,7 +106,7 @@ def test_nothing_runs_over_the_edge_of_a_small_screen(page):
     assert page.evaluate("document.documentElement.scrollWidth") <= 420
 
 
-def test_words_of_the_figures_are_words(page):
+def test_text_in_the_figures_is_text(page):
     assert page.locator("figure svg text", has_text="frequency (Hz)").count() >= 1
     assert page.locator("figure svg[aria-label]").count() == page.locator("figure svg").count()
 

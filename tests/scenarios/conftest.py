@@ -20,15 +20,15 @@ QUICK = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"}
 
 @dataclass
 class Script:
-    """An operator who says what the test wants, when the trial is where the test wants it."""
+    """An operator who requests what the test wants, when the trial is where the test wants it."""
 
-    words: dict[str, list[str]] = field(default_factory=dict)
+    requests: dict[str, list[str]] = field(default_factory=dict)
     seen: list[tuple[str, float]] = field(default_factory=list)
     rows: list[tuple[int, str, dict[str, Any]]] = field(default_factory=list)
 
     def poll(self) -> str | None:
-        words = self.words.get(self.seen[-1][0]) if self.seen else None
-        return words.pop(0) if words else None
+        requests = self.requests.get(self.seen[-1][0]) if self.seen else None
+        return requests.pop(0) if requests else None
 
     def state(self, name: str, t_s: float) -> None:
         self.seen.append((name, t_s))
@@ -94,7 +94,7 @@ def run_profile(tmp_path):
 
 @pytest.fixture
 def script():
-    """An operator without words; the test gives them."""
+    """An operator without requests; the test gives them."""
     return Script()
 
 
@@ -106,8 +106,8 @@ def verb(capsys, monkeypatch):
     def call(*arguments):
         with pytest.raises(SystemExit) as ended:
             cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
+        output = capsys.readouterr()
+        return ended.value.code, output.out, output.err
 
     return call
 

@@ -80,7 +80,7 @@ def test_a_recording_too_short_for_its_interval_is_extrapolated_and_says_so(verb
     assert found["threshold_low"] < found["threshold"] < found["threshold_high"]
 
 
-def test_hearing_begins_where_it_is_told_to(verb, rolling):
+def test_the_input_begins_at_the_baselines_start(verb, rolling):
     arguments = ["calibrate", rolling, "--detector", "slip.paper", "--column", "ft_v", "--rate", 1000]
     code, out, _ = verb(*arguments, "--false-alarm-interval", 10, "--baseline", "20:21")
     assert (code, json.loads(out)["recording_s"]) == (0, 100.0)
@@ -97,7 +97,7 @@ def test_every_detector_with_a_statistic_is_offered_where_one_has_none(verb, rol
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--detector", "slip", "--column", "ft_v"], "the sample rate is needed: --rate HZ"),
         (
@@ -126,14 +126,14 @@ def test_every_detector_with_a_statistic_is_offered_where_one_has_none(verb, rol
         ),
     ],
 )
-def test_a_mistake_is_one_line_and_exit_code_2(verb, rolling, arguments, said):
+def test_a_mistake_is_one_line_and_exit_code_2(verb, rolling, arguments, message):
     code, out, err = verb("calibrate", rolling, "--false-alarm-interval", 10, *arguments)
     assert (code, out) == (2, "")
-    assert said in err
+    assert message in err
     assert len(err.splitlines()) == 1
 
 
-def test_nan_in_a_recording_is_said_with_its_time(verb, tmp_path):
+def test_nan_in_a_recording_is_reported_with_its_time(verb, tmp_path):
     values = np.random.default_rng(2).standard_normal(50_000)
     values[12_345] = np.nan
     np.savez(tmp_path / "a.npz", values)
@@ -177,7 +177,7 @@ def test_a_quiet_level_is_not_called_a_dead_sensor(verb, way):
 def test_a_detector_of_two_streams_is_not_calibrated_on_one(verb, way):
     code, out, err = verb("calibrate", *way, "--detector", "pretouch", "--false-alarm-interval", 15)
     assert (code, out) == (2, "")
-    assert "signals.right and arm.position are heard" in err
+    assert "the inputs are signals.right and arm.position" in err
 
 
 def test_an_interval_is_needed(verb, rolling):

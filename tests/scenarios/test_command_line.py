@@ -59,10 +59,10 @@ def test_an_argument_that_is_no_text_is_refused_in_one_line(verb):
 
 
 @pytest.mark.parametrize(
-    "said", ["3", '{"devices": {}}', '{"devices": 3, "control": {"host": "x", "port": 1}}']
+    "line", ["3", '{"devices": {}}', '{"devices": 3, "control": {"host": "x", "port": 1}}']
 )
-def test_endpoints_that_no_emulator_printed_are_refused(verb, tmp_path, said):
-    (tmp_path / "bench.json").write_text(said)
+def test_endpoints_that_no_emulator_printed_are_refused(verb, tmp_path, line):
+    (tmp_path / "bench.json").write_text(line)
     code, _, err = verb("run", "emulated/transient", "--endpoints", tmp_path / "bench.json")
     assert code == 2
     assert "not the line that `run.py emulate` prints" in err
@@ -79,8 +79,8 @@ def test_list_loads_nothing_heavy():
         "import sys\nfrom run import cli\ntry:\n    cli.main(['list'])\nexcept SystemExit:\n    pass\n"
         "print({'numpy', 'pydantic', 'rich', 'numba', 'serial', 'matplotlib', 'scipy'} & set(sys.modules))"
     )
-    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert said.stdout.splitlines()[-1] == "set()"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
 
 
 def test_check_loads_no_compiler_and_nothing_that_records(tmp_path):
@@ -95,8 +95,8 @@ def test_check_loads_no_compiler_and_nothing_that_records(tmp_path):
         "    try:\n        cli.main(['check', name])\n    except SystemExit as ended:\n        assert not ended.code\n"
         "print({'numba', 'scipy', 'mcap', 'pandas', 'matplotlib', 'rich'} & set(sys.modules))"
     )
-    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert said.stdout.splitlines()[-1] == "set()"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
 
 
 def test_check_prints_every_setting_with_the_file_that_gave_it(verb):
@@ -116,28 +116,28 @@ def test_what_check_prints_is_a_profile_again(verb, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "setting", "says"),
+    ("name", "setting", "message"),
     [
         (
             "mock/transient",
             "behavior.period_stream=board.perio",
-            "behavior hears board.perio: the bench has no such",
+            "behavior subscribes to board.perio: the bench has no such",
         ),
-        ("mock/transient", "detectors.contact.input=stage.period", "contact hears stage.period"),
-        ("mock/pretouch", "signals.right.input=audio.finger", "signals.right hears audio.finger"),
+        ("mock/transient", "detectors.contact.input=stage.period", "contact subscribes to stage.period"),
+        ("mock/pretouch", "signals.right.input=audio.finger", "signals.right subscribes to audio.finger"),
         ("mock/pretouch", "limits.position_stream=arm.positon", "limits.position_stream = arm.positon"),
         ("mock/touch", "behavior.contact=nix", "no such detector to stop an approach that touches"),
     ],
 )
-def test_check_finds_a_stream_that_nobody_sends_and_a_trial_that_cannot_be_run(verb, name, setting, says):
+def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(verb, name, setting, message):
     code, _, err = verb("check", name, "--set", setting)
     assert code == 2
-    assert says in err.splitlines()[0]
+    assert message in err.splitlines()[0]
 
 
 def test_check_finds_nothing_wrong_with_a_stream_that_no_state_listens_to(verb):
-    unheard = "detectors.unheard={ kind = 'resonance', input = 'board.nothing' }"
-    assert verb("check", "mock/weights", "--set", unheard)[0] == 0
+    unused = "detectors.unused={ kind = 'resonance', input = 'board.nothing' }"
+    assert verb("check", "mock/weights", "--set", unused)[0] == 0
 
 
 def test_check_connect_reads_every_sensor_of_the_mock_bench(verb):
@@ -158,7 +158,7 @@ def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["lst"], "No such command 'lst'. Did you mean 'list'?"),
         (["run"], "Missing argument 'PROFILE'"),
@@ -185,10 +185,10 @@ def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
         ),
     ],
 )
-def test_a_mistake_on_the_command_line_is_one_line_and_exit_code_2(verb, arguments, said):
+def test_a_mistake_on_the_command_line_is_one_line_and_exit_code_2(verb, arguments, message):
     code, out, err = verb(*arguments)
     assert (code, out) == (2, "")
-    assert said in err
+    assert message in err
     assert len(err.splitlines()) == 1
 
 
@@ -216,7 +216,7 @@ def test_every_verb_explains_itself_with_an_example(verb, name):
     assert "--debug" in out
 
 
-def test_an_error_that_nobody_foresaw_is_one_line_and_shows_itself_with_debug(verb, monkeypatch):
+def test_an_unforeseen_error_is_one_line_and_shows_its_place_with_debug(verb, monkeypatch):
     def broken():
         raise RuntimeError("the table\nis broken")
 
@@ -243,10 +243,10 @@ def test_a_reader_who_leaves_early_is_no_error():
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Two trials, run once for all tests that only look: what the program said, and the run's folder."""
+    """Two trials, run once for all tests that only look: the program's output, and the run's folder."""
     out = tmp_path_factory.mktemp("recorded")
     arguments = ["run", "mock/transient", "--only", "16", "--only", "17", "--out", str(out), *QUICK]
-    said = subprocess.run(
+    done = subprocess.run(
         [sys.executable, str(ROOT / "run.py"), *arguments],
         cwd=ROOT,
         capture_output=True,
@@ -254,13 +254,13 @@ def recorded(tmp_path_factory):
         check=False,
     )
     (folder,) = out.iterdir()
-    return said, folder
+    return done, folder
 
 
-def test_run_says_each_trial_on_a_line_and_where_the_report_is(recorded):
-    said, folder = recorded
-    assert (said.returncode, said.stderr) == (0, "")
-    lines = said.stdout.splitlines()
+def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):
+    done, folder = recorded
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
     assert lines[0].startswith("time: about 3.1 min of bench time, computed in ")
     assert lines[1] == f"mock/transient: 2 trials into {folder}"
     assert {line.split()[2] for line in lines[2:4]} == {"16", "17"}

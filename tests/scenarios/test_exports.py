@@ -47,7 +47,7 @@ def test_parquet_holds_every_row_and_every_sample(run, tmp_path):
 
 
 def test_a_run_has_its_trials_as_parquet_beside_the_csv_where_pyarrow_is_there(run, monkeypatch):
-    run.trials[0]["place"], run.trials[1]["place"] = "a", 1.5  # numbers and words: all words
+    run.trials[0]["place"], run.trials[1]["place"] = "a", 1.5  # numbers and text: all text
     found = pd.read_parquet(tidy(run))
     assert list(found["place"]) == ["a", "1.5"]
     pd.testing.assert_frame_equal(found.drop(columns="place"), run.table.drop(columns="place"))
@@ -55,7 +55,7 @@ def test_a_run_has_its_trials_as_parquet_beside_the_csv_where_pyarrow_is_there(r
     assert tidy(run) is None
 
 
-def test_an_export_that_cannot_be_written_is_told_in_one_line(run, tmp_path):
+def test_an_export_that_cannot_be_written_is_one_line(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RecordingError, match=r"move away .* or choose another .*--into$"):
         export(run, "csv", tmp_path / "file")
@@ -111,9 +111,9 @@ def test_a_lerobot_dataset_holds_every_sample_at_its_own_time(run, tmp_path):
         np.testing.assert_allclose(own["timestamp"], own["frame_index"] / 1000, rtol=1e-6)
         for name in run.trial(trial).streams:
             series = run.trial(trial).stream(name)
-            heard = own.dropna(subset=f"time.{name}").drop_duplicates(f"time.{name}")
-            np.testing.assert_array_equal(heard[f"time.{name}"], series.times_s)
-            values = np.stack(heard[f"observation.{name}"].to_list()).reshape(series.values.shape)
+            present = own.dropna(subset=f"time.{name}").drop_duplicates(f"time.{name}")
+            np.testing.assert_array_equal(present[f"time.{name}"], series.times_s)
+            values = np.stack(present[f"observation.{name}"].to_list()).reshape(series.values.shape)
             np.testing.assert_allclose(values, series.values, rtol=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""A3, A4 and A5 on the mock bench, shortened: what the paper says in words, from the profiles that ship."""
+"""A3, A4 and A5 on the mock bench, shortened: the paper's claims, from the profiles that ship."""
 
 import pytest
 
@@ -12,7 +12,7 @@ def row_of(profile, folder, trials, settings):
     return run.trials
 
 
-def test_the_fixed_threshold_calls_flexion_a_contact_and_the_one_that_follows_tells_the_touch(tmp_path):
+def test_the_fixed_threshold_calls_flexion_a_contact_and_the_one_that_follows_finds_the_touch(tmp_path):
     settings = {
         "behavior.sweep_m_s": "0.002",
         "behavior.flexing_s": "3.0",
@@ -28,13 +28,13 @@ def test_the_fixed_threshold_calls_flexion_a_contact_and_the_one_that_follows_te
     assert 0.0 < row["following_told_s"] < 0.7
 
 
-def test_the_link_that_was_touched_is_told(tmp_path):
+def test_the_link_that_was_touched_is_identified(tmp_path):
     trials = [{"location": location, "speed_m_s": 0.006435} for location in ("p", "f")]
     rows = row_of("mock/proximal", tmp_path, trials, {"plant.noise_scale": "1.0"})
     assert {row["location"]: row["told"] for row in rows} == {"p": "proximal", "f": "distal"}
 
 
-def test_every_threshold_is_judged_on_an_approach_that_nobody_stopped(tmp_path):
+def test_every_threshold_is_judged_on_an_approach_that_was_not_stopped(tmp_path):
     trial = {"location": "f", "speed_m_s": 0.006435}
     (row,) = row_of("mock/tradeoff", tmp_path, [trial], {"detectors.contact.baseline_s": "3.0"})
     assert row["outcome"] == "contact"

@@ -17,7 +17,7 @@ PATIENCE_S = 60.0
 
 
 class Pipe:
-    """In the place of events.jsonl: it is full, and nobody reads it before the test says so."""
+    """In the place of events.jsonl: it is full, and nothing reads it before the test does."""
 
     def __init__(self):
         self.read = b""

@@ -47,7 +47,7 @@ def one(tmp_path_factory):
     return run_of(out)
 
 
-def told(folder):
+def content(folder):
     """All messages of a recording by trial, with their times since the run began: as a reader of MCAP finds them."""
     with (folder / "recording.mcap").open("rb") as file:
         reader = make_reader(file)
@@ -72,10 +72,10 @@ def told(folder):
 
 
 def assert_same(folder, other):
-    """Nobody can tell which of two runs was made in which way."""
+    """Two runs cannot be distinguished, however they were made."""
     for name in ("trials.csv", "events.jsonl"):
         assert (folder / name).read_bytes() == (other / name).read_bytes(), name
-    for mine, others in zip(told(folder), told(other), strict=True):
+    for mine, others in zip(content(folder), content(other), strict=True):
         assert mine == others
     mine, others = (json.loads((run / "manifest.json").read_text()) for run in (folder, other))
     seconds, expected = (manifest.pop("plant").pop("seconds") for manifest in (mine, others))
@@ -101,14 +101,14 @@ def test_three_shards_are_merged_into_the_folder_that_one_run_writes(verb, one, 
     merged = run_of(tmp_path / "merged")
     assert out == f"{merged}\n"
     assert_same(merged, one)
-    for given, said in (
+    for given, message in (
         (shards[1:], "in none of 2 shards; give the other shards as well"),
         ([*shards, shards[0]], "as well; give each shard once"),
         ([*shards[1:], one], "as well; give each shard once"),
     ):
         code, _, err = verb("merge", *given, "--out", tmp_path / "refused")
         assert code == 2
-        assert said in err
+        assert message in err
         assert len(err.splitlines()) == 1
     assert not (tmp_path / "refused").exists()
 
@@ -153,7 +153,7 @@ def test_shards_that_the_guard_ends_whenever_they_are_resumed_are_merged_up_to_w
 @pytest.mark.parametrize(("trial", "status", "code"), [("aborted", "failed", 1), ("success", "fault", 3)])
 def test_a_merged_run_ends_as_its_worst_shard(verb, one, tmp_path, trial, status, code):
     shard = shutil.copytree(one, tmp_path / "shard")
-    ended = {"status": status, "code": code, "reason": "trial 1: said"}
+    ended = {"status": status, "code": code, "reason": "trial 1: reason"}
     change_manifest(shard, lambda manifest: manifest.update(exit=ended))
     rows = (shard / "trials.csv").read_text().splitlines(keepends=True)
     number, _, more = rows[1].split(",", 2)
@@ -179,7 +179,7 @@ def test_shards_of_different_files_of_the_users_own_are_not_merged(verb, one, tm
     assert f"own.my_lab: {'a' * 64} → {'b' * 64}" in err
 
 
-def test_a_recording_of_an_older_program_is_told_from_a_damaged_one(verb, one, tmp_path):
+def test_a_recording_of_an_older_program_is_distinguished_from_a_damaged_one(verb, one, tmp_path):
     old = shutil.copytree(one, tmp_path / "old")
     change_manifest(old, lambda manifest: manifest["profile"].pop("asked"))
     assert verb("merge", old, "--out", tmp_path / "merged")[0] == 0
@@ -217,7 +217,7 @@ def test_a_killed_worker_costs_no_trial_and_doubles_none(one, tmp_path):
     assert outcome.exit_code == 0, outcome.line
     assert (outcome.folder / "trials.csv").read_bytes() == (one / "trials.csv").read_bytes()
     assert (outcome.folder / "events.jsonl").read_bytes() == (one / "events.jsonl").read_bytes()
-    assert told(outcome.folder) == told(one)
+    assert content(outcome.folder) == content(one)
     assert [row[0] for row in console.rows] == [row["trial"] for row in open_run(one).trials]
     assert not multiprocessing.active_children()
 
@@ -267,7 +267,7 @@ def test_no_part_is_joined_after_one_whose_own_disk_was_full(one, tmp_path, monk
     assert [row["trial"] for row in open_run(outcome.folder).trials] == numbers[:2]
 
 
-def test_what_a_worker_says_of_its_disk_comes_back_from_it():
+def test_what_a_worker_reports_of_its_disk_comes_back_from_it():
     error = RecordingError(Path("runs"), "opening", OSError(28, "No space left on device"))
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
@@ -295,7 +295,7 @@ def dying(order, trials):
     raise KilledWorker("part", SimpleNamespace(address="tcp://10.0.0.7:8786"), 3)
 
 
-def test_a_part_that_a_cluster_gave_up_is_said_in_a_line(local_cluster, monkeypatch):
+def test_a_part_that_a_cluster_gave_up_is_reported_in_a_line(local_cluster, monkeypatch):
     monkeypatch.setattr(jobs, "run_part", dying)
     with closing(cluster(local_cluster.scheduler_address)) as crew:
         crew.submit(None, [])  # begun
@@ -304,7 +304,7 @@ def test_a_part_that_a_cluster_gave_up_is_said_in_a_line(local_cluster, monkeypa
             next(found)
 
 
-def test_a_scheduler_that_is_gone_is_said_in_a_line():
+def test_a_scheduler_that_is_gone_is_reported_in_a_line():
     class Gone(Executor):
         def submit(self, fn, /, *args, **kwargs):
             future = Future()
@@ -316,7 +316,7 @@ def test_a_scheduler_that_is_gone_is_said_in_a_line():
         next(parts(Crew(1, Gone, lambda _: None), None, [SimpleNamespace(id=5)], lambda: None))
 
 
-def test_a_worker_that_does_not_end_when_told_to_is_killed(monkeypatch):
+def test_a_worker_that_does_not_end_in_time_is_killed(monkeypatch):
     class Deaf:
         done = ()
 
@@ -384,9 +384,9 @@ def test_a_bench_that_is_there_once_is_not_run_by_several(verb):
     assert "there is one hardware bench" in err
 
 
-@pytest.mark.parametrize("said", ["0/7", "8/7", "3", "a/b"])
-def test_a_shard_that_is_none_is_refused(verb, said):
-    code, _, err = verb("run", "mock/transient", "--shard", said)
+@pytest.mark.parametrize("shard", ["0/7", "8/7", "3", "a/b"])
+def test_a_shard_that_is_none_is_refused(verb, shard):
+    code, _, err = verb("run", "mock/transient", "--shard", shard)
     assert code == 2
     assert "is no shard" in err
 

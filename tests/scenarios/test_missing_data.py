@@ -107,8 +107,8 @@ FAULTS = {
 }
 
 
-class Nobody:
-    """A console that nobody sits at."""
+class Unattended:
+    """A console without an operator."""
 
     def poll(self) -> None: ...
 
@@ -140,7 +140,7 @@ def run(name: str, folder: Path, faults: list[dict[str, Any]] | None = None) -> 
     profile = load_profile(case.profile, {**case.settings, "faults": f"[{written}]"}, table=assemble.Table())
     trials = [trial for trial in profile.trials(1) if trial.id == case.trial]
     plan = assemble.plan_campaign(profile, trials, 1)
-    outcome = Campaign(plan, assemble.build_rig(profile), Nobody(), folder).run()
+    outcome = Campaign(plan, assemble.build_rig(profile), Unattended(), folder).run()
     return Bench(profile, outcome, open_run(outcome.folder))
 
 
@@ -165,7 +165,7 @@ def middle_s(bench: Bench, state: str) -> float:
 
 
 def numbers(bench: Bench) -> dict[str, Any]:
-    """What the only row says was measured."""
+    """What was measured, by the only row."""
     (row,) = bench.run.trials
     measured = import_module(experiment_of(bench.profile.experiment).measures).COLUMNS
     return {name: row[name] for name in measured if row.get(name) not in (None, "")}
@@ -190,7 +190,7 @@ def test_what_does_not_arrive_ends_the_trial_as_a_fault_that_names_it(
     bench = run(name, tmp_path, [fault])
     assert bench.outcome.exit_code == EXIT_DEVICE, bench.outcome.line
     assert bench.run.trials[0]["outcome"] == "fault"
-    words = {"stuck": "sticks at", "losing a little": "no samples from"}.get(kind, "is silent for")
-    assert words in bench.outcome.line or "no samples from" in bench.outcome.line
+    reason = {"stuck": "sticks at", "losing a little": "no samples from"}.get(kind, "is silent for")
+    assert reason in bench.outcome.line or "no samples from" in bench.outcome.line
     assert device in bench.outcome.line
     assert numbers(bench) == {}, "no number from what did not arrive"

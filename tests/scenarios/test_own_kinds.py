@@ -222,13 +222,13 @@ def test_an_experiment_of_the_users_own_is_checked_run_and_reported(verb, lab):
     assert header == "trial,outcome,number,force_n"
     assert len(rows) == 2
     # in a program that has not run it
-    said = subprocess.run(
+    done = subprocess.run(
         [sys.executable, str(ROOT / "run.py"), "report", str(run)],
         capture_output=True,
         text=True,
         check=False,
     )
-    assert said.returncode == 0, said.stderr
+    assert done.returncode == 0, done.stderr
     assert "Mean ± standard deviation" in (run / "report.html").read_text("utf-8")
     assert "force, N" in (run / "figures" / "measured.svg").read_text("utf-8")
 
@@ -289,7 +289,7 @@ def test_a_run_is_not_resumed_by_another_version_of_the_users_own_code(verb, lab
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"),
+    ("kind", "message"),
     [
         ("my_lab.edge:", "must be MODULE:CLASS, as in my_lab.edge:Edge"),
         ("my_lab.ege:Edge", "no module my_lab.ege in "),
@@ -303,7 +303,7 @@ def test_a_run_is_not_resumed_by_another_version_of_the_users_own_code(verb, lab
         ("config:Edge", "the name config is taken by a module of the program"),
     ],
 )
-def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, said):
+def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, message):
     (lab / "my_lab" / "broken.py").write_text("class Edge:\n    def push(self\n")
     (lab / "my_lab" / "lacking.py").write_text("import nothing_such\n")
     (lab / "my_lab" / "script.py").write_text("raise SystemExit(3)\n")
@@ -313,11 +313,11 @@ def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, said):
     assert code == 2
     assert err.count("\n") == 1, err
     assert f'[detectors.contact] kind = "{kind}": ' in err
-    assert said in err
+    assert message in err
 
 
 @pytest.mark.parametrize("part", ["        self.reset()\n", "        events = []\n"])
-def test_an_error_of_the_users_own_detector_is_said_with_its_file_and_line(verb, lab, part):
+def test_an_error_of_the_users_own_detector_is_reported_with_its_file_and_line(verb, lab, part):
     path = lab / "my_lab" / "edge.py"
     text = path.read_text()
     path.write_text(text.replace(part, part + "        1 / 0\n", 1))

@@ -40,9 +40,9 @@ def run(tmp_path, capsys, monkeypatch):
     def run(*arguments):
         with pytest.raises(SystemExit) as ended:
             cli.main([*arguments, "--out", str(tmp_path / "runs")])
-        said = capsys.readouterr()
-        assert not ended.value.code, said.err
-        return said.out
+        output = capsys.readouterr()
+        assert not ended.value.code, output.err
+        return output.out
 
     return run
 
@@ -67,9 +67,9 @@ def rows(campaign):
 def test_parts_run_into_one_folder_with_one_report_and_go_on_where_they_broke_off(run, begun, tmp_path):
     profile = tmp_path / "two.toml"
     profile.write_text(TWO)
-    said = run("run", str(profile), "--jobs", "2")
+    printed = run("run", str(profile), "--jobs", "2")
     assert begun == [2]  # the same workers for both
-    assert "[2/2] mock/transient" in said
+    assert "[2/2] mock/transient" in printed
     (campaign,) = (tmp_path / "runs").iterdir()
     whole = rows(campaign)
     assert len(whole) == 2
@@ -103,7 +103,7 @@ def test_a_profile_that_is_a_part_of_itself_is_refused(tmp_path):
         parts_of(str(path))
 
 
-def test_a_part_that_cannot_be_planned_is_told_by_the_exit_code(tmp_path, capsys):
+def test_a_part_that_cannot_be_planned_is_reported_by_the_exit_code(tmp_path, capsys):
     (tmp_path / "two.toml").write_text('title = "x"\nparts = ["mock/static --only 99", "mock/static"]')
     with pytest.raises(SystemExit) as ended:
         cli.main(["plan", str(tmp_path / "two.toml")])
@@ -129,7 +129,7 @@ def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ('title = "x"\nparts = []', "parts"),
         ('title = "x"\nparts = ["mock/static"]\nspeed = 1', "unknown key"),
@@ -143,9 +143,9 @@ def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_
         ('title = "x"\nparts = ["papers/table_1"]', "has parts itself"),
     ],
 )
-def test_a_mistake_in_a_profile_of_parts_is_said_with_its_place(text, said, tmp_path):
+def test_a_mistake_in_a_profile_of_parts_is_reported_with_its_place(text, message, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(text)
-    with pytest.raises(ProfileError, match=said) as error:
+    with pytest.raises(ProfileError, match=message) as error:
         parts_of(str(path))
     assert "mine.toml" in str(error.value)

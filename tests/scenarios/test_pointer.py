@@ -1,4 +1,4 @@
-"""B7 on the mock bench: the angle that the bridges tell against the one that the arm has turned."""
+"""B7 on the mock bench: the angle from the bridges against the one that the arm has turned."""
 
 import math
 
@@ -24,7 +24,7 @@ def runs(tmp_path_factory):
 
 
 class Quiet:
-    """Nobody is there."""
+    """No console."""
 
     def poll(self):
         return None
@@ -88,7 +88,7 @@ def test_hysteresis_shows_where_the_play_opens(runs):
     assert rows[1.0]["theta_hysteresis_rad"] < 0.02
 
 
-def test_the_row_and_the_report_tell_the_same(runs):
+def test_the_row_and_the_report_show_the_same(runs):
     for _, run in runs.values():
         (sweep,) = read_sweeps([run])
         assert run.trials[0]["theta_rms_rad"] == pytest.approx(sweep.errors.rms, rel=1e-8)
@@ -125,7 +125,7 @@ PAUSED_ANGLES = (0.0, 0.3)
 
 @pytest.fixture
 def paused_in_a_touch(tmp_path, script):
-    script.words = {"RECORDING": ["pause"], "PAUSED": ["resume"]}
+    script.requests = {"RECORDING": ["pause"], "PAUSED": ["resume"]}
     return run_pointer(tmp_path, operator=script, behavior__angles_rad=str(list(PAUSED_ANGLES)))
 
 
@@ -147,14 +147,16 @@ def test_after_a_pause_in_a_touch_the_touch_is_made_again(paused_in_a_touch, scr
     assert "Standstill" not in names[resumed:lifted]
 
 
-def test_a_word_to_go_on_while_the_arm_still_brakes_is_not_waited_for_again(tmp_path, script, monkeypatch):
-    """The arm needs several turns to stand; virtual time would rest for ever for a word that has been said."""
+def test_a_request_to_resume_while_the_arm_still_brakes_is_not_waited_for_again(
+    tmp_path, script, monkeypatch
+):
+    """The arm needs several turns to stand; virtual time would rest for ever for a request that has been made."""
 
     def waited(seconds):
-        pytest.fail("it waits for a second word")
+        pytest.fail("it waits for a second request")
 
     monkeypatch.setattr("controller.loop.rest", waited)
-    script.words = {"TURNING": ["pause"], "PAUSED": ["resume"]}
+    script.requests = {"TURNING": ["pause"], "PAUSED": ["resume"]}
     outcome, _ = run_pointer(tmp_path, operator=script, behavior__angles_rad="[0.0, 0.3]")
     assert outcome.exit_code == 0
     names = [name for name, _ in script.seen]

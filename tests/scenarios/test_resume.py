@@ -120,7 +120,7 @@ def changed(run, change):
 
 
 @pytest.mark.parametrize(
-    ("change", "code", "said"),
+    ("change", "code", "message"),
     [
         (lambda m: m.update(commit="0123456789ab"), 2, "was run by another program (commit: 0123456789ab → "),
         (lambda m: m["versions"].update(numpy="1.0"), 2, "another program (versions.numpy: 1.0 → "),
@@ -132,12 +132,12 @@ def changed(run, change):
         (lambda m: m["devices"]["stage"].update(serial="7"), 3, "its serial was 7 and is"),
     ],
 )
-def test_another_program_profile_or_device_is_refused_by_name(verb, whole, tmp_path, change, code, said):
+def test_another_program_profile_or_device_is_refused_by_name(verb, whole, tmp_path, change, code, message):
     run = broken(whole, tmp_path, 3)
     changed(run, change)
     found, out, err = verb("resume", run, "--no-report")
     assert found == code, out + err
-    assert said in err
+    assert message in err
     assert len(err.splitlines()) == 1
 
 

@@ -61,9 +61,7 @@ def test_the_fingertip_runs_at_the_papers_times(every_sensor):
 def test_the_fingertips_slip_is_found_by_both_detectors_at_its_own_frequency(every_sensor):
     row = row_of(every_sensor, "fingertip")
     assert row["dominant_hz"] in (171.875, 187.5), "the paper's bins beside 180 Hz"
-    assert row["peak_product"] > 10.0 > row["peak_product_before"], (
-        "4.3: the threshold of 10 tells them apart"
-    )
+    assert row["peak_product"] > 10.0 > row["peak_product_before"], "4.3: the threshold of 10 separates them"
     assert (row["paper_missed"], row["ours_missed"]) == (0, 0)
     assert row["ours_told_s"] <= row["paper_told_s"]
 
@@ -180,7 +178,7 @@ def test_a_fingertip_that_is_not_at_the_tip_is_asked_nothing(tmp_path):
 def test_a_pause_in_the_descent_lifts_before_the_tip_turns_and_the_trial_is_run_all_the_same(
     tmp_path, script
 ):
-    script.words = {"DESCENDING": ["pause"], "PAUSED": ["resume"]}
+    script.requests = {"DESCENDING": ["pause"], "PAUSED": ["resume"]}
     profile = load_profile(
         "mock/slip",
         {"trials.list": '[{ sensor = "fingertip" }]', "trials.repeats": "1"},

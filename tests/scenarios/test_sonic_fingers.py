@@ -58,24 +58,24 @@ def test_before_nothing_nothing_is_seen(tmp_path):
     assert [(row["seen_ours"], row["alarms_ours"]) for row in run.trials] == [(None, 0)] * 3
 
 
-def test_the_rate_of_turns_changes_no_word_of_a_detector(tmp_path):
-    words = []
+def test_the_rate_of_turns_changes_no_event_of_a_detector(tmp_path):
+    runs = []
     for number, rate_hz in enumerate(("50.0", "200.0")):
         _, run = run_aura(
             tmp_path / str(number), "mock/pretouch", [{"speed_m_s": 0.03}], **{"loop.rate_hz": rate_hz}
         )
-        words.append(
+        runs.append(
             [
                 (event["detector"], event["event"], round(event["value"], 6))
                 for event in run.events
                 if event["trial"] == 1 and "detector" in event
             ]
         )
-    assert words[0]
-    assert words[0] == words[1]
+    assert runs[0]
+    assert runs[0] == runs[1]
 
 
-def test_a_touch_stops_the_arm_and_is_told_to_its_end(tmp_path):
+def test_a_touch_stops_the_arm_and_is_reported_to_its_end(tmp_path):
     outcome, run = run_aura(tmp_path, "mock/touch", [{"side": "back", "speed_m_s": 0.01}] * 5)
     assert outcome.exit_code == EXIT_DONE
     felt = [row for row in run.trials if row["felt_ours"]]
@@ -94,12 +94,12 @@ def test_a_sound_that_ends_stops_the_arm_with_one_line(tmp_path):
     assert outcome.exit_code == EXIT_DEVICE
     assert "audio" in outcome.line
     assert "\n" not in outcome.line
-    told = [event["commands"] for event in run.events if event["next"] == "FAILED"]
-    assert any(f"{Stop.__name__}(arm)" in command for commands in told for command in commands)
+    last = [event["commands"] for event in run.events if event["next"] == "FAILED"]
+    assert any(f"{Stop.__name__}(arm)" in command for commands in last for command in commands)
     assert any(event["event"] == Standstill.__name__ and event["device"] == "arm" for event in run.events)
 
 
-def test_each_report_tells_of_its_experiment(approaches, tmp_path):
+def test_each_report_shows_its_experiment(approaches, tmp_path):
     page = build_report([approaches], tmp_path).read_text("utf-8")
     assert "Pre-touch (C2)" in page
     assert "SonicFinger" in page

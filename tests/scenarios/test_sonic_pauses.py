@@ -31,8 +31,8 @@ def run_one(out, operator, name, row, **sets):
 
 
 def pause_everywhere(script, behavior):
-    words = {state: [None] * PAUSE_AFTER + ["pause"] for state in behavior.states}
-    script.words = words | {"PAUSED": ["resume"] * 100}
+    requests = {state: [None] * PAUSE_AFTER + ["pause"] for state in behavior.states}
+    script.requests = requests | {"PAUSED": ["resume"] * 100}
 
 
 def paused_in(script):
@@ -72,7 +72,7 @@ def test_a_search_that_is_paused_everywhere_finds_the_middle_and_touches_nothing
 
 @pytest.mark.parametrize("state", ["HOLDING", "RELEASING"])
 def test_a_grip_that_was_confirmed_stands_after_a_pause(tmp_path, script, state):
-    script.words = {state: ["pause"], "PAUSED": ["resume"]}
+    script.requests = {state: ["pause"], "PAUSED": ["resume"]}
     row = {"object_x_m": 0.006, "speed_m_s": 0.03, "method": "ours"}
     (measured,) = run_one(tmp_path, script, "mock/centering", row).trials
     names = [name for name, _ in script.seen]

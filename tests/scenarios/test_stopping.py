@@ -34,7 +34,7 @@ def test_a_fault_stops_every_mover_from_every_state(run_profile, state, device):
     assert bench.outcome.exit_code == EXIT_DEVICE
     if device == "board":
         assert stands_still(bench)
-    else:  # nobody can stop a stage without its cable: it goes no farther than its own controller was told
+    else:  # no command reaches a stage without its cable: it goes no farther than its own controller's limit
         assert 0.0 <= bench.stage.axis.target_m <= 0.010
         assert "NOT seen standing still: stage" in bench.outcome.line
     assert len(bench.run.trials) == 1, "nothing moves after an error: no second trial"
@@ -120,7 +120,7 @@ def test_an_exception_anywhere_stops_flushes_and_keeps_the_row(run_profile, tmp_
 
 
 def test_ctrl_c_once_pauses_and_the_trial_goes_on_after_a_new_baseline(run_profile, script):
-    script.words = {"APPROACH": ["pause"], "PAUSED": ["resume"]}
+    script.requests = {"APPROACH": ["pause"], "PAUSED": ["resume"]}
     bench = run_profile(trials=(1,), script=script)
     names = [name for name, _ in script.seen]
     paused = names.index("PAUSED")
@@ -141,14 +141,14 @@ def test_a_pause_stops_the_mover_at_once(run_profile, script):
             apply(command),
         )[1]
 
-    script.words = {"APPROACH": ["pause"], "PAUSED": ["resume"]}
+    script.requests = {"APPROACH": ["pause"], "PAUSED": ["resume"]}
     run_profile(trials=(1,), script=script, wrap=spy)
     paused_s = next(t_s for name, t_s in script.seen if name == "PAUSED")
     assert stops[0] == (paused_s, Stop("stage"))
 
 
 def test_an_abort_stops_and_keeps_what_there_is(run_profile, script):
-    script.words = {"APPROACH": ["abort"]}
+    script.requests = {"APPROACH": ["abort"]}
     bench = run_profile(trials=(1, 2), script=script)
     assert bench.outcome.exit_code == EXIT_INTERRUPTED
     assert stands_still(bench)

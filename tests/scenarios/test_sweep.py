@@ -46,14 +46,14 @@ def test_a_pair_that_was_measured_has_its_peak_its_sharpness_and_two_resonances(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--span", "50000:60000"], "no frequency from 50000 to 60000 Hz"),
         (["--column", "0"], "two columns, frequency and response"),
         (["--plot", "pair.gif"], "is no picture"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(verb, pair, arguments, said):
+def test_a_mistake_is_one_line(verb, pair, arguments, message):
     code, _, err = verb("sweep", pair, *arguments)
     assert code == 2
-    assert said in err.splitlines()[-1]
+    assert message in err.splitlines()[-1]

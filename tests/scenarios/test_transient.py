@@ -17,7 +17,7 @@ def test_a_trial_ends_by_contact_with_a_stop_certificate(run_profile):
     assert row["outcome"] == "contact"
     assert row["truth_contact_s"] <= row["onset_s"] + 1e-9
     assert row["onset_s"] < row["detect_s"] <= row["command_s"] < row["standstill_s"]
-    # The command goes out in the turn that hears the deciding sample: at most one turn later.
+    # The command goes out in the turn that receives the deciding sample: at most one turn later.
     assert row["command_s"] - row["detect_s"] <= 1 / 200 + 1e-9
     # From 3.785 mm/s at 0.5 m/s2: 7.57 ms to a standstill.
     assert row["standstill_s"] - row["command_s"] == pytest.approx(0.003785 / 0.5, abs=1e-6)
@@ -55,19 +55,19 @@ def test_the_order_of_trials_changes_no_row(run_profile):
     assert alone.csv.splitlines()[1] in lines
 
 
-def test_what_nobody_hears_is_neither_sent_nor_recorded(run_profile):
-    heard = []
+def test_a_stream_without_a_subscriber_is_neither_sent_nor_recorded(run_profile):
+    subscriptions = []
 
     def spy(rig):
         board = rig.devices["board"]
         apply = board.apply
         board.apply = lambda command: (
-            heard.append(command) if isinstance(command, Listen) else None,
+            subscriptions.append(command) if isinstance(command, Listen) else None,
             apply(command),
         )[1]
 
     bench = run_profile(trials=(1,), wrap=spy)
-    streams = {stream for command in heard for stream in command.streams}
+    streams = {stream for command in subscriptions for stream in command.streams}
     assert streams == {"board.accelerometer", "board.load_cell", "board.period"}
     recording = bench.run.trial(1)
     entered_s = dict(bench.script.seen)

@@ -37,7 +37,7 @@ def test_a_trial_ends_by_contact_with_the_arms_stop_certificate(run_profile):
     assert row["extent_m"] == pytest.approx(0.003785 * row["delay_s"], abs=1e-7)
     assert bench.run.manifest["roles"] == {"mover": "arm", "exciter": "board"}
     assert "arm.position" in bench.run.trial(1).streams
-    assert "arm.force" not in bench.run.trial(1).streams, "nobody listens to it"
+    assert "arm.force" not in bench.run.trial(1).streams, "it has no subscriber"
 
 
 def test_one_seed_gives_one_file_to_the_last_byte_whatever_the_order(run_profile):
@@ -52,12 +52,12 @@ def test_the_report_is_that_of_the_stage(run_profile):
     assert "with an arm" in page
 
 
-@pytest.mark.parametrize(("kind", "words"), [("unplug", "the link is gone"), ("stall", "protective stop")])
-def test_a_fault_of_the_arm_ends_the_run_and_nothing_moves(run_profile, kind, words):
+@pytest.mark.parametrize(("kind", "reason"), [("unplug", "the link is gone"), ("stall", "protective stop")])
+def test_a_fault_of_the_arm_ends_the_run_and_nothing_moves(run_profile, kind, reason):
     seen = run_profile(PROFILE, trials=(1,)).script.seen
     at_s = next(t_s for name, t_s in seen if name == "APPROACH") + 0.1
     bench = run_profile(PROFILE, trials=(1, 2), faults=[{"device": "arm", "kind": kind, "at_s": at_s}])
     assert bench.outcome.exit_code == EXIT_DEVICE
-    assert words in bench.outcome.line
+    assert reason in bench.outcome.line
     assert not bench.rig.devices["arm"].axis.moving(bench.rig.clock.now())
     assert len(bench.run.trials) == 1

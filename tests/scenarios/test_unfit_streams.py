@@ -72,24 +72,24 @@ def test_a_detector_that_loses_its_rate_while_the_arm_descends_stops_the_arm(run
 
 
 @pytest.mark.parametrize(
-    ("limits", "says"),
+    ("limits", "reason"),
     [
         ({"limits__force_stream": "arm.nix"}, "limits.force_stream = arm.nix: the bench has no such stream"),
         ({"limits__force_channels": "[9]"}, "channel 9 is to be watched, but it has 6"),
     ],
 )
-def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, limits, says):
+def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, limits, reason):
     outcome, kept, _ = run("mock/pretouch", **limits)
     assert outcome.exit_code == EXIT_GUARD
-    assert says in outcome.line
+    assert reason in outcome.line
     assert [row["outcome"] for row in kept.trials] == ["guard"]
     assert not any(event["event"] == "Sent" and "Move" in str(event) for event in kept.events)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert build_report([kept]).is_file(), "a trial of which the finger was not heard is drawn as nothing"
+        assert build_report([kept]).is_file(), "a trial without samples of the finger is drawn as nothing"
 
 
-def test_a_trial_that_its_behavior_cannot_run_is_told_before_the_bench_is_opened():
+def test_a_trial_that_its_behavior_cannot_run_is_refused_before_the_bench_is_opened():
     profile: Any = load_profile("mock/touch", {"behavior.contact": "nix"}, table=assemble.Table())
     with pytest.raises(ProfileError, match="contact = nix: no such detector to stop an approach"):
         assemble.plan_campaign(profile, profile.trials(0), 0)

@@ -1,4 +1,4 @@
-"""Whether drive and converter share a clock: measured on request, kept in the manifest, told where they do not."""
+"""Whether drive and converter share a clock: measured on request, kept in the manifest, reported where they do not."""
 
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
@@ -20,7 +20,7 @@ def test_one_clock_stands_in_manifest_and_report_and_in_no_warning(tmp_path):
     assert any("drift_ppm" in text for _, text in account_of(run).facts)
 
 
-def test_two_clocks_that_were_taken_for_one_are_told_in_the_last_line(tmp_path, monkeypatch):
+def test_two_clocks_that_were_taken_for_one_are_reported_in_the_last_line(tmp_path, monkeypatch):
     monkeypatch.setattr("controller.signals.iq.DRIFT_MAX_PPM", 0.0)
     outcome, run = one_approach(tmp_path)
     assert outcome.exit_code == EXIT_DONE
@@ -29,6 +29,6 @@ def test_two_clocks_that_were_taken_for_one_are_told_in_the_last_line(tmp_path, 
     assert run.manifest["signals"]["right"]["warning"] in outcome.line
 
 
-def test_where_nobody_looks_nothing_is_said(tmp_path):
+def test_without_a_request_nothing_is_reported(tmp_path):
     _, run = one_approach(tmp_path, "locked")
     assert run.manifest["signals"] == {}

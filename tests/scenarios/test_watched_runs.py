@@ -15,7 +15,7 @@ from tests.scenarios.conftest import QUICK
 
 
 def rows(out, watchers):
-    """What a run of two trials measures while so many watch who never read."""
+    """The rows of a run of two trials with so many clients that never read."""
     profile = load_profile("mock/transient", QUICK, table=Table())
     plan = plan_campaign(profile, profile.trials(0)[:2], 0)
     deaf = [socket.socket(socket.AF_UNIX) for _ in range(watchers)]
@@ -35,5 +35,5 @@ def rows(out, watchers):
     return (outcome.folder / "trials.csv").read_bytes()
 
 
-def test_rows_are_the_same_whoever_watches_and_does_not_read(tmp_path):
+def test_rows_are_the_same_with_clients_that_do_not_read(tmp_path):
     assert rows(tmp_path / "alone", 0) == rows(tmp_path / "watched", 3)

@@ -55,13 +55,13 @@ def run_weights(tmp_path, **overrides):
     )
 
 
-def test_weights_that_pull_otherwise_than_they_say_move_the_gain_and_the_interval_knows_when_told(tmp_path):
-    """Nothing is tied to the answer: what hangs decides, and the interval knows what it is told of the weights."""
+def test_weights_other_than_stated_move_the_gain_and_their_uncertainty_widens_the_interval(tmp_path):
+    """Nothing is tied to the answer: what hangs decides, and the interval has the stated uncertainty of the weights."""
     wrong = {"devices.operator.weight_error": "0.1"}
-    told = {**wrong, "behavior.weight_uncertainty": "0.1"}
+    stated = {**wrong, "behavior.weight_uncertainty": "0.1"}
     exact, unaware, aware = (
         run_weights(tmp_path, **settings)[1].trials[0]
-        for settings in ({"devices.operator.weight_error": "0.0"}, wrong, told)
+        for settings in ({"devices.operator.weight_error": "0.0"}, wrong, stated)
     )
     assert abs(unaware["gain_v_n"] / exact["gain_v_n"] - 1.0) > 0.005
     assert aware["gain_v_n"] == unaware["gain_v_n"]

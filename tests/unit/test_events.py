@@ -1,13 +1,13 @@
-"""Detectors say of recordings that are kept what they have always said."""
+"""Detectors say of recordings that are kept what they have always detected."""
 
 import pytest
 
-from tests.events import CASES, FOLDER, TIME_S, changes, kept, said
+from tests.events import CASES, FOLDER, TIME_S, changes, detected, kept
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_detector_says_of_a_recording_what_it_said_before(case):
-    found = list(changes(kept()[case], said(case)))
+def test_a_detectors_events_on_a_recording_are_the_kept_ones(case):
+    found = list(changes(kept()[case], detected(case)))
     assert not found, f"{case}; if that is meant: python -m tests.events\n" + "\n".join(found)
 
 

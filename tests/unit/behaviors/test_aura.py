@@ -63,7 +63,7 @@ def test_it_goes_along_the_path_and_back():
     assert behavior.outcome == "no_contact"
 
 
-def test_words_stop_nothing_in_an_approach_that_does_not_touch():
+def test_events_stop_nothing_in_an_approach_that_does_not_touch():
     behavior, _ = to("APPROACHING")
     assert behavior.handle(PreTouch(7.0, "pretouch_ours", 1.0, 0.5)) == []
     assert behavior.handle(Contact(8.0, "contact_ours", 9.0, 5.0)) == []
@@ -96,8 +96,8 @@ def test_an_axis_without_a_path_is_named():
 @pytest.mark.parametrize("state", list(PATH))
 def test_a_failure_in_any_state_stops_both_movers(state):
     behavior, _ = to(state)
-    said = behavior.handle(Failed(30.0, "audio", "the link is gone"))
-    assert said == [Stop("arm"), Stop("gripper"), Excite("audio", False)]
+    commands = behavior.handle(Failed(30.0, "audio", "the link is gone"))
+    assert commands == [Stop("arm"), Stop("gripper"), Excite("audio", False)]
     assert behavior.outcome == "fault"
 
 
@@ -110,7 +110,7 @@ def test_a_sweep_is_silence_chirp_silence():
     sweep = ChirpSweep(ChirpSettings(), ChirpFactors(), frozenset())
     assert sweep.begin(0.0) == [Excite("audio", False)]
     assert sweep.handle(Tick(0.2)) == [Chirp("audio", 20_000.0, 46_000.0, 4.0, 0.5)]
-    assert sweep.handle(Reached(2.0, "arm", 0.0)) == [], "another device's word"
+    assert sweep.handle(Reached(2.0, "arm", 0.0)) == [], "another device's answer"
     sweep.handle(Reached(4.2, "audio", 0.0))
     sweep.handle(Tick(4.4))
     assert (sweep.done, sweep.outcome) == (True, "no_contact")
@@ -137,12 +137,12 @@ ENDED = [*HELD, ContactLost(5.5, "contact_ours", 0.0, 5.0)]
 AGAIN = [*ENDED, Contact(5.6, "contact_ours", 9.0, 5.0)]
 
 
-@pytest.mark.parametrize("said", [LEFT_ALONE, HELD, AGAIN])
+@pytest.mark.parametrize("reported", [LEFT_ALONE, HELD, AGAIN])
 @pytest.mark.parametrize("event", [Tick(6.0), Resumed(5.9)])
-def test_a_touch_that_stands_before_the_approach_lets_none_begin(said, event):
+def test_a_touch_that_stands_before_the_approach_lets_none_begin(reported, event):
     behavior, _ = to("BASELINE", touch=True)
-    for word in said:
-        behavior.handle(word)
+    for each in reported:
+        behavior.handle(each)
     assert behavior.handle(event) == [go(0.0, 0.1, 0.05)], "up and away from what it touches"
     behavior.handle(arm(8.0))
     assert (behavior.done, behavior.outcome) == (True, "contact")
@@ -151,8 +151,8 @@ def test_a_touch_that_stands_before_the_approach_lets_none_begin(said, event):
 
 def test_a_touch_that_has_ended_before_the_approach_hinders_nothing():
     behavior, _ = to("BASELINE", touch=True)
-    for word in ENDED:
-        behavior.handle(word)
+    for each in ENDED:
+        behavior.handle(each)
     assert behavior.handle(Tick(6.0)) == [go(0.051, 0.0, 0.01)]
 
 
@@ -180,7 +180,7 @@ def test_without_a_pause_the_detectors_stay_armed_from_approach_to_approach():
 
 
 @pytest.mark.parametrize("state", ["HOLDING", "RETRACTING"])
-def test_after_a_pause_no_detector_carries_its_words_into_the_next_approach(state):
+def test_after_a_pause_no_detector_carries_its_events_into_the_next_approach(state):
     behavior, _ = to(state, cycles=2)
     assert behavior.handle(Resumed(20.0)) == [go(0.0, 0.0, 0.01)]
     assert behavior.plan.detectors == DETECTORS, "the end of the contact is measured all the same"

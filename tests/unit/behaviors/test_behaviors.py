@@ -223,12 +223,12 @@ def test_an_approach_without_contact_ends_at_its_limit():
 def test_a_state_that_outlives_its_deadline_ends_the_trial_and_says_which():
     behavior = to("STOPPING")
     assert behavior.handle(Tick(94.0 + 30.0)) == [Stop("stage"), Excite("board", False)]
-    said = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
-    assert behavior.reason == said
+    late = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
+    assert behavior.reason == late
     assert behavior.outcome == "fault", "a mover that does not stop is no matter of the experiment"
 
 
-def test_a_baseline_that_does_not_come_is_told_with_who_was_waited_for_and_what_came():
+def test_a_baseline_that_does_not_come_is_reported_with_the_awaited_detectors_and_what_came():
     behavior = transient(("contact", "other"))
     behavior.begin(0.0)
     for event in (

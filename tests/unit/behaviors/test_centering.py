@@ -181,11 +181,11 @@ def test_after_a_pause_it_goes_back_to_where_it_is_safe(state, first):
     assert isinstance(behavior.handle(Resumed(30.0))[0], first)
 
 
-def test_the_finders_are_heard_while_it_searches_and_not_while_it_turns():
+def test_the_finders_are_armed_while_it_searches_and_not_while_it_turns():
     finders = {"left_ours", "right_ours"}
     for state in PATH:
-        heard = to(state)[0].plan.detectors & finders
-        assert bool(heard) == (state in ("BASELINE", "SEEKING_FORWARD", "SEEKING_BACKWARD")), state
+        armed = to(state)[0].plan.detectors & finders
+        assert bool(armed) == (state in ("BASELINE", "SEEKING_FORWARD", "SEEKING_BACKWARD")), state
 
 
 def test_with_a_run_up_the_right_finger_goes_first_and_what_it_finds_is_thrown_away():
@@ -223,7 +223,7 @@ AWAY = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "reported",
     [
         [touch(4.5, "left_contact")],
         [touch(4.5, "left_contact"), held(5.0, "left_contact")],
@@ -232,10 +232,10 @@ AWAY = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
 )
 @pytest.mark.parametrize("event", [Tick(6.0), Resumed(5.9)])
 @pytest.mark.parametrize("run_up", [False, True])
-def test_a_touch_that_stands_before_the_search_lets_none_begin(said, event, run_up):
+def test_a_touch_that_stands_before_the_search_lets_none_begin(reported, event, run_up):
     behavior, _ = to("BASELINE", run_up=run_up)
-    for word in said:
-        behavior.handle(word)
+    for each in reported:
+        behavior.handle(each)
     assert behavior.handle(event) == [AWAY]
     behavior.handle(arm(8.0))
     assert (behavior.done, behavior.outcome) == (True, "contact")
@@ -244,8 +244,8 @@ def test_a_touch_that_stands_before_the_search_lets_none_begin(said, event, run_
 
 def test_a_touch_that_has_ended_before_the_search_hinders_nothing():
     behavior, _ = to("BASELINE")
-    for word in (touch(4.5, "left_contact"), held(5.0, "left_contact"), lost(5.5, "left_contact")):
-        behavior.handle(word)
+    for each in (touch(4.5, "left_contact"), held(5.0, "left_contact"), lost(5.5, "left_contact")):
+        behavior.handle(each)
     assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
 
 
@@ -294,7 +294,7 @@ def test_a_touch_of_the_search_confirms_no_grip():
     assert behavior.handle(Tick(13.1)) == [Release("gripper", 0.02)]
 
 
-def test_a_word_that_was_on_its_way_when_its_detector_was_disarmed_confirms_no_grip():
+def test_an_event_that_was_on_its_way_when_its_detector_was_disarmed_confirms_no_grip():
     behavior, _ = to("STOPPING")
     behavior.handle(touch(8.0, "left_contact"))
     for event in (Standstill(8.1, "arm", -0.0015), arm(9.0, 0.002), Tick(11.0), touch(11.5, "right_contact")):

@@ -81,11 +81,11 @@ def led_to(state, **settings):
 
 def test_a_trial_touches_presses_rolls_slides_and_goes_home():
     behavior = trial()
-    said = [list(behavior.begin(0.0))]
+    commands = [list(behavior.begin(0.0))]
     for state, event in PATH:
-        said.append(list(behavior.handle(event)))
+        commands.append(list(behavior.handle(event)))
         assert behavior.state is state
-    assert said == [
+    assert commands == [
         [Home("arm")],
         [Tare("arm", "arm.force")],
         [Twist("arm", (0.0, 0.0, 0.0, 0.0, -0.2, 0.0), pytest.approx(2.0))],
@@ -183,7 +183,7 @@ def test_the_touch_of_another_detector_is_not_its_own():
 @pytest.mark.parametrize(
     "state", [state for state in RollSlip.states if state not in ("HALTING", "STOPPED", *RollSlip.final)]
 )
-def test_the_guards_word_ends_the_trial_from_every_state(state):
+def test_the_guards_stop_ends_the_trial_from_every_state(state):
     behavior = led_to(state)
     assert behavior.handle(GuardStopped(20.0, "signals.tip is beyond its range")) == [Stop("arm")]
     assert (behavior.done, behavior.outcome) == (True, "guard")
@@ -247,7 +247,7 @@ def test_a_pause_in_contact_lifts_and_gives_up(state):
 
 @pytest.mark.parametrize("state", ["ROLLING", "LEVELLING"])
 def test_a_turn_that_a_pause_broke_off_is_left_to_home(state):
-    """Nobody knows how far it went: turned back by the whole of it, the tip would end up beyond its range."""
+    """It is unknown how far it went: turned back by the whole of it, the tip would end up beyond its range."""
     behavior = led_to(state)
     behavior.handle(Resumed(60.0))
     assert behavior.handle(reached(61.0)) == [Home("arm")]

@@ -1,7 +1,7 @@
 """Both behaviors of the sonic fingers, with pauses and touches at any time: what is commanded must be safe.
 
 The bench here answers every command as a real one would, stops half-way when it is paused, and keeps its detectors as
-the loop does: armed in the states that name them, begun anew when they were not armed before, heard by nobody in a
+the loop does: armed in the states that name them, begun anew when they were not armed before, not handled in a
 pause.
 """
 
@@ -35,8 +35,8 @@ TOUCHES = ("APPROACHING", "CONFIRMING")
 
 def aura():
     paths = {"x": {"start_m": (0.025, 0.0, 0.0), "end_m": END}}
-    told = AuraSettings(paths=paths, touch=True, end_gap_m=0.0, cycles=2)
-    return Aura(told, AuraFactors(), frozenset({"contact_ours", "contact_paper", "pretouch_ours"}))
+    settings = AuraSettings(paths=paths, touch=True, end_gap_m=0.0, cycles=2)
+    return Aura(settings, AuraFactors(), frozenset({"contact_ours", "contact_paper", "pretouch_ours"}))
 
 
 def centering():
@@ -58,12 +58,12 @@ class Bench:
         self.t_s = 0.0
         self.place_m, self.target_m = (0.0, 0.0, 0.0), None
         self.jaws = "unknown"
-        self.armed, self.told, self.held = frozenset(), set(), set()
+        self.armed, self.touched, self.held = frozenset(), set(), set()
         self.waiting = None
         self.visited = []
         self._obey(behavior.begin(0.0))
 
-    def tell(self, event):
+    def happen(self, event):
         self._obey(self.behavior.handle(event))
 
     def _obey(self, commands):
@@ -71,8 +71,8 @@ class Bench:
         self.visited.append(state)
         armed = self.behavior.plan.detectors
         begun = armed - self.armed
-        self.armed, self.told, self.held = armed, self.told - begun, self.held - begun
-        self.told &= armed
+        self.armed, self.touched, self.held = armed, self.touched - begun, self.held - begun
+        self.touched &= armed
         self.held &= armed
         for command in commands:
             self._hold_against_what_is_safe(command)
@@ -88,10 +88,10 @@ class Bench:
         if isinstance(command, MovePose) and command.offset[2] < self.place_m[2]:
             assert self.jaws == "open", f"{where}: down with jaws that are not open"
         if self._towards_the_object(command):
-            assert self.stoppers <= self.armed, f"{where}: nobody would feel it"
-            # centering goes on when a touch is not held yet: that it is held will be told, and stops it
-            deaf = self.held if self.visited[-1].startswith("SEEKING") else self.told
-            assert not deaf & self.stoppers, f"{where}: {deaf} has said what it has to say"
+            assert self.stoppers <= self.armed, f"{where}: no detector would feel it"
+            # centering goes on when a touch is not held yet: that it is held will be reported, and stops it
+            silent = self.held if self.visited[-1].startswith("SEEKING") else self.touched
+            assert not silent & self.stoppers, f"{where}: {silent} have nothing left to report"
 
     def _towards_the_object(self, command):
         return isinstance(command, MoveAt) or (
@@ -128,20 +128,20 @@ class Bench:
         """What the state waits for comes."""
         name, waiting = self.behavior.state, self.waiting
         if self.felt and name in TOUCHES:
-            for detector in sorted(self.stoppers - self.told):
-                self.word(detector)
+            for detector in sorted(self.stoppers - self.touched):
+                self.report(detector)
         elif name == "RETRACTING":
-            for detector in sorted(self.stoppers & self.told):
-                self.word(detector)
-                self.word(detector)
+            for detector in sorted(self.stoppers & self.touched):
+                self.report(detector)
+                self.report(detector)
         if self.behavior.state != name:
             return
         if name in FOUND_BY:
             self.t_s += 0.4
-            self.tell(PreTouch(self.t_s, FOUND_BY[name], 1.0, 0.5, 0.005))
+            self.happen(PreTouch(self.t_s, FOUND_BY[name], 1.0, 0.5, 0.005))
         elif waiting is None:
             self.t_s = max(self.t_s, self.behavior.wake_s)
-            self.tell(Tick(self.t_s))
+            self.happen(Tick(self.t_s))
         else:
             self.t_s += 0.1
             self.waiting = None
@@ -151,10 +151,10 @@ class Bench:
                 self.jaws = "open"
             elif self.target_m is not None and isinstance(waiting, Reached):
                 self.place_m, self.target_m = self.target_m, None
-            self.tell(replace(waiting, t_s=self.t_s))
+            self.happen(replace(waiting, t_s=self.t_s))
 
     def pause(self, touched):
-        """Everything stops half-way; who begins or ceases to touch meanwhile tells nobody."""
+        """Everything stops half-way; touches that begin or end meanwhile are not handled."""
         self.t_s += 3.0
         self._stand()
         if isinstance(self.waiting, Gripped):
@@ -163,30 +163,30 @@ class Bench:
             self.jaws = "unknown"
         self.waiting = None
         for detector in sorted(touched & self.armed):
-            if detector in self.told:
-                self.told.discard(detector)
+            if detector in self.touched:
+                self.touched.discard(detector)
                 self.held.discard(detector)
             else:
-                self.told.add(detector)
+                self.touched.add(detector)
                 self.held.add(detector)
-        self.tell(Resumed(self.t_s))
+        self.happen(Resumed(self.t_s))
 
-    def word(self, detector):
-        """A detector says the next thing that it can say."""
+    def report(self, detector):
+        """A detector reports the next event that it can."""
         if detector not in self.armed:
             return
         self.t_s += 0.2
-        if detector not in self.told:
+        if detector not in self.touched:
             kind: type[Contact | ContactHeld | ContactLost] = Contact
-            self.told.add(detector)
+            self.touched.add(detector)
         elif detector not in self.held:
             kind = ContactHeld
             self.held.add(detector)
         else:
             kind = ContactLost
-            self.told.discard(detector)
+            self.touched.discard(detector)
             self.held.discard(detector)
-        self.tell(kind(self.t_s, detector, 9.0, 5.0))
+        self.happen(kind(self.t_s, detector, 9.0, 5.0))
 
 
 def bench_of(name, felt):
@@ -200,7 +200,7 @@ CONTACTS = st.sampled_from(["left_contact", "right_contact", "contact_ours", "co
 HAPPENINGS = st.one_of(
     st.just(("go_on",)),
     st.tuples(st.just("pause"), st.frozensets(CONTACTS)),
-    st.tuples(st.just("word"), CONTACTS),
+    st.tuples(st.just("report"), CONTACTS),
 )
 
 

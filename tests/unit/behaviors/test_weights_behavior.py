@@ -95,7 +95,7 @@ def test_the_wrong_weight_is_waited_out():
     assert behavior.state == "SWINGING"
 
 
-def test_a_person_who_does_not_answer_ends_the_trial_and_it_is_said_of_what_they_were_asked():
+def test_a_person_who_does_not_answer_ends_the_trial_with_the_request_in_its_reason():
     behavior = weights(answer_timeout_s=60.0)
     behavior.begin(0.0)
     behavior.handle(answered(1.0))
@@ -155,7 +155,7 @@ def test_after_a_pause_the_same_weight_is_asked_for_again():
     assert behavior.state == "HANGING"
 
 
-def test_while_it_waits_for_the_person_only_their_word_is_heard_and_only_still_weights_are_recorded():
+def test_while_it_waits_for_the_person_only_their_answer_is_subscribed_and_only_still_weights_are_recorded():
     plans = weights().plans
     assert plans["HANGING"].measures == {"operator.load"}
     assert plans["SWINGING"].measures == frozenset()

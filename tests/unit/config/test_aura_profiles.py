@@ -44,7 +44,7 @@ def test_where_time_is_real_the_loop_turns_as_fast_as_it_does_by_itself(bench, e
 
 
 @pytest.mark.parametrize("listener", ["signals.left", "detectors.right_ours"])
-def test_who_listens_for_another_frequency_than_is_driven_is_told_so(listener):
+def test_a_listener_for_another_frequency_than_the_drives_is_refused(listener):
     with pytest.raises(ProfileError) as refusal:
         loaded("mock/centering", {f"{listener}.drive_hz": "41000.0"})
     assert f"[{listener}] drive_hz = 41000.0: [behavior] has drive_hz = 40000.0" in str(refusal.value)
@@ -92,7 +92,7 @@ def test_a_bench_that_is_driven_at_another_frequency_throughout_is_taken():
 
 
 @pytest.mark.parametrize("experiment", ["pretouch", "touch"])
-def test_a_real_bench_is_run_a_side_at_a_time_for_nobody_turns_the_gripper_between_trials(experiment):
+def test_a_real_bench_is_run_a_side_at_a_time_as_the_gripper_is_not_turned_between_trials(experiment):
     sides = {trial.factors["side"] for trial in loaded(f"hardware/{experiment}").trials(0)}
     assert sides == {"normal"}
     assert len({trial.factors["side"] for trial in loaded(f"mock/{experiment}").trials(0)}) == 5

@@ -1,4 +1,4 @@
-"""What a campaign takes is told before it is run."""
+"""What a campaign takes is estimated before it is run."""
 
 from config.assemble import Table, plan_campaign
 from config.costs import cost, duration, planned
@@ -19,7 +19,7 @@ def lines_of(name, **sets):
     return list(planned(profile, plan.left, next(iter(plan.trials)), 1))
 
 
-def test_what_was_never_measured_is_told_as_such():
+def test_what_was_never_measured_is_reported_as_such():
     assert (
         cost("mock/transient", "transient", 2).bench_s == 2 * cost("mock/transient", "transient", 1).bench_s
     )
@@ -28,21 +28,21 @@ def test_what_was_never_measured_is_told_as_such():
 
 
 def test_a_plan_says_time_disk_motion_force_and_what_each_state_computes():
-    said = "\n".join(lines_of("mock/transient"))
-    assert "42 trials of transient on the mock bench" in said
-    assert "of bench time, computed in" in said
-    assert "0.011997 m/s; the guard stops beyond 0.015 m/s" in said
-    assert "the guard stops at 2 N; 3.3 N at the most if it alone does" in said
-    assert "15 ms (median and a turn) x 7300 N/m" in said
-    assert "SETTLING            skipped: nobody subscribes" in said
-    assert "APPROACH            contact (board.period), ours (board.accelerometer)" in said
+    plan = "\n".join(lines_of("mock/transient"))
+    assert "42 trials of transient on the mock bench" in plan
+    assert "of bench time, computed in" in plan
+    assert "0.011997 m/s; the guard stops beyond 0.015 m/s" in plan
+    assert "the guard stops at 2 N; 3.3 N at the most if it alone does" in plan
+    assert "15 ms (median and a turn) x 7300 N/m" in plan
+    assert "SETTLING            skipped: no subscriber" in plan
+    assert "APPROACH            contact (board.period), ours (board.accelerometer)" in plan
     assert lines_of("emulated/pointer")[0].startswith("emulated/pointer: 1 trial of pointer")
 
 
 def test_a_bench_in_wall_time_is_planned_in_wall_time():
-    told = duration("hardware/transient", "transient", "hardware", 42)
-    assert told.startswith("about 1.1 h")
-    assert "computed" not in told
+    estimate = duration("hardware/transient", "transient", "hardware", 42)
+    assert estimate.startswith("about 1.1 h")
+    assert "computed" not in estimate
 
 
 def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):

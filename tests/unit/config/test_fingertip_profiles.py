@@ -14,7 +14,7 @@ def loaded(name):
 
 @pytest.mark.parametrize("experiment", ["weights", "pointer"])
 @pytest.mark.parametrize("bench", ["emulated", "hardware"])
-def test_other_benches_differ_in_ports_and_in_what_is_said_to_be_shortened(bench, experiment):
+def test_other_benches_differ_in_ports_and_in_what_their_titles_state_as_shortened(bench, experiment):
     mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
     for section in ("experiment", "detectors", "limits", "signals"):
         assert other.get(section) == mock.get(section)

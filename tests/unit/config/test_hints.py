@@ -1,4 +1,4 @@
-"""What is said of names that do not exist."""
+"""Hints for names that do not exist."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from config.hints import did_you_mean, near_or_all, si_unit, unknown_key
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "known", "said"),
+    ("key", "value", "known", "hint"),
     [
         ("speed_mm_s", 4.843, ["speed_m_s", "location"], "SI is meant: speed_m_s = 0.004843"),
         ("settle_min", 1.5, ["settle_s"], "SI is meant: settle_s = 90"),
@@ -23,8 +23,8 @@ from config.hints import did_you_mean, near_or_all, si_unit, unknown_key
         ("colour", 4, [], "known: none"),
     ],
 )
-def test_an_unknown_key_is_answered_with_what_was_probably_meant(key, value, known, said):
-    assert unknown_key(key, value, known) == said
+def test_an_unknown_key_is_answered_with_what_was_probably_meant(key, value, known, hint):
+    assert unknown_key(key, value, known) == hint
 
 
 def test_nothing_near_says_nothing():

@@ -1,4 +1,4 @@
-"""Validated profiles, and what is said of those that are wrong."""
+"""Validated profiles, and the messages for wrong ones."""
 
 import dataclasses
 from typing import Any
@@ -64,7 +64,7 @@ def test_the_hash_follows_the_settings_and_not_the_files(write, table):
     assert len(hashes[0]) == 64
 
 
-def test_none_is_a_word_where_a_setting_can_be_none_and_survives_the_manifest(write, table):
+def test_none_is_text_where_a_setting_can_be_none_and_survives_the_manifest(write, table):
     profile = load_profile("touch.toml", {"loop.rate_hz": "none"}, table=table)
     assert profile.loop.rate_hz is None
     assert profile.resolved["loop"]["rate_hz"] == "none"
@@ -273,7 +273,7 @@ def test_a_trials_own_factors_are_validated_settings(write, table):
         ),
         (
             "[{ speed_m_s = [1] }]",
-            "--set: [trials.list #1] speed_m_s = [1]: must be a number, a word, true or false",
+            "--set: [trials.list #1] speed_m_s = [1]: must be a number, text, true or false",
         ),
     ],
 )
@@ -313,7 +313,7 @@ def test_a_mistake_in_rows_from_elsewhere_is_named_with_their_label(write, table
 
 def test_a_detector_may_hear_a_signal(write, table):
     write(
-        "heard.toml",
+        "armed.toml",
         """
 extends = "touch"
 [signals.near]
@@ -323,7 +323,7 @@ input = "stage.position"
 input = "signals.near"
 """,
     )
-    profile = load_profile("heard.toml", table=table)
+    profile = load_profile("armed.toml", table=table)
     assert profile.signals["near"].settings.input == "stage.position"
     assert profile.detectors["contact"].settings.input == "signals.near"
     assert load_resolved("again", profile.resolved, table=table).hash == profile.hash
@@ -331,7 +331,7 @@ input = "signals.near"
 
 def test_a_signal_that_is_not_there_is_named(write, table):
     write(
-        "heard.toml",
+        "armed.toml",
         """
 extends = "touch"
 [signals.near]
@@ -340,7 +340,7 @@ kind = "scaled"
 input = "signals.neat"
 """,
     )
-    (problem,) = refusal(table, "heard.toml")
+    (problem,) = refusal(table, "armed.toml")
     assert "[detectors.contact] input = 'signals.neat': no signal 'neat'" in problem.replace('"', "'")
     assert "near" in problem
 
@@ -360,14 +360,14 @@ port = "mock"
 
 def test_a_trial_may_change_a_signal(write, table):
     write(
-        "heard.toml",
+        "armed.toml",
         """
 extends = "touch"
 [signals.near]
 kind = "scaled"
 """,
     )
-    profile = load_profile("heard.toml", table=table)
+    profile = load_profile("armed.toml", table=table)
     changed = profile.for_trial(Trial(1, {"speed_m_s": 0.004, "signals.near.gamma": 5.0}))
     assert changed.signals["near"].settings.gamma == 5.0
 
@@ -375,14 +375,14 @@ kind = "scaled"
 def test_a_fault_that_its_device_never_shows_is_refused_with_those_that_it_does(write, table):
     board = '[{ device = "board", kind = "stall", at_s = 1 }]'
     more = {"devices.board.driver": "sensor_board", "devices.board.port": "mock"}
-    (said,) = refusal(table, overrides={**more, "faults": board})
-    assert said == '--set: [faults #1] kind = "stall": board never shows it; it can show unplug'
+    (message,) = refusal(table, overrides={**more, "faults": board})
+    assert message == '--set: [faults #1] kind = "stall": board never shows it; it can show unplug'
     shown = board.replace("stall", "unplug")
     assert load_profile("touch.toml", {**more, "faults": shown}, table=table).faults[0].kind == "unplug"
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "message"),
     [
         ("limits.force_n", "07:00:00", "--set: limits.force_n = 07:00:00: is a date or a time of day"),
         ("limits.force_n", "nan", "--set: limits.force_n = nan: must be finite"),
@@ -399,9 +399,9 @@ def test_a_fault_that_its_device_never_shows_is_refused_with_those_that_it_does(
         ),
     ],
 )
-def test_what_no_setting_can_be_is_refused_in_one_line(write, table, key, value, said):
+def test_what_no_setting_can_be_is_refused_in_one_line(write, table, key, value, message):
     (line,) = refusal(table, overrides={key: value})
-    assert line.startswith(said)
+    assert line.startswith(message)
     assert "\n" not in line
 
 
@@ -425,9 +425,9 @@ def test_a_file_with_a_byte_order_mark_is_read(write, table):
     assert load_profile("marked.toml", table=table).limits.force_n == 1.5
 
 
-def test_a_file_nested_deeper_than_anybody_means_is_refused(write, table):
+def test_a_file_that_is_nested_too_deep_is_refused(write, table):
     write("deep.toml", "a = " + "[" * 3000)
-    assert refusal(table, "deep.toml")[0].startswith("deep.toml: tables and lists are nested deeper")
+    assert refusal(table, "deep.toml")[0].startswith("deep.toml: tables and lists are nested too deep")
 
 
 def test_what_an_empty_table_lacks_is_blamed_on_the_file_that_wrote_it(write, table):

@@ -53,7 +53,7 @@ def test_a_device_that_is_none_is_taken_off_the_bench(write):
     assert read_source("touch.toml", {"devices.stage": "none"}).data["devices"] == {}
 
 
-def test_overrides_are_toml_values_or_plain_words_and_come_last(write):
+def test_overrides_are_toml_values_or_plain_text_and_come_last(write):
     source = read_source("touch.toml", {"limits.force_n": "1.5", "title": "another one", "trials.list": "[]"})
     assert source.data["limits"] == {"force_n": 1.5}
     assert source.data["title"] == "another one"

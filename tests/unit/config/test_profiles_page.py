@@ -1,4 +1,4 @@
-"""docs/reference/profiles.md keeps its word: what it shows is what the program takes and says."""
+"""docs/reference/profiles.md is right: it shows what the program takes and prints."""
 
 import re
 from pathlib import Path

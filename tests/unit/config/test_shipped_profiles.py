@@ -124,7 +124,7 @@ BY_ITSELF = {"contact"}
 
 
 def referring(settings, names):
-    """Settings whose value is a name of the profile's, and whether their type says so."""
+    """Settings whose value is a name of the profile's, and whether their type declares so."""
     for key, field in type(settings).model_fields.items():
         value = getattr(settings, key)
         if isinstance(value, dict):
@@ -136,7 +136,7 @@ def referring(settings, names):
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_setting_that_names_a_device_a_stream_or_a_detector_has_a_type_that_says_so(name):
+def test_every_setting_that_names_a_device_a_stream_or_a_detector_has_a_type_for_it(name):
     profile = loaded(name)
     streams = {f"{device}.{stream}" for device in profile.devices for stream in STREAMS}
     streams |= {f"signals.{signal}" for signal in profile.signals}
@@ -149,7 +149,7 @@ def test_every_setting_that_names_a_device_a_stream_or_a_detector_has_a_type_tha
 
 
 @pytest.mark.parametrize(
-    ("name", "key", "value", "said"),
+    ("name", "key", "value", "message"),
     [
         ("mock/pretouch", "behavior.gripper", "griper", "no device 'griper'; did you mean 'gripper'?"),
         (
@@ -163,7 +163,9 @@ def test_every_setting_that_names_a_device_a_stream_or_a_detector_has_a_type_tha
         ("mock/pointer", "limits.range_streams", '["signals.tap"]', "no signal 'tap'; did you mean 'tip'?"),
     ],
 )
-def test_what_names_nothing_is_refused_when_the_profile_is_loaded_with_what_was_meant(name, key, value, said):
+def test_what_names_nothing_is_refused_when_the_profile_is_loaded_with_what_was_meant(
+    name, key, value, message
+):
     with pytest.raises(ProfileError) as refused:
         loaded(name, {key: value})
-    assert said in refused.value.problems[0]
+    assert message in refused.value.problems[0]

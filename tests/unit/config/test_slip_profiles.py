@@ -50,7 +50,7 @@ def test_other_benches_ask_the_same_of_sensors_detectors_and_limits(bench):
     assert other["behavior"]["sensors"] == mock["behavior"]["sensors"]
 
 
-def test_a_run_on_the_real_bench_is_of_one_sensor_for_nobody_asks_to_change_it():
+def test_a_run_on_the_real_bench_is_of_one_sensor_as_no_run_asks_to_change_it():
     sensors = {trial.factors["sensor"] for trial in loaded("hardware/slip").trials(0)}
     assert sensors == {"fingertip"}
 
@@ -77,7 +77,7 @@ def test_a_trial_may_not_lower_the_limit_below_the_speed_of_home_either():
         loaded(overrides={"trials.list": rows})
 
 
-def test_a_range_that_no_signal_has_is_told_with_its_place():
+def test_a_range_that_no_signal_has_is_reported_with_its_place():
     with pytest.raises(ProfileError, match=r"\[limits\] range_streams .*no signal 'tap'; did you mean 'tip'"):
         loaded(overrides={"limits.range_streams": '["signals.tap"]'})
 
@@ -95,17 +95,17 @@ def test_with_bumps_nothing_else_changes():
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "message"),
     [
         ("behavior.sensors.fingertip.ours", "fingertip_our", "no detector 'fingertip_our'; did you mean"),
         ("behavior.sensors.dsa.stream", "matric.taxels", "no device 'matric'; did you mean 'matrix'"),
         ("behavior.sensors.fingertip.forces_stream", "signals.tap", "no signal 'tap'; did you mean 'tip'"),
     ],
 )
-def test_a_name_that_is_not_there_is_told_with_its_place(key, value, said):
+def test_a_name_that_is_not_there_is_reported_with_its_place(key, value, message):
     with pytest.raises(ProfileError) as refusal:
         loaded(overrides={key: value})
-    assert said in str(refusal.value)
+    assert message in str(refusal.value)
     assert key.rpartition(".")[0] in str(refusal.value)
 
 

@@ -1,4 +1,4 @@
-"""A resolved profile as text: it says where values came from, and reads back as it was."""
+"""A resolved profile as text: every value with its source, and it loads as the same profile."""
 
 import tomllib
 

@@ -54,7 +54,7 @@ def test_single_trials_keep_their_numbers():
         only(listed, [6])
 
 
-def test_a_csv_file_gives_numbers_words_and_truth_values(tmp_path):
+def test_a_csv_file_gives_numbers_text_and_truth_values(tmp_path):
     path = tmp_path / "trials.csv"
     path.write_text("location, speed_m_s,behavior.ready,n\nf, 4e-3,true,3\n\na,0.005,false,-2\n")
     rows, labels = read_csv(path)

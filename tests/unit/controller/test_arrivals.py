@@ -8,11 +8,11 @@ from drivers.messages import SampleBlock, StreamInfo
 
 LOAD = StreamInfo("board.load", ("force",), "N", 1e-3, rate_hz=1000.0, noisy=True)
 PERIOD = StreamInfo("board.period", ("period",), "s", 1e-7, longest_s=0.3)
-WORD = StreamInfo("person.load", ("x",), "N")
+ANSWER = StreamInfo("person.load", ("x",), "N")
 SLOW = StreamInfo("logger.heat", ("kelvin",), "K", rate_hz=1.0)
 PLACE = StreamInfo("stage.position", ("position",), "m", rate_hz=100.0)
 TIP = StreamInfo("signals.tip", ("Fx",), "N")
-INFOS = {info.name: info for info in (LOAD, PERIOD, WORD, SLOW, PLACE, TIP)}
+INFOS = {info.name: info for info in (LOAD, PERIOD, ANSWER, SLOW, PLACE, TIP)}
 
 
 def watching(*streams, urgent=(), stuck_s=0.2, made_of=("board.load",)):
@@ -33,11 +33,11 @@ def test_at_rest_a_stream_may_be_silent_four_times_as_long_as_a_motion_would_bea
     arrivals = watching("board.load")
     assert arrivals.watch(0.4, [], moving=False) is None
     arrivals.watch(0.41, [block("board.load", 0.3)], moving=False)
-    said = arrivals.watch(0.72, [], moving=False)
-    assert said is not None
-    assert (said.t_s, said.device) == (0.72, "board")
-    assert said.reason.startswith("board.load is silent for 0.420 s, since 0.300 s (limits.stale_s = 0.1)")
-    assert "check PROFILE --connect" in said.reason
+    failed = arrivals.watch(0.72, [], moving=False)
+    assert failed is not None
+    assert (failed.t_s, failed.device) == (0.72, "board")
+    assert failed.reason.startswith("board.load is silent for 0.420 s, since 0.300 s (limits.stale_s = 0.1)")
+    assert "check PROFILE --connect" in failed.reason
 
 
 def test_a_motion_bears_the_silence_of_what_it_depends_on_no_longer_than_it_says():
@@ -53,7 +53,7 @@ def test_a_stream_that_the_motion_does_not_depend_on_is_given_as_long_as_at_rest
     assert arrivals.watch(0.41, [], moving=True) is not None
 
 
-def test_a_stream_that_nobody_needed_before_the_motion_is_not_stale_when_it_begins():
+def test_a_stream_that_was_not_needed_before_the_motion_is_not_stale_when_it_begins():
     arrivals = watching("signals.tip", urgent=["signals.tip"])
     assert arrivals.watch(90.0, [], moving=False) is None
     assert arrivals.watch(90.1, [], moving=True) is None
@@ -81,12 +81,12 @@ def test_what_comes_only_when_something_changes_is_never_silent():
 def test_the_silence_of_a_signal_names_what_it_is_made_of_and_the_device():
     arrivals = watching("signals.tip", urgent=["signals.tip"], made_of=("board.load", "stage.position"))
     arrivals.watch(0.0, [], moving=True)
-    said = arrivals.watch(0.2, [], moving=True)
+    failed = arrivals.watch(0.2, [], moving=True)
     named = "signals.tip (of board.load, stage.position)"
-    assert (said.device, said.reason.partition(" is")[0]) == ("board", named)
+    assert (failed.device, failed.reason.partition(" is")[0]) == ("board", named)
 
 
-def test_a_loop_that_was_away_has_asked_nobody():
+def test_a_loop_that_was_away_polled_no_device():
     assert watching("board.load").watch(0.6, [], moving=False, late_s=0.3) is None
 
 
@@ -113,12 +113,12 @@ def test_a_stream_that_stays_subscribed_is_as_old_as_it_was_and_one_that_left_is
 def test_a_sensor_with_noise_that_repeats_one_value_is_stuck_since_the_last_change():
     arrivals = watching("board.load")
     assert arrivals.watch(0.05, [block("board.load", 0.05, [1, 2, 7])], moving=False) is None
-    said = [
+    found = [
         arrivals.watch(t_s, [block("board.load", t_s, [7] * 10)], moving=False) for t_s in (0.15, 0.25, 0.26)
     ]
-    assert said[:2] == [None, None]
-    assert said[2].device == "board"
-    assert said[2].reason.startswith(
+    assert found[:2] == [None, None]
+    assert found[2].device == "board"
+    assert found[2].reason.startswith(
         "board.load sticks at 0.007 N for 0.210 s, since 0.050 s (limits.stuck_s"
     )
 
@@ -129,7 +129,7 @@ def test_one_sample_that_differs_in_between_is_enough_to_live():
         assert arrivals.watch(t_s, [block("board.load", t_s, [7, 8, 7])], moving=False) is None
 
 
-def test_a_position_may_stand_for_as_long_as_it_likes_and_so_may_all_where_nobody_judges():
+def test_a_position_may_stand_for_as_long_as_it_likes_and_so_may_all_without_a_limit():
     for arrivals, stream in (
         (watching("stage.position"), "stage.position"),
         (watching("board.load", stuck_s=None), "board.load"),
@@ -149,17 +149,17 @@ def test_what_stood_before_it_was_unsubscribed_is_not_stuck_when_it_begins_anew(
 def test_one_that_stays_subscribed_stays_stuck_and_three_channels_of_it_are_shown():
     arrivals = watching("board.load")
     raw = np.array([[7, 8, 9, 10]])
-    said = []
+    found = []
     for t_s in (0.1, 0.35):
         one = SampleBlock("board.load", 0, t_s, raw, rate_hz=1000.0, unit="N", scale=1e-3)
-        said.append(arrivals.watch(t_s, [one], moving=False))
+        found.append(arrivals.watch(t_s, [one], moving=False))
         arrivals.expect(frozenset({"board.load", "person.load"}), t_s)
-    assert said[0] is None
-    assert said[1].t_s == pytest.approx(0.35)
-    assert said[1].reason.startswith("board.load sticks at 0.007, 0.008, 0.009 N for 0.250 s")
+    assert found[0] is None
+    assert found[1].t_s == pytest.approx(0.35)
+    assert found[1].reason.startswith("board.load sticks at 0.007, 0.008, 0.009 N for 0.250 s")
 
 
-def test_an_empty_block_and_one_that_nobody_subscribed_to_are_passed_over():
+def test_an_empty_block_and_one_without_a_subscription_are_passed_over():
     arrivals = watching("board.load")
     empty = SampleBlock("board.load", 0, 0.1, np.empty((0, 1)), rate_hz=1000.0, unit="N")
     assert arrivals.watch(0.1, [empty, block("stage.position", 0.1)], moving=False) is None
@@ -184,8 +184,8 @@ def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_
 def test_what_sticks_within_a_block_is_found_however_the_stream_is_cut():
     values = [1, 2, *[7] * 230, 8]
     arrivals = watching("board.load")
-    said = arrivals.watch(1.0, [block("board.load", 1.0, values)], moving=False)
-    assert said.reason.startswith("board.load sticks at 0.007 N for 0.229 s, since 0.770 s")
+    failed = arrivals.watch(1.0, [block("board.load", 1.0, values)], moving=False)
+    assert failed.reason.startswith("board.load sticks at 0.007 N for 0.229 s, since 0.770 s")
     arrivals = watching("board.load")
     cuts = [block("board.load", 0.768 + 0.001 * place, [value]) for place, value in enumerate(values)]
     assert any(arrivals.watch(cut.last_s, [cut], moving=False) for cut in cuts)

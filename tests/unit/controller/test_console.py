@@ -21,7 +21,7 @@ from rich.console import Console as Terminal
 from controller import console as console_module
 from controller import live
 from controller.campaign import foremost
-from controller.console import DIGITS, RESULTS, ConsoleOperator, PlainConsole, figure, telling
+from controller.console import DIGITS, RESULTS, ConsoleOperator, PlainConsole, figure, key_results
 from controller.experiments import EXPERIMENTS
 from controller.live import LiveConsole
 from drivers.protocols import Question
@@ -152,21 +152,21 @@ def stopper(monkeypatch):
     return stopper
 
 
-def test_ctrl_z_is_a_word_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard, stopper):
+def test_ctrl_z_requests_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard, stopper):
     stopper.terminal = keyboard.file.fileno()
     with ConsoleOperator(keyboard.file) as operator:
         interrupt(signal.SIGTSTP)
         assert [operator.poll(), operator.poll()] == ["suspend", None]
-        assert stopper.signals == [], "the loop says when"
+        assert stopper.signals == [], "the loop decides when"
         keyboard.press()
         operator.suspend()
         assert stopper.signals == [(signal.SIGSTOP, True)], "the shell finds the terminal as it was"
-        assert operator.poll() is None, "an Enter from before is no word to go on"
+        assert operator.poll() is None, "an Enter from before does not resume"
         keyboard.press()
         assert [operator.poll(), operator.poll()] == ["resume", None]
 
 
-def test_without_a_terminal_whoever_lets_the_program_go_on_means_the_run_as_well(stopper):
+def test_without_a_terminal_continuing_the_program_resumes_the_run_as_well(stopper):
     with Path(os.devnull).open() as nothing, ConsoleOperator(nothing) as operator:
         interrupt(signal.SIGTSTP)
         assert operator.poll() == "suspend"
@@ -228,13 +228,13 @@ def test_an_enter_from_before_the_question_answers_nothing(keyboard):
         keyboard.press()
         asker.ask(1)
         assert [operator.poll(), operator.poll()] == [None, None]
-        asker.ask(2)  # the same words once more: another question
+        asker.ask(2)  # the same text once more: another question
         keyboard.press()
         assert [operator.poll(), operator.poll()] == [None, None]
     assert asker.answers == []
 
 
-def test_other_words_than_no_answer_nothing(keyboard):
+def test_other_text_than_no_answers_nothing(keyboard):
     asker = Asker()
     asker.ask(1)
     with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
@@ -262,7 +262,7 @@ def test_while_paused_enter_goes_on_and_answers_no_question(keyboard):
     assert asker.answers == [(1, True)]
 
 
-def test_a_question_that_nobody_can_hear_is_not_answered_by_a_file():
+def test_a_question_without_a_terminal_is_not_answered_by_a_file():
     asker = Asker()
     asker.ask(1)
     with Path(os.devnull).open() as nothing, ConsoleOperator(nothing, asking=[asker]) as operator:
@@ -270,7 +270,7 @@ def test_a_question_that_nobody_can_hear_is_not_answered_by_a_file():
     assert asker.answers == []
 
 
-def test_a_question_is_said_once_on_a_plain_console_and_stands_in_the_live_view(keyboard, screen):
+def test_a_question_is_printed_once_on_a_plain_console_and_stands_in_the_live_view(keyboard, screen):
     asker = Asker()
     operator, lines = ConsoleOperator(keyboard.file, asking=[asker]), []
     plain = PlainConsole(operator, lines.append)
@@ -312,7 +312,7 @@ def test_off_a_terminal_a_long_campaign_has_a_screen_of_lines_and_one_for_each_t
     assert [int(line[1:].partition("/")[0]) for line in lines[1:]] == [1, 6, 7, *range(12, 133, 6)]
 
 
-def test_a_pause_is_told_with_the_way_out(keyboard):
+def test_a_pause_is_reported_with_the_way_out(keyboard):
     lines = []
     console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
     console.state("PAUSED", 3.0)
@@ -322,42 +322,42 @@ def test_a_pause_is_told_with_the_way_out(keyboard):
 
 def test_a_reader_that_takes_nothing_holds_neither_a_line_nor_the_end_up(keyboard, monkeypatch):
     monkeypatch.setattr(console_module, "LAST_S", 0.05)
-    said, taking = [], threading.Event()
+    printed, taking = [], threading.Event()
 
-    def say(line):
+    def show(line):
         taking.wait(60.0)
-        said.append(line)
+        printed.append(line)
 
-    console = PlainConsole(ConsoleOperator(keyboard.file), say)
+    console = PlainConsole(ConsoleOperator(keyboard.file), show)
     console.campaign_started("mock/transient", 1, Path("runs/x"))
     console.state("PAUSED", 3.0)
     console.campaign_ended("")
-    assert said == [], "all of them came back while the first one hung"
+    assert printed == [], "all of them came back while the first one hung"
     taking.set()
     console._printer._thread.join(10.0)
-    assert [line.partition(":")[0] for line in said] == ["mock/transient", "paused"]
+    assert [line.partition(":")[0] for line in printed] == ["mock/transient", "paused"]
 
 
-def test_a_reader_that_has_left_ends_what_is_said_and_nothing_else(keyboard):
-    said = []
+def test_a_reader_that_has_left_ends_the_output_and_nothing_else(keyboard):
+    printed = []
 
-    def say(line):
-        said.append(line)
+    def show(line):
+        printed.append(line)
         raise BrokenPipeError(32, "Broken pipe")
 
-    console = PlainConsole(ConsoleOperator(keyboard.file), say)
+    console = PlainConsole(ConsoleOperator(keyboard.file), show)
     console.campaign_started("mock/transient", 1, Path("runs/x"))
     console.state("PAUSED", 3.0)
     console.campaign_ended("")
-    assert len(said) == 1
+    assert len(printed) == 1
 
 
-def test_the_results_that_say_most_come_first():
+def test_the_key_results_come_first():
     row = foremost(
         {"truth_s": 1.0, "onset_s": 2.0, "delay_s": 3.0, "force_n": 4.0}, ["force_n", "delay_s", "seen"]
     )
-    assert list(telling(row)) == ["force_n", "delay_s", "truth_s"]
-    assert list(telling({"a": 1, "b": 2})) == ["a", "b"]
+    assert list(key_results(row)) == ["force_n", "delay_s", "truth_s"]
+    assert list(key_results({"a": 1, "b": 2})) == ["a", "b"]
 
 
 def test_every_measure_names_columns_of_its_own():
@@ -396,7 +396,7 @@ def test_any_number_fits_its_width_and_reads_back_within_the_digits_that_are_sho
 def screen(keyboard, monkeypatch):
     """A live view on a terminal of 72 characters, drawn whenever the loop polls; `text()` is what it shows last.
 
-    `drawn(words)` waits for its thread until the words are on the terminal.
+    `drawn(text)` waits for its thread until the text is on the terminal.
     """
     monkeypatch.setattr(live, "REFRESH_S", -1.0)
     file = io.StringIO()
@@ -407,10 +407,10 @@ def screen(keyboard, monkeypatch):
     def text():
         return console._picture().plain.splitlines()
 
-    def drawn(words):
+    def drawn(text):
         end_s = time.monotonic() + 10.0
-        while words not in file.getvalue():
-            assert time.monotonic() < end_s, f"{words} never came: {file.getvalue()}"
+        while text not in file.getvalue():
+            assert time.monotonic() < end_s, f"{text} never came: {file.getvalue()}"
             time.sleep(0.005)
         return True
 
@@ -438,7 +438,7 @@ def test_the_view_shows_trial_state_results_and_counts(screen):
     assert screen.text()[-1].startswith("   11"), "what is left is the table; the line of the outcome follows"
 
 
-def test_the_table_shows_every_number_and_word_whole(screen):
+def test_the_table_shows_every_number_and_text_whole(screen):
     screen.campaign_started("mock/slip", 2, Path("runs/x"))
     screen.trial_started(1, {"sensor": "barrett_finger", "speed_m_s": -6.3231e-05})
     screen.trial_ended(1, "false_contact", {"delay_s": None, "extent_m": -1.2345e-100, "force_n": 6.3231e-05})

@@ -28,10 +28,10 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
         force_stream="board.load_cell", force_n=2.0, position_stream="stage.position", travel_m=0.012
     )
     glimpse = Glimpse(recording, {"contact": detector}, limits)
-    assert glimpse.lines() == [], "nothing has been heard"
+    assert glimpse.lines() == [], "nothing has arrived"
     recording.add(block("board.period", 1.0 / np.linspace(27.0, 28.0, 60), "s"))
-    told = np.array([[28.02, 28.13]])
-    recording.add(SampleBlock("detector.contact", 0, 1.0, told, times_s=np.array([1.0])))
+    readings = np.array([[28.02, 28.13]])
+    recording.add(SampleBlock("detector.contact", 0, 1.0, readings, times_s=np.array([1.0])))
     recording.add(block("board.load_cell", [0.1, -0.04], "N"))
     recording.add(block("stage.position", [0.0031], "m"))
     signal, margins = glimpse.lines()
@@ -57,14 +57,14 @@ class Raising:
 
     @property
     def inputs(self):
-        raise ZeroDivisionError("nothing heard")
+        raise ZeroDivisionError("no samples")
 
 
 @pytest.mark.parametrize(
     ("detector", "lines"),
     [
         (SimpleNamespace(inputs=()), []),
-        (Raising(), ["Raising cannot be shown: ZeroDivisionError: nothing heard"]),
+        (Raising(), ["Raising cannot be shown: ZeroDivisionError: no samples"]),
     ],
 )
 def test_a_detector_that_cannot_be_shown_ends_no_trial(detector, lines):

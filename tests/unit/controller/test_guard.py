@@ -24,7 +24,7 @@ from drivers.messages import (
 
 
 def guard(*, quiet=True, **changes):
-    """A guard that has heard a moment of no force, unless it is not `quiet`."""
+    """A guard that has received a moment of no force, unless it is not `quiet`."""
     settings = {"force_n": 2.0, "travel_m": 0.012, "speed_m_s": 0.02}
     made = Guard(GuardSettings(**{**settings, **changes}))
     limits = made.settings
@@ -117,9 +117,9 @@ def test_what_the_guard_watches_must_arrive_while_anything_moves():
     watched.expect(frozenset({"stage.position", "signals.tip"}), 0.0)
     assert watched.missing(0.1, [], moving=True) is None
     assert watched.missing(0.19, [position([0.0], t0_s=0.19)], moving=True) is None
-    said = watched.missing(0.21, [], moving=True)
-    assert said is not None
-    assert said.reason.startswith("signals.tip is silent")
+    failed = watched.missing(0.21, [], moving=True)
+    assert failed is not None
+    assert failed.reason.startswith("signals.tip is silent")
 
 
 def test_what_an_armed_detector_hears_must_arrive_while_anything_moves_and_no_longer_when_it_is_disarmed():
@@ -139,7 +139,7 @@ def test_a_new_trial_has_nothing_that_is_late():
     assert watched.missing(90.0, [], moving=True) is None
 
 
-def test_a_range_that_nobody_tells_of_is_refused_before_anything_moves():
+def test_a_range_that_nothing_reports_is_refused_before_anything_moves():
     streams = {
         name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "stage.position", "signals.tip")
     }
@@ -157,7 +157,7 @@ def test_travel_beyond_the_limit_stops_the_bench():
 
 
 @pytest.mark.parametrize(
-    ("command", "said"),
+    ("command", "reason"),
     [
         (MoveAt("stage", 0.03, 0.01), "0.03 m/s is beyond limits.speed_m_s"),
         (MoveAt("stage", -0.03, 0.01), "0.03 m/s is beyond limits.speed_m_s"),
@@ -175,9 +175,9 @@ def test_travel_beyond_the_limit_stops_the_bench():
         (Release("gripper", 0.03), "0.03 m/s is beyond"),
     ],
 )
-def test_what_is_unsafe_is_refused_with_the_reason(command, said):
+def test_what_is_unsafe_is_refused_with_the_reason(command, reason):
     limits = arm() if command.device == "arm" else guard()
-    with pytest.raises(GuardRefusal, match=rf"^{type(command).__name__}\({command.device}\): .*{said}"):
+    with pytest.raises(GuardRefusal, match=rf"^{type(command).__name__}\({command.device}\): .*{reason}"):
         limits.admit(command)
 
 
@@ -226,7 +226,7 @@ def test_a_sensor_beyond_its_range_stops_the_bench():
 
 
 @pytest.mark.parametrize(
-    ("command", "said"),
+    ("command", "reason"),
     [
         (Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 11.0), "limits.reach_m = 0.1"),
         (Twist("arm", (0.0, 0.0, 0.0, 0.0, 1.01, 0.0), 1.0), "limits.turn_rad_s = 1"),
@@ -244,8 +244,8 @@ def test_a_sensor_beyond_its_range_stops_the_bench():
         ),
     ],
 )
-def test_a_free_motion_is_held_to_speed_turn_and_reach(command, said):
-    with pytest.raises(GuardRefusal, match=rf"^{type(command).__name__}\(arm\): .*{said}"):
+def test_a_free_motion_is_held_to_speed_turn_and_reach(command, reason):
+    with pytest.raises(GuardRefusal, match=rf"^{type(command).__name__}\(arm\): .*{reason}"):
         arm(reach_m=0.1, reach_rad=1.5).admit(command)
 
 
@@ -372,7 +372,7 @@ def test_a_loop_may_be_exactly_as_late_as_its_limit():
     assert guard(late_s=0.125).watch(0.0, [], moving=True, late_s=0.125) is None
 
 
-def test_the_first_of_several_reasons_is_told():
+def test_the_first_of_several_reasons_is_reported():
     saturated = Saturated(0.0, "signals", "signals.fingertip", 1.62)
     reason = guard().watch(0.0, [position([0.02])], moving=True, late_s=1.0, saturated=[saturated])
     assert reason.startswith("signals.fingertip is beyond its range")
@@ -390,7 +390,7 @@ def test_a_window_begins_anew_with_a_trial():
     assert watched.watch(0.01, [force(np.full(6, 0.1))], moving=True) is None
 
 
-def test_what_is_no_number_is_forgotten_once_it_has_been_told():
+def test_what_is_no_number_is_forgotten_once_it_has_been_reported():
     watched = guard()
     assert "reads nan" in watched.watch(0.001, [force([math.nan])], moving=True)
     assert watched.watch(0.02, [force(np.zeros(20))], moving=True) is None
@@ -431,7 +431,7 @@ def test_a_motion_that_no_limit_is_known_for_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("streams", "said"),
+    ("streams", "reason"),
     [
         ({"stage.position": 1}, "limits.force_stream = board.load_cell: the bench has no such stream"),
         ({"board.load_cell": 1}, "limits.position_stream = stage.position: the bench has no such stream"),
@@ -443,9 +443,9 @@ def test_a_motion_that_no_limit_is_known_for_is_refused(monkeypatch):
         ),
     ],
 )
-def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, said):
+def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, reason):
     there = {name: StreamInfo(name, tuple("xyz"[:n]), "N") for name, n in streams.items()}
-    with pytest.raises(GuardRefusal, match=said):
+    with pytest.raises(GuardRefusal, match=reason):
         boxed().check_streams(there)
 
 
@@ -608,7 +608,7 @@ def test_a_bench_without_some_streams_fits_and_says_what_it_has_where_it_does_no
         guard().check_streams({name: StreamInfo(name, ("x",), "m") for name in ("c.d", "a.b")})
 
 
-def test_a_motion_before_any_force_is_heard_is_none_out_of_contact():
+def test_a_motion_before_the_first_force_sample_is_none_out_of_contact():
     command = MoveAt("stage", 0.01, 0.012)
     assert guard(quiet=False).admit(command) == command
 

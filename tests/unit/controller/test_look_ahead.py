@@ -18,9 +18,9 @@ class Thing:
         self.array = np.arange(3.0)
         self.thing: Any = None
         self.parts: dict[str, Any] = {"a": [self.array], "b": deque([1, 2], maxlen=2), "c": {1}}
-        self.tell = self.told
+        self.act = self.acted
 
-    def told(self):
+    def acted(self):
         return self.count
 
 
@@ -36,12 +36,12 @@ def test_what_is_put_back_is_as_it_was_and_shares_what_it_shared():
     assert thing.array.tolist() == [0.0, 1.0, 2.0]
     assert thing.parts["b"] == deque([1, 2]) and thing.parts["c"] == {1}
     assert thing.parts["a"][0] is thing.array is other.array, "what was one array is one array"
-    assert other.thing is thing and thing.tell() == 1
+    assert other.thing is thing and thing.act() == 1
 
 
 def _closure():
-    told = []
-    return lambda: told.append(1)
+    kept = []
+    return lambda: kept.append(1)
 
 
 @pytest.mark.parametrize(
@@ -61,15 +61,15 @@ def test_turns_before_an_event_are_those_in_which_it_is_not_seen():
 
 def test_the_reach_grows_in_quiet_and_ends_before_what_happened():
     reach = Reach()
-    reach.quiet(heard=True)
-    reach.quiet(heard=True)
+    reach.quiet(armed=True)
+    reach.quiet(armed=True)
     assert reach.turns == 64
     reach.happened(16, before=5)
     assert reach.turns == 5
-    reach.quiet(heard=True)
+    reach.quiet(armed=True)
     assert reach.turns == 1, "the next turn sees it"
-    reach.quiet(heard=False)
-    assert reach.turns > MOST_TURNS, "nobody hears anything"
+    reach.quiet(armed=False)
+    assert reach.turns > MOST_TURNS, "no detector is armed"
     reach.turns = 16
     reach.happened(16, before=15)
     assert reach.turns == 8, "at the end: when is not known"
@@ -84,7 +84,7 @@ class Ring:
         self.rows, self.count = np.zeros(8), 0
 
 
-def test_a_ring_is_not_put_back_and_what_nobody_can_write_is_not_copied():
+def test_a_ring_is_not_put_back_and_a_read_only_array_is_not_copied():
     ring, fixed = Ring(), np.arange(3.0)
     fixed.setflags(write=False)
     thing = SimpleNamespace(ring=ring, fixed=fixed, pair=(1, "a"))

@@ -35,7 +35,7 @@ TURN_S = 1.0 / RATE_HZ
 
 
 class Device:
-    """Keeps what it is told, in the bench's one log; says what the test wants said."""
+    """Logs the commands it gets, in the bench's one log; reports what the test wants reported."""
 
     def __init__(self, name, bench):
         self.name, self.bench = name, bench
@@ -48,7 +48,7 @@ class Device:
         if isinstance(command, Listen):
             self.listening = command.streams
 
-    def say(self, kind, *details, at_s=0.0, **named):
+    def report(self, kind, *details, at_s=0.0, **named):
         self.statuses.append(kind(at_s, self.name, *details, **named))
 
     def read(self):
@@ -80,7 +80,7 @@ class Mover(Device):
         answers = {Stop: (Standstill, self.brake_s), MoveTo: (Reached, self.travel_s)}
         kind, delay_s = answers.get(type(command), (None, None))
         if delay_s is not None:
-            self.say(kind, 0.0, at_s=self.bench.clock.now() + delay_s, command_id=command.id)
+            self.report(kind, 0.0, at_s=self.bench.clock.now() + delay_s, command_id=command.id)
 
 
 class Sensor(Device):
@@ -101,22 +101,22 @@ class Sensor(Device):
         return blocks if count else []
 
 
-class Ear:
-    """A detector that tells contact once it has heard a sample above a level."""
+class LevelDetector:
+    """A detector that reports contact once it has received a sample above a level."""
 
     name = "contact"
 
     def __init__(self, stream="board.force", above=1e9):
         self.inputs = (stream,)
-        self.above, self.resets, self.heard, self.error = above, [], [], None
+        self.above, self.resets, self.received, self.error = above, [], [], None
 
     def reset(self):
-        self.resets.append(len(self.heard))
+        self.resets.append(len(self.received))
 
     def push(self, block):
         if self.error is not None:
             raise self.error
-        self.heard.append(block)
+        self.received.append(block)
         found = np.flatnonzero(block.values[:, 0] > self.above)
         return [Contact(block.times[index], self.name, 1.0, 0.5) for index in found[:1]]
 
@@ -133,10 +133,10 @@ class Doubled:
     def push(self, block):
         if self.error is not None:
             raise self.error
-        told = [Saturated(block.t0_s, "board", self.info.name, 9.0)] if self.beyond else []
+        beyond = [Saturated(block.t0_s, "board", self.info.name, 9.0)] if self.beyond else []
         return [
             SampleBlock(self.info.name, block.seq, block.t0_s, 2.0 * block.values, 1000.0, unit="N"),
-            *told,
+            *beyond,
         ]
 
     def reset(self):
@@ -174,13 +174,13 @@ class Approach(Behavior):
 
 
 class Deaf(Approach):
-    """Pays no heed to what the guard says."""
+    """Ignores the guard's stop."""
 
     table = tuple(row for row in Approach.table if row["trigger"] != "guard_stopped")
 
 
-class Told(Guard):
-    """Says what the test has it say at the first turn not before a time, and keeps what it was shown."""
+class ScriptedGuard(Guard):
+    """Stops with the test's reason at the first turn not before a time, and keeps what it was shown."""
 
     def __init__(self, **limits):
         super().__init__(
@@ -197,7 +197,7 @@ class Told(Guard):
             return super().watch(t_s, blocks, moving, late_s, saturated)
         if self.stop_s is not None and t_s >= self.stop_s:
             self.stop_s = None
-            return "the test says so"
+            return "the test stops it"
         return None
 
     def missing(self, t_s, blocks, moving, late_s=0.0):
@@ -213,9 +213,9 @@ class Bench:
         self.slope = 0.001
         self.stage, self.other, self.board = Mover("stage", self), Mover("other", self), Sensor("board", self)
         self.behavior = behavior or Approach()
-        self.ear, self.guard = Ear(), Told(**limits)
+        self.detector, self.guard = LevelDetector(), ScriptedGuard(**limits)
         self.signals = ()
-        self.words, self.shown, self.suspended = [], [], []
+        self.requests, self.shown, self.suspended = [], [], []
         self.recorded, self.kept, self.skipped, self.readings = [], [], [], []
         self.failure = None
         self.settings = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=50.0)
@@ -236,10 +236,10 @@ class Bench:
         self.kept.append((type(event).__name__, state, next_state, list(commands)))
 
     def poll(self):
-        for word, at_s in self.words:
+        for request, at_s in self.requests:
             if self.clock.now() >= at_s:
-                self.words.remove((word, at_s))
-                return word
+                self.requests.remove((request, at_s))
+                return request
         return None
 
     def suspend(self):
@@ -261,10 +261,10 @@ class Bench:
             "board": DeviceInfo("board", "a sensor", streams=streams),
         }
         self.loop = Loop(Rig("mock", devices, self.clock), infos, self.guard, self, self, self.settings)
-        self.loop.run(self.behavior, {"contact": self.ear}, self.signals)
+        self.loop.run(self.behavior, {"contact": self.detector}, self.signals)
         return self.loop
 
-    def told(self, *kinds, since_s=0.0):
+    def sent(self, *kinds, since_s=0.0):
         return [
             (round(t_s, 6), command)
             for t_s, command in self.log
@@ -273,7 +273,7 @@ class Bench:
 
     @property
     def stops(self):
-        return self.told(Stop)
+        return self.sent(Stop)
 
 
 @pytest.fixture
@@ -315,13 +315,13 @@ def test_a_device_that_cannot_be_left_alone_hides_nothing_of_what_was_skipped(be
         apply(command)
 
     bench.board.apply = apply_but_the_last
-    bench.words = [("abort", 0.15)]
+    bench.requests = [("abort", 0.15)]
     with pytest.raises(Aborted):
         bench.run()
     assert ("board.force", 0.0, 0.1) in bench.skipped
 
 
-def test_what_comes_before_anybody_asked_for_it_is_kept(bench):
+def test_what_comes_before_it_was_requested_is_kept(bench):
     bench.board.listening = frozenset({"board.force"})
     bench.run()
     assert bench.recorded[0].seq == 0
@@ -336,14 +336,14 @@ def test_a_mover_that_is_not_seen_standing_is_named_after_two_seconds(bench):
 
 def test_a_mover_that_fails_while_it_stops_is_named_and_not_waited_for(bench):
     bench.other.brake_s = None
-    bench.other.say(Failed, "the link is gone", at_s=0.25)
+    bench.other.report(Failed, "the link is gone", at_s=0.25)
     bench.run()
     assert bench.loop.account.unstill == ["other"]
     assert bench.clock.now() < 0.3
 
 
 def test_a_failure_of_what_does_not_move_names_no_mover(bench):
-    bench.board.say(Failed, "the link is gone", at_s=0.205)
+    bench.board.report(Failed, "the link is gone", at_s=0.205)
     bench.run()
     assert bench.loop.account.unstill == []
 
@@ -370,7 +370,7 @@ def test_a_device_that_breaks_while_the_bench_is_stopped_hides_no_others_standst
     assert bench.loop.account.unstill == []
 
 
-def test_a_mover_whose_reading_breaks_is_still_heard_to_stand(bench):
+def test_a_mover_whose_reading_breaks_is_still_seen_to_stand(bench):
     apply = bench.stage.apply
 
     def applied(command):
@@ -406,7 +406,7 @@ def test_what_is_not_recorded_any_more_ends_the_trial_with_the_bench_still(bench
 
 
 def test_statuses_and_losses_while_the_bench_is_stopped_are_kept(bench):
-    bench.board.say(Lost, "board.force", 7, at_s=0.21)
+    bench.board.report(Lost, "board.force", 7, at_s=0.21)
     bench.run()
     assert ("Lost", "DONE", "DONE", []) in bench.kept
     assert bench.loop.account.lost == {"board.force": 7}
@@ -414,7 +414,7 @@ def test_statuses_and_losses_while_the_bench_is_stopped_are_kept(bench):
 
 def test_losses_of_one_stream_are_added_up(bench):
     for at_s in (0.01, 0.02):
-        bench.board.say(Lost, "board.force", 7, at_s=at_s)
+        bench.board.report(Lost, "board.force", 7, at_s=at_s)
     bench.run()
     assert bench.loop.account.lost == {"board.force": 14}
 
@@ -423,7 +423,7 @@ def test_losses_of_one_stream_are_added_up(bench):
 
 
 @pytest.mark.parametrize("behavior", [Approach, Deaf])
-def test_the_guards_word_stops_every_mover_whatever_the_behavior_makes_of_it(behavior):
+def test_the_guards_stop_stops_every_mover_whatever_the_behavior_makes_of_it(behavior):
     bench = Bench(behavior())
     bench.guard.stop_s = 0.15
     bench.run()
@@ -431,25 +431,25 @@ def test_the_guards_word_stops_every_mover_whatever_the_behavior_makes_of_it(beh
     assert bench.behavior.outcome == ("fault" if behavior is Deaf else "guard")
 
 
-def test_the_guards_word_is_kept_before_all_else_of_its_turn_with_its_reason(bench):
+def test_the_guards_stop_is_kept_before_all_else_of_its_turn_with_its_reason(bench):
     bench.guard.stop_s = 0.15
-    bench.board.say(Lost, "board.force", 1, at_s=0.149)
+    bench.board.report(Lost, "board.force", 1, at_s=0.149)
     bench.run()
     names = [name for name, *_ in bench.kept]
     assert names.index("GuardStopped") < names.index("Lost")
-    assert bench.behavior.reason == "the test says so"
+    assert bench.behavior.reason == "the test stops it"
 
 
-def test_after_the_guards_word_the_answer_to_the_motion_ends_nothing(bench):
+def test_after_the_guards_stop_the_answer_to_the_motion_ends_nothing(bench):
     bench.behavior = Deaf()
     bench.guard.stop_s = 0.15
     bench.run()
-    assert bench.behavior.state == "FAILED", "it was never told that it had arrived"
+    assert bench.behavior.state == "FAILED", "it never got the arrival"
 
 
 def test_the_guard_is_shown_motion_lateness_and_what_left_its_range(bench):
     bench.behavior = Approach(resting=frozenset({"board.force"}))
-    bench.board.say(Saturated, "board.force", 4.0, at_s=0.15)
+    bench.board.report(Saturated, "board.force", 4.0, at_s=0.15)
     bench.run()
     assert {moving for t_s, _, moving, _, _ in bench.guard.seen if t_s < 0.1} == {False}
     assert {moving for t_s, _, moving, _, _ in bench.guard.seen if 0.1 < t_s < 0.2} == {True}
@@ -461,7 +461,7 @@ def test_the_guard_is_shown_motion_lateness_and_what_left_its_range(bench):
 def test_a_signal_that_leaves_its_range_is_shown_to_the_guard(bench):
     double = Doubled()
     double.beyond = True
-    bench.signals, bench.ear = (double,), Ear("signals.double")
+    bench.signals, bench.detector = (double,), LevelDetector("signals.double")
     bench.run()
     assert any(beyond for *_, beyond in bench.guard.seen)
     assert any("signals.double" in streams for _, streams, *_ in bench.guard.seen)
@@ -471,17 +471,17 @@ def test_a_motion_that_a_detector_ends_stops_where_the_detectors_stream_falls_si
     bench.guard.real, bench.stage.travel_s = True, 0.5
     read = bench.board.read
     bench.board.read = lambda: [block for block in read() if block.stream != "board.force"]
-    bench.board.say(Lost, "board.load", 1, at_s=0.208)
+    bench.board.report(Lost, "board.load", 1, at_s=0.208)
     bench.run()
     assert bench.behavior.reason.startswith("board failed: board.force is silent for 0.1")
     assert bench.loop.account.missing.startswith("board.force is silent for 0.1")
     last = [kind for kind, *_ in bench.kept if kind in ("Failed", "Lost")]
-    assert last == ["Failed", "Lost"], "what is missing is told before all else of its turn"
+    assert last == ["Failed", "Lost"], "what is missing comes before all else of its turn"
 
 
 def test_a_motion_that_ends_by_a_signal_stops_where_what_it_is_made_of_falls_silent(bench):
     bench.guard.real, bench.stage.travel_s = True, 0.5
-    bench.signals, bench.ear = (Doubled(),), Ear("signals.double")
+    bench.signals, bench.detector = (Doubled(),), LevelDetector("signals.double")
     read = bench.board.read
     bench.board.read = lambda: [block for block in read() if block.stream != "board.force"]
     bench.run()
@@ -492,7 +492,7 @@ def test_a_command_beyond_a_limit_is_refused_and_nothing_is_sent(bench):
     bench.behavior.enter_APPROACH = lambda: bench.behavior.command(MoveTo("stage", 0.02, 0.01))
     with pytest.raises(GuardRefusal):
         bench.run()
-    assert bench.told(MoveTo) == []
+    assert bench.sent(MoveTo) == []
     assert len(bench.stops) == 2
 
 
@@ -503,13 +503,13 @@ def test_a_refused_command_is_in_the_record_with_the_state_that_gave_it(bench):
     assert ("Tick", "REST", "APPROACH", [MoveTo("stage", 0.02, 0.01)]) in bench.kept
 
 
-def test_what_the_guard_is_to_watch_and_nobody_sends_is_refused_before_anything_moves(bench):
+def test_a_stream_that_the_guard_is_to_watch_and_nothing_sends_is_refused_before_anything_moves(bench):
     bench.guard = Guard(
         GuardSettings(travel_m=0.01, force_stream="board.load", force_n=1.0, position_stream="x.y")
     )
     with pytest.raises(GuardRefusal, match=r"x\.y"):
         bench.run()
-    assert bench.told(MoveTo) == []
+    assert bench.sent(MoveTo) == []
 
 
 # --- what is listened to --------------------------------------------------------------------------
@@ -517,13 +517,13 @@ def test_what_the_guard_is_to_watch_and_nobody_sends_is_refused_before_anything_
 
 def test_the_guards_streams_are_listened_to_while_something_moves_and_not_in_a_deaf_rest(bench):
     bench.run()
-    assert bench.told(Listen)[0] == (0.1, Listen("board", frozenset({"board.force", "board.load"})))
+    assert bench.sent(Listen)[0] == (0.1, Listen("board", frozenset({"board.force", "board.load"})))
 
 
 def test_the_guards_streams_are_listened_to_at_standstill_wherever_anything_is(bench):
     bench.behavior = Approach(resting=frozenset({"board.force"}))
     bench.run()
-    assert bench.told(Listen)[0] == (0.0, Listen("board", frozenset({"board.force", "board.load"})))
+    assert bench.sent(Listen)[0] == (0.0, Listen("board", frozenset({"board.force", "board.load"})))
     seen = [streams for t_s, streams, *_ in bench.guard.seen if t_s < 0.1]
     assert seen
     assert all(streams == {"board.force", "board.load"} for streams in seen)
@@ -534,11 +534,11 @@ def test_a_force_that_no_state_measures_stops_the_trial_at_standstill():
     bench.guard.real, bench.slope = True, 1.0  # a newton a millisecond
     bench.run()
     assert "beyond limits.force_n" in bench.behavior.reason
-    assert bench.told(MoveTo) == []
+    assert bench.sent(MoveTo) == []
 
 
 def test_a_stop_goes_out_first_then_what_is_listened_to_then_the_rest(bench):
-    bench.ear.above = 0.15
+    bench.detector.above = 0.15
     bench.run()
     t_s = next(t_s for name, t_s in bench.shown if name == "STOPPING")
     after = [type(command) for sent_s, command in bench.log if sent_s >= t_s][:3]
@@ -547,12 +547,12 @@ def test_a_stop_goes_out_first_then_what_is_listened_to_then_the_rest(bench):
 
 def test_devices_are_asked_only_for_what_changes(bench):
     bench.run()
-    listens = [command for _, command in bench.told(Listen)]
+    listens = [command for _, command in bench.sent(Listen)]
     assert all(command.device == "board" for command in listens)
     assert all(before != after for before, after in pairwise(listens))
 
 
-def test_a_span_that_nobody_listened_to_is_noted_as_skipped(bench):
+def test_a_span_without_a_subscriber_is_noted_as_skipped(bench):
     bench.run()
     assert ("board.force", 0.0, 0.1) in bench.skipped
     (end_s,) = [t1_s for stream, t0_s, t1_s in bench.skipped if stream == "board.force" and t0_s > 0.0] or [
@@ -568,7 +568,7 @@ def test_a_stream_that_was_never_listened_to_is_skipped_from_end_to_end(bench):
 
 
 def test_what_is_not_listened_to_any_more_is_skipped_from_then_on(bench):
-    bench.ear.above = 0.15
+    bench.detector.above = 0.15
     bench.behavior.plans["STOPPING"] = StatePlan(1.0)
     bench.stage.brake_s = 0.3
     bench.run()
@@ -581,23 +581,23 @@ def test_what_is_not_listened_to_any_more_is_skipped_from_then_on(bench):
 
 
 def test_a_detector_is_reset_when_it_is_armed_and_not_in_the_states_that_follow(bench):
-    bench.ear.above = 0.15
+    bench.detector.above = 0.15
     bench.behavior.plans["STOPPING"] = StatePlan(1.0, detectors=frozenset({"contact"}))
     bench.run()
-    assert bench.ear.resets == [0]
+    assert bench.detector.resets == [0]
 
 
 def test_a_detector_hears_its_own_streams_alone_and_only_while_it_is_armed(bench):
     bench.behavior = Approach(resting=frozenset({"board.force"}))
-    bench.ear.above = 0.15
+    bench.detector.above = 0.15
     bench.run()
-    assert {block.stream for block in bench.ear.heard} == {"board.force"}
-    assert bench.ear.heard[0].t0_s >= 0.1
-    assert bench.ear.heard[-1].t0_s <= 0.16
+    assert {block.stream for block in bench.detector.received} == {"board.force"}
+    assert bench.detector.received[0].t0_s >= 0.1
+    assert bench.detector.received[-1].t0_s <= 0.16
 
 
 def test_a_detector_that_cannot_hear_what_it_is_given_is_named(bench):
-    bench.ear.error = ValueError("two channels are one too many")
+    bench.detector.error = ValueError("two channels are one too many")
     with pytest.raises(UnfitStreamError, match="contact: two channels"):
         bench.run()
     assert len(bench.stops) == 2
@@ -606,16 +606,16 @@ def test_a_detector_that_cannot_hear_what_it_is_given_is_named(bench):
 def test_a_signal_that_cannot_hear_what_it_is_given_ends_the_trial(bench):
     double = Doubled()
     double.error = ValueError("double: no")
-    bench.signals, bench.ear = (double,), Ear("signals.double")
+    bench.signals, bench.detector = (double,), LevelDetector("signals.double")
     with pytest.raises(UnfitStreamError, match="double: no"):
         bench.run()
 
 
-def test_a_stream_that_nobody_sends_is_refused_before_anything_moves(bench):
-    bench.ear = Ear("board.forse")
+def test_a_stream_that_nothing_sends_is_refused_before_anything_moves(bench):
+    bench.detector = LevelDetector("board.forse")
     with pytest.raises(UnfitStreamError, match=r"did you mean board\.force"):
         bench.run()
-    assert bench.told(MoveTo) == []
+    assert bench.sent(MoveTo) == []
 
 
 def test_what_is_listened_to_is_recorded(bench):
@@ -626,8 +626,8 @@ def test_what_is_listened_to_is_recorded(bench):
 
 def test_a_signal_is_recorded_in_the_place_of_what_it_is_made_of_to_the_last_block(bench):
     """The last samples come while the bench is being stopped, by an abort in the middle."""
-    bench.signals, bench.ear = (Doubled(),), Ear("signals.double")
-    bench.words, bench.other.brake_s = [("abort", 0.15)], 0.1
+    bench.signals, bench.detector = (Doubled(),), LevelDetector("signals.double")
+    bench.requests, bench.other.brake_s = [("abort", 0.15)], 0.1
     with pytest.raises(Aborted):
         bench.run()
     assert {block.stream for block in bench.recorded} == {"signals.double", "board.load"}
@@ -642,13 +642,13 @@ def test_streams_that_a_trial_has_watched_for_their_range_are_listened_to_in_mot
     bench.behavior.range_streams = frozenset({"board.force"})
     bench.behavior.plans["APPROACH"] = StatePlan(1.0)
     bench.run()
-    assert bench.told(Listen)[0][1] == Listen("board", frozenset({"board.force", "board.load"}))
+    assert bench.sent(Listen)[0][1] == Listen("board", frozenset({"board.force", "board.load"}))
 
 
 # --- time -----------------------------------------------------------------------------------------
 
 
-def test_a_rest_in_which_nobody_listens_is_one_turn(bench):
+def test_a_rest_without_a_subscriber_is_one_turn(bench):
     bench.behavior = Approach(rest_s=90.0)
     bench.run()
     moving = [t_s for t_s, *_ in bench.guard.seen if t_s < 90.0]
@@ -680,7 +680,7 @@ def test_a_state_that_listens_turns_at_the_full_rate_where_the_idle_rate_is_no_l
 
 def test_a_rest_without_a_deadline_is_turned_through_until_something_happens(bench):
     bench.behavior = Approach(rest_s=float("inf"))
-    bench.stage.say(Failed, "the test says so", at_s=0.5)
+    bench.stage.report(Failed, "the test stops it", at_s=0.5)
     bench.run()
     assert bench.behavior.outcome == "fault"
     assert np.diff([t_s for t_s, *_ in bench.guard.seen]) == pytest.approx(TURN_S)
@@ -700,7 +700,7 @@ class Late(VirtualClock):
             self.by_s = 0.0
 
 
-def test_a_late_turn_is_told_to_the_guard_and_counted(bench):
+def test_a_late_turn_is_reported_to_the_guard_and_counted(bench):
     bench.clock = Late(0.15, 0.03)
     bench.run()
     assert [round(late_s, 6) for *_, late_s, _ in bench.guard.seen if late_s > 1e-6] == [0.03]
@@ -759,30 +759,30 @@ def test_on_the_wall_clock_a_rest_turns_at_the_idle_rate(bench):
 
 
 @pytest.mark.parametrize(("lost_s", "order"), [(0.1505, ["Lost", "Contact"]), (0.153, ["Contact", "Lost"])])
-def test_events_of_a_turn_are_told_in_the_order_of_their_times(bench, lost_s, order):
-    bench.ear.above = 0.1505  # the sample at 0.151 s
-    bench.board.say(Lost, "board.force", 1, at_s=lost_s)
+def test_events_of_a_turn_are_handled_in_the_order_of_their_times(bench, lost_s, order):
+    bench.detector.above = 0.1505  # the sample at 0.151 s
+    bench.board.report(Lost, "board.force", 1, at_s=lost_s)
     bench.run()
     assert [name for name, *_ in bench.kept if name in order] == order
 
 
-def hears(behavior):
-    """What the behavior is told from now on, and when it wakes at that moment."""
-    told, handle = [], behavior.handle
+def watched(behavior):
+    """The events that the behavior gets from now on, and when it wakes at that moment."""
+    handled, handle = [], behavior.handle
 
-    def handled(event):
-        told.append((event, behavior.wake_s))
+    def watch(event):
+        handled.append((event, behavior.wake_s))
         return handle(event)
 
-    behavior.handle = handled
-    return told
+    behavior.handle = watch
+    return handled
 
 
-def test_a_behavior_is_told_the_time_from_when_it_wakes_on(bench):
+def test_a_behavior_gets_ticks_from_when_it_wakes_on(bench):
     bench.stage.travel_s = 5.0
-    told = hears(bench.behavior)
+    handled = watched(bench.behavior)
     bench.run()
-    ticks = [(event.t_s, wake_s) for event, wake_s in told if isinstance(event, Tick)]
+    ticks = [(event.t_s, wake_s) for event, wake_s in handled if isinstance(event, Tick)]
     assert ticks == [(pytest.approx(0.1), 0.1), (pytest.approx(1.1), pytest.approx(1.1))]
 
 
@@ -791,22 +791,22 @@ def test_commands_of_a_state_that_stays_are_sent(bench):
     bench.behavior.handle = lambda event: (
         [Excite("board", True)] if isinstance(event, Lost) else handle(event)
     )
-    bench.board.say(Lost, "board.force", 1, at_s=0.15)
+    bench.board.report(Lost, "board.force", 1, at_s=0.15)
     bench.run()
-    assert bench.told(Excite) == [(0.15, Excite("board", True))]
+    assert bench.sent(Excite) == [(0.15, Excite("board", True))]
 
 
 def test_an_answer_without_a_number_ends_no_motion_that_has_one(bench):
-    bench.stage.say(Reached, 0.0, at_s=0.15)
+    bench.stage.report(Reached, 0.0, at_s=0.15)
     bench.run()
     assert bench.shown[-1] == ("DONE", 0.2)
 
 
-def test_an_answer_without_a_number_is_told_where_nothing_was_commanded(bench):
-    told = hears(bench.behavior)
-    bench.stage.say(Reached, 0.0, at_s=0.05)
+def test_an_answer_without_a_number_is_handled_where_nothing_was_commanded(bench):
+    handled = watched(bench.behavior)
+    bench.stage.report(Reached, 0.0, at_s=0.05)
     bench.run()
-    assert sum(isinstance(event, Reached) for event, _ in told) == 2
+    assert sum(isinstance(event, Reached) for event, _ in handled) == 2
 
 
 def test_the_first_state_is_visited_from_the_start(bench):
@@ -822,26 +822,26 @@ def test_all_that_devices_send_in_a_turn_is_taken(bench):
 
 
 def test_what_a_detector_finds_in_one_block_outlives_the_next_of_its_turn(bench):
-    bench.ear.inputs, push = ("board.force", "board.load"), bench.ear.push
-    bench.ear.push = lambda block: push(block) if block.stream == "board.force" else []
-    bench.ear.above = 0.15
+    bench.detector.inputs, push = ("board.force", "board.load"), bench.detector.push
+    bench.detector.push = lambda block: push(block) if block.stream == "board.force" else []
+    bench.detector.above = 0.15
     bench.run()
     assert ("Contact", "APPROACH", "STOPPING") in [kept[:3] for kept in bench.kept]
 
 
 def test_what_a_detector_holds_against_its_threshold_is_recorded_by_its_name(bench):
-    bench.ear.reading = Reading(0.12, 0.3, 0.5)
+    bench.detector.reading = Reading(0.12, 0.3, 0.5)
     bench.run()
-    assert set(bench.readings) == {("contact", bench.ear.reading)}
+    assert set(bench.readings) == {("contact", bench.detector.reading)}
     bench.readings.clear()
-    del bench.ear.reading
+    del bench.detector.reading
     bench.clock, bench.behavior = VirtualClock(), Approach()
     bench.run()
     assert bench.readings == []
 
 
 def test_an_event_is_kept_with_the_state_before_the_state_after_and_the_commands(bench):
-    bench.ear.above = 0.15
+    bench.detector.above = 0.15
     bench.run()
     assert ("Contact", "APPROACH", "STOPPING", [Excite("board", False), Stop("stage")]) in bench.kept
 
@@ -854,7 +854,7 @@ def test_a_tick_is_kept_only_where_something_follows_from_it(bench):
 
 
 def test_visits_bear_the_time_of_the_event_that_led_to_them(bench):
-    bench.ear.above = 0.15
+    bench.detector.above = 0.15
     loop = bench.run()
     visits = dict(loop.visits)
     assert visits["STOPPING"] == loop.entered_s["STOPPING"] == pytest.approx(0.151)
@@ -863,20 +863,20 @@ def test_visits_bear_the_time_of_the_event_that_led_to_them(bench):
 
 def test_what_comes_after_the_end_is_kept_and_moves_nothing(bench):
     """Arrived and failed in one turn: the behavior was done with the first."""
-    bench.board.say(Failed, "the link is gone", at_s=0.2)
+    bench.board.report(Failed, "the link is gone", at_s=0.2)
     bench.run()
     assert bench.behavior.outcome == "contact"
     assert ("Failed", "DONE", "DONE", []) in bench.kept
 
 
-def test_a_mover_counts_as_moving_while_it_moves_or_is_told_to_stop_and_not_for_another_command(bench):
+def test_a_mover_counts_as_moving_while_it_moves_or_is_commanded_to_stop_and_not_for_another_command(bench):
     bench.behavior.enter_APPROACH = lambda: bench.behavior.command(Tare("stage", "stage.force"))
     bench.behavior.enter_STOPPING = lambda: bench.behavior.command(Stop("stage"))
-    bench.ear.above = 0.15
+    bench.detector.above = 0.15
     bench.run()
     moving = [(round(t_s, 6), moves) for t_s, _, moves, *_ in bench.guard.seen]
     assert [t_s for t_s, moves in moving if moves] == pytest.approx(
-        np.arange(bench.told(Stop)[0][0] + TURN_S, bench.told(Stop)[1][0], TURN_S)
+        np.arange(bench.sent(Stop)[0][0] + TURN_S, bench.sent(Stop)[1][0], TURN_S)
     )
 
 
@@ -886,7 +886,7 @@ def test_a_stalled_mover_does_not_count_as_moving(bench):
 
     bench.behavior = Unaware()
     bench.stage.travel_s = None
-    bench.stage.say(Stalled, "it hit something", at_s=0.15)
+    bench.stage.report(Stalled, "it hit something", at_s=0.15)
     bench.run()
     assert {moving for t_s, _, moving, *_ in bench.guard.seen if 0.16 < t_s < 1.0} == {False}
 
@@ -898,7 +898,7 @@ def test_a_pause_stops_every_mover_at_once_and_the_guard_goes_on_watching(bench,
     monkeypatch.setattr(
         loop_module, "rest", lambda seconds: bench.clock.wait_until(bench.clock.now() + seconds)
     )
-    bench.words = [("pause", 0.15), ("resume", 0.6)]
+    bench.requests = [("pause", 0.15), ("resume", 0.6)]
     bench.other.brake_s = 0.2
     bench.run()
     assert bench.stops[:2] == [(0.15, Stop("stage")), (0.15, Stop("other"))]
@@ -914,18 +914,18 @@ def test_the_guards_streams_are_listened_to_in_a_pause_of_a_deaf_rest(bench, mon
     )
     bench.clock = Late(float("inf"), 0.0, virtual=False)
     bench.behavior = Approach(rest_s=0.5)
-    bench.words = [("pause", 0.1), ("resume", 0.3)]
+    bench.requests = [("pause", 0.1), ("resume", 0.3)]
     bench.run()
-    assert bench.told(Listen)[0] == (0.1, Listen("board", frozenset({"board.load"})))
+    assert bench.sent(Listen)[0] == (0.1, Listen("board", frozenset({"board.load"})))
     assert all("board.load" in streams for t_s, streams, *_ in bench.guard.seen if 0.2 < t_s < 0.3)
 
 
-def test_a_pause_tells_the_behavior_nothing_but_what_ends_the_trial(bench, monkeypatch):
+def test_in_a_pause_the_behavior_gets_nothing_but_what_ends_the_trial(bench, monkeypatch):
     monkeypatch.setattr(
         loop_module, "rest", lambda seconds: bench.clock.wait_until(bench.clock.now() + seconds)
     )
-    bench.words = [("pause", 0.15), ("resume", 0.6)]
-    bench.ear.above = 0.152
+    bench.requests = [("pause", 0.15), ("resume", 0.6)]
+    bench.detector.above = 0.152
     bench.run()
     kept = [(name, state, after) for name, state, after, _ in bench.kept]
     assert ("Contact", "APPROACH", "APPROACH") in kept
@@ -937,18 +937,18 @@ def test_a_pause_tells_the_behavior_nothing_but_what_ends_the_trial(bench, monke
     ("kind", "outcome"), [(GuardStopped, "guard"), (Failed, "fault"), (Stalled, "fault")]
 )
 def test_a_pause_ends_with_the_trial_where_the_bench_fails(bench, kind, outcome):
-    bench.words = [("pause", 0.15)]
+    bench.requests = [("pause", 0.15)]
     bench.stage.brake_s = 0.2
     if kind is GuardStopped:
         bench.guard.stop_s = 0.2
     else:
-        bench.stage.say(kind, "it broke", at_s=0.2)
+        bench.stage.report(kind, "it broke", at_s=0.2)
     bench.run()
     assert bench.behavior.outcome == outcome
 
 
 def test_a_paused_trial_goes_on_once_every_mover_stands_and_its_time_is_counted(bench, monkeypatch):
-    bench.words = [("pause", 0.15), ("resume", 0.17)]
+    bench.requests = [("pause", 0.15), ("resume", 0.17)]
     bench.stage.brake_s = 0.1
     bench.run()
     resumed = next(event for event in bench.loop.events if isinstance(event, Resumed))
@@ -960,13 +960,13 @@ def test_a_paused_trial_goes_on_once_every_mover_stands_and_its_time_is_counted(
 
 
 def test_two_pauses_are_added_up(bench):
-    bench.words = [("pause", 0.15), ("resume", 0.15), ("pause", 0.3), ("resume", 0.3)]
+    bench.requests = [("pause", 0.15), ("resume", 0.15), ("pause", 0.3), ("resume", 0.3)]
     bench.run()
     assert bench.loop.account.paused_s == pytest.approx(2 * 0.02)
 
 
 def test_a_second_pause_in_a_pause_changes_nothing(bench):
-    bench.words = [("pause", 0.15), ("pause", 0.155), ("resume", 0.16)]
+    bench.requests = [("pause", 0.15), ("pause", 0.155), ("resume", 0.16)]
     bench.run()
     assert [event.t_s for event in bench.loop.events if isinstance(event, Paused)] == [pytest.approx(0.15)]
     assert bench.behavior.outcome == "contact"
@@ -974,22 +974,22 @@ def test_a_second_pause_in_a_pause_changes_nothing(bench):
 
 def test_no_deadline_passes_in_a_pause(bench):
     """REST is to last 0.1 s and is paused for three times as long; afterwards the behavior may enter it anew."""
-    bench.words = [("pause", 0.05), ("resume", 0.4)]
+    bench.requests = [("pause", 0.05), ("resume", 0.4)]
     bench.clock = Late(float("inf"), 0.0, virtual=False)
     bench.run()
-    assert bench.told(MoveTo)[0][0] >= 0.4
+    assert bench.sent(MoveTo)[0][0] >= 0.4
 
 
-def test_virtual_time_stands_still_while_a_paused_bench_waits_for_a_word(bench, monkeypatch):
+def test_virtual_time_stands_still_while_a_paused_bench_waits_for_a_request(bench, monkeypatch):
     rests = []
 
     def rested(seconds):
         rests.append(seconds)
         if len(rests) == 3:
-            bench.words = [("resume", 0.0)]
+            bench.requests = [("resume", 0.0)]
 
     monkeypatch.setattr(loop_module, "rest", rested)
-    bench.words = [("pause", 0.15)]
+    bench.requests = [("pause", 0.15)]
     bench.run()
     assert rests == [loop_module.KEY_INTERVAL_S] * 3
     assert bench.loop.account.paused_s == pytest.approx(0.02), "until it stood"
@@ -1004,7 +1004,7 @@ def restless(monkeypatch):
 
 
 def test_a_suspension_stops_every_mover_and_waits_until_the_last_one_stands(bench, restless):
-    bench.words = [("suspend", 0.15), ("resume", 50.0)]
+    bench.requests = [("suspend", 0.15), ("resume", 50.0)]
     bench.other.brake_s = 0.2
     bench.run()
     assert bench.stops[:2] == [(0.15, Stop("stage")), (0.15, Stop("other"))]
@@ -1018,7 +1018,7 @@ def test_a_suspension_stops_every_mover_and_waits_until_the_last_one_stands(benc
 
 def test_a_suspension_is_no_turn_that_was_late(bench, restless):
     bench.clock = Late(float("inf"), 0.0, virtual=False)
-    bench.words = [("suspend", 0.15), ("resume", 60.5)]
+    bench.requests = [("suspend", 0.15), ("resume", 60.5)]
     bench.run()
     assert len(bench.suspended) == 1
     assert bench.loop.account.overruns == 0
@@ -1028,7 +1028,7 @@ def test_a_suspension_is_no_turn_that_was_late(bench, restless):
 def test_no_stream_was_silent_while_the_program_was_suspended(bench, restless):
     bench.clock = Late(float("inf"), 0.0, virtual=False)
     bench.behavior = Approach(resting=frozenset({"board.force"}))
-    bench.words = [("suspend", 0.05), ("resume", 60.3)]
+    bench.requests = [("suspend", 0.05), ("resume", 60.3)]
     read = bench.board.read
     bench.board.read = lambda: (
         [] if 60.0 < bench.clock.now() < 60.2 else read()
@@ -1038,7 +1038,7 @@ def test_no_stream_was_silent_while_the_program_was_suspended(bench, restless):
 
 
 def test_a_paused_bench_can_be_suspended_as_often_as_one_likes(bench, restless):
-    bench.words = [("pause", 0.15), ("suspend", 0.2), ("suspend", 10.0), ("resume", 100.0)]
+    bench.requests = [("pause", 0.15), ("suspend", 0.2), ("suspend", 10.0), ("resume", 100.0)]
     bench.clock = Late(float("inf"), 0.0, virtual=False)
     bench.run()
     assert [moving for _, moving in bench.suspended] == [[], []]
@@ -1047,43 +1047,43 @@ def test_a_paused_bench_can_be_suspended_as_often_as_one_likes(bench, restless):
 
 
 def test_a_suspension_from_before_the_trial_comes_before_anything_moves(bench, restless):
-    bench.words = [("suspend", 0.0), ("resume", 60.0)]
+    bench.requests = [("suspend", 0.0), ("resume", 60.0)]
     bench.run()
     assert bench.suspended == [(0.0, [])]
-    assert bench.told(MoveTo)[0][0] > 60.0
+    assert bench.sent(MoveTo)[0][0] > 60.0
     assert bench.shown[0] == ("PAUSED", 0.0)
 
 
 def test_an_abort_stops_every_mover_and_then_listens_to_nothing(bench):
-    bench.words = [("abort", 0.15)]
+    bench.requests = [("abort", 0.15)]
     with pytest.raises(Aborted):
         bench.run()
-    assert bench.told(Listen)[-1][1] == Listen("board", frozenset())
-    assert bench.told(Listen)[-1][0] >= 0.17
+    assert bench.sent(Listen)[-1][1] == Listen("board", frozenset())
+    assert bench.sent(Listen)[-1][0] >= 0.17
     assert bench.stops == [(0.15, Stop("stage")), (0.15, Stop("other"))]
     assert bench.loop.account.unstill == []
 
 
 def test_an_abort_from_before_the_trial_keeps_everything_from_moving(bench):
-    bench.words = [("abort", 0.0)]
+    bench.requests = [("abort", 0.0)]
     with pytest.raises(Aborted):
         bench.run()
-    assert bench.told(MoveTo) == []
+    assert bench.sent(MoveTo) == []
     assert bench.shown == []
 
 
-@pytest.mark.parametrize(("word", "outcome"), [("resume", "contact"), ("abort", "aborted")])
-def test_a_pause_from_before_the_trial_is_kept_until_a_word_comes(bench, monkeypatch, word, outcome):
+@pytest.mark.parametrize(("request_", "outcome"), [("resume", "contact"), ("abort", "aborted")])
+def test_a_pause_from_before_the_trial_is_kept_until_a_request_comes(bench, monkeypatch, request_, outcome):
     rests = []
 
     def rested(seconds):
         rests.append(seconds)
         if len(rests) == 3:
-            bench.words = [(word, 0.0)]
+            bench.requests = [(request_, 0.0)]
 
     monkeypatch.setattr(loop_module, "rest", rested)
-    bench.words = [("pause", 0.0)]
-    if word == "abort":
+    bench.requests = [("pause", 0.0)]
+    if request_ == "abort":
         with pytest.raises(Aborted):
             bench.run()
     else:

@@ -13,12 +13,18 @@ from drivers.messages import DeviceInfo, MoveTo, Reached, Refused, Stalled, Stan
 
 
 class Mover:
-    """Answers each command `delay_s` later, by its id; `says` are statuses of its own, by their time."""
+    """Answers each command `delay_s` later, by its id; `reports` are statuses of its own, by their time."""
 
     name = "stage"
 
-    def __init__(self, clock, delay_s=0.1, says=()):
-        self.clock, self.delay_s, self.says, self.commands, self.due = clock, delay_s, list(says), [], []
+    def __init__(self, clock, delay_s=0.1, reports=()):
+        self.clock, self.delay_s, self.reports, self.commands, self.due = (
+            clock,
+            delay_s,
+            list(reports),
+            [],
+            [],
+        )
 
     def apply(self, command):
         self.commands.append(command)
@@ -31,9 +37,9 @@ class Mover:
 
     def poll(self):
         now_s = self.clock.now()
-        ripe = [status for status in (*self.due, *self.says) if status.t_s <= now_s]
+        ripe = [status for status in (*self.due, *self.reports) if status.t_s <= now_s]
         self.due = [status for status in self.due if status not in ripe]
-        self.says = [status for status in self.says if status not in ripe]
+        self.reports = [status for status in self.reports if status not in ripe]
         return ripe
 
 
@@ -60,10 +66,10 @@ class Hasty(Behavior):
 
 @pytest.fixture
 def run():
-    def run(delay_s=0.1, says=()):
+    def run(delay_s=0.1, reports=()):
         clock = VirtualClock()
-        mover = Mover(clock, delay_s, says)
-        nobody = SimpleNamespace(
+        mover = Mover(clock, delay_s, reports)
+        stub = SimpleNamespace(
             record=lambda blocks: None,
             failure=None,
             skip=lambda *span: None,
@@ -73,7 +79,7 @@ def run():
         )
         guard = Guard(GuardSettings(travel_m=0.01, position_stream=None, force_stream=None))
         infos = {"stage": DeviceInfo("stage", "a mover", mover=True)}
-        loop = Loop(Rig("mock", {"stage": mover}, clock), infos, guard, nobody, nobody, LoopSettings())
+        loop = Loop(Rig("mock", {"stage": mover}, clock), infos, guard, stub, stub, LoopSettings())
         behavior = Hasty()
         loop.run(behavior, {})
         return loop, mover, behavior
@@ -101,13 +107,13 @@ def test_a_mover_counts_as_moving_until_its_newest_command_is_answered(run):
 
 
 def test_a_stall_ends_the_trial_whatever_it_is_about(run):
-    _, _, behavior = run(says=[Stalled(0.07, "stage", "it hit something", command_id=1)])
+    _, _, behavior = run(reports=[Stalled(0.07, "stage", "it hit something", command_id=1)])
     assert behavior.outcome == "fault"
     assert "it hit something" in behavior.reason
 
 
 def test_closing_waits_for_the_standstill_that_it_asked_for(run):
-    loop, mover, _ = run(says=[Standstill(0.16, "stage", 0.0, command_id=1)])
+    loop, mover, _ = run(reports=[Standstill(0.16, "stage", 0.0, command_id=1)])
     assert isinstance(mover.commands[-1], Stop)
     assert loop.events[-1].command_id == 3
     assert loop.account.unstill == []

@@ -37,10 +37,10 @@ CONTACT = 800.0
 
 
 class Device:
-    """Says what is due; what is asked of it is kept where time is not taken back."""
+    """Reports what is due; what is asked of it is kept where time is not taken back."""
 
     def __init__(self, name, clock):
-        self.name, self.clock, self.says = name, clock, []
+        self.name, self.clock, self.reports = name, clock, []
         self.held = ()
 
     def apply(self, command):
@@ -50,34 +50,34 @@ class Device:
         return ()
 
     def poll(self):
-        ripe = [status for status in self.says if status.t_s <= self.clock.now()]
-        self.says = [status for status in self.says if status not in ripe]
+        ripe = [status for status in self.reports if status.t_s <= self.clock.now()]
+        self.reports = [status for status in self.reports if status not in ripe]
         return ripe
 
 
 class Stage(Device):
-    """Moves until it has arrived; stalls where nobody looks at it for `blind_s` and nobody said that this is meant."""
+    """Moves until it has arrived; stalls where it is not polled for `blind_s` and that is not announced."""
 
     blind_s, watched_until_s, seen_s = 0.02, -math.inf, 0.0
 
     def apply(self, command):
         kind, after_s = (Reached, 1.0) if isinstance(command, MoveTo) else (Standstill, 0.02)
-        self.says = [kind(self.clock.now() + after_s, "stage", 0.0, command_id=command.id)]
+        self.reports = [kind(self.clock.now() + after_s, "stage", 0.0, command_id=command.id)]
 
     def poll(self):
-        now_s, moves = self.clock.now(), bool(self.says)
+        now_s, moves = self.clock.now(), bool(self.reports)
         meant = now_s <= self.watched_until_s + 1e-9 <= now_s + 2e-9
         blind = moves and now_s - self.seen_s > self.blind_s + 1e-9 and not meant
         self.seen_s = now_s
         return [Stalled(now_s, "stage", "left alone"), *super().poll()] if blind else super().poll()
 
 
-class ToldStage(Stage):
-    """One that says when it will have arrived."""
+class PredictingStage(Stage):
+    """One that reports when it will have arrived."""
 
     @property
     def alone_s(self):
-        return min((status.t_s for status in self.says), default=math.inf) - self.clock.now()
+        return min((status.t_s for status in self.reports), default=math.inf) - self.clock.now()
 
 
 class Board(Device):
@@ -109,20 +109,20 @@ class Board(Device):
         ]
 
 
-class Ear:
-    """Tells contact at the first sample above a level, and what it held against it last."""
+class LevelDetector:
+    """Reports contact at the first sample above a level, and what it held against it last."""
 
     name, inputs, reading = "contact", ("board.force",), None
 
     def __init__(self):
-        self.above, self.heard = CONTACT, 0
+        self.above, self.count = CONTACT, 0
 
     def reset(self):
-        self.heard = 0
+        self.count = 0
 
     def push(self, block):
-        self.heard += len(block)
-        self.reading = Reading(block.last_s, float(self.heard), self.above)
+        self.count += len(block)
+        self.reading = Reading(block.last_s, float(self.count), self.above)
         found = np.flatnonzero(block.values[:, 0] >= self.above)
         return [Contact(block.times[index], self.name, 1.0, 0.5) for index in found[:1]]
 
@@ -140,12 +140,12 @@ class Sum:
 
     def push(self, block):
         if block.last_s >= self.breaks_s:
-            raise ValueError("it cannot hear this")
+            raise ValueError("it cannot use this")
         sums = self.total + np.cumsum(block.values, axis=0)
         self.total = float(sums[-1, 0])
         late = block.times[block.times >= self.beyond_s - 1e-9]
-        told = [Saturated(late[0], "board", self.info.name, 9.0)] if len(late) else []
-        return [SampleBlock(self.info.name, block.seq, block.t0_s, sums, 1000.0, unit="N"), *told]
+        beyond = [Saturated(late[0], "board", self.info.name, 9.0)] if len(late) else []
+        return [SampleBlock(self.info.name, block.seq, block.t0_s, sums, 1000.0, unit="N"), *beyond]
 
 
 class Approach(Behavior):
@@ -184,10 +184,10 @@ class Bench:
 
     def __init__(self):
         self.clock = VirtualClock()
-        self.stage, self.board = ToldStage("stage", self.clock), Board("board", self.clock)
-        self.behavior, self.ear, self.sum = Approach(), Ear(), Sum()
+        self.stage, self.board = PredictingStage("stage", self.clock), Board("board", self.clock)
+        self.behavior, self.detector, self.sum = Approach(), LevelDetector(), Sum()
         self.rate = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=50.0)
-        self.words, self.shown, self.kept, self.skipped, self.readings = [], [], [], [], []
+        self.requests, self.shown, self.kept, self.skipped, self.readings = [], [], [], [], []
         self.recorded = {}
         Board.looks = []
 
@@ -205,14 +205,14 @@ class Bench:
         self.kept.append((event, state, next_state, commands))
 
     def poll(self):
-        for at_s, word in self.words[:1]:
+        for at_s, request in self.requests[:1]:
             if self.clock.now() >= at_s - 1e-9:
-                del self.words[0]
-                return word
+                del self.requests[0]
+                return request
         return None
 
     def suspend(self):
-        raise AssertionError("nobody asked for that")
+        raise AssertionError("there was no request for that")
 
     def state(self, name, t_s):
         self.shown.append((name, t_s))
@@ -229,18 +229,18 @@ class Bench:
         limits = GuardSettings(travel_m=0.01, position_stream=None, force_stream="board.load", force_n=50.0)
         self.loop = Loop(rig, infos, Guard(limits), self, self, self.rate)
         try:
-            self.loop.run(self.behavior, {"contact": self.ear}, [self.sum])
+            self.loop.run(self.behavior, {"contact": self.detector}, [self.sum])
         except (OSError, UnfitStreamError, Aborted) as error:
             self.kept.append(repr(error))
         return self
 
 
 def arrives(bench):
-    bench.ear.above = math.inf
+    bench.detector.above = math.inf
 
 
-def arrives_untold(bench):
-    bench.stage, bench.ear.above = Stage("stage", bench.clock), math.inf
+def arrives_unpredicted(bench):
+    bench.stage, bench.detector.above = Stage("stage", bench.clock), math.inf
 
 
 def breaks(bench):
@@ -264,18 +264,18 @@ def presses(bench):
 
 
 def loses_samples(bench):
-    bench.board.says = [Lost(0.503, "board", "board.force", 3)]
+    bench.board.reports = [Lost(0.503, "board", "board.force", 3)]
 
 
 def loses_samples_twice(bench):
-    bench.board.says = [Lost(at_s, "board", "board.force", 3) for at_s in (0.563, 0.503)]
+    bench.board.reports = [Lost(at_s, "board", "board.force", 3) for at_s in (0.563, 0.503)]
 
 
 def leaves_its_range(bench):
     bench.sum.beyond_s = 0.477
 
 
-def cannot_be_heard(bench):
+def cannot_be_used(bench):
     bench.sum.breaks_s = 0.3
 
 
@@ -289,11 +289,11 @@ def bears_more(bench):
 
 
 def rests_long(bench):
-    bench.behavior, bench.ear.above = Approach(5.0), 5300.0
+    bench.behavior, bench.detector.above = Approach(5.0), 5300.0
 
 
 def idles(bench):
-    bench.behavior, bench.ear.above = Approach(1.0, prompt=False), 1300.0
+    bench.behavior, bench.detector.above = Approach(1.0, prompt=False), 1300.0
     bench.stage.blind_s = 1.0
 
 
@@ -309,7 +309,7 @@ def cannot_be_copied(bench):
     ("case", "looks"),
     [
         (arrives, 16),
-        (arrives_untold, 18),
+        (arrives_unpredicted, 18),
         (breaks, 28),
         (breaks_at_rest, 21),
         (falls_silent, 27),
@@ -318,7 +318,7 @@ def cannot_be_copied(bench):
         (loses_samples, 23),
         (loses_samples_twice, 28),
         (leaves_its_range, 12),
-        (cannot_be_heard, 19),
+        (cannot_be_used, 19),
         (bears_less_and_less, 18),
         (bears_more, 15),
         (rests_long, 19),
@@ -356,9 +356,9 @@ def test_no_look_is_longer_than_benches_remember_however_quiet_it_is():
     assert max(np.diff(Board.looks)) == pytest.approx(LONGEST_S, abs=1.0 / RATE_HZ)
 
 
-def test_the_operator_is_heard_after_each_look_and_a_pause_is_gone_through_turn_by_turn():
+def test_the_operator_is_polled_after_each_look_and_a_pause_is_gone_through_turn_by_turn():
     bench = Bench()
-    bench.words = [(0.5, "pause"), (0.77, "resume")]
+    bench.requests = [(0.5, "pause"), (0.77, "resume")]
     bench.run()
     assert bench.shown[2:5] == [("PAUSED", 0.765), ("APPROACH", 0.785), ("REST", 0.785)]
     paused = [t_s for t_s in Board.looks if 0.765 <= t_s <= 0.795]

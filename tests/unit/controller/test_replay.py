@@ -102,7 +102,7 @@ def test_slip_is_found_in_every_kind_of_file_at_any_rate(tmp_path, kind, rate_hz
         assert 3.0 < events[0].t_s < 3.2
 
 
-def test_times_that_wander_are_resampled_and_it_is_said(tmp_path):
+def test_times_that_wander_are_resampled_and_it_is_reported(tmp_path):
     rng = np.random.default_rng(1)
     times_s = np.arange(5000) / 1000.0 + rng.uniform(-3e-4, 3e-4, 5000)
     notes = []
@@ -150,7 +150,7 @@ def paper():
     return SlipPaperDetector("paper", SlipPaperSettings())
 
 
-def test_pieces_are_heard_one_by_one_and_their_seams_are_no_events():
+def test_pieces_are_read_one_by_one_and_their_seams_are_no_events():
     """An offset between two pieces would be a step, and a detector that learned from one would judge the other."""
     first, second = noise_blocks(60_000, seed=2), noise_blocks(60_000, seed=3)
     moved = [SampleBlock(b.stream, b.seq, b.t0_s, b.values + 500.0, b.rate_hz) for b in second]
@@ -182,7 +182,7 @@ def test_what_is_too_rare_to_be_checked_is_checked_at_a_shorter_interval():
     assert line["sees_s"] == 24.0
 
 
-def test_a_few_seconds_of_quiet_say_something_and_how_little():
+def test_a_few_seconds_of_quiet_give_an_estimate_and_its_width():
     line = calibration_line([(paper(), noise_blocks(4000))], "slip.paper", 10.0)
     assert line["extrapolated"] is True
     assert line["threshold_high"] - line["threshold_low"] > 0.5 * line["threshold"]
@@ -200,14 +200,14 @@ def test_a_threshold_is_the_same_from_blocks_and_from_the_whole():
     assert line["false_alarm_interval_s"] == 10.0
 
 
-def test_an_interval_longer_than_the_recording_is_extrapolated_and_says_so():
+def test_an_interval_longer_than_the_recording_is_reported_as_extrapolated():
     line = calibration_line([(paper(), noise_blocks())], "slip.paper", 3600.0)
     assert line["extrapolated"] is True
     assert line["threshold_low"] < line["threshold"] < line["threshold_high"]
 
 
 def test_what_it_learns_from_is_not_counted_as_quiet():
-    """Two times half a second: the first whole second says nothing."""
+    """Two times half a second: the first whole second is no estimate."""
     line = calibration_line([(SlipDetector("s", SlipSettings()), noise_blocks())], "slip", 10.0)
     assert line["recording_s"] == 119.0
 
@@ -238,7 +238,7 @@ def test_lost_samples_are_a_gap_and_not_a_step():
 
 
 @pytest.mark.parametrize(
-    ("blocks", "said"),
+    ("blocks", "reason"),
     [
         (noise_blocks(spoiled=5000), r"a value at 5 s is not finite"),
         (noise_blocks(400), r"0\.\d+ s in which the detector decides are too few"),
@@ -254,8 +254,8 @@ def test_lost_samples_are_a_gap_and_not_a_step():
         ),
     ],
 )
-def test_a_recording_that_says_nothing_is_refused_in_one_line(blocks, said):
-    with pytest.raises(ReplayError, match=said) as refused:
+def test_a_recording_that_allows_no_estimate_is_refused_in_one_line(blocks, reason):
+    with pytest.raises(ReplayError, match=reason) as refused:
         calibration_line([(paper(), blocks)], "slip.paper", 10.0)
     assert str(refused.value).startswith("slip.paper: ")
     assert "\n" not in str(refused.value)
@@ -266,8 +266,8 @@ def test_a_file_that_is_damaged_or_ambiguous_is_refused_in_one_line(tmp_path):
         (tmp_path / name).write_bytes(content)
         return tmp_path / name
 
-    def refused(path, says):
-        with pytest.raises(ReplayError, match=says) as error:
+    def refused(path, reason):
+        with pytest.raises(ReplayError, match=reason) as error:
             read_blocks(path, STREAM, rate_hz=1000.0)
         assert str(path) in str(error.value)
 
@@ -289,7 +289,7 @@ def test_a_file_that_is_damaged_or_ambiguous_is_refused_in_one_line(tmp_path):
         "t_s: 0.05 s in row 3: times must be finite and rise",
     )
     refused(made("dead.csv", b"t_s,a\n0,nan\n0.1,\n0.2,inf\n"), "a: no value is a finite number")
-    refused(made("word.csv", b"t_s,a\n0,1\n0.1,ERR\n"), "column a holds 'ERR' in row 2, which is no number")
+    refused(made("text.csv", b"t_s,a\n0,1\n0.1,ERR\n"), "column a holds 'ERR' in row 2, which is no number")
     refused(made("end.csv", b"t_s,a\n0,1\nend,\n"), "column t_s holds 'end' in row 2, which is no time")
     refused(
         made("day.csv", b"time,a\n2026-01-01,1\nnoon,2\n"), "column time holds 'noon' in row 2, which is no"
@@ -307,7 +307,7 @@ def test_a_file_that_is_damaged_or_ambiguous_is_refused_in_one_line(tmp_path):
 
 
 def claims(array: bytes, data: bytes) -> bytes:
-    """An NPZ file with one array, whose header says what it likes."""
+    """An NPZ file with one array, whose header claims what it likes."""
     packed = io.BytesIO()
     with ZipFile(packed, "w") as opened:
         opened.writestr("a.npy", b"\x93NUMPY\x01\x00" + len(array).to_bytes(2, "little") + array + data)
@@ -323,7 +323,7 @@ def chunk_of(size: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "says"),
+    ("name", "content", "reason"),
     [
         (
             "a.npz",
@@ -333,15 +333,15 @@ def chunk_of(size: int) -> bytes:
         (
             "a.wav",
             b"RIFF\xf0\xff\xff\x7fWAVEdata\0\xff\xff\x7f" + bytes(80),
-            "cut off: a piece of 2147483392 bytes",
+            "cut off: a piece at byte 12 claims 2147483392 bytes",
         ),
         ("a.mcap", chunk_of(65 << 20), "unpacks to 68157440 bytes"),
     ],
 )
-def test_a_file_that_claims_more_than_it_holds_gets_no_room_for_it(tmp_path, name, content, says):
+def test_a_file_that_claims_more_than_it_holds_gets_no_room_for_it(tmp_path, name, content, reason):
     (tmp_path / name).write_bytes(content)
     tracemalloc.start()
-    with pytest.raises(TableError, match=says):
+    with pytest.raises(TableError, match=reason):
         read_columns(tmp_path / name, "/topic:field" if name == "a.mcap" else None)
     peak_bytes = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -363,7 +363,7 @@ TEXTS = {
     "microseconds since 1970": "timestamp,ft_v\n1760000000000000,1.5\n1760000000001000,2.5\n1760000000002000,3.5\n",
     "nanoseconds since 1970": "time,ft_v\n1760000000000000000,1.5\n1760000000001000000,2.5\n1760000000002000000,3.5\n",
     "dates": "time,ft_v\n2026-01-01T00:00:00.000Z,1.5\n2026-01-01T00:00:00.001Z,2.5\n2026-01-01T00:00:00.002Z,3.5\n",
-    "words beside the numbers": "t_s,state,ft_v\n0,rest,1.5\n0.001,rest,2.5\n0.002,drag,3.5\n",
+    "text beside the numbers": "t_s,state,ft_v\n0,rest,1.5\n0.001,rest,2.5\n0.002,drag,3.5\n",
 }
 
 
@@ -381,7 +381,7 @@ def test_a_first_row_of_whole_numbers_does_not_hide_decimal_commas(tmp_path):
     assert read_columns(tmp_path / "a.csv", "a").values[:, 0].tolist() == [1.0, 2.5]
 
 
-def test_samples_that_are_no_numbers_are_told(tmp_path):
+def test_samples_that_are_no_numbers_are_reported(tmp_path):
     values = np.arange(100.0)
     values[[40, 41, 60]] = np.nan, np.inf, np.nan
     notes = []
@@ -424,7 +424,7 @@ def foreign_mcap(path):
         schema = writer.register_schema("wrench", "jsonschema", b"{}")
         topic = writer.register_channel("/wrench", "json", schema)
         for place in range(100):
-            message = {"force": {"z": 0.5 * place}, "raw": [place, "word"]}
+            message = {"force": {"z": 0.5 * place}, "raw": [place, "text"]}
             at_ns = 5_000_000_000 + place * 1_000_000
             writer.add_message(topic, log_time=at_ns, publish_time=at_ns, data=json.dumps(message).encode())
         writer.finish()
@@ -440,7 +440,7 @@ def test_a_field_of_a_foreign_recording_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("column", "said"),
+    ("column", "reason"),
     [
         (None, "choose with --column TOPIC:FIELD; topics are /wrench"),
         ("/other:x", "topics are /wrench"),
@@ -448,8 +448,8 @@ def test_a_field_of_a_foreign_recording_is_read(tmp_path):
         ("/wrench:raw.1", "/wrench has no number raw.1"),
     ],
 )
-def test_a_field_that_is_not_there_is_refused_in_one_line(tmp_path, column, said):
-    with pytest.raises(ReplayError, match=said):
+def test_a_field_that_is_not_there_is_refused_in_one_line(tmp_path, column, reason):
+    with pytest.raises(ReplayError, match=reason):
         read_blocks(foreign_mcap(tmp_path / "a.mcap"), STREAM, column=column)
 
 

@@ -1,14 +1,14 @@
 import pytest
 
 from behaviors.events import Contact, GuardStopped
-from controller.wording import in_words, unit_of
+from controller.wording import as_text, unit_of
 from drivers.messages import Excite, Gripped, Listen, MoveAt, MoveTo, Reached, Refused, Sent, Stop
 
 MOVE = MoveTo("stage", 0.003, 0.005)
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
+    ("message", "text"),
     [
         (MOVE, "stage: move to 3 mm, speed 5 mm/s"),
         (MoveAt("stage", -0.0038, 0.012), "stage: move at -3.8 mm/s, limit 12 mm"),
@@ -26,8 +26,8 @@ MOVE = MoveTo("stage", 0.003, 0.005)
         (GuardStopped(1.0, "force 2.1 N above 2 N"), "guard stopped, force 2.1 N above 2 N"),
     ],
 )
-def test_commands_and_events_are_said_in_words_and_units(told, said):
-    assert in_words(told) == said
+def test_commands_and_events_are_text_with_units(message, text):
+    assert as_text(message) == text
 
 
 def test_the_unit_of_a_column_is_in_its_name():

@@ -1,4 +1,4 @@
-"""The recorder's thread: who posts never waits, and nothing is dropped without a word."""
+"""The recorder's thread: posting never waits, and nothing is dropped without a report."""
 
 import threading
 from pathlib import Path
@@ -119,7 +119,7 @@ def test_in_virtual_time_a_full_backlog_waits_for_the_disk(monkeypatch):
 
 
 @pytest.mark.parametrize("ending", ["flush", "close"])
-def test_a_disk_that_takes_nothing_is_waited_for_once_and_told_of(monkeypatch, ending):
+def test_a_disk_that_takes_nothing_is_waited_for_once_and_reported(monkeypatch, ending):
     monkeypatch.setattr(disk, "GONE_S", 0.05)
     page = Page()
     thread = DiskThread([page])

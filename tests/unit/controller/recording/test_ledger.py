@@ -75,7 +75,7 @@ def test_text_that_python_would_take_for_a_number_stays_text(tmp_path, text):
     assert read_ledger(path)[0][0]["location"] == text
 
 
-def test_a_cut_last_line_is_left_out_and_said(tmp_path):
+def test_a_cut_last_line_is_left_out_and_reported(tmp_path):
     path = tmp_path / "trials.csv"
     written = ledger(path)
     written.append(ROWS[0])

@@ -14,19 +14,19 @@ from controller.recording.mcap_file import CHUNK_BYTES, LARGEST_CHUNK_BYTES, Mca
 
 
 def write(path, *, chunks=3, per_chunk=4):
-    """A file with `chunks` chunks on one channel; message k of chunk c says `c.k`; returns what it says."""
+    """A file with `chunks` chunks on one channel; message k of chunk c is `c.k`; returns the messages."""
     writer = McapWriter(path, library="test")
     schema = writer.add_schema("s", b"")
     channel = writer.add_channel("/a", schema, {"unit": "N"})
-    said = []
+    written = []
     for chunk in range(chunks):
         writer.add_metadata("trial", {"trial": str(chunk)})
         for index in range(per_chunk):
-            said.append(f"{chunk}.{index}".encode())
-            writer.add_message(channel, 1000 * chunk + index, said[-1], index)
+            written.append(f"{chunk}.{index}".encode())
+            writer.add_message(channel, 1000 * chunk + index, written[-1], index)
         writer.end_chunk()
     writer.finish()
-    return said
+    return written
 
 
 def read(path):
@@ -41,16 +41,16 @@ def read(path):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     path = tmp_path_factory.mktemp("mcap") / "whole.mcap"
-    said = write(path)
-    return path.read_bytes(), said
+    written = write(path)
+    return path.read_bytes(), written
 
 
 def test_the_librarys_own_reader_finds_every_message_in_the_order_of_time(tmp_path):
     path = tmp_path / "a.mcap"
-    said = write(path)
+    written = write(path)
     reader = make_reader(io.BytesIO(path.read_bytes()), validate_crcs=True)
     found = [(message.log_time, message.sequence, message.data) for _, _, message in reader.iter_messages()]
-    assert found == [(1000 * (k // 4) + k % 4, k % 4, text) for k, text in enumerate(said)]
+    assert found == [(1000 * (k // 4) + k % 4, k % 4, text) for k, text in enumerate(written)]
     summary = reader.get_summary()
     assert summary.statistics.message_count == 12
     assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (0, 2003)
@@ -98,14 +98,14 @@ def test_messages_of_some_channels_are_found_among_any_number_of_others(tmp_path
     schema = writer.add_schema("s", b"")
     for topic in ("/a", "/b", "/c"):
         writer.add_channel(topic, schema, {})
-    said = []
+    written = []
     for channel, length, count in runs:
         for _ in range(count):
-            said.append((channel, len(said).to_bytes(3, "big")[:length]))
-            writer.add_message(channel, len(said), said[-1][1])
+            written.append((channel, len(written).to_bytes(3, "big")[:length]))
+            writer.add_message(channel, len(written), written[-1][1])
     writer.finish()
     (chunk,) = (record for record in records(path) if isinstance(record, tuple))
-    assert list(messages(path, *chunk, wanted)) == [each for each in said if each[0] in wanted]
+    assert list(messages(path, *chunk, wanted)) == [each for each in written if each[0] in wanted]
 
 
 def test_a_chunk_ends_by_itself_when_it_is_large(tmp_path):
@@ -131,12 +131,12 @@ def test_channels_and_metadata_come_out_as_they_went_in(tmp_path):
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_a_file_cut_at_any_byte_is_read_up_to_its_last_whole_chunk(whole, tmp_path_factory, data):
-    content, said = whole
+    content, written = whole
     cut = data.draw(st.integers(8, len(content) - 1))
     path = tmp_path_factory.getbasetemp() / "cut.mcap"
     path.write_bytes(content[:cut])
     found, _ = read(path)
-    assert found == said[: len(found)]
+    assert found == written[: len(found)]
     assert len(found) % 4 == 0
     ends = [body + length for body, length in (r for r in records_of(content, path) if isinstance(r, tuple))]
     assert len(found) == 4 * sum(end <= cut for end in ends)
@@ -148,12 +148,12 @@ def records_of(content, path):
 
 
 def test_a_cut_file_has_no_footer_and_a_whole_one_has(whole, tmp_path):
-    content, said = whole
+    content, written = whole
     path = tmp_path / "a.mcap"
     path.write_bytes(content)
-    assert read(path) == (said, True)
+    assert read(path) == (written, True)
     path.write_bytes(content[:-40])
-    assert read(path) == (said, False)
+    assert read(path) == (written, False)
 
 
 def test_a_flipped_byte_in_a_chunk_is_an_error_and_never_a_number(tmp_path):
@@ -177,13 +177,17 @@ def test_another_file_is_refused_by_name(tmp_path):
         list(records(path))
 
 
-@pytest.mark.parametrize(("size", "told"), [(1000, 999), (LARGEST_CHUNK_BYTES + 1, LARGEST_CHUNK_BYTES + 1)])
-def test_a_chunk_that_unpacks_to_more_than_it_tells_or_than_any_of_ours_is_not_unpacked(tmp_path, size, told):
+@pytest.mark.parametrize(
+    ("size", "claimed"), [(1000, 999), (LARGEST_CHUNK_BYTES + 1, LARGEST_CHUNK_BYTES + 1)]
+)
+def test_a_chunk_that_unpacks_to_more_than_it_claims_or_than_any_of_ours_is_not_unpacked(
+    tmp_path, size, claimed
+):
     packed = zstandard.compress(bytes(size))
     builder = RecordBuilder()
-    Chunk("zstd", packed, 0, 0, zlib.crc32(bytes(size)), told).write(builder)
+    Chunk("zstd", packed, 0, 0, zlib.crc32(bytes(size)), claimed).write(builder)
     path = tmp_path / "a.mcap"
     record = builder.end()
     path.write_bytes(record)
-    with pytest.raises(ValueError, match=f"it unpacks to {size} bytes where {told} are told"):
+    with pytest.raises(ValueError, match=f"it unpacks to {size} bytes instead of {claimed}"):
         list(messages(path, 9, len(record) - 9, frozenset({1})))

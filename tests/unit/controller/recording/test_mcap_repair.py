@@ -29,7 +29,7 @@ def by_the_library(data):
 
 
 def test_a_file_cut_at_any_byte_is_closed_with_all_that_is_whole_in_it(tmp_path, whole):
-    said, data = whole
+    written, data = whole
     path = tmp_path / "recording.mcap"
     reader = make_reader(io.BytesIO(data))
     end = reader.get_summary().chunk_indexes[-1]
@@ -41,7 +41,7 @@ def test_a_file_cut_at_any_byte_is_closed_with_all_that_is_whole_in_it(tmp_path,
         assert close_cut(path)
         assert read(path) == (before, True)
         assert by_the_library(path.read_bytes()) == before
-    assert before == said
+    assert before == written
 
 
 def test_a_whole_file_is_left_alone(tmp_path, whole):

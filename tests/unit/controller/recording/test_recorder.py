@@ -165,13 +165,13 @@ def test_more_samples_than_are_put_together_at_once_are_plotted_one_by_one(folde
     recorder.close()
     with folder.recordings[0].open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        told = [(m.sequence, d) for _, _, m, d in reader.iter_decoded_messages(topics="/board/load_cell")]
-    numbers = np.array([number for number, _ in told])
+        plotted = [(m.sequence, d) for _, _, m, d in reader.iter_decoded_messages(topics="/board/load_cell")]
+    numbers = np.array([number for number, _ in plotted])
     assert np.array_equal(numbers, np.arange(3, 3 + count))
-    assert np.allclose([d.t_s for _, d in told], numbers / 1000.0, rtol=0.0, atol=1e-12)
+    assert np.allclose([d.t_s for _, d in plotted], numbers / 1000.0, rtol=0.0, atol=1e-12)
     # squares of the number wrap around as counts of 32 bits do
     counts = (numbers**2 - 17).astype(np.int32)
-    assert np.allclose([d.force_n for _, d in told], counts * 1e-5, rtol=1e-15)
+    assert np.allclose([d.force_n for _, d in plotted], counts * 1e-5, rtol=1e-15)
 
 
 def test_log_time_never_runs_backwards_from_trial_to_trial(folder):
@@ -275,7 +275,7 @@ def test_a_trial_that_runs_again_after_a_resume_replaces_its_first_attempt(folde
     assert [block.seq for block in open_run(folder.path).trial(1).blocks("board.load_cell")] == [500]
 
 
-def test_nothing_recorded_of_a_trial_is_said(folder):
+def test_nothing_recorded_of_a_trial_is_reported(folder):
     recorder_in(folder).close()
     with pytest.raises(KeyError, match="trial 9"):
         open_run(folder.path).trial(9)
@@ -288,7 +288,7 @@ def test_a_recording_that_cannot_be_begun_is_one_clear_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_a_disk_that_fills_up_in_a_trial_is_said_at_its_end_and_not_before(folder, monkeypatch):
+def test_a_disk_that_fills_up_in_a_trial_is_reported_at_its_end_and_not_before(folder, monkeypatch):
     recorder = recorder_in(folder)
 
     def full(_):
@@ -311,7 +311,7 @@ def test_a_disk_that_fills_up_in_a_trial_is_said_at_its_end_and_not_before(folde
     assert [row["outcome"] for row in open_run(folder.path).trials] == ["contact"]
 
 
-def test_an_events_file_that_is_full_is_said_at_the_trials_end(folder):
+def test_an_events_file_that_is_full_is_reported_at_the_trials_end(folder):
     folder.events_path.symlink_to("/dev/full")
     recorder = recorder_in(folder)
     recorder.begin_trial(1, {"location": "f"}, 0.0)
@@ -347,7 +347,7 @@ def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(fo
     recorder.record([load_cell(10)])
     closing = threading.Thread(target=recorder.close)
     closing.start()
-    closing.join(0.2)  # it has said so, and waits for the disk
+    closing.join(0.2)  # it has reported that, and waits for the disk
     assert closing.is_alive()
     free.set()
     closing.join(10.0)
@@ -387,19 +387,19 @@ def test_a_recorder_may_be_closed_twice(folder):
 def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(folder):
     recorder = recorder_in(folder)
     kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
-    told = [Reading(1.0 + 0.01 * n, 0.1 * n, 7.0) for n in range(25)]
-    for reading in told:
+    readings = [Reading(1.0 + 0.01 * n, 0.1 * n, 7.0) for n in range(25)]
+    for reading in readings:
         recorder.reading("near", reading)
-    assert 0 < len(kept.stream("detector.near")) < len(told), "some at a time"
+    assert 0 < len(kept.stream("detector.near")) < len(readings), "some at a time"
     recorder.end_trial("contact", {})
     recorder.close()
     series = open_run(folder.path).trial(1).stream("detector.near")
-    assert [(t_s, *row) for t_s, row in zip(series.times_s, series.values, strict=True)] == told
+    assert [(t_s, *row) for t_s, row in zip(series.times_s, series.values, strict=True)] == readings
     assert series.gaps == ()
     with folder.recordings[0].open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         plotted = [d for _, _, _, d in reader.iter_decoded_messages(topics="/detector/near")]
-    assert [(d.t_s, d.statistic, d.threshold) for d in plotted] == told
+    assert [(d.t_s, d.statistic, d.threshold) for d in plotted] == readings
 
 
 def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
@@ -415,18 +415,18 @@ def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
     recorder.close()
     with folder.recordings[0].open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        told = {}
+        topics = {}
         for _, channel, _, message in reader.iter_decoded_messages():
-            told.setdefault(channel.topic, []).append(message)
+            topics.setdefault(channel.topic, []).append(message)
         trials = [record.metadata for record in reader.iter_metadata()]
         (attached,) = reader.iter_attachments()
         assert reader.get_summary().statistics.attachment_count == 1
-    assert [(m.t_s, m.state) for m in told["/state"]] == [(0.0, "APPROACH"), (1.03, "STOPPING")]
-    assert [m.frequency_hz for m in told["/board/frequency"]] == [pytest.approx(28.0, abs=0.001)] * 2
+    assert [(m.t_s, m.state) for m in topics["/state"]] == [(0.0, "APPROACH"), (1.03, "STOPPING")]
+    assert [m.frequency_hz for m in topics["/board/frequency"]] == [pytest.approx(28.0, abs=0.001)] * 2
     largest_n = [(seq**2 - 17) * 1e-5 for seq in (1009, 1019)]
-    assert [m.largest_n for m in told["/guard/force"]] == pytest.approx(largest_n), "once a block"
-    assert [m.margin_n for m in told["/guard/force"]] == pytest.approx([2.0 - n for n in largest_n])
-    assert [m.t_s for m in told["/guard/force"]] == [1.0, 1.01]
+    assert [m.largest_n for m in topics["/guard/force"]] == pytest.approx(largest_n), "once a block"
+    assert [m.margin_n for m in topics["/guard/force"]] == pytest.approx([2.0 - n for n in largest_n])
+    assert [m.t_s for m in topics["/guard/force"]] == [1.0, 1.01]
     assert (trials[1]["trial"], trials[1]["outcome"], trials[1]["delay_s"]) == ("4", "contact", "0.2")
     assert (attached.name, json.loads(attached.data)) == ("manifest.json", {"profile": "mock/transient"})
     write_layouts(folder.recordings[0])

@@ -107,9 +107,9 @@ def test_a_profile_with_a_long_path_has_a_folder_and_is_found_by_it(tmp_path, pr
 @pytest.mark.parametrize("text", ["{name}", "{path}", "{path}/manifest.json", "latest", "transient"])
 def test_a_run_is_found_by_path_name_part_or_as_the_latest(tmp_path, text):
     folder = made(tmp_path)
-    said = text.format(name=folder.path.name, path=folder.path)
-    assert RunFolder.find(said, root=tmp_path).path == folder.path
-    assert RunFolder.find(Path(said), root=tmp_path).path == folder.path
+    given = text.format(name=folder.path.name, path=folder.path)
+    assert RunFolder.find(given, root=tmp_path).path == folder.path
+    assert RunFolder.find(Path(given), root=tmp_path).path == folder.path
 
 
 def test_a_part_that_fits_several_runs_is_refused_with_their_names(tmp_path):
@@ -129,7 +129,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ('{"format": 1, "pro', "cut off or damaged"),
         ("[]", "not the manifest of a run"),
@@ -137,10 +137,10 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
         (json.dumps({"format": FORMAT + 1}), "format 2, this program reads 1"),
     ],
 )
-def test_a_manifest_that_is_none_is_refused_in_one_line(tmp_path, content, said):
+def test_a_manifest_that_is_none_is_refused_in_one_line(tmp_path, content, message):
     folder = made(tmp_path)
     folder.manifest_path.write_text(content)
-    with pytest.raises(RunFolderError, match=said) as caught:
+    with pytest.raises(RunFolderError, match=message) as caught:
         folder.read_manifest()
     assert "\n" not in str(caught.value)
 

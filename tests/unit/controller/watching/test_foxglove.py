@@ -1,4 +1,4 @@
-"""What a viewer of Foxglove hears: the recording's own bytes, and nothing that it could call."""
+"""What a viewer in Foxglove receives: the recording's own bytes, and nothing that it could call."""
 
 import asyncio
 import json
@@ -28,7 +28,7 @@ def stream():
     stream.close()
 
 
-def test_a_viewer_hears_what_is_recorded_and_can_call_nothing(stream, tmp_path):
+def test_a_viewer_receives_what_is_recorded_and_can_call_nothing(stream, tmp_path):
     writer = StreamWriter(
         tmp_path / "recording.mcap", datetime(2026, 1, 1, tzinfo=UTC), {INFO.name: INFO}, stream
     )
@@ -42,13 +42,13 @@ def test_a_viewer_hears_what_is_recorded_and_can_call_nothing(stream, tmp_path):
 
     record(0)
 
-    async def heard():
+    async def received():
         request = HTTPRequest(stream.address)
         viewer = await websocket_connect(request, subprotocols=["foxglove.sdk.v1"])
-        told, channels = {}, {}
+        operations, channels = {}, {}
         while "/board/load_cell" not in channels:
             message = json.loads(await viewer.read_message())
-            told[message["op"]] = message
+            operations[message["op"]] = message
             channels |= {each["topic"]: each["id"] for each in message.get("channels", ())}
         subscription = {"id": 7, "channelId": channels["/board/load_cell"]}
         await viewer.write_message(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
@@ -56,18 +56,18 @@ def test_a_viewer_hears_what_is_recorded_and_can_call_nothing(stream, tmp_path):
         seq = 0
         while isinstance(frame, str):
             reading = asyncio.ensure_future(viewer.read_message())
-            while not reading.done():  # what is recorded before the subscription has arrived is not heard
+            while not reading.done():  # what is recorded before the subscription has arrived is not received
                 record(seq := seq + 2)
                 await asyncio.wait([reading], timeout=0.05)
             frame = reading.result()
         viewer.close()
         while await viewer.read_message() is not None:
             pass
-        return told, channels, frame
+        return operations, channels, frame
 
-    told, channels, frame = asyncio.run(heard())
+    operations, channels, frame = asyncio.run(received())
     writer.finish()
-    assert told["serverInfo"]["capabilities"] == []
+    assert operations["serverInfo"]["capabilities"] == []
     assert set(channels) == {"/board/load_cell", "/events", "/state"}
     code, subscription, _ = struct.unpack_from("<BIQ", frame)
     assert (code, subscription) == (1, 7)
@@ -93,8 +93,8 @@ def test_a_layout_is_made_of_what_the_sdk_knows_of_its_panels():
 
 def known_of(config):
     """Keys of a panel's configuration and of its paths."""
-    told = config._to_dict()
-    return told.keys(), {key for path in told.get("paths", ()) for key in path._to_dict()}
+    shown = config._to_dict()
+    return shown.keys(), {key for path in shown.get("paths", ()) for key in path._to_dict()}
 
 
 def test_curves_have_the_reports_colours():

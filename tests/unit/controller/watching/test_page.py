@@ -1,4 +1,4 @@
-"""Who may watch, and that the run never waits for them."""
+"""The live page's clients, and that the run never waits for them."""
 
 import asyncio
 import json
@@ -65,20 +65,20 @@ def test_commands_are_taken_from_the_page_alone(run, door):
             wire = await websocket_connect(HTTPRequest(address + token, headers=headers))
         except HTTPClientError as error:
             return error.code
-        told = json.loads(await wire.read_message())
+        message = json.loads(await wire.read_message())
         await wire.write_message('{"do": "pause"}')
         while not json.loads(await wire.read_message())["paused"]:
             pass
         wire.close()
         while await wire.read_message() is not None:
             pass
-        return told["trial"]
+        return message["trial"]
 
     for token, origin in (("", own), (door.token, None), (door.token, "http://evil.example")):
         assert asyncio.run(tried(token, origin)) == 403
-    assert run.heard() == []
+    assert run.received() == []
     assert asyncio.run(tried(door.token, own)) == 3
-    assert run.heard() == ["pause"]
+    assert run.received() == ["pause"]
 
 
 def watcher(run):
@@ -89,7 +89,7 @@ def watcher(run):
     return peer
 
 
-def test_who_comes_late_is_told_of_the_last_minute(run):
+def test_a_late_client_gets_the_last_minute(run):
     while run.t_s < 2.0:
         sleep(0.01)
     with watcher(run) as peer, peer.makefile() as lines:
@@ -104,7 +104,7 @@ def test_who_comes_late_is_told_of_the_last_minute(run):
     assert first["diagram"]["states"][0] == "HOMING"
 
 
-def test_one_who_does_not_read_is_told_nothing_more_and_holds_nobody_up(run):
+def test_a_client_that_does_not_read_gets_nothing_more_and_holds_nothing_up(run):
     with watcher(run) as deaf, watcher(run) as peer, peer.makefile() as lines:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         for _ in range(5):
@@ -112,7 +112,7 @@ def test_one_who_does_not_read_is_told_nothing_more_and_holds_nobody_up(run):
         peer.sendall(b'no json\n{"do": "answer"}\n{"do": 3}\n{"do": "pause"}\n')
         while not json.loads(lines.readline())["paused"]:
             pass
-    assert run.heard() == ["pause"]
+    assert run.received() == ["pause"]
 
 
 def test_a_detector_that_cannot_be_shown_ends_neither_the_run_nor_the_watching(run, monkeypatch):
@@ -122,7 +122,7 @@ def test_a_detector_that_cannot_be_shown_ends_neither_the_run_nor_the_watching(r
             assert peer.recv(1) == b""
     with watcher(run) as peer:
         assert peer.recv(1) == b"{"
-    assert run.heard() == []
+    assert run.received() == []
 
 
 def test_no_more_watch_than_there_is_room_for(run):
@@ -134,16 +134,16 @@ def test_no_more_watch_than_there_is_room_for(run):
         peer.close()
 
 
-def test_one_who_only_looks_whether_a_run_is_there_is_told_nothing(run, monkeypatch):
-    told = []
-    monkeypatch.setattr(Watched, "news", lambda self, client: told.append(client) or b"{}\n")
-    monkeypatch.setattr(feed, "monotonic_s", lambda: 0.0)  # it is never time to tell
+def test_a_client_that_only_looks_whether_a_run_is_there_gets_nothing(run, monkeypatch):
+    published = []
+    monkeypatch.setattr(Watched, "news", lambda self, client: published.append(client) or b"{}\n")
+    monkeypatch.setattr(feed, "monotonic_s", lambda: 0.0)  # it is never time to publish
     assert all(alive(run.folder) for _ in range(3))
     with watcher(run) as peer:
         peer.sendall(b'{"do": "pause"}\n')
-        while not run.heard():
+        while not run.received():
             sleep(0.01)
-    assert told == []
+    assert published == []
 
 
 def test_a_run_that_has_ended_is_not_alive(run):

@@ -1,4 +1,4 @@
-"""A campaign whose output nobody takes: the run goes on, and the exit code is the experiment's."""
+"""A campaign whose output is not read: the run goes on, and the exit code is the experiment's."""
 
 import os
 import subprocess
@@ -38,10 +38,10 @@ def ended_well(process, out):
     with process:
         errors = process.communicate(timeout=120)[1]
     (folder,) = out.iterdir()
-    told = open_run(folder)
+    run = open_run(folder)
     assert (process.returncode, errors) == (0, "")
-    assert [row["outcome"] for row in told.trials] == ["contact", "contact"]
-    assert told.manifest["exit"]["status"] == "done"
+    assert [row["outcome"] for row in run.trials] == ["contact", "contact"]
+    assert run.manifest["exit"]["status"] == "done"
 
 
 def test_a_reader_that_leaves_after_the_first_line(tmp_path):
@@ -75,12 +75,12 @@ def test_a_reader_that_takes_nothing_before_the_run_is_over(tmp_path):
     os.close(writing)
     try:
         wait_for_rows(tmp_path, 2)
-        said = b""
+        output = b""
         while piece := os.read(reading, 65536):
-            said += piece
+            output += piece
     finally:
         os.close(reading)
-    assert b"[2/2] trial" in said
+    assert b"[2/2] trial" in output
     ended_well(process, tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""Recordings through detectors, on the command line: runs as they were heard live, files, sound."""
+"""Recordings through detectors, on the command line: runs with the live events, files, sound."""
 
 import json
 
@@ -41,19 +41,19 @@ def touched(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def slipped(tmp_path_factory):
-    """A slip that is heard by the slip detectors from the first recorded sample on."""
+    """A slip for which the slip detectors are armed from the first recorded sample on."""
     return run(tmp_path_factory, "mock/slip", [{"sensor": "flexible_finger"}])
 
 
 @pytest.fixture(scope="module")
 def met(tmp_path_factory):
-    """A contact with the resonant finger, which two detectors hear."""
+    """A contact with the resonant finger, with two detectors."""
     settings = {"behavior.settle_s": "2.0"}
     return run(tmp_path_factory, "mock/transient", [{"speed_m_s": 0.004843}], **settings)
 
 
-def heard_live(run, detector, trial):
-    """What a detector said while the trial ran, as a replay says it."""
+def found_live(run, detector, trial):
+    """A detector's events while the trial ran, as a replay prints them."""
     keys = ("t_s", "event", "value", "threshold")
     lines = [line for line in run.events if line["trial"] == trial and line.get("detector") == detector]
     return [tuple(line[key] for key in keys) for line in lines]
@@ -81,9 +81,9 @@ def replayed(verb, run, detector, *more):
         ("met", "ours", ["resonance"]),
     ],
 )
-def test_a_run_replays_to_the_very_events_that_were_heard_live(request, verb, fixture, name, kind):
+def test_a_run_replays_to_the_very_events_of_the_live_run(request, verb, fixture, name, kind):
     run = request.getfixturevalue(fixture)
-    live = heard_live(run, name, trial=1)
+    live = found_live(run, name, trial=1)
     assert live
     assert replayed(verb, run, name) == live
     assert replayed(verb, run, *kind) == live
@@ -92,7 +92,7 @@ def test_a_run_replays_to_the_very_events_that_were_heard_live(request, verb, fi
 def test_a_detector_that_listened_late_is_replayed_from_then_on(verb, tmp_path_factory):
     slipped = run(tmp_path_factory, "mock/slip", [{"sensor": "fingertip"}])
     (rolling_s,) = (line["t_s"] for line in slipped.events if line["next"] == "ROLLING" != line["state"])
-    live = heard_live(slipped, "fingertip_ours", trial=1)
+    live = found_live(slipped, "fingertip_ours", trial=1)
     assert live
     assert replayed(verb, slipped, "fingertip_ours") != live
     since = f"{rolling_s + 1.0 / RATE_HZ}:{rolling_s + 1.0}"  # the sample at that time was read before
@@ -100,7 +100,7 @@ def test_a_detector_that_listened_late_is_replayed_from_then_on(verb, tmp_path_f
 
 
 def test_a_trials_own_settings_are_those_of_its_replay(verb, touched):
-    live = heard_live(touched, "pretouch_ours", trial=2)
+    live = found_live(touched, "pretouch_ours", trial=2)
     assert {threshold for *_, threshold in live} == {200.0}
     assert replayed(verb, touched, "pretouch", "--trial", 2) == live
 
@@ -110,37 +110,39 @@ def test_what_is_set_on_the_command_line_comes_last(verb, touched):
     assert event[3] == 21.5
 
 
-def test_several_detectors_of_a_kind_are_told_apart_by_name_or_by_stream(verb, slipped):
+def test_several_detectors_of_a_kind_are_distinguished_by_name_or_by_stream(verb, slipped):
     path = slipped.folder.path
-    said = refused(verb, "replay", path, "--detector", "slip")
-    assert "2 detectors of kind slip in trial 1; say --detector flexible_ours or wrist_ours" in said
-    said = refused(verb, "replay", path, "--detector", "slip", "--set", "input=board.nowhere")
-    assert "trial 1 has no stream board.nowhere; it has arm.force" in said
+    message = refused(verb, "replay", path, "--detector", "slip")
+    assert "2 detectors of kind slip in trial 1; choose --detector flexible_ours or wrist_ours" in message
+    message = refused(verb, "replay", path, "--detector", "slip", "--set", "input=board.nowhere")
+    assert "trial 1 has no stream board.nowhere; it has arm.force" in message
     assert "did you mean 'wrist_ours'" in refused(verb, "replay", path, "--detector", "wrist_our")
 
 
 def test_two_fingers_detectors_are_not_taken_for_each_other(verb, tmp_path_factory):
     centered = run(tmp_path_factory, "mock/centering", [{"method": "ours", "object_x_m": 0.006}])
-    said = refused(verb, "replay", centered.folder.path, "--detector", "level")
-    assert "2 detectors of kind level in trial 1; say --detector left_contact or right_contact" in said
+    message = refused(verb, "replay", centered.folder.path, "--detector", "level")
+    assert "2 detectors of kind level in trial 1; choose --detector left_contact or right_contact" in message
     assert replayed(verb, centered, "level", "--set", "input=signals.left") == replayed(
         verb, centered, "left_contact"
     )
 
 
 def test_a_stream_that_was_not_recorded_is_refused_and_not_found_empty(verb, met):
-    said = refused(verb, "replay", met.folder.path, "--detector", "pretouch")
-    assert "trial 1 has no stream signals.right; it has board.accelerometer, board.load_cell" in said
+    message = refused(verb, "replay", met.folder.path, "--detector", "pretouch")
+    assert "trial 1 has no stream signals.right; it has board.accelerometer, board.load_cell" in message
 
 
 def test_a_stream_that_is_no_envelope_is_refused(verb, met):
-    said = refused(verb, "replay", met.folder.path, "--detector", "level", "--set", "input=board.load_cell")
-    assert "board.load_cell: N is no envelope of a finger" in said
+    message = refused(
+        verb, "replay", met.folder.path, "--detector", "level", "--set", "input=board.load_cell"
+    )
+    assert "board.load_cell: N is no envelope of a finger" in message
 
 
 def test_a_span_without_a_sample_is_refused(verb, touched):
-    said = refused(verb, "replay", touched.folder.path, "--detector", "level", "--baseline", "900:901")
-    assert "no sample of signals.right from --baseline on" in said
+    message = refused(verb, "replay", touched.folder.path, "--detector", "level", "--baseline", "900:901")
+    assert "no sample of signals.right from --baseline on" in message
 
 
 def test_settings_of_another_version_are_refused_with_the_file_that_has_them(verb, touched, tmp_path):
@@ -152,8 +154,8 @@ def test_settings_of_another_version_are_refused_with_the_file_that_has_them(ver
     manifest = json.loads((copy / "manifest.json").read_text())
     manifest["profile"]["resolved"]["detectors"]["contact_ours"]["patience_s"] = 1.0
     (copy / "manifest.json").write_text(json.dumps(manifest))
-    said = refused(verb, "replay", copy, "--detector", "level")
-    assert "its level is of another version (patience_s = 1.0: unknown key" in said
+    message = refused(verb, "replay", copy, "--detector", "level")
+    assert "its level is of another version (patience_s = 1.0: unknown key" in message
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -184,7 +186,7 @@ def test_pre_touch_is_found_in_a_table_of_i_q_and_position(verb, touched, approa
     code, out, _ = verb("replay", approach / name, "--detector", "pretouch", *columns)
     assert code == 0
     found = [json.loads(line) for line in out.splitlines()]
-    live = heard_live(touched, "pretouch_ours", trial=1)
+    live = found_live(touched, "pretouch_ours", trial=1)
     assert [line["event"] for line in found] == [event for _, event, *_ in live]
     # positions are interpolated once more, and rounded
     assert found[0]["t_s"] == pytest.approx(live[0][0], abs=0.02)
@@ -192,7 +194,7 @@ def test_pre_touch_is_found_in_a_table_of_i_q_and_position(verb, touched, approa
 
 def test_contact_is_found_in_a_table_of_i_and_q(verb, touched, approach):
     code, out, _ = verb("replay", approach / "a.csv", "--detector", "level", "--column", "i,q")
-    live = heard_live(touched, "contact_ours", trial=1)
+    live = found_live(touched, "contact_ours", trial=1)
     assert code == 0
     assert [(line["t_s"], line["event"]) for line in map(json.loads, out.splitlines())] == [
         # the table begins some samples later, where the encoder does
@@ -202,21 +204,21 @@ def test_contact_is_found_in_a_table_of_i_and_q(verb, touched, approach):
 
 
 @pytest.mark.parametrize(
-    ("columns", "said"),
+    ("columns", "reason"),
     [
-        ([], "signals.right and arm.position are heard, in this order; give --column for each"),
+        ([], "the inputs are signals.right and arm.position, in this order; give --column for each"),
         (["--column", "i,q"], "give --column for each, for example --column i,q --column x_m"),
         (["--column", "i,q", "--column", "y_m"], "no column y_m; there are i, q, x_m"),
     ],
 )
-def test_a_table_that_does_not_say_where_the_encoder_is_is_refused(verb, approach, columns, said):
-    assert said in refused(verb, "replay", approach / "a.csv", "--detector", "pretouch", *columns)
+def test_a_table_without_the_encoders_column_is_refused(verb, approach, columns, reason):
+    assert reason in refused(verb, "replay", approach / "a.csv", "--detector", "pretouch", *columns)
 
 
 def test_more_columns_than_streams_are_refused(verb, approach):
     columns = ["--column", "i", "--column", "q"]
-    said = refused(verb, "replay", approach / "a.csv", "--detector", "level", *columns)
-    assert "2 times --column, but signals.right alone is heard; join them: i,q" in said
+    message = refused(verb, "replay", approach / "a.csv", "--detector", "level", *columns)
+    assert "2 times --column, but signals.right is the only input; join them: i,q" in message
 
 
 # --- sound ---------------------------------------------------------------------------------------
@@ -258,34 +260,34 @@ def test_the_other_fingers_silence_is_no_contact(verb, tmp_path):
     assert "found nothing in 4" in err  # of 5000 samples at 1 kHz, less the chain's window: no 480,000
 
 
-def test_a_drive_of_another_frequency_is_told_to_the_chain_and_the_detector(verb, tmp_path):
+def test_a_drive_of_another_frequency_is_set_in_the_chain_and_the_detector(verb, tmp_path):
     path = sound(tmp_path / "finger.wav", drive_hz=39_000.0)
     drive = ["--set", "iq.drive_hz=39000.0", "--set", "drive_hz=39000.0"]
     code, out, _ = verb("replay", path, "--detector", "level", "--column", 0, *drive)
     assert (code, json.loads(out.splitlines()[0])["event"]) == (0, "Contact")
-    said = refused(verb, "replay", path, "--detector", "level", "--column", 0, *drive[:2])
-    assert "the detector has drive_hz = 40000; set both alike" in said
+    message = refused(verb, "replay", path, "--detector", "level", "--column", 0, *drive[:2])
+    assert "the detector has drive_hz = 40000; set both alike" in message
 
 
 def test_sound_that_makes_no_envelope_is_refused(verb, tmp_path):
     both = sound(tmp_path / "both.wav")
     assert "2 channels; choose one with --column 0" in refused(verb, "replay", both, "--detector", "level")
-    said = refused(verb, "replay", both, "--detector", "level", "--column", "0,1")
-    assert "2 channels of sound; choose one finger's" in said
+    message = refused(verb, "replay", both, "--detector", "level", "--column", "0,1")
+    assert "2 channels of sound; choose one finger's" in message
     slow = sound(tmp_path / "slow.wav", rate_hz=48_000, drive_hz=8000.0, fingers=1)
-    said = refused(verb, "replay", slow, "--detector", "level")
-    assert "48000 frames a second" in said
-    assert "record at 96000 Hz" in said
-    said = refused(verb, "replay", both, "--detector", "pretouch", "--column", 0)
-    assert "signals.right and arm.position are heard" in said
+    message = refused(verb, "replay", slow, "--detector", "level")
+    assert "48000 frames a second" in message
+    assert "record at 96000 Hz" in message
+    message = refused(verb, "replay", both, "--detector", "pretouch", "--column", 0)
+    assert "the inputs are signals.right and arm.position" in message
     wavfile.write(tmp_path / "short.wav", 96_000, np.zeros(100, np.float32))
-    said = refused(verb, "replay", tmp_path / "short.wav", "--detector", "level")
-    assert "too short for an envelope" in said
+    message = refused(verb, "replay", tmp_path / "short.wav", "--detector", "level")
+    assert "too short for an envelope" in message
 
 
 def test_a_setting_of_the_chain_where_there_is_none_is_refused(verb, touched, tmp_path):
     path = sound(tmp_path / "finger.wav", fingers=1)
-    said = refused(verb, "replay", path, "--detector", "slip", "--set", "iq.drive_hz=39000.0")
-    assert "--set iq.drive_hz: slip takes no envelope of a sound" in said
-    said = refused(verb, "replay", path, "--detector", "level", "--set", "iq.drive_khz=39.0")
-    assert "--set iq.drive_khz = 39.0: unknown key; SI is meant: drive_hz" in said
+    message = refused(verb, "replay", path, "--detector", "slip", "--set", "iq.drive_hz=39000.0")
+    assert "--set iq.drive_hz: slip takes no envelope of a sound" in message
+    message = refused(verb, "replay", path, "--detector", "level", "--set", "iq.drive_khz=39.0")
+    assert "--set iq.drive_khz = 39.0: unknown key; SI is meant: drive_hz" in message
