@@ -35,16 +35,16 @@ KILLS = 100
 SIZES = (100, 1_000, 10_000)
 WORKERS = (1, 2, 4)
 LARGEST = (2, 100_000)
-"""Workers and trials of the longest campaign; a run has no more trials (`config.trials`)."""
+"""Workers and trials of the longest campaign, the most that a run may have (`config.trials`)."""
 
 PART = 256
-"""Trials of a part that the writer alone takes over again and again: as many as one has at the most."""
+"""Trials of the part that the writer alone processes repeatedly: the most that a part has."""
 
 FOURTEEN = (
     *("run", "mock/transient", "--no-report", "--set", "trials.repeats=1"),
     *("--set", "behavior.settle_s=1.0", "--set", "behavior.hold_s=0.05"),
 )
-"""A run that is killed: the loop just locks, and nothing is held."""
+"""The killed run: the loop just locks, and nothing is held."""
 
 SHORT = {
     "behavior.settle_s": "0.2",
@@ -61,7 +61,7 @@ def main(*, quick: bool = False) -> None:
 
 
 def scaled(known: dict[str, Any], *, quick: bool = False) -> None:
-    """Measure what is not among the rows that are known, the shortest first."""
+    """Measure what the known rows lack, the shortest first."""
     from benchmarks.results import save  # pandas: 60 MB, where the writer's memory is measured
 
     runs, alone = known.setdefault("runs", []), known.setdefault("writer_alone", [])
@@ -90,7 +90,7 @@ def scaled(known: dict[str, Any], *, quick: bool = False) -> None:
 
 
 def _short(trials: int) -> dict[str, str]:
-    """Settings of a campaign of so many short trials."""
+    """Settings of a campaign of `trials` short trials."""
     rows = -(-trials // 10_000)
     listed = ", ".join(['{ condition = "none" }'] * rows)
     return {**SHORT, "trials.list": f"[{listed}]", "trials.repeats": str(trials // rows)}
@@ -104,12 +104,12 @@ def _sets(trials: int) -> list[str]:
 
 
 def killed(count: int, seed: int = 1) -> dict[str, int]:
-    """What became of so many runs of 14 trials, each killed (SIGKILL) at a random instant and resumed."""
+    """Results of runs of 14 trials, each killed (SIGKILL) at a random instant and resumed."""
     rng = random.Random(seed)
     found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        _verb(*FOURTEEN, "--out", str(folder / "first"))  # loads and compiles here, for all that are forked
+        _verb(*FOURTEEN, "--out", str(folder / "first"))  # loads and compiles before the forks
         begun_s = time.monotonic()
         _forked(*FOURTEEN, "--out", str(folder / "whole")).join()
         length_s, expected = time.monotonic() - begun_s, _rows(folder / "whole")
@@ -160,7 +160,7 @@ def _rows(out: Path) -> bytes:
 
 
 def equal() -> dict[str, bool]:
-    """Whether the main job, 42 approaches, comes to the rows of one core: in each other way of running it."""
+    """Whether each other way of running the main job, 42 approaches, gives the rows of one core."""
     from distributed import LocalCluster
 
     run = ("run", "mock/transient", "--no-report")
@@ -240,7 +240,7 @@ class Again(Executor):
 
 
 def write(trials: int) -> None:
-    """Take over so many trials, or a few more, in this process: one part again and again, for nothing is computed."""
+    """Process `trials` trials, or a few more, in this process: the same part repeatedly, without computing it."""
     profile = load_profile("mock/static", _short(trials), table=Table())
     listed = profile.trials(0)
     plan = plan_campaign(profile, listed, 0)

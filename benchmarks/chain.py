@@ -1,8 +1,8 @@
 """The 96 kHz chain beside scipy's strongest: packed bytes of two channels to I and Q of both at 1 kHz.
 
-`python -m benchmarks chain`. The rivals get all they need ready made: filters, and the drive's wave as a table that is
-right from the first frame on. results/chain.md keeps an earlier run with more rivals, in blocks, over 1e9 frames
-(chain_rivals.json).
+`python -m benchmarks chain`. The rivals get their filters, and the drive's wave as a table that is
+valid from the first frame on, ready made. results/chain.md keeps an earlier run with more rivals, in blocks, over 1e9
+frames (chain_rivals.json).
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ class Chain(NamedTuple):
     Attributes:
         name: For tables.
         run: Packed counts, uint8 of shape (n, 6) → envelopes of both fingers, shape (m, 2), full scale 1.
-        first_frame: What the first output speaks of, counted from the sound's first frame.
-        delay_s: From what an output speaks of to the last frame that it needs; for an IIR its group delay at 0 Hz.
+        first_frame: Frame to which the first output refers, counted from the sound's first frame.
+        delay_s: From the frame to which an output refers to the last frame that it needs; for an IIR its group delay
+            at 0 Hz.
     """
 
     name: str
@@ -87,7 +88,7 @@ def sound(seconds: float) -> NDArray[np.uint8]:
 
 
 def ours(name: str, demodulators: Sequence[Fused | Cic], taps: int) -> Chain:
-    """One of the program's own; made once: a chain's tables are not built anew for each sound."""
+    """One of the program's chains; its tables are built once."""
 
     def run(packed: NDArray[np.uint8]) -> Complexes:
         parts = []
@@ -102,7 +103,7 @@ def ours(name: str, demodulators: Sequence[Fused | Cic], taps: int) -> Chain:
 
 
 def theirs(frames: int) -> list[Chain]:
-    """The two strongest that scipy has to offer, for a sound of so many frames."""
+    """The two strongest chains from scipy, for a sound of so many frames."""
     sos = signal.butter(6, CUTOFF_HZ, fs=RATE_HZ, output="sos")
     fir = signal.firwin(FIR_TAPS, 0.5 * OUTPUT_HZ, fs=RATE_HZ, window=("kaiser", 8.0))
     wave = (
@@ -137,7 +138,7 @@ def theirs(frames: int) -> list[Chain]:
 
 
 def error_dbfs(chain: Chain, z: Complexes, seconds: float) -> float:
-    """Largest error of any finger against the true envelope at the time that each output speaks of."""
+    """Largest error of any finger against the true envelope at the time to which each output refers."""
     t_s = (chain.first_frame + DECIMATION * np.arange(len(z))) / RATE_HZ
     scored = (t_s > SETTLED_S) & (t_s < seconds - SETTLED_S)
     worst = max(np.abs(z[scored, finger] - envelope(finger, t_s[scored])).max() for finger in range(FINGERS))
@@ -145,7 +146,7 @@ def error_dbfs(chain: Chain, z: Complexes, seconds: float) -> float:
 
 
 def best_s(chains: list[Chain], packed: NDArray[np.uint8], rounds: int) -> list[float]:
-    """Shortest CPU time of each, s; they take turns, so that a busy machine is busy for all of them."""
+    """Shortest CPU time of each, s; they take turns, so that other load affects all of them."""
     taken = np.full((rounds + 1, len(chains)), np.inf)
     for turn in range(rounds + 1):  # the first compiles
         for place, chain in enumerate(chains):

@@ -45,7 +45,7 @@ def main(names: Sequence[str]) -> None:
 
 
 def results(name: str) -> Any:
-    """What a benchmark saved."""
+    """A benchmark's saved figures."""
     return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
 
 
@@ -128,7 +128,7 @@ def strengths(figures: Figures) -> str:
 
 
 def scores(panels: Sequence[Axes], place: float, found: Mapping[str, Any], *, across: bool) -> None:
-    """Rate and distance of each detector at a place, one a little beside the other."""
+    """Rate and distance of each detector at a place, slightly offset."""
     step = 0.12 if across else 0.5
     for shift, (name, look) in zip((step, -step), SEEN.items(), strict=True):
         rate, far = found[name]["tpr"], found[name]["distance_m"]
@@ -189,12 +189,12 @@ def campaigns(figures: Figures) -> str:
 
 
 def change(record: PassageRecord) -> Any:
-    """What has changed since the rest before the motion, in thousandths of full scale."""
+    """Change since the rest before the motion, in thousandths of full scale."""
     return 1e3 * (record.z - record.z[: record.begun].mean())
 
 
 def sides(figures: Figures) -> str:
-    """Each side comes to the pipe, touches it and goes back, whole and enlarged."""
+    """Each side approaches the pipe, touches it and retracts, whole and enlarged."""
     with figures.figure(7.5, rows=len(SIDES), columns=2, sharex="col") as drawing:
         for place, side in enumerate(SIDES):
             record = passage(Event(SEED, 0, "touch", "pipe", side, 0.01))
@@ -217,7 +217,7 @@ def sides(figures: Figures) -> str:
 
 
 def undulations(figures: Figures) -> str:
-    """The same undulations at two speeds over distance, and how much each object sends back."""
+    """The same undulations at two speeds over distance, and the echo of each object."""
     with figures.figure(3.2, columns=2) as drawing:
         speeds, echoes = drawing.axes
         for place, speed_m_s in enumerate(SPEEDS_M_S):

@@ -28,7 +28,7 @@ REPEATS = 4
 QUICK_REPEATS = 1
 
 SETTLED_S = 1.5
-"""How long nothing may have moved before the bench counts as still: longer than any watchdog here."""
+"""Time without motion after which the bench counts as still: longer than any watchdog here."""
 
 GIVE_UP_S = 20.0
 """Longest wait for the motion to end."""
@@ -39,7 +39,7 @@ class MoverMotion(NamedTuple):
 
     Attributes:
         profile: Its bench.
-        shown: Which of the scene's numbers is its place.
+        shown: Which of the scene's numbers is its position.
         command: The last command.
         speed_m_s: How fast it moves then.
         way_m: How far it has gone when the program ends.
@@ -72,13 +72,13 @@ ENDS = (
 
 
 def profile_of(mover: str) -> Profile:
-    """A mover's bench; its finger is out of the way: nothing but the program's end stops the motion."""
+    """A mover's bench without its finger in the way: only the program's end stops the motion."""
     far = {} if mover == "gripper" else {"plant.surface_m": "0.09"}
     return load_profile(MOTIONS[mover].profile, far, table=assemble.Table())
 
 
 def drive(mover: str, endpoints: Mapping[str, Any]) -> None:
-    """The program that will be killed: homes the mover, moves it, and looks at it 200 times a second."""
+    """The program to be killed: homes the mover, moves it, and samples it at 200 Hz."""
     device = assemble.build_rig(profile_of(mover), endpoints).devices[mover]
     device.open()
     device.apply(Home(mover))
@@ -99,7 +99,7 @@ def child_of(pid: int) -> int:
 
 
 def measured(mover: str, victim: str, ending: signal.Signals) -> tuple[float, float]:
-    """How far the mover went on, in m, and for how long, in s."""
+    """Travel after the program's end, m, and its duration, s."""
     motion = MOTIONS[mover]
     scene = assemble.emulator_scene(profile_of(mover))
     scene["devices"] = {mover: scene["devices"][mover]}

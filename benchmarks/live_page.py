@@ -1,4 +1,4 @@
-"""From a click on the live page to the loop, and what the page costs the loop, whatever becomes of the page."""
+"""From a click on the live page to the loop, and the page's cost to the loop, also when the page misbehaves."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ RATE_HZ = 200.0
 """The loop's, while something moves."""
 
 READY_S = 3.0
-"""What the page's process may take to load, s; a run starts it before it opens its bench."""
+"""Time for the page's process to load, s; a run starts it before it opens its bench."""
 
 CLICKS, QUICK_CLICKS = 1000, 50
 SECONDS, QUICK_SECONDS = 20.0, 3.0
@@ -74,7 +74,7 @@ class Turning(Silent):
 
 
 def connected(host: str, token: str) -> socket.socket:
-    """To the page's wire, as a browser connects (RFC 6455), without a thread that would take Python's lock."""
+    """Connect to the page's websocket as a browser does (RFC 6455), without a thread that would take Python's lock."""
     name, port = host.split(":")
     wire = socket.create_connection((name, int(port)), 10.0)
     wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as browsers do

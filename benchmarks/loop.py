@@ -1,4 +1,4 @@
-"""What a campaign costs, layer by layer: processor time, one core, the program warm; ten campaigns, all simulated.
+"""The cost of a campaign, layer by layer: processor time, one core, the program warm; ten campaigns, all simulated.
 
 `python -m benchmarks loop [--quick]`. A trial or a few of each profile; start of Python and compiling are left out.
 """
@@ -76,7 +76,7 @@ class Stopwatch:
         self._running: list[float] = []
 
     def watch(self, owner: type[Any], method: str, part: str) -> Callable[[], None]:
-        """Time a method as a part; returns what undoes it."""
+        """Time a method as a part; returns a function that undoes it."""
         original = getattr(owner, method)
 
         def timed(*args: Any, **kwargs: Any) -> Any:
@@ -159,7 +159,7 @@ def measured(name: str, trials: int, goal: float, repeats: int) -> dict[str, Any
 
 
 def main(quick: bool = False) -> None:
-    """Measure, print, save; what it was before turns were taken together stays in the file."""
+    """Measure, print, save; figures from before turns were combined stay in the file."""
     found: dict[str, Any] = {}
     before = json.loads((FOLDER / "loop.json").read_text("utf-8"))["before"]
     for name, (trials, goal) in CAMPAIGNS.items():

@@ -1,7 +1,7 @@
 """Public recordings with truth: `make recordings`, or `python -m benchmarks.recordings [NAME=GIT_DIR ...]`.
 
 They are fetched by git into build/recordings and never committed: none of the repositories states a licence. A local
-copy of a repository may be named in the place of the network, as in `biotac=/data/BioTac_slide_20_50`. Studies run
+copy of a repository may be given instead, as in `biotac=/data/BioTac_slide_20_50`. Studies run
 without them and report the missing rows.
 """
 
@@ -36,8 +36,8 @@ class RecordingSource(NamedTuple):
 
     Attributes:
         repository: On GitHub.
-        commit: Which state of it.
-        read: From a function that gives a file's bytes to the arrays that are kept.
+        commit: The commit.
+        read: From a function that returns a file's bytes to the arrays to keep.
     """
 
     repository: str
@@ -105,7 +105,7 @@ SOURCES = {
 
 
 def load(name: str) -> dict[str, Floats] | None:
-    """What was fetched; None where it was not."""
+    """The fetched arrays; None if not fetched."""
     path = FOLDER / f"{name}.npz"
     if not path.exists():
         return None
@@ -151,14 +151,14 @@ class Drag(NamedTuple):
 
 
 SURE = 0.1
-"""Contact is over where the electrodes are, summed, within a tenth of what they were from 1 to 3 s, and within twice
-their noise in the last second."""
+"""Contact is over where the electrodes' sum is within a tenth of its value from 1 to 3 s, and within twice its noise in
+the last second."""
 
 QUIET_S = 1.6
 """Least quiet after it."""
 
 MARGIN_S = 0.15
-"""Of it that is left out: the electrodes are slower than the pressure."""
+"""Margin of the quiet that is left out: the electrodes are slower than the pressure."""
 
 
 def drags(half: str) -> list[Drag]:

@@ -1,4 +1,4 @@
-"""Where figures of benchmarks go, and what machine they were measured on."""
+"""Storage of benchmark figures, with the machine they were measured on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FOLDER = Path(__file__).resolve().parent / "results"
 
 
 def machine() -> dict[str, Any]:
-    """What a reader needs to know of the machine: ratios hold, absolute times do not."""
+    """The machine: ratios hold elsewhere, absolute times do not."""
     model = ""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
@@ -34,7 +34,7 @@ def machine() -> dict[str, Any]:
 
 
 def workers() -> ProcessPoolExecutor:
-    """A process a core, each a fresh interpreter: a fork of one that has loaded numba's threads may hang."""
+    """A process per core, each a fresh interpreter: a fork after loading numba's threads may hang."""
     return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
 
 
@@ -54,7 +54,7 @@ def save(name: str, result: Mapping[str, Any], *, quick: bool = False) -> None:
 
 
 def shown(value: Any, title: str = "") -> Iterator[str]:
-    """Rows as a table each, numbers as lines; what was measured one by one (lists of numbers) stays in the file."""
+    """Rows as a table each, numbers as lines; lists of single measurements stay in the file."""
     if isinstance(value, Mapping):
         rows = list(value.values())
         if not rows or not all(isinstance(row, Mapping) for row in rows) or any(map(_deep, rows)):
@@ -71,5 +71,5 @@ def shown(value: Any, title: str = "") -> Iterator[str]:
 
 
 def _deep(row: Mapping[str, Any]) -> bool:
-    """Whether it is rows again."""
+    """Whether it is a list of rows."""
     return all(isinstance(cell, Mapping) for cell in row.values())

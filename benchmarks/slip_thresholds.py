@@ -3,7 +3,7 @@
     python -m benchmarks.slip_thresholds [--quick]
 
 Everything here is simulated: what the devices of `mock/bench_slip` would send while the arm rolls the pressed tip to
-and fro, smoothly and with a bump a second. The thresholds of the profile `mock/slip` are from here, but for the two
+and fro, smoothly and with a bump a second. The thresholds of the profile `mock/slip` are from here, except the two
 that the paper prints.
 """
 
@@ -43,8 +43,8 @@ ARM_N = 0.5
 """One count of the hand and of a texel; standard deviation of the arm's own force sensor: as the devices have them."""
 
 HOURS, QUICK_HOURS = 6.0, 1.0 / 3.0
-"""Of recordings for each threshold: six alarms are expected in them, which are known to within a factor of two and a
-half (Poisson, 95 %)."""
+"""Hours of recordings for each threshold: six expected alarms, known to within a factor of two and a half (Poisson,
+95 %)."""
 
 SEED = 77
 PIECE_S = 600.0
@@ -87,7 +87,7 @@ class Rolling:
 
 
 def read(bench: Any, sensor: Sensor, times_s: Floats) -> Any:
-    """What the sensor's device sends, in the unit of its stream, shape (n, channels)."""
+    """The samples of the sensor's device, in the unit of its stream, shape (n, channels)."""
     if sensor == "fingertip":
         return CONVERTER_V * np.rint(bench.sample("fingertip", times_s)[:, 2:] / CONVERTER_V)
     if sensor == "flexible_finger":
@@ -124,7 +124,7 @@ def recording(sensor: Sensor, number: int, bumps_hz: float) -> Floats:
 
 
 def detectors(sensor: Sensor, bumps_hz: float) -> dict[str, Statistic]:
-    """Those whose thresholds a profile carries from here."""
+    """Detectors whose thresholds a profile takes from here."""
     block_s = 0.16 if sensor == "dsa" else 0.064
     both: dict[str, Statistic] = {
         "slip.paper": SlipPaperDetector("paper", SlipPaperSettings(block_s=block_s)),
@@ -185,8 +185,8 @@ def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Any]]
 
 
 def main(quick: bool = False) -> None:
-    """Find all thresholds; writes results/slip_thresholds.json. What detectors made of the recordings is kept
-    in build/slip_thresholds: take that away after a change of a detector."""
+    """Find all thresholds; writes results/slip_thresholds.json. The detectors' maxima are cached in
+    build/slip_thresholds: delete it after a change of a detector."""
     hours = QUICK_HOURS if quick else HOURS
     numbers = range(round(hours * 3600.0 / PIECE_S))
     folder = Path("build/slip_thresholds")

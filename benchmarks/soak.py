@@ -27,7 +27,7 @@ BESIDE = {"idle": 0, "busy": 1}
 
 ROOT = Path(__file__).resolve().parents[1]
 LOOK_S = 0.2
-"""How often the processes' use of the processor is read: the last reading may lack as much."""
+"""Interval between readings of the processes' CPU time, s; the last reading may lack as much."""
 
 PARTS = {"emulator": "drivers.mock.wiring.emulator", "arm": "drivers.ur_arm.child"}
 """Processes that a run starts, by their modules."""
@@ -35,15 +35,15 @@ PARTS = {"emulator": "drivers.mock.wiring.emulator", "arm": "drivers.ur_arm.chil
 
 @dataclass(frozen=True)
 class Ended:
-    """How one run ended.
+    """Result of one run.
 
     Attributes:
         code: Exit code of the run.
         said: Its last line.
-        wall_s: How long it took.
-        bench_s: How much bench time its trials took.
+        wall_s: Wall time.
+        bench_s: Bench time of its trials.
         late_s: The loop's latest turn in bench time; 0 where none was a whole period late.
-        cpu_s: What each process used of the processor.
+        cpu_s: CPU time of each process.
     """
 
     code: int
@@ -56,7 +56,7 @@ class Ended:
 
 @contextmanager
 def burners(count: int) -> Iterator[None]:
-    """Processes that burn a core each."""
+    """Processes that load a core each."""
     started = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield
@@ -92,7 +92,7 @@ def run(profile: str) -> Ended:
 
 
 def _cpu_s(parent: int) -> Iterator[tuple[str, float]]:
-    """Seconds of the processor that a run's processes have used so far."""
+    """CPU time, s, of a run's processes so far."""
     tick_s = 1.0 / os.sysconf("SC_CLK_TCK")
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit():

@@ -1,7 +1,7 @@
 """From the sample that decides to the stop command on the wire, and to standstill: real drivers, emulated devices.
 
-The stage is at a pty, the arm behind ur_rtde and TCP on loopback. What the arm does with a command that it has is the
-behaviour of an emulated controller: no real one was at hand.
+The stage is at a pty, the arm behind ur_rtde and TCP on loopback. The arm's reaction to a command is that of an
+emulated controller: no real one was at hand.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ STOPS = {"stage": 600, "arm": 200}
 QUICK_STOPS = 60
 SPEED_M_S = 0.005
 MIDDLE_M = 0.002
-"""It goes to and fro about this: three times as far from either end as it comes between two stops."""
+"""Center of the motion: three times as far from either end as the travel between two stops."""
 
 STREAM = "board.load_cell"
 
 
 class AtRandom:
-    """Finds contact 60 to 139 samples after the last one, at random: what decides is not what is measured here."""
+    """Reports contact 60 to 139 samples after the last one, at random: the decision itself is not measured here."""
 
     inputs = (STREAM,)
 
@@ -52,11 +52,11 @@ class AtRandom:
         self.reset()
 
     def reset(self) -> None:
-        """Count anew: every place in a block and in the loop's period gets its turn."""
+        """Restart the count: every position in a block and in the loop's period occurs."""
         self._left = int(self._random.integers(60, 140))
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """One contact where the count has run down."""
+        """One contact at the end of the count."""
         found = []
         for t_s in block.times.tolist():
             self._left -= 1
@@ -69,7 +69,7 @@ class AtRandom:
 
 
 class BackAndForth(Behavior):
-    """Moves, stops at a contact, moves the other way, some hundred times over."""
+    """Moves, stops at a contact, moves the other way, some hundred times."""
 
     table = with_failures(
         on("reached", "HOMING", "MOVING"),
@@ -91,7 +91,7 @@ class BackAndForth(Behavior):
         return self._left == 0
 
     def enter_HOMING(self) -> None:
-        """Know where the mover is."""
+        """Home the mover."""
         self.command(Home(self._mover))
 
     def enter_MOVING(self) -> None:
@@ -113,9 +113,9 @@ class BackAndForth(Behavior):
 
 
 def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, list[float]], dict[str, Any]]:
-    """Run the stops; returns seconds from the sample on, by part of the way, and how loop and link did.
+    """Run the stops; returns seconds from the sample on, by part of the way, and the state of loop and link.
 
-    What is timed from a sample is too short by the least delay of the board's link (see `drivers.clock_model`).
+    Times from a sample are too short by the least delay of the board's link (see `drivers.clock_model`).
 
     Args:
         mover: Which.

@@ -1,6 +1,6 @@
-"""Whether a live page can hurt its run: a wire run twice without a page, and once with one that misbehaves.
+"""Whether a live page can disturb its run: a wire run twice without a page, and once with one that misbehaves.
 
-All three run side by side, so that what else goes on there befalls them alike. The page of the third has a client that
+All three run side by side, so that other load affects them alike. The page of the third has a client that
 does not read, then its process is stopped, then it is killed: a third of the run each.
 """
 
@@ -89,7 +89,7 @@ def quantiles(rows: list[dict[str, str]]) -> dict[str, float]:
 
 
 def misbehave(run: subprocess.Popen[str], seconds: float) -> list[str]:
-    """A client that does not read, a page that is stopped, a page that is killed; what was done, when."""
+    """A client that does not read, a page that is stopped, a page that is killed; the actions with their times."""
     assert run.stdout is not None
     link = next(line.split()[-1] for line in run.stdout if "token=" in line)
     host, token = link.removeprefix("http://").split("/?token=")

@@ -1,4 +1,4 @@
-"""All that the centering study found, and its numbers."""
+"""Results of the centering study, and its figures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Repeats = Sequence[Sequence[Found]]
 
 @dataclass(frozen=True)
 class CenteringStudy:
-    """All that was found; searches of the 85 repeat by repeat."""
+    """Results; searches of the 85 repeat by repeat."""
 
     size: CenteringSize
     tunings: Mapping[str, Tuning]

@@ -1,4 +1,4 @@
-"""Centering in rooms that are less kind, the paper's way at its best: `python -m benchmarks centering_rooms`."""
+"""Centering in difficult rooms, the paper's method at its best: `python -m benchmarks centering_rooms`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from drivers.mock.physics.aura_settings import EchoSettings, RoomSettings
 SEED = 47_000
 WINDOWS_S = (0.03, 0.06, 0.125, 0.25, 0.5)
 DISTANCES_M = (0.008, 0.0125)
-"""What is tried of the paper's alpha, and of the distance that its gamma means."""
+"""Tried values of the paper's alpha, and of the distance for its gamma."""
 
 SOUND_M_S = 343.2
 """As the detectors assume."""
@@ -32,7 +32,7 @@ WALL_FS = 1e-4
 
 
 class CenteringRoom(NamedTuple):
-    """What 85 searches meet.
+    """The room of 85 searches.
 
     Attributes:
         wall: Whether one of `WALL_FS` stands ahead or behind, in turn.
@@ -40,7 +40,7 @@ class CenteringRoom(NamedTuple):
         finger_db: Standard deviation of each finger's sensitivity from search to search.
         apart: Ratio of the right finger's sensitivity to the left one's.
         fades: The right finger's sensitivity after half a turn, as a share of the one before.
-        decays: Way over which the sound of the right finger spreads, as a share of the left one's.
+        decays: Distance over which the sound of the right finger spreads, as a share of the left one's.
         wave: Ratio of the wavelength that the detectors assume to the real one.
         repeats: Sets of 85.
     """
@@ -133,7 +133,7 @@ Choice = tuple[float, float]
 
 
 def at(paper: Method, window_s: float, distance_m: float) -> Method:
-    """The paper's way with an alpha and the gamma of a distance."""
+    """The paper's method with an alpha and the gamma of a distance."""
     settings = dict(paper.tuning.finder) | {"window_s": window_s, "threshold": gamma(distance_m)}
     return paper._replace(tuning=replace(paper.tuning, finder=settings))
 

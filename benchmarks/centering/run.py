@@ -33,7 +33,7 @@ from config.profile import load_profile
 from drivers.mock.physics.aura_objects import SIX
 
 WAVES = ((0.125, 0.0125), (0.5, 0.015))
-"""The paper's alpha (s) and distance of gamma (m) that are looked at beside the profile's."""
+"""The paper's alpha (s) and distance of gamma (m) tried beside the profile's."""
 
 
 def main(quick: bool = False) -> None:
@@ -85,7 +85,7 @@ def _study(size: CenteringSize, pool: ProcessPoolExecutor) -> CenteringStudy:
 def _main(
     pipe: dict[str, Method], gains: tuple[float, float], size: CenteringSize, pool: ProcessPoolExecutor
 ) -> dict[tuple[str, float, float], list[list[Found]]]:
-    """By the way to search, mismatch and speed: repeat by repeat."""
+    """By method, mismatch and speed: repeat by repeat."""
     ours = pipe["ours"]
     calibrated = ours._replace(tuning=replace(ours.tuning, gains=gains))
     rows = [
@@ -106,7 +106,7 @@ def _main(
 def _aside(
     pipe: dict[str, Method], size: CenteringSize, pool: ProcessPoolExecutor
 ) -> dict[tuple[str, float], list[list[Found]]]:
-    """Other ways, fingers alike."""
+    """Other methods, fingers alike."""
     paper, ours = pipe["paper"], pipe["ours"]
     rows = {
         f"paper, alpha {window_s:g} s": paper._replace(

@@ -37,7 +37,7 @@ TURNED = 500_000
 """Added to a search's number, keys the noise after a turn."""
 
 CLOCK_EDGE = 1e-7
-"""Share of a turn by which a time may miss it and still be its."""
+"""Tolerance of a time to a turn, as a share of it."""
 
 
 class Place(NamedTuple):
@@ -51,9 +51,9 @@ class Place(NamedTuple):
         mismatch_db: By how much the right finger is more sensitive than the left.
         begin_s: When the rest before the search begins, on the bench's clock.
         finger_db: Standard deviation of each finger's sensitivity from search to search.
-        room: What else is there.
+        room: The room.
         fades: Sensitivity of the right finger after half a turn, as a share of the one before.
-        decays: Way over which the sound of the right finger spreads, as a share of the left one's.
+        decays: Distance over which the sound of the right finger spreads, as a share of the left one's.
     """
 
     seed: int
@@ -70,14 +70,14 @@ class Place(NamedTuple):
 
 
 class CenteringScene:
-    """What the fingers send while the arm goes to and fro; the object slides where a finger pushes it.
+    """The fingers' signals while the arm moves to and fro; the object slides where a finger pushes it.
 
     Args:
         place: The search.
 
     Attributes:
         arm: The tool's motion.
-        object_x_m: Where the object's middle is by now.
+        object_x_m: Current position of the object's middle.
         touches: How often a finger began to touch it.
     """
 
@@ -112,7 +112,7 @@ class CenteringScene:
     def turn(self) -> None:
         """Turn the gripper half around its own axis: each finger is where the other was, as sensitive as it was.
 
-        What the room sends each of them is drawn anew: its phases belong to places."""
+        The room's echoes are redrawn for each: their phases belong to places."""
         self.turned = not self.turned
         key = (self._place.seed, TURNED + self._place.number)
         for plant in {self._plant, self._right}:

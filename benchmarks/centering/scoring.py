@@ -1,4 +1,4 @@
-"""What a set of searches comes to."""
+"""Scores of a set of searches."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class CenteringScore(NamedTuple):
 
 
 def clean(found: Sequence[Found]) -> list[Found]:
-    """Those that found the middle and touched nothing: where a finger pushes the object, the middle of two touches is
-    the object's of itself."""
+    """Searches that found the middle without a touch: if a finger pushes the object, the middle of two touches is the
+    object's anyway."""
     return [one for one in found if one.outcome == "found" and not one.touches]
 
 

@@ -45,10 +45,10 @@ class Tuning:
     """Settings of the detectors.
 
     Attributes:
-        method: Whose finders.
+        method: Kind of the finders.
         finder: Settings of the finders.
         gains: Of the right and the left finger (ours).
-        contact: Settings of the contact detectors; None does without them.
+        contact: Settings of the contact detectors; None for none.
     """
 
     method: Method
@@ -73,7 +73,7 @@ class SearchCourse:
 
 @dataclass(frozen=True)
 class Found:
-    """What became of a search.
+    """Result of a search.
 
     Attributes:
         place: The search.
@@ -119,7 +119,7 @@ class SimulatedSearch:
     Args:
         place: Where and how.
         tuning: Of the detectors.
-        course: How it is gone about.
+        course: Its procedure.
     """
 
     def __init__(self, place: Place, tuning: Tuning, course: SearchCourse) -> None:
@@ -161,7 +161,7 @@ class SimulatedSearch:
         return self._found("found", sum(middles_m) / len(middles_m), begun_s)
 
     def _turn(self, middle_m: float) -> None:
-        """To the middle, half a turn of the wrist about it, and a rest in which contact is learned anew."""
+        """To the middle, half a turn of the wrist about it, and a rest in which the contact detectors learn again."""
         arm = self.bench.arm
         arm.move_to(self.now_s, middle_m, min(self.place.speed_m_s, 0.01))
         self.now_s = self._turn_at(arm.arrival_s + STILL_S)

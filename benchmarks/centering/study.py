@@ -1,4 +1,4 @@
-"""What is searched: the 85 of the paper, twenty times over, six objects, and fingers that are less alike."""
+"""What is searched: the 85 of the paper, twenty times over, six objects, and unequal fingers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drivers.mock.physics.aura_objects import NOTHING, OBJECTS, SIX
 from drivers.mock.physics.gripper_part import AuraBenchSettings
 
 SEED_TUNE, SEED_CALIBRATE, SEED_TEST, SEED_OBJECTS, SEED_SCATTER = 41_000, 42_000, 43_000, 44_000, 45_000
-"""Every part has noise and places of its own; what was chosen was chosen on the first."""
+"""Every part has its own noise and places; choices were made on the first."""
 
 SPEEDS_M_S = (0.01, 0.03)
 MISMATCH_DB = 1.5
@@ -29,7 +29,7 @@ SHARES = (29, 27, 29)
 """Of the 85."""
 
 LEAST_GAP_M = 0.007
-"""No object of the six starts nearer than this to a finger: the detector needs 5 mm of way."""
+"""No object of the six starts nearer than this to a finger: the detector needs 5 mm of travel."""
 
 CALIBRATIONS = 10
 """Passes of each finger from which its gain is measured."""
@@ -39,18 +39,18 @@ CALIBRATION_GAP_M = 0.008
 WINDOWS_S = (0.125, 0.25, 0.5, 1.0)
 DISTANCES_M = (0.006, 0.008, 0.010, 0.0125, 0.015)
 LEVELS_FS = (0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0025, 0.003, 0.004)
-"""What is tried of the paper's alpha, of the distance that its gamma means, and of our amplitude."""
+"""Tried values of the paper's alpha, of the distance for its gamma, and of our amplitude."""
 
 SCATTERS_DB = (0.5, 1.0, 2.0)
 
 
 @dataclass(frozen=True)
 class CenteringSize:
-    """How much of it.
+    """Size of the study.
 
     Attributes:
         repeats: Of the 85.
-        aside: Repeats of what is looked at beside it.
+        aside: Repeats of the side studies.
         objects: Searches for each object, speed and method.
         tune: Searches for each of the settings that are tried.
     """
@@ -65,11 +65,11 @@ FULL, QUICK = CenteringSize(20, 3, 85, 42), CenteringSize(2, 1, 17, 17)
 
 
 class Method(NamedTuple):
-    """A way to search, from the profile.
+    """A search method, from the profile.
 
     Attributes:
         tuning: Its detectors.
-        course: How it goes about it.
+        course: Its procedure.
     """
 
     tuning: Tuning
@@ -134,7 +134,7 @@ def _one(job: tuple[Place, Method]) -> Found:
     return search(place, method.tuning, method.course)
 
 
-# what a distance means
+# from a distance to an amplitude
 
 
 def wave_fs(distance_m: float, name: str = "pipe") -> float:
@@ -227,7 +227,7 @@ def gains_of(mismatch_db: float, method: Method) -> tuple[float, float]:
 
 
 def _amplitude_fs(place: Place, which: int, method: Method) -> float:
-    """What the detector fits as the finger passes the distance of calibration."""
+    """The detector's fitted amplitude at the distance of calibration."""
     bench = CenteringScene(place)
     forward = 1.0 if which == LEFT else -1.0
     bench.arm.move_at(place.begin_s, forward * place.speed_m_s, forward * 0.018)

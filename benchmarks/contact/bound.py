@@ -20,14 +20,14 @@ ORDER = 30
 """Of the autoregressive model of the free waveform: 0.24 s."""
 
 STEPS = 38
-"""How far is looked after the touch: 0.3 s."""
+"""Steps evaluated after the touch: 0.3 s."""
 
 KNOWN, UNKNOWN = (float(norm.isf(rate)) for rate in (1e-3, 1e-3 * 0.008 / 0.7))
 """Thresholds for one false contact in 1,000 approaches: for a known instant, and for a look every 8 ms of 0.7 s."""
 
 
 APART = 2.0 * KNOWN
-"""Deflection at which one errs once in 1,000 times in either way."""
+"""Deflection for one error of either kind in 1,000."""
 
 INSTANTS_S = (0.2, 0.5, 0.8, 1.1)
 """After the probe has come to stand: the last time before each at which the load cell felt the finger."""
@@ -38,10 +38,10 @@ AWAY_M_S = 1.0
 def separations(name: str, count: int, first: int = 0) -> Floats:
     """Deflection of the matched filter after each 8 ms, in standard deviations, shape (count, STEPS).
 
-    The same approach is simulated with and without the probe, in the same noise: the difference is what the contact
-    adds. Whitened by the model that the free finger's baseline teaches, and divided by its deviation, its norm is the
-    distance of the two hypotheses for an observer that knows it (Neyman and Pearson); in Gaussian noise no test does
-    better.
+    The same approach is simulated with and without the probe, in the same noise: the difference is the
+    contact's effect. Whitened by the model learned from the free finger's baseline, and divided by its deviation, its
+    norm is the distance of the two hypotheses for an observer that knows it (Neyman and Pearson); in Gaussian noise no
+    test does better.
     """
     found = np.zeros((count, STEPS))
     for i in range(count):
@@ -68,7 +68,7 @@ def _apart(there: ApproachScene, free: ApproachScene, since_s: float, steps: int
 
 
 def waits(name: str, count: int, first: int = 0) -> Floats:
-    """How long one has to wait until it is known whether the probe is still there, s, shape (count, instants).
+    """Time until it can be known whether the probe is still there, s, shape (count, instants).
 
     The same approach is simulated with a probe that stands and with one that is gone, within 4 ms, from an instant on
     at which the load cell felt the finger. An earlier decision errs, in one or the other way, more often than once in
@@ -106,7 +106,7 @@ def bound(found: Floats) -> dict[str, dict[str, float]]:
 
 
 def waited(found: Floats) -> dict[str, float]:
-    """What `waits` comes to, s."""
+    """Summary of `waits`, s."""
     return {
         "median_s": float(np.median(found)),
         "p95_s": float(np.quantile(found, 0.95, method="higher")),

@@ -1,4 +1,4 @@
-"""The program's detector as a run has it: events, with a probe that stands against the finger and leaves."""
+"""The program's detector as in a run: events, with a probe that rests against the finger and leaves."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def amplitude_cusum(scene: ApproachScene, slack: float) -> Trace:
 
 
 def ours(scene: ApproachScene, senses: str = "all", free_hz: float = 1.0) -> Trace:
-    """The detector of the program, its deviations; `free_hz`: it mixes with so many times the right frequency."""
+    """The detector of the program, its deviations; `free_hz`: factor on its mixing frequency."""
     times_s, found = _deviations(scene, free_hz)
     return times_s, found[senses]
 

@@ -1,6 +1,6 @@
 """The contact study: `python -m benchmarks contact [--quick]`; writes results/contact.json.
 
-What was computed is kept under runs/benchmarks, by what it was computed with: a study that broke off goes on.
+Results are cached under runs/benchmarks by their inputs: an interrupted study continues.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ SOURCES = (
     ROOT / "controller" / "signals" / "envelope.py",
     *(path for path in ROOT.glob("drivers/mock/physics/finger*.py") if path.name != "finger_part.py"),
 )
-"""What the kept batches depend on."""
+"""Files on which the cached batches depend."""
 
 CHUNK = 50
 
 SOME = 28
-"""Approaches with each thing that is taken for granted broken: two a row of Table I."""
+"""Approaches with each assumption broken: two per row of Table I."""
 
 LEVELS = {"printed": "As printed", "hard": "Hard"}
 
@@ -56,7 +56,7 @@ CHANGES: Mapping[str, Mapping[str, float]] = {
     "vibration at 28 Hz": {"vibration_m_s2": 0.05, "vibration_hz": 28.0},
     "sliding probe, 0.3 times 8 mm": {"slide_m": 0.0024},
 }
-"""What a real finger has besides, one by one. Their sizes are assumptions."""
+"""Further effects of a real finger, one by one. Their sizes are assumptions."""
 
 BROKEN = (0.05, 0.1, 0.3)
 
@@ -67,7 +67,7 @@ TAKEN: Mapping[str, tuple[Sequence[str], int]] = {
     "contact softer": (("pad_n_m", "back_n_m"), -1),
     "more of the noise slow": (("wander",), 1),
 }
-"""Settings of the finger in which it departs from the one that thresholds are from, and with which power."""
+"""Settings of the finger that differ from the one used for thresholds, and the exponent."""
 
 
 class Task(NamedTuple):
@@ -122,7 +122,7 @@ class Waits(NamedTuple):
 
 
 def tasks(quick: bool) -> Iterator[Task | Holds | Bound | Waits]:
-    """Everything that is computed."""
+    """All tasks."""
     some = 7 if quick else SOME
     for name in LEVELS:
         finger = level(name).model_dump()
@@ -166,7 +166,7 @@ def _kept(task: Task | Holds | Bound | Waits, folder: Path) -> Any:
 
 
 def wanted_names(wanted: Sequence[Task | Holds | Bound | Waits]) -> list[tuple[Any, ...]]:
-    """By which each result is found."""
+    """Key of each result."""
     return [(type(task).__name__, *task[: 3 if isinstance(task, Task) else 2]) for task in wanted]
 
 

@@ -29,7 +29,7 @@ LISTENS_S = 0.6
 """How long after the touch a detector may take where nothing is held."""
 
 GAP_M = (0.003, 0.004)
-"""The probe's way before the touch, drawn evenly: the first touch meets the oscillation at any phase."""
+"""The probe's travel before the touch, uniformly distributed: the first touch meets the oscillation at any phase."""
 
 
 def rows() -> list[tuple[str, float]]:
@@ -56,7 +56,7 @@ class ApproachScene:
         ends_s, periods_s: The oscillator's periods.
         times_s, accelerometer, force_n: Waveforms at `RATE_HZ`.
         distal: The second accelerometer's, empty where there is none.
-        starts_s: When the probe sets out; the baseline ends there.
+        starts_s: Start of the probe's motion and end of the baseline.
         contacts: (time, made or lost).
         stops_s, leaves_s: When the probe stands, and when it begins to retract.
     """
@@ -96,7 +96,7 @@ def approach(
         s: The finger.
         seed, trial: They key the noise and draw the gap.
         row: Location and speed, m/s.
-        hold_s: How long the probe stands; 0 ends all where it would stop.
+        hold_s: Time at standstill; 0 ends the scene where the probe would stop.
         noise: Factor on every noise once the baseline has ended.
         touching: Whether the probe is there: without it the same finger in the same noise is recorded for as long.
         away_m_s: How fast it retracts.
@@ -135,7 +135,7 @@ def approach(
     if noise != 1.0:
         until(starts_s)
         plant.settings = s.model_copy(update={"noise_scale": noise * s.noise_scale})
-        plant.set_tendon(0.0)  # which is where it was: the finger is made anew from its settings
+        plant.set_tendon(0.0)  # its former value: the finger is rebuilt from its settings
     reach_s = starts_s + (gap_m - 0.001) / speed_m_s
     until(round(reach_s, 3))
     while (

@@ -1,4 +1,4 @@
-"""The contact study: thresholds at equal false contacts, set on other approaches than those judged."""
+"""The contact study: thresholds at equal false contacts, set on separate approaches."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ RATES = (1e-1, 1e-2, 1e-3, 1e-4)
 """False contacts an approach at which all are compared; `EQUAL` of them in the table."""
 
 EQUAL = 1e-3
-"""One false contact in 1,000 approaches, from an exponential fitted to the tail of another 1,000. Where the tail is a
-normal one's, this is more than the largest of them."""
+"""One false contact in 1,000 approaches, from an exponential fitted to the tail of another 1,000. For a normal
+tail this exceeds the largest of them."""
 
 IN_TIME_S = 0.07
 """The goal: two periods."""
@@ -87,7 +87,7 @@ def joined(parts: Sequence[Mapping[Key, Record]]) -> dict[Key, Record]:
 
 
 def threshold(before: Sequence[float], rate: float) -> float:
-    """Exceeded in that share of approaches: an exponential fitted to the largest twentieth, or a rank within it."""
+    """Threshold exceeded in a share `rate` of approaches: exponential fitted to the largest twentieth."""
     ordered = np.sort(before)[::-1]
     tail = max(5, len(ordered) // 20)
     base = float(ordered[tail])

@@ -1,4 +1,4 @@
-"""What was found in the study, and rates from it."""
+"""Results of the study, and rates from them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SHORT = (MATCHED, OURS)
 
 @dataclass(frozen=True)
 class RatesStudy:
-    """All that was found."""
+    """Results of the study."""
 
     size: PretouchSize
     weaker_db: int
@@ -71,7 +71,7 @@ def pretouch_rates(
 def contact_rates(
     verdicts: Sequence[Verdict], name: str, chosen: Chosen = everything
 ) -> tuple[Rate, Rate, dict[str, Rate], dict[str, float | None]]:
-    """True positives, true negatives, what became of the touches, and the delays (s)."""
+    """True positives, true negatives, outcomes of the touches, and the delays (s)."""
     touches = [v.touch[name] for v in verdicts if name in v.touch and chosen(v)]
     quiet = [not v.touched[name] for v in verdicts if name in v.touched and chosen(v)]
     delays_s = [t.delay_s for t in touches]
@@ -84,12 +84,12 @@ def contact_rates(
 
 
 def best_paper_contact(verdicts: Sequence[Verdict]) -> str:
-    """The window at which the paper's z-score feels most: it is given the best."""
+    """The best window of the paper's z-score."""
     return max(PAPERS_CONTACT, key=lambda name: contact_rates(verdicts, name)[0].share)
 
 
 def by_object(names: Sequence[str]) -> dict[str, Chosen]:
-    """Which verdicts are of which object."""
+    """Verdicts by object."""
 
     def of(name: str) -> Chosen:
         return lambda verdict: verdict.event.object == name

@@ -1,4 +1,4 @@
-"""Rooms that are less kind: walls, gears, vibration, slanting ways, warm air, others that move. Data and traces.
+"""Difficult rooms: walls, gears, vibration, oblique paths, warm air, other movers. Data and traces.
 
 Sizes in full scales are as received by a finger, at the study's drive. A room is drawn anew for each passage.
 """
@@ -27,26 +27,26 @@ UNDULATION_M = 0.00429
 """Half a wavelength at 40 kHz."""
 
 REST_S, HOLD_S = 0.6, 0.3
-"""Before a way and at its end."""
+"""Rest before the motion and at its end."""
 
 JITTER_HZ = 0.7
-"""Of a mover's speed. Assumption: what a badly tuned axis does, slow enough to slip by a part of an undulation."""
+"""Of a mover's speed. Assumption: a badly tuned axis, slow enough to shift by a part of an undulation."""
 
 SAME_M = 0.025
-"""An echo that grows otherwise is as loud from here."""
+"""Distance at which echoes of other growth are equally loud."""
 
 TRAINING = "training"
 
 
 class Room(NamedTuple):
-    """What one passage meets.
+    """The room of one passage.
 
     Attributes:
         settings: Of the plant.
-        slant_deg: Angle between the way and the finger's face.
+        slant_deg: Angle between the path and the finger's face.
         jitter: Amplitude of the speed's swing, as a share of it.
         object_share: Speed at which the object comes nearer by itself, as a share of the mover's.
-        sound: Ratio of the real speed of sound to the one that the detectors believe.
+        sound: Ratio of the real speed of sound to the one assumed by the detectors.
         growth: Of the echo's power of distance, as a share of the plant's own; from 2.5 cm it is as loud.
     """
 
@@ -92,7 +92,7 @@ def shaken(rng: Rng, speed_m_s: float, ripple_fs: float, vibration_fs: float) ->
 
 
 def _training(rng: Rng, speed_m_s: float) -> Room:
-    """What thresholds are set on: everything by chance, sizes from nothing to twice the largest that is judged."""
+    """Rooms for setting thresholds: all effects at random, sizes from zero to twice the largest that is judged."""
     sizes_fs = 10.0 ** rng.uniform(-6.0, math.log10(2e-4), 4)
     echoes = (walls, facing)[int(rng.integers(2))](rng, sizes_fs[0]) + mover(rng, sizes_fs[3])
     moved = shaken(rng, speed_m_s, sizes_fs[1], sizes_fs[2])
@@ -159,11 +159,11 @@ class Passing:
     """One passage.
 
     Attributes:
-        seed: Of the study's part: what sets thresholds and what is judged share no room and no noise.
+        seed: Of the study's part: setting and judging share no room and no noise.
         number: Keys its noise and its room.
         room: Name.
-        object: None is a way to and fro before nothing.
-        weaker_db: By how much less is reflected than the plant believes.
+        object: None is a motion to and fro without an object.
+        weaker_db: Reduction of the echo against the plant's default.
     """
 
     seed: int
@@ -245,7 +245,7 @@ def plant_of(passing: Passing, room: Room) -> AuraPlant:
     weaker_fs = plain.reflection_fs * 10.0 ** (-passing.weaker_db / 20.0)
     power = plain.decay_power * room.growth
     weaker_fs *= (1.0 + SAME_M / plain.decay_m) ** (power - plain.decay_power)
-    # a drive lower by a share makes the wavelength of sound faster by that share: no temperature goes so far
+    # a lower drive stands for faster sound: no temperature reaches these values
     resonance_hz = (DRIVE_HZ / room.sound, DRIVE_HZ / room.sound)
     about = {
         "reflection_fs": weaker_fs,
@@ -260,7 +260,7 @@ def plant_of(passing: Passing, room: Room) -> AuraPlant:
 
 
 def passings(seed: int, room: str, nothing: int, objects: int, weaker_db: float = 0.0) -> list[Passing]:
-    """Passages through one room, before nothing and to the six objects in turn."""
+    """Passages through one room, without an object and to the six objects in turn."""
     rooms = list(ROOMS)
     first = 100_000 * rooms.index(room)
     quiet = [Passing(seed, first + i, room, None) for i in range(nothing)]

@@ -1,6 +1,6 @@
-"""Pre-touch in rooms that are less kind: `python -m benchmarks pretouch_rooms`.
+"""Pre-touch in difficult rooms: `python -m benchmarks pretouch_rooms`.
 
-Thresholds are set on rooms drawn by chance, rates are of other rooms, one nuisance at a time and all at once.
+Thresholds are set on random rooms, rates are from other rooms, one nuisance at a time and all at once.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ TNR = 0.99
 """Of whole passages, on the rooms that set thresholds."""
 
 NEEDED_M = 0.025
-"""From which an object is to be seen."""
+"""Distance from which an object must be detected."""
 
 SEED_TRAINING, SEED_JUDGED = 61_000, 62_000
 STRENGTHS_DB = (0.0, 17.0)
-"""By how much less is reflected than the plant believes: not at all, and so that the paper's detector has the paper's
+"""Reductions of the echo: none, and so that the paper's detector has the paper's
 rate (results/pretouch.md)."""
 
 WINDOWS_S = (0.125, 0.25, 0.5)
@@ -42,7 +42,7 @@ OWN = {
 }
 AS_IT_IS = "pretouch, own threshold"
 EVERY = 10
-"""Samples from one answer of the rival with the commanded speed to the next."""
+"""Samples between outputs of the rival with the commanded speed."""
 
 
 class RoomOutcome(NamedTuple):
@@ -76,8 +76,8 @@ def statistics(record: FingerRecord) -> dict[str, Floats]:
 def commanded(record: FingerRecord, turns: int, share: float = 1.0) -> Floats:
     """Power of the wave that an object makes at the commanded speed times `share`, over so many undulations.
 
-    A rival: it uses I and Q and the commanded speed, and needs no encoder. The window's level drops out,
-    for it holds whole turns; a slope is taken off as its halves show it. Shape (n,).
+    A rival: it uses I and Q and the commanded speed, and needs no encoder. The window's level cancels,
+    since it holds whole turns; a slope is estimated from its halves and removed. Shape (n,).
     """
     n = round(turns * UNDULATION_M / (share * record.speed_m_s) * RATE_HZ)
     rate_rad = 2.0 * math.pi * turns / n

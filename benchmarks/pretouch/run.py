@@ -44,7 +44,7 @@ AFAR_M = 0.12
 
 
 def main(quick: bool = False) -> None:
-    """Run the study, print what was asked and found; writes results/pretouch.json."""
+    """Run the study, print its progress; writes results/pretouch.json."""
     started_s, size = time.perf_counter(), QUICK if quick else FULL
     with workers() as pool:
         study = _study(size, pool)
@@ -56,7 +56,7 @@ def main(quick: bool = False) -> None:
 
 def _study(size: PretouchSize, pool: ProcessPoolExecutor) -> RatesStudy:
     plain_thresholds = calibrate(0.0, size, pool)
-    progress("thresholds where the echo is as the plant believes")
+    progress("thresholds at the plant's default echo")
     weaker_db, found_db = matched_db(plain_thresholds, size, pool)
     progress(f"the paper's own rate comes out of the paper's detector {weaker_db} dB below")
     thresholds = calibrate(float(weaker_db), size, pool)
@@ -104,7 +104,7 @@ def _sweep(
 
 
 def _from_afar(size: PretouchSize) -> list[Event]:
-    """Approaches with the normal side that begin farther away than anything is seen."""
+    """Approaches with the normal side that begin beyond every detection range."""
     return [
         Event(SEED_TEST + 3, number, "near", name, "normal", speed_m_s, 0.0, AFAR_M)
         for number, (name, speed_m_s, _) in enumerate(
@@ -115,7 +115,7 @@ def _from_afar(size: PretouchSize) -> list[Event]:
 
 def blind_spots() -> dict[str, float]:
     """Shares of places between 1 and 5 cm, before the pipe, where a small motion changes the in-phase channel by less
-    than 30 and 10 % of what it changes I and Q together; and the same of I and Q, whose own measure it is."""
+    than 30 and 10 % of the change of I and Q together; and the same for I and Q."""
     low = {"in-phase, below 30 %": [], "in-phase, below 10 %": [], "I and Q, below 30 %": []}  # type: dict[str, list[float]]
     for number, side in enumerate(SIDES):
         event = Event(SEED_MATCH, number, "near", "pipe", side, 0.01)

@@ -49,7 +49,7 @@ START_M, END_M = 0.055, 0.004
 """Rupavatharam et al., IV.A.1: from 5.5 cm to 0.4 cm."""
 
 PRESS_M = 0.0005
-"""How far a finger goes on after the touch. Assumption: half of its foam."""
+"""Travel of the finger after the touch. Assumption: half of its foam."""
 
 ACCELERATION_M_S2 = 0.5
 """Of the arm. Assumption: as the mock arm's."""
@@ -76,7 +76,7 @@ NOMINAL_K = 293.15
 
 @dataclass(frozen=True)
 class Event:
-    """One passage to be simulated; equal ones are the same to the last bit.
+    """One passage to be simulated; equal events give identical passages.
 
     Attributes:
         seed: Of the study's part: calibration and test share no noise.
@@ -85,7 +85,7 @@ class Event:
         object: What stands there.
         side: Which side of the finger goes ahead.
         speed_m_s: Of the arm.
-        weaker_db: By how much less is reflected than the plant believes.
+        weaker_db: Reduction of the echo against the plant's default.
         start_m: Distance at the beginning.
     """
 
@@ -104,11 +104,11 @@ class PassageRecord:
     """Signals and truth of a passage.
 
     Attributes:
-        event: What this is a passage of.
+        event: The simulated event.
         z: Envelope, shape (n,).
-        position_m: The encoder's readings brought to the envelope's instants, shape (n,).
+        position_m: The encoder's readings interpolated to the envelope's instants, shape (n,).
         encoder: The readings themselves, `arm.position`.
-        gap_m: Distance to the object, infinite before nothing, shape (n,).
+        gap_m: Distance to the object, infinite without an object, shape (n,).
         begun: Sample at which the approach began.
         arrived: Sample at which it ended.
         touched: Sample of the first touch, None without one.
@@ -137,7 +137,7 @@ class PassageRecord:
 
 @dataclass(frozen=True)
 class PassageCourse:
-    """Where arm and object are at some instants, and when what begins."""
+    """Positions of arm and object at some instants, and the start of each phase."""
 
     way_m: Floats
     motion: AuraMotion
@@ -146,7 +146,7 @@ class PassageCourse:
 
 
 def settings_of(event: Event) -> AuraBenchSettings:
-    """The plant's: air 2 % faster or slower than the detectors believe, in turn."""
+    """The plant's: air 2 % faster or slower than the detectors assume, in turn."""
     ratio = 1.0 + (SOUND_ERROR if event.number % 2 else -SOUND_ERROR)
     warming = WARMING_K_S if event.kind == "drift" else 0.0
     found = AuraBenchSettings(
@@ -186,7 +186,7 @@ def _rest_s(event: Event) -> float:
 
 
 def course(event: Event, times_s: Floats) -> PassageCourse:
-    """Where things are at instants since the passage began."""
+    """The course at instants since the passage began."""
     rest_s, length_m = _rest_s(event), _length_m(event)
     forth_m, takes_s = ramp(times_s - rest_s, length_m, event.speed_m_s)
     back_m, _ = ramp(times_s - rest_s - takes_s - HOLD_S, length_m, event.speed_m_s)
@@ -332,7 +332,7 @@ def events(
         nears: Likewise.
         others: Of each other kind, for each side and speed.
         objects: Which.
-        weaker_db: By how much less is reflected than the plant believes.
+        weaker_db: Reduction of the echo against the plant's default.
     """
     number = 0
     for speed_m_s in SPEEDS_M_S:

@@ -22,7 +22,7 @@ end likewise. Assumption: half a second is a third of the hold."""
 
 @dataclass(frozen=True)
 class Rate:
-    """So many out of so many."""
+    """A count out of a total."""
 
     count: int
     of: int
@@ -45,7 +45,7 @@ class Rate:
 
 
 def rate(answers: Iterable[bool]) -> Rate:
-    """How many of some answers were yes."""
+    """Rate of the true ones."""
     known = list(answers)
     return Rate(sum(known), len(known))
 
@@ -96,7 +96,7 @@ def touch(events: Sequence[Detected], touched_s: float, released_s: float) -> Sc
 
 
 def quantiles(values: Sequence[float]) -> dict[str, float | None]:
-    """Tenth, middle and ninetieth of what is not NaN."""
+    """10, 50 and 90 % quantiles of the values that are not NaN."""
     known = [value for value in values if not math.isnan(value)]
     if not known:
         return {"p10": None, "median": None, "p90": None}
@@ -113,10 +113,10 @@ def figures(found: Rate) -> dict[str, Any]:
 
 
 def threshold_at(maxima: Sequence[float], true_negative_rate: float) -> float:
-    """The least threshold at which so many of some passages without an event stay quiet.
+    """The least threshold at which the given share of passages without an event stays quiet.
 
     Args:
-        maxima: Largest statistic in each; one of the passages that is loud is allowed to be at the threshold itself.
+        maxima: Largest statistic in each; one may equal the threshold.
         true_negative_rate: 0 to 1.
     """
     ordered = np.sort(np.asarray(maxima))

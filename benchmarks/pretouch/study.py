@@ -40,7 +40,7 @@ PAPER_TPR = 0.924
 """Of the paper's pre-touch (IV.B.1)."""
 
 SEED_CALIBRATION, SEED_TEST, SEED_MATCH = 21_000, 22_000, 23_000
-"""Keys of passages: no noise is used twice. The detectors were developed on others."""
+"""Keys of passages: no noise is used twice, nor in developing the detectors."""
 
 BOTH = "pretouch.paper on I and Q"
 CLAIRVOYANT = "clairvoyant"
@@ -109,8 +109,8 @@ def _at(thresholds: Mapping[str, float], name: str) -> dict[str, Any]:
 
 
 def loudest(event: Event) -> dict[str, float]:
-    """Largest statistic of each detector in a passage without an event: of pre-touch none is one before nothing, of
-    contact none is one without a touch."""
+    """Largest statistic of each detector in a passage without an event: for pre-touch one without an object, for
+    contact one without a touch."""
     record = passage(event)
     values = np.column_stack([record.z.real, record.z.imag, record.position_m])
     found: dict[str, float] = {}
@@ -252,7 +252,7 @@ class PretouchSize:
         touches: For each object, side and speed.
         nears: Likewise.
         others: Of each other kind, for each side and speed.
-        plain: The same three where the echo is as strong as the plant believes.
+        plain: The same three at the plant's default echo.
         soft: Touches, and as many nears, of each soft object, side and speed.
         calibration: Nears and others that set the thresholds.
         match: Nears that find the strength of the echo.
@@ -290,7 +290,7 @@ def calibrate(weaker_db: float, size: PretouchSize, pool: ProcessPoolExecutor | 
 
 
 MATCHED = "pretouch.paper, 0.5 s"
-"""The variant of the paper's whose printed rate the echo's strength is matched to."""
+"""The paper's variant to whose printed rate the echo is matched."""
 
 
 def matched_db(
@@ -301,7 +301,7 @@ def matched_db(
     Found by halving between 0 and 40 dB, on passages of its own, by the paper's detector alone.
 
     Returns:
-        Whole decibels, and the rates that were found on the way.
+        Whole decibels, and the rates found in the search.
     """
     rates: dict[int, float] = {}
 

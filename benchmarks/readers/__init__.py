@@ -1,4 +1,4 @@
-"""Whether npm's MCAP readers, which are Foxglove's own, find in a recording what Python's find; needs node and npm."""
+"""Whether npm's MCAP readers, Foxglove's own, read the same from a recording as Python's; needs node and npm."""
 
 from __future__ import annotations
 

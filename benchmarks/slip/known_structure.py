@@ -74,7 +74,7 @@ def known(p: SlipPlantSettings) -> Known:
     drift, blow = np.zeros((6, 6)), np.zeros((6, 6))
     drift[2:4, 2:4] = kick * p.rolling_n**2 / solve_discrete_lyapunov(rolling, kick)[1, 1]
     drift[4, 4] = (DRIFT * bridge.noise / bridge.gain) ** 2
-    # the arm that sets out stretches the contact; its slope grows over the time of the start
+    # the starting arm stretches the contact; its slope grows over the time of the start
     drift[5, 5] = (contact * SPEED_M_S * dt_s / (START_S * p.rate_hz)) ** 2
     speed = (p.bump_events * p.slip_event_n) ** 2 / (spring * p.mass_kg)
     blow[:2, :2] = speed * np.array([[dt_s**2 / 3.0, dt_s / 2.0], [dt_s / 2.0, 1.0]])

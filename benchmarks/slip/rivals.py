@@ -18,7 +18,7 @@ from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaper
 
 Floats = NDArray[np.float64]
 Rival = Callable[[Floats, float], Floats]
-"""From samples, shape (n,), and their rate to the number that is held against a threshold, shape (n,)."""
+"""From samples, shape (n,), and their rate to the statistic, shape (n,)."""
 
 LEARN_S = 1.0
 OURS = "slip"
@@ -27,7 +27,7 @@ ORDER = 16
 
 
 def _mean(values: Floats, size: int) -> Floats:
-    """Of the last `size` values; of those that there are, at the beginning."""
+    """Of the last `size` values; of fewer at the beginning."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     ends = np.arange(1, len(values) + 1)
     begins = np.maximum(0, ends - size)

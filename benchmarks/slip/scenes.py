@@ -55,7 +55,7 @@ RECORDING_S = 600.0
 """Length of one recording without slip; each has its own key."""
 
 SETTLE_S = 5.0
-"""Left out at its beginning: a detector may learn. Its events in that time are counted separately."""
+"""Omitted at its beginning, while a detector learns. Its events in that time are counted separately."""
 
 ARMED_S = 1.0
 """When both detectors decide: ours learns for so long."""
@@ -72,7 +72,7 @@ LIGHT_M = 0.001
 def sensor(name: str, nuisance: str, frequency: float = 1.0, damping: float = 1.0) -> SlipPlantSettings:
     """A sensor of the paper, its last bridge alone, under a nuisance, its structure off by these factors.
 
-    The stiffness stays: it is the mass that is another.
+    The stiffness stays; the mass changes.
     """
     base = SENSORS[name]
     return base.model_copy(
@@ -133,7 +133,7 @@ AIR_S, CONTACT_S = 3.0, 60.0
 def contact(
     settings: SlipPlantSettings, seed: int, press_m: float, *, rolls: bool
 ) -> tuple[Floats, int, bool]:
-    """A tip that comes to the table and stays; what it shows, the sample of the touch, and whether it slid."""
+    """A tip that is lowered to the table and stays: its signal, the sample of the touch, and whether it slid."""
     plant = SlipPlant(settings)
     touch = round(AIR_S * settings.rate_hz)
     n = touch + round(CONTACT_S * settings.rate_hz)
@@ -150,7 +150,7 @@ class SlipTrial:
     """One slip trial.
 
     Attributes:
-        values: What the sensor shows, shape (n, 1).
+        values: The sensor's signal, shape (n, 1).
         start: Sample at which the arm starts.
         onset: Sample at which the contact has first moved after that. None where it never does.
         moved_before: Whether it has moved before, too: a load step or rolling pushed the tip on, and it held again.
@@ -187,6 +187,6 @@ def slips(settings: SlipPlantSettings, count: int, seed: int, *, ramp: bool = Fa
         values = plant.advance(arm_m, np.full(n, LIGHT_M), 0.1 * t_s)
         moved = np.flatnonzero(np.diff(plant.slid_m) != 0.0) + 1
         start = int(start_s * rate_hz)
-        # whom a push had moved before the arm started slips as well: to leave those out would be a choice of the calm
+        # tips that a push had moved before the arm started slip as well: omitting them would favour calm trials
         slid = moved[moved >= start]
         yield SlipTrial(values, start, int(slid[0]) if slid.size else None, slid.size < moved.size)

@@ -38,12 +38,12 @@ HOLD_S = SlipSettings().hold_s
 
 
 RESETS_FROM_S = 2.5
-"""Where in a recording the detector is first begun anew; from there every `SETTLE_S`. The arm turns round every ten
+"""Where in a recording the detector is first reset; from there every `SETTLE_S`. The arm turns round every ten
 seconds: never where the pieces meet, in every other one of them."""
 
 
 def first_maxima(detector: Statistic, values: Floats, rate_hz: float) -> Floats:
-    """A detector that is begun anew again and again within a recording: the largest value of its statistic in each
+    """A detector that is reset repeatedly within a recording: the largest value of its statistic in each
     second from `ARMED_S` to `SETTLE_S`, shape (resets, seconds)."""
     armed, size = round(ARMED_S * rate_hz), round(SETTLE_S * rate_hz)
     begins = range(round(RESETS_FROM_S * rate_hz), len(values) - size + 1, size)
@@ -57,10 +57,10 @@ def first_maxima(detector: Statistic, values: Floats, rate_hz: float) -> Floats:
 
 @dataclass(frozen=True)
 class Fresh:
-    """A detector in its first seconds after a reset, when it knows little.
+    """A detector in its first seconds after a reset.
 
     Attributes:
-        resets: How often it was begun anew.
+        resets: Number of resets.
         alarms: In each second from `ARMED_S` to `SETTLE_S`, at the threshold of a settled detector.
         calibration: The threshold that keeps the false-alarm interval in these seconds.
     """

@@ -31,8 +31,8 @@ MORE = ("tails", "tremor", "smooth", "bouncing")
 """On the fingertip alone."""
 
 BOUNDED = (("flexible_finger", "bumps"), ("flexible_finger", "loads"), ("barrett_finger", "loads"))
-"""Where a goal was missed and ringing is why: what knowing the structure is worth there. The fingertip has hysteresis,
-which that filter does not know."""
+"""Where a goal was missed and ringing is the reason: the gain from knowing the structure there. The fingertip has
+hysteresis, which that filter does not know."""
 
 INTERVALS_S = (5.0, 10.0, 20.0)
 """Asked of `calibrate`: 138 s of quiet in both halves hold seven alarms and more of each."""
@@ -72,8 +72,8 @@ def _summarized(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def main(quick: bool = False) -> None:
-    """Run all of it; writes results/slip.json. Each simulated part is kept in build/slip_study: a run that
-    broke off goes on; take that away after a change of a detector."""
+    """Run all of it; writes results/slip.json. Each simulated part is cached in build/slip_study, so that an
+    interrupted run continues; delete it after a change of a detector."""
     count, known = 8 if quick else TRIALS, bool(drags("judging"))
     parts = [(sensor, nuisance) for nuisance in NUISANCES for sensor in SENSORS]
     parts += [(SENSORS[0], nuisance) for nuisance in MORE]
@@ -134,7 +134,7 @@ def _thresholds(rows: Iterable[dict[str, Any]], sensor: str) -> dict[str, dict[s
 
 
 def _kept(name: str, compute: Callable[[], Iterable[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """A simulated part, from the disk where it is known."""
+    """A simulated part, from the cache where it is there."""
     path = Path("build/slip_study") / f"{name}.json"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -92,7 +92,7 @@ def test_a_finger_pushes_the_pipe_along_and_that_is_a_touch():
     assert bench.gap_m(RIGHT, room_m + 0.002) == pytest.approx(2 * room_m)
 
 
-def test_what_is_foreseen_has_not_happened():
+def test_a_predicted_span_has_not_happened():
     bench, other = CenteringScene(place()), CenteringScene(place())
     for one in (bench, other):
         one.arm.move_at(0.0, 0.03, 0.03)

@@ -24,7 +24,7 @@ SHORT_S = 40.0
 then suffice, though neighbouring maxima may belong to one disturbance."""
 
 ENOUGH = 5
-"""So many alarms must be expected within the recording for its own quantile to be used; fewer are extrapolated to.
+"""Expected alarms within the recording for its own quantile to be used; below, the tail is extrapolated.
 With 5 the interval is known to within a factor of about 2.5 either way (Poisson, 95 %)."""
 
 TAIL = 0.02
@@ -39,8 +39,8 @@ FOLDS = 5
 """Parts of a single recording of which each is left out in turn."""
 
 CHECKED = 10
-"""So many false alarms are expected in the parts left out, where what was asked for is too rare to be seen there: then
-a threshold for a shorter interval is checked in its place. With 10, half or twice as many are seen by chance alone
+"""False alarms expected in the parts left out, where the requested interval is too long to be checked there: a
+threshold for a shorter interval is then checked instead. With 10, half or twice as many are seen by chance alone
 once in a hundred checks each (Poisson)."""
 
 

@@ -1,4 +1,4 @@
-"""C1: how well each frequency of a sweep comes through (Rupavatharam et al., III.A.2)."""
+"""C1: transmission of each frequency of a sweep (Rupavatharam et al., III.A.2)."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
     """Measure one sweep.
 
     Returns:
-        The outcome, and the columns: the frequency at which both fingers together (their powers added) send back
-        most; each finger's own; the band around it in which that is at least half; by how much any of them may be off;
-        the best band's power over that of the silence before, in dB. All empty where the sweep did not come to its end.
+        The outcome, and the columns: the frequency of the largest echo of both fingers (their powers added); each
+        finger's own; the band around it with at least half the power; the error of these; the best band's power over
+        that of the silence before, dB. All empty if the sweep was not completed.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     ended_s, asked_s = evidence.entered_s.get("RINGING"), evidence.entered_s.get("SWEEPING")
@@ -86,7 +86,7 @@ def _slope_hz_s(settings: ChirpSettings) -> float:
 
 
 def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[Floats, Floats]:
-    """Mean square of what comes back while the sweep passes through each band.
+    """Mean square of the received signal while the sweep passes through each band.
 
     Args:
         times_s: Since the sweep was first received, shape (n,).

@@ -1,8 +1,8 @@
 """A ladder of weights on a bridge: from a recording to its steps, and from steps to gain, hysteresis and resolution.
 
-Definitions are those of Fernandez et al., 4.2, where it has them: a line through zero by least squares; hysteresis is
+Definitions follow Fernandez et al., 4.2, where given: a line through zero by least squares; hysteresis is
 the largest difference between loading and unloading at the same load over the full-scale output (its equation 5);
-resolution is "the smallest change detected". What counts as detected is not printed: `DETECTED_SIGMA` here.
+resolution is "the smallest change detected". The criterion of detection is not printed: `DETECTED_SIGMA` here.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ BRIDGES = ("x", "y", "t")
 
 
 class Step(NamedTuple):
-    """One load that hung still, as it was recorded.
+    """One recorded load at rest.
 
     Attributes:
-        load_n: What hung.
-        going: "up", "down" or "zero": how the load was come to.
+        load_n: The load.
+        going: "up", "down" or "zero": the direction of loading.
         cycle: Which cycle, from 0; negative before the first.
         mean_v: Mean of the bridge.
         sd_v: Standard deviation of one sample.
@@ -71,14 +71,14 @@ class BridgeCalibration:
         gain_v_n: Slope of the line through zero, V/N.
         hysteresis: Largest difference between unloading and loading, as a share of the line's output at the top.
         resolution_n: `DETECTED_SIGMA` standard deviations of one sample, N.
-        zero_v: The bridge with nothing on it, before the first load, V; taken off everything else.
+        zero_v: The bridge with nothing on it, before the first load, V; subtracted from everything else.
         nonlinearity: Largest distance of a mean (over cycles and directions) from the line, as a share of full scale.
-        remanence: What is left when everything is taken off after a cycle, as a share of full scale; NaN where that was
+        remanence: Output after unloading at the end of a cycle, as a share of full scale; NaN where that was
             not recorded.
         repeat_v_n: Standard deviation of the gain from cycle to cycle, V/N.
         top_n: Largest load, N.
-        steps: How many loads of cycles it rests on.
-        cycles: How many cycles.
+        steps: Number of loads used.
+        cycles: Number of cycles.
     """
 
     gain_v_n: Estimate
@@ -138,8 +138,8 @@ def steps_of(
 def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> BridgeCalibration | None:
     """Gain, hysteresis and resolution of one bridge.
 
-    The line goes through the mean over all cycles of each load and direction: repeating the ladder makes these means
-    better, not the line, for what is left are the loop's own departures from any line. The interval of the gain holds
+    The line goes through the mean over all cycles of each load and direction: repeating the ladder improves these
+    means, not the line: the residuals are the loop's own departures from any line. The interval of the gain holds
     those residuals as if they were independent, and the weights' common error.
 
     Args:

@@ -60,7 +60,7 @@ class Errors(NamedTuple):
 
 
 def spans_of(visits: Iterable[tuple[str, float]], state: str) -> list[tuple[float, float]]:
-    """From when to when a state lasted, each time; from every state and the bench time of its being entered."""
+    """From when to when a state lasted, each time; from the states in order of entry, with the bench time."""
     listed = [*visits, ("", math.inf)]
     return [(t_s, listed[i + 1][1]) for i, (name, t_s) in enumerate(listed[:-1]) if name == state]
 
@@ -78,11 +78,11 @@ def touches_of(
 
     Args:
         recording: Of the trial.
-        visits: Every state in the order of its being entered, with the bench time.
+        visits: Every state in order of entry, with the bench time.
         forces_stream: Fx and Fy first, N.
         pose_stream: Of the arm: x, y, z in m, then the rotation vector in rad.
         angles: How many angles there are: as many touches go up, the others down.
-        broken_s: When a pause ended: a touch whose record ends then was broken off, and is made once more.
+        broken_s: Ends of pauses: a touch whose record ends there was interrupted, and is repeated.
     """
     forces, poses = recording.stream(forces_stream), recording.stream(pose_stream)
     still = [poses.between(*span).values for span in spans_of(visits, ZERO)[-1:]]

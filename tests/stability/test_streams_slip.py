@@ -91,7 +91,7 @@ def test_a_noise_floor_that_rises_tenfold_is_an_alarm_that_ends():
     assert type(events[-1]) is SlipStarted
 
 
-def test_a_dead_stretch_neither_alarms_nor_deafens():
+def test_a_dead_stretch_neither_alarms_nor_desensitizes():
     x = ringing(30_000, 9, 0.0, 0.0)
     x[5000:9000] = x[5000]
     x[29_000:] += ringing(1000, 10, 200.0, 20.0)

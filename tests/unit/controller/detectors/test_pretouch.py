@@ -80,7 +80,7 @@ def test_a_speed_of_sound_that_is_off_by_two_per_cent_and_the_sense_of_rotation_
     assert events[0].position_m < 0.02
 
 
-def test_standing_still_is_no_reason_to_speak_near_or_far():
+def test_standing_still_gives_no_events_near_or_far():
     way_m = trip((0.01, 4.0), (0.0, 30.0))
     events = events_of(ours(), *blocks_of(way_m))
     assert [type(event) for event in events] == [PreTouch]
@@ -168,13 +168,13 @@ def test_a_pose_along_another_axis_serves_as_well():
     assert turned[0].position_m == pytest.approx(straight[0].position_m)
 
 
-def test_fingers_of_different_gain_speak_at_one_distance_once_they_are_calibrated():
+def test_calibrated_fingers_of_different_gain_detect_at_one_distance():
     way_m = trip((0.01, 5.4))
     plain = events_of(ours(level_fs=1e-4), *blocks_of(way_m, size=0.001))[0].position_m
-    deaf = events_of(ours(level_fs=1e-4), *blocks_of(way_m, size=0.0005))[0].position_m
+    less_sensitive = events_of(ours(level_fs=1e-4), *blocks_of(way_m, size=0.0005))[0].position_m
     calibrated = events_of(ours(level_fs=1e-4, gain=2.0), *blocks_of(way_m, size=0.0005))[0].position_m
     assert calibrated == pytest.approx(plain, abs=0.0005)
-    assert deaf > plain + 0.002
+    assert less_sensitive > plain + 0.002
 
 
 def test_an_object_beside_the_path_is_found_at_its_obliquity():

@@ -99,7 +99,7 @@ def test_a_baseline_of_any_length_will_do_and_a_short_one_asks_for_more():
     assert limits[0] > 1.5 * limits[-1]
 
 
-def test_a_knock_in_the_baseline_does_not_deafen_it():
+def test_a_knock_in_the_baseline_does_not_desensitize_it():
     x = wave(np.concatenate([free(12.0), bouncing(0.5)]))
     x[4_000:4_020] += 20.0
     assert events_of(x)[1].t_s < 12.1

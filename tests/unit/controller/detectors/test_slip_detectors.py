@@ -40,7 +40,7 @@ def slip_after_quiet(rate_hz=1000.0, seed=1, quiet_s=3.0, slip_s=1.0):
 # --- the paper's ---------------------------------------------------------------------------------
 
 
-def test_the_papers_detector_speaks_at_the_last_sample_of_the_block_that_decides():
+def test_the_papers_detector_decides_at_the_last_sample_of_the_block_that_decides():
     tone = 0.3 * np.sin(2 * np.pi * 187.5 * np.arange(64) / 1000.0)
     x = np.concatenate([np.zeros(128), tone, tone, np.zeros(64)])
     events = SlipPaperDetector("slip", SlipPaperSettings()).push(block(x))

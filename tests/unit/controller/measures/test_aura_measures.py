@@ -213,8 +213,8 @@ def test_a_search_that_never_ended_has_no_error_and_counts_touches():
     assert (row["error_m"], row["touched"]) == (None, 1)
 
 
-def test_what_a_search_before_a_pause_came_to_counts_no_more():
-    """Paused on its way to the middle, the search begins anew and sees nothing."""
+def test_the_result_of_a_search_before_a_pause_is_discarded():
+    """Paused on its way to the middle, the search restarts and detects nothing."""
     events = [PreTouch(6.5, "left_ours", 1.0, 0.5, 0.005), PreTouch(8.0, "right_ours", 1.0, 0.5, -0.003)]
     again = [("SEEKING_FORWARD", 20.0), ("LEAVING", 24.0)]
     _, row = centering.measure(

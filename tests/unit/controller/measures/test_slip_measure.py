@@ -183,13 +183,13 @@ def test_how_long_ours_takes_at_least_follows_from_threshold_rate_and_the_worth_
 
 
 @pytest.mark.parametrize("cut", [GuardStopped(5.04, "force"), Paused(5.04)])
-def test_a_slip_that_guard_or_pause_cut_short_is_not_held_against_anybody(cut):
+def test_a_slip_that_guard_or_pause_cut_short_is_not_missed(cut):
     visits = [*VISITS[:7], ("LIFTING", 9.0)]
     row = row_of(slips=((5.02, True), (5.05, False)), extra=[cut], visits=visits)
     assert (row["slips"], row["ours_missed"], row["paper_missed"]) == (1, 0, 0)
 
 
-def test_a_slip_in_which_the_trial_failed_is_not_held_against_anybody():
+def test_a_slip_in_which_the_trial_failed_is_not_missed():
     row = row_of(slips=((5.02, True), (5.05, False)), visits=[*VISITS[:7], ("FAILED", 5.05)])
     assert (row["slips"], row["ours_missed"]) == (1, 0)
     last = [Sent(5.06, "arm", Stop("arm"))]
@@ -203,7 +203,7 @@ def test_a_short_slip_that_ended_by_itself_was_missed_and_so_was_one_whose_step_
     assert row_of(slips=((5.02, True), (5.5, False)), visits=planned)["ours_missed"] == 1
 
 
-def test_a_pause_before_the_contact_begins_the_trial_anew_and_takes_nothing_from_its_slip():
+def test_a_pause_before_the_contact_restarts_the_trial_and_takes_nothing_from_its_slip():
     again = [("HOMING", 0.0), ("RESTING", 0.2), ("HOMING", 0.9), *VISITS[1:]]
     row = row_of([started(0.5, "o"), ended(0.6, "o")], extra=[Paused(0.7)], visits=again)
     assert (row["listen_s"], row["ours_missed"], row["ours_false_alarms"]) == (1.0, 1, 0)
@@ -260,7 +260,7 @@ def test_the_stop_is_timed_from_the_deciding_sample_to_the_command_on_its_way():
         blocks=[SampleBlock("arm.pose", 0, 4.0, pose, rate_hz=500.0, unit="m")],
     )
     assert row["slip_to_stop_s"] == pytest.approx(0.005)
-    assert (row["ours_detected"], row["paper_missed"]) == (1, 0), "the paper's had no time to speak"
+    assert (row["ours_detected"], row["paper_missed"]) == (1, 0), "the paper's had no time to detect it"
     assert row["stop_travel_m"] == pytest.approx(0.01 * 0.009, abs=1e-6)
 
 
@@ -277,7 +277,7 @@ def test_the_papers_blocks_are_its_detectors_own_begun_with_listening_and_after_
     detector = SlipPaperDetector(
         "p", SlipPaperSettings(input="board.fingertip", channel=1, threshold=0.02**2 * 64 / 4 * 187.5)
     )
-    # it listens from the second block on: 5.5 s is in the middle of a block of those that begin at 2 s
+    # it is subscribed from the second block on: 5.5 s is in the middle of a block of those that begin at 2 s
     events = detector.push(blocks[1])
     found = paper_blocks(blocks, 1, listen_s=blocks[1].t0_s)
     assert events

@@ -88,7 +88,7 @@ def test_the_errors_over_all_touches_are_their_mean_spread_and_largest():
     )
 
 
-def test_an_angle_is_held_against_itself_in_the_other_direction():
+def test_an_angle_is_compared_with_itself_in_the_other_direction():
     loop = loop_of(touches(ANGLES, ERRORS))
     assert [angle for angle, _ in loop] == pytest.approx([-1.5, 0.0, 1.5], abs=1e-6)
     assert [width for _, width in loop] == pytest.approx([-0.03, 0.02, 0.04], abs=1e-6)

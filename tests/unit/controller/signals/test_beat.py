@@ -1,4 +1,4 @@
-"""Two clocks: their beat found and taken off, and nothing else."""
+"""Two clocks: their beat is found and removed, and nothing else."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_the_beat_is_found_among_undulations_and_contacts(beat_hz):
     assert beat.hz == pytest.approx(beat_hz, abs=1e-4)
 
 
-def test_what_the_beat_is_taken_off_is_what_one_clock_would_have_given():
+def test_without_the_beat_the_signal_is_that_of_one_clock():
     still, turned = scene(60.0, 0.8)
     beat = Beat(RATE_HZ)
     got = beat.push(turned, 0)
@@ -39,7 +39,7 @@ def test_what_the_beat_is_taken_off_is_what_one_clock_would_have_given():
     assert np.abs(late) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_where_there_is_no_beat_hardly_anything_is_taken():
+def test_where_there_is_no_beat_hardly_anything_is_removed():
     still, turned = scene(60.0, 0.0)
     got = Beat(RATE_HZ).push(turned, 0)
     assert np.abs(np.angle(got / still[1000:])).max() < 0.02

@@ -125,7 +125,7 @@ def test_vibration_of_many_octaves_is_detected_at_once_but_never_beyond_its_wort
     assert both[both > knocks].max() <= MOST_VIBRATION_NAT
 
 
-def test_an_arm_that_sets_out_smoothly_is_no_vibration():
+def test_a_smoothly_starting_arm_is_no_vibration():
     x = np.random.default_rng(7).standard_normal(6000)
     t_s = np.maximum(0.0, (np.arange(6000) - 5000) / 1000.0)
     smooth = 0.5 * (t_s - 0.03 / np.pi * np.sin(np.pi * t_s / 0.03))

@@ -169,7 +169,7 @@ def test_clocks_20_ppm_apart_are_measured_and_tracked():
         'signals.finger: drive and converter are 20 ppm apart, more than 0.01: set clocks = "tracked", or use one card '
         "for both"
     )
-    # what is taken off needs no warning
+    # a removed beat needs no warning
     assert tracking.account() == {"clocks": "tracked", "drift_ppm": pytest.approx(20.0, abs=0.01)}
 
 
@@ -185,7 +185,7 @@ def test_one_clock_that_is_watched_is_no_cause_for_a_warning():
     assert "warning" not in account
 
 
-def test_clocks_that_are_believed_to_be_one_are_not_looked_at():
+def test_locked_clocks_are_not_measured():
     signal = iq()
     outputs(signal, fingers(np.full(2 * RATE_HZ, 0.2), np.zeros(2 * RATE_HZ)), [9600])
     assert signal.account() == {}

@@ -31,7 +31,7 @@ def test_forces_normal_force_and_angle_come_out_of_the_bridges():
     assert (made.seq, made.t0_s, made.rate_hz, made.arrival_s) == (0, 0.0, 1000.0, 9.0)
 
 
-def test_offsets_are_taken_off():
+def test_offsets_are_subtracted():
     (made,) = strain(offset_v=(0.0694, 0.0, 0.0)).push(block([[2.0, 1.0, 0.0]]))
     assert made.values[0, 0] == pytest.approx(1.0, abs=0.006)
 
@@ -63,7 +63,7 @@ def test_a_spike_and_the_range_that_was_tested_are_no_overload():
     assert len(strain().push(block(forces_n))) == 1
 
 
-def test_a_gap_begins_the_count_anew():
+def test_a_gap_restarts_the_count():
     signal = strain()
     over = block([[11.0, 0.0, 0.0]] * 2)
     after = block([[11.0, 0.0, 0.0]] * 2, seq=100)

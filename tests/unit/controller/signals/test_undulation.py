@@ -118,7 +118,7 @@ def test_lost_samples_cost_a_cell_and_no_false_wave():
     assert np.nanmax(ratios) < 18.0
 
 
-def test_a_jump_of_the_level_begins_the_fit_anew_and_is_no_wave():
+def test_a_jump_of_the_level_restarts_the_fit_and_is_no_wave():
     x_m = np.arange(0.0, 0.05, 1e-5)
     z = 0.1 + noise(len(x_m))
     z[2500:] += 0.02
@@ -144,8 +144,8 @@ def still(x_m, size):
 def test_a_wave_that_does_not_grow_is_background_and_one_that_grows_upon_it_is_not(sense):
     x_m = np.arange(170) * 0.0003
     z = 0.1 + noise(170) + still(sense * x_m, 1e-4)
-    kind, deaf = way(background_fs=1.5e-4), way()
-    assert np.nanmax(fitted(z, x_m, deaf)[0]) > 18.0
+    kind, unset = way(background_fs=1.5e-4), way()
+    assert np.nanmax(fitted(z, x_m, unset)[0]) > 18.0
     assert np.nanmax(fitted(z, x_m, kind)[0]) < 18.0
     ratios, _ = fitted(z + echo(x_m, size=0.02), x_m, kind)
     assert 0.055 - x_m[np.flatnonzero(ratios > 18.0)[0]] > 0.03
