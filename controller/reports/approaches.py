@@ -50,7 +50,7 @@ class ApproachedTrial:
     baseline_hz: float | None
     threshold_hz: float | None
     varied: Mapping[str, Any]
-    """Settings of the profile that this trial had of its own, by path."""
+    """Settings of the profile that this trial varied, by path."""
 
     @property
     def detected(self) -> bool:

@@ -22,7 +22,7 @@ from controller.reports.text import number
 TEXTS = SectionTexts("chirp")
 
 NEAR_HZ = 500.0
-"""How close to 40 kHz counts as found: two bands of the sweep; ours, since the paper gives 40 kHz and no more."""
+"""How close to 40 kHz counts as found: two bands of the sweep; ours, since the paper gives only 40 kHz."""
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:

@@ -1,4 +1,4 @@
-"""Figures at print quality: one style, saved as SVG, which is also inside the page; as PDF and PNG where asked."""
+"""Figures at print quality: one style, saved as SVG, which is also inside the page; as PDF and PNG on request."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ STATIC_HZ = {"none": 28.0, "light": 30.0, "full": 50.0}
 """Dominant frequency without, with light and with full contact (IV.A: "approximately")."""
 
 STATIC_TOLERANCE_HZ = {"none": 1.0, "light": 2.0, "full": 3.0}
-"""How close is called reproduced: ours, for the paper has no more than "approximately"."""
+"""How close counts as reproduced: ours, since the paper has only "approximately"."""
 
 STATIC_KINDS = {"none": Kind.FITTED, "light": Kind.ASSUMED, "full": Kind.FITTED}
 """Both ends were fitted; light contact is where we put the probe, with a lock that was chosen to be erratic there

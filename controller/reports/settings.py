@@ -41,7 +41,7 @@ def by_settings(runs: Sequence[Run], apart: bool) -> list[list[Run]]:
 
 
 def varied_of(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of the profile that a trial had of its own, by path."""
+    """Settings of the profile that a trial varied, by path."""
     return {name: value for name, value in row.items() if "." in name and value is not None}
 
 

@@ -150,10 +150,10 @@ class EmulatedAudio:
         """Break something at `t_s`.
 
         Args:
-            kind: "drop" befalls the next packets; "refuse" the next drive; "silent" is for good; "restart" sets the
+            kind: "drop" affects the next packets; "refuse" the next drive; "silent" is for good; "restart" sets the
                 converter's counter back; "clip" drives both fingers to full scale, for good.
             t_s: When.
-            packets: How many packets, where it befalls packets.
+            packets: How many packets, for a fault of packets.
 
         Raises:
             ValueError: a recorder cannot break in that way.

@@ -20,7 +20,7 @@ Fault = Literal["silent", "saturate"]
 
 
 class FingerForces(Protocol):
-    """The forces that the fingers feel. Its time is the one that is handed to the hand."""
+    """The forces that the fingers feel. Its time is passed in."""
 
     def advance(self, t_s: float) -> None:
         """Let time pass until `t_s`."""

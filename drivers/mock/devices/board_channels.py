@@ -17,13 +17,13 @@ INT32 = np.iinfo(np.int32)
 
 
 class BoardSource(Protocol):
-    """What the board is wired to. Its time is the one that is handed to the board."""
+    """What the board is wired to. Its time is passed in."""
 
     def streams(self) -> Sequence[StreamSpec]:
         """What can be observed, in the order of the board's stream ids."""
 
     def advance(self, t_s: float, observe: frozenset[str]) -> None:
-        """Let time pass until `t_s`; only streams named in `observe` will be asked for."""
+        """Let time pass until `t_s`; only streams named in `observe` will be sampled."""
 
     def sample(self, stream: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """A regular stream, in its unit, at ascending times between the board's last two calls of `advance`.

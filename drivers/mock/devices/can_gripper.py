@@ -67,7 +67,7 @@ class EmulatedCanGripper:
 
     Args:
         settings: What it is.
-        source: The drive and jaws that it moves; its time is the one that is handed to the gripper.
+        source: The drive and jaws that it moves; its time is passed in.
     """
 
     def __init__(self, settings: EmulatedCanGripperSettings, source: JawsDrive) -> None:

@@ -40,7 +40,7 @@ FASTEST_HZ = 1000
 
 
 class Texels(Protocol):
-    """What the texels feel. Its time is the one that is handed to the matrices."""
+    """What the texels feel. Its time is passed in."""
 
     def matrices(self) -> Sequence[Matrix]:
         """What is connected, in the order of the controller's numbers."""
@@ -132,10 +132,10 @@ class EmulatedDsaMatrix:
         """Break something at `t_s`.
 
         Args:
-            kind: "drop", "flip" (one bit) and "truncate" befall the next frames; "refuse" answers the next
+            kind: "drop", "flip" (one bit) and "truncate" affect the next frames; "refuse" answers the next
                 command with an error; "silent" is for good; "reboot" is a power failure.
             t_s: When.
-            frames: How many frames, where it befalls frames.
+            frames: How many frames, for a fault of frames.
 
         Raises:
             ValueError: it cannot break in that way.

@@ -27,7 +27,7 @@ class EmulatedPerson:
         self._settings = settings
         self._hands = Hands(settings, bench)
         self._decoder = LineDecoder()
-        self._asked: PersonRequest | None = None
+        self._request: PersonRequest | None = None
         self.ready_s = math.inf
         self._unwilling = False
 
@@ -36,25 +36,25 @@ class EmulatedPerson:
         out = b""
         for message in self._decoder.feed(data):
             if isinstance(message, PersonHello):
-                self._asked, self.ready_s = None, math.inf
+                self._request, self.ready_s = None, math.inf
                 out += encode(PersonHello("emulated person"))
             elif isinstance(message, PersonRequest):
-                self._asked, self.ready_s = message, t_s + self._settings.answer_s
+                self._request, self.ready_s = message, t_s + self._settings.answer_s
         return out
 
     def step(self, t_s: float) -> bytes:
         """The answer, once its time has come."""
-        if self._asked is None or t_s < self.ready_s:
+        if self._request is None or t_s < self.ready_s:
             return b""
-        asked, self._asked, self.ready_s = self._asked, None, math.inf
+        request, self._request, self.ready_s = self._request, None, math.inf
         if self._unwilling:
-            return encode(PersonAnswer(asked.number, False, "that cannot be done"))
-        if asked.bridge is not None:
+            return encode(PersonAnswer(request.number, False, "that cannot be done"))
+        if request.bridge is not None:
             try:
-                self._hands.hang(t_s, asked.bridge, asked.force_n)
+                self._hands.hang(t_s, request.bridge, request.force_n)
             except RefusedError as error:
-                return encode(PersonAnswer(asked.number, False, f"{error.reason}; {error.advice}"))
-        return encode(PersonAnswer(asked.number, True))
+                return encode(PersonAnswer(request.number, False, f"{error.reason}; {error.advice}"))
+        return encode(PersonAnswer(request.number, True))
 
     def inject(self, kind: str, t_s: float) -> None:
         """From now on it declines ("refuse").

@@ -127,12 +127,12 @@ class EmulatedSensorBoard:
         """Break something at `t_s`.
 
         Args:
-            kind: "drop", "flip" (one bit) and "truncate" (the delimiter goes too) befall the next sample
+            kind: "drop", "flip" (one bit) and "truncate" (the delimiter goes too) affect the next sample
                 frames; "refuse" and "busy" answer the next command; "silent" is for good; "reboot" is a
                 power failure, after which nothing is on; "restart" sets clock, counters and zeros back
                 while the streams go on.
             t_s: When.
-            frames: How many frames, where it befalls frames.
+            frames: How many frames, for a fault of frames.
 
         Raises:
             ValueError: this board cannot break in that way.

@@ -23,7 +23,7 @@ Spoiler = Literal["malformed", "truncated", "bell"]
 
 
 class CanNode(Protocol):
-    """A device on the bus. Its time is the one that it is handed."""
+    """A device on the bus. Its time is passed in."""
 
     def receive(self, frame: CanFrame, t_s: float) -> Sequence[CanFrame]:
         """Take a frame; returns what it answers at once."""
@@ -68,7 +68,7 @@ class EmulatedSlcan:
         """Break something at `t_s`.
 
         Args:
-            kind: "malformed" and "truncated" befall the next frame to the host, "bell" refuses the host's
+            kind: "malformed" and "truncated" affect the next frame to the host, "bell" refuses the host's
                 next frame; all else is the nodes'.
             t_s: When.
 

@@ -80,7 +80,7 @@ class TcpClients:
                 del rest[: connection.send(rest)]
         except BlockingIOError:
             if len(rest) > self._unread_bytes:
-                self.drop(connection, "it does not read what it has asked for")
+                self.drop(connection, "it does not read its answers")
         except OSError:
             self.drop(connection)
 

@@ -149,7 +149,7 @@ class EmulatedZaberStage:
         """Break something at `t_s`.
 
         Args:
-            kind: "lose", "bad_lrc", "corrupt" and "late" befall the next reply, "silent" all that follow;
+            kind: "lose", "bad_lrc", "corrupt" and "late" affect the next reply, "silent" all that follow;
                 "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one
                 where it stands still; "interrupt" (NI) ends a movement as a hand on the knob does;
                 "disable" (FD) takes the motor's power.

@@ -32,14 +32,14 @@ class MockBarrettHandSettings(FingerStrainSettings):
     """Nodes of the fingers that have a strain gauge."""
 
     poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
-    """How often the gauges are asked for, as in the real driver."""
+    """How often the gauges are polled, as in the real driver."""
 
     block_samples: int = Field(default=4096, ge=1, le=65536)
     """Longest block that `read` hands out."""
 
 
 class MockBarrettHand(MockSensor):
-    """Samples the fingers on its own grid (sample k at k / poll_hz), computing only what is listened to."""
+    """Samples the fingers on its own grid (sample k at k / poll_hz), computing only what is subscribed."""
 
     _settings: MockBarrettHandSettings
 

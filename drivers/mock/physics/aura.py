@@ -48,7 +48,7 @@ PERIODS_S = np.geomspace(20.0, 600.0, 6)
 """Of the imbalance's slow wandering."""
 
 NODE_S = 0.01
-"""It is computed so often, and in straight lines between: it strays from the curve by a millionth of itself."""
+"""Interval at which it is computed; linear in between, which is off the curve by a millionth of itself."""
 
 SCATTERED, DRAWN_LATER, DRAWN_ROOM = 2, 16, 64
 """Numbers of a trial's draws from which on the fingers' scatter, the wandering's phases and the room's are taken."""
@@ -287,7 +287,7 @@ class AuraPlant:
         return out
 
     def _shake(self, received: Complexes, frames: Ints, shaken: Floats, fingers: Sequence[int]) -> None:
-        """Add motion's noise at each frame, in straight lines between milliseconds; `received` has shape (n, 2)."""
+        """Add motion's noise at each frame, linear between milliseconds; `received` has shape (n, 2)."""
         share = frames % (FRAME_HZ // ENVELOPE_HZ) / (FRAME_HZ // ENVELOPE_HZ)
         ticks = frames // (FRAME_HZ // ENVELOPE_HZ)
         grid = np.arange(ticks[0], ticks[-1] + 2, dtype=np.int64)

@@ -75,7 +75,7 @@ class Layout(NamedTuple):
 
 
 class AuraScene:
-    """Follows tool and jaws in order of time; the object slides where one finger pushes it, and goes along when held.
+    """Follows tool and jaws in order of time; the object slides where one finger pushes it, and moves along when held.
 
     Args:
         layout: What stands where.
@@ -110,7 +110,7 @@ class AuraScene:
 
         Args:
             tools_m: Displacement of the tool in the next milliseconds, shape (n, 3).
-            jaws: Their drive goes along.
+            jaws: Their drive runs along.
             polls: Numbers of the milliseconds after which it is polled, shape (m,).
 
         Returns:

@@ -220,7 +220,7 @@ class FingerPlant:
         return np.clip(out, -s.load_cell_range_n, s.load_cell_range_n)
 
     def _sampling_noise(self, times_s: Floats) -> Floats:
-        """Standard normal deviates of samples, numbered by their nanosecond: asked for again, they are the same."""
+        """Standard normal deviates of samples, numbered by their nanosecond: the same at each call."""
         from drivers.mock.physics.finger_kernel import STREAM_LOAD_CELL
         from drivers.mock.physics.noise import gaussian_at
 

@@ -67,7 +67,7 @@ DONE, SWITCHES_FULL, RECORDS_FULL, ENDLESS, NOT_FINITE = range(5)
 """Why `run` came back."""
 
 _FAR = 10.0
-"""An oscillator's edge more than this many pieces away is not looked at."""
+"""An oscillator's edge more than this many pieces away is ignored."""
 
 
 @compiled()
@@ -246,7 +246,7 @@ def _state(series: Floats, degree: int, u: float, x: Floats) -> None:
     x[DISTAL] = a2
 
 
-# The helpers of `run` are handed arrays and numbers, not the tuples that hold them: a tuple is passed field by field,
+# The helpers of `run` are passed arrays and numbers, not the tuples that hold them: a tuple is passed field by field,
 # and that costs more than the work.
 
 
@@ -279,7 +279,7 @@ def _next_mode(mode: int, damped: bool, guards: Floats, degree: int, parts: int)
 
 @compiled()
 def _after_corner(mode: int, depth: float, push: float) -> int:
-    """The mode that (4) asks for where the probe's velocity may have jumped; the overlap cannot jump."""
+    """The mode that (4) requires where the probe's velocity may have jumped; the overlap cannot jump."""
     if mode == TOUCHING and push < 0.0:
         return CLIPPED if depth > 0.0 else FREE
     if mode == CLIPPED and push > 0.0 and depth > 0.0:
@@ -338,7 +338,7 @@ def _go_on(whole: Ints, fraction: Floats, seconds: float, grid: float) -> None:
 
 @compiled()
 def _change(x: Floats, flags: Ints, cause: int, next_mode: int) -> int:
-    """Do what the end of a piece asks for; the switch that this was, or -1."""
+    """Do what the end of a piece requires; the switch that this was, or -1."""
     if cause == MODE:
         mode, flags[MODE] = flags[MODE], next_mode
         if next_mode == TOUCHING:

@@ -155,7 +155,7 @@ def _extremum(terms: Floats, degree: int, sign: float, low: float, high: float) 
 def _search(
     terms: Floats, degree: int, parts: int, sign: float, level: float, armed: bool, nothing: float
 ) -> float:
-    """What `rising` asks for, step by step; `armed`: begins below the level; `nothing`: what rounding may hide.
+    """What `rising` returns, found step by step; `armed`: begins below the level; `nothing`: what rounding may hide.
 
     No frequency bounds how far apart extrema are: a sum of exponentials and a parabola can turn twice in no time. So a
     step counts when it is proved to hold one at most, or nothing above the level, and is halved until it is. The proof:

@@ -1,6 +1,6 @@
 """Rigid transforms: poses as the arm's controller writes them ⇄ homogeneous matrices.
 
-Compiled, for a controller's cycle asks for dozens of them.
+Compiled, since a controller's cycle needs dozens of them.
 
 A pose is (x, y, z, rx, ry, rz): metres, and a rotation vector whose length is the angle in radians.
 """

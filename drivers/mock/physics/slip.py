@@ -261,7 +261,7 @@ class SlipPlant:
                 force_n += normal_n * (
                     bridge.normal_sine * np.sin(roll_rad) + bridge.normal_cosine * np.cos(roll_rad)
                 )
-            # the loop's width, and the gain that a line through zero finds in it, are those that were asked for
+            # the loop's width, and the gain that a line through zero finds in it, are those that were set
             share = bridge.hysteresis / (2.0 * _PLAY + bridge.hysteresis / 8.0)
             gain, play_n = bridge.gain / (1.0 - share / 8.0), _PLAY * bridge.full_scale_n
             self._kernel.strain_bridge(force_n, gain, play_n, share, self._play[channel], values[channel])

@@ -32,7 +32,7 @@ class SlipNuisances(Settings):
     """Step of the converter in standard deviations of the noise; 0 keeps the bridge's own."""
 
     tails: float = Field(default=1.0, ge=1.0, le=3.0)
-    """Heaviness of the noise's tails: sinh(tails x asinh(x)) in the place of a normal x, over its value at 1. 1.4 puts
+    """Heaviness of the noise's tails: sinh(tails x asinh(x)) instead of a normal x, over its value at 1. 1.4 puts
     2 % beyond three standard deviations as estimated from its median, as the recorded quiet has."""
 
     tremor_n: float = Field(default=0.0, ge=0.0, le=1e3)

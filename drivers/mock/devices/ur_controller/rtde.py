@@ -144,7 +144,7 @@ def names(body: bytes) -> list[str]:
 
 
 def outputs_request(body: bytes) -> tuple[float, list[str]]:
-    """The rate in hertz and the variables that a setup of outputs asks for.
+    """The rate in hertz and the variables that a setup of outputs requests.
 
     Raises:
         PackageError: too short, or no rate.

@@ -264,7 +264,7 @@ class ControlScript:
         self._keep("servo", lambda: JointServo(target_rad, lookahead_s), self._r.f(8))
 
     def _protective_stop(self) -> None:
-        self._controller.protective_stop("asked for by the program")
+        self._controller.protective_stop("requested by the program")
         raise ScriptError("protective stop")  # no thread of it runs any further
 
     def _stop_move(self) -> Thread:
@@ -353,7 +353,7 @@ class ControlScript:
         self._kill("contact")
         self._r.answer(self._contact_steps)
 
-    # --- what the commands ask for -----------------------------------------------------------------------
+    # --- arguments of the commands ------------------------------------------------------------------------
 
     @property
     def _tool(self) -> Array:

@@ -29,7 +29,7 @@ BACKLOG_STEPS = 250
 """Cycles that a delayed server makes up for; beyond half a second it gives up (assumption)."""
 
 BURST_STEPS = 10
-"""Cycles made up in one go before sockets are looked at again (assumption)."""
+"""Cycles made up in one go before sockets are served again (assumption)."""
 
 UNREAD_BYTES = 1 << 22
 """What a client may leave unread beyond what the network takes: seconds of every variable at 500 Hz (assumption)."""

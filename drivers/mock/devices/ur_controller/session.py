@@ -12,7 +12,7 @@ from drivers.mock.devices.ur_controller.script import STEP_S
 from drivers.mock.devices.ur_controller.variables import INPUTS, OUTPUTS, Output
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 500.0
-"""Rates of the stream on an e-Series; what is asked beyond is brought to them (RTDE guide)."""
+"""Rates of the stream on an e-Series; requests beyond are clipped to them (RTDE guide)."""
 
 OUTPUT_RECIPE = 1
 """Id of the one recipe of outputs that a client has (RTDE guide); 0 means none."""
@@ -167,7 +167,7 @@ class ScriptSession:
         """Nothing to give back."""
 
     def _start(self, lines: list[str]) -> None:
-        # The client writes the offset at the head of the line that follows the one which asks for it.
+        # The client writes the offset at the head of the line after the one that requests it.
         heads = [after for line, after in pairwise(lines) if line.endswith("# int register offset")]
         digits = heads[0].split()[0] if heads and heads[0].split() else ""
         if lines[0] != "def rtde_control():" or digits not in ("0", "24"):

@@ -38,7 +38,7 @@ class Output(NamedTuple):
 _TABLE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("variables.toml").read_text("utf-8"))
 
 INPUTS: dict[str, str] = {**registers("input"), **_TABLE["inputs"]}
-"""Type of each input. `external_force_torque` is taken and changes nothing: no program here can ask for it."""
+"""Type of each input. `external_force_torque` is taken and changes nothing: no program here can select it."""
 
 
 def _register(way: str, name: str) -> Callable[[UrController], Value]:
@@ -90,4 +90,4 @@ OUTPUTS = {
         for name, kind in registers(way).items()
     },
 }
-"""What can be asked for. The arm follows exactly, so that what is actual is the target."""
+"""What can be read. The arm follows exactly, so that what is actual is the target."""

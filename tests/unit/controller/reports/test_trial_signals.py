@@ -44,7 +44,7 @@ def test_a_packed_curve_comes_back_within_a_dot():
     np.testing.assert_allclose(back, values, atol=2.0 / 65534)
 
 
-def test_a_curve_breaks_where_nobody_listened_and_begins_where_somebody_did():
+def test_a_curve_breaks_without_a_subscriber_and_begins_with_one():
     times_s = np.concatenate([[0.0], 90.0 + 0.01 * np.arange(100), 95.0 + 0.01 * np.arange(100)])
     shown_s, shown = _measured(times_s, times_s.copy())
     assert shown_s[0] == 90.0
