@@ -102,7 +102,13 @@ def run(
         **({"shard": list(shard)} if shard else {}),
     }
     picked = chosen(trials, numbers, None)
-    others = {trial.id for trial in picked} - {trial.id for trial in chosen(picked, (), shard)}
+    own = chosen(picked, (), shard)
+    if shard and not own:
+        raise click.BadParameter(
+            f"{shard[0]}/{shard[1]} holds none of the {len(picked)} trials; shards 1 to {len(picked)} hold them all",
+            param_hint="--shard",
+        )
+    others = {trial.id for trial in picked} - {trial.id for trial in own}
     plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
     with ExitStack() as stack:
         stream = stack.enter_context(closing(_foxglove())) if foxglove else None

@@ -391,6 +391,14 @@ def test_a_shard_that_is_none_is_refused(verb, shard):
     assert "is no shard" in err
 
 
+def test_a_shard_without_a_trial_is_refused(verb, tmp_path):
+    only = ["--only", "1", "--only", "2", "--only", "3"]
+    code, out, err = verb("run", "mock/transient", *only, "--shard", "7/9", "--out", tmp_path)
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert "7/9 holds none of the 3 trials; shards 1 to 3 hold them all" in err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_ctrl_c_at_the_terminal_does_not_reach_a_worker_however_early(monkeypatch):
     monkeypatch.setattr("config.jobs.run_part", divmod)  # anything that a worker can do
     before = set(multiprocessing.active_children())
