@@ -6,6 +6,7 @@ Nothing here knows what the keys mean, and nothing heavy is imported: `run.py li
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -33,6 +34,10 @@ _VARIANTS = {("devices",): "driver", ("detectors",): "kind", (): "kind"}
 a later file names another one, for the settings of the old one would mean nothing to it."""
 
 
+_BREAKS = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]")
+"""Control characters and line breaks, as a quoted TOML key may hold them."""
+
+
 class ProfileError(ValueError):
     """A profile cannot be used.
 
@@ -41,7 +46,8 @@ class ProfileError(ValueError):
     """
 
     def __init__(self, problems: str | Sequence[str]) -> None:
-        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
+        listed = (problems,) if isinstance(problems, str) else problems
+        self.problems = tuple(_BREAKS.sub(lambda found: repr(found[0])[1:-1], problem) for problem in listed)
         super().__init__("\n".join(self.problems))
 
 

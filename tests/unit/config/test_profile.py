@@ -425,6 +425,18 @@ def test_a_file_with_a_byte_order_mark_is_read(write, table):
     assert load_profile("marked.toml", table=table).limits.force_n == 1.5
 
 
+def test_a_line_break_in_a_name_does_not_break_the_line_of_the_error(write, table):
+    for name, shown in (
+        (r"a\nb", r"a\nb"),
+        (r"detectors.a\rb.c", r"detectors.a\rb.c"),
+        (r"a\u2028b", r"a\u2028b"),
+    ):
+        write("broken.toml", f'extends = "touch"\n[trials.grid]\n"{name}" = [1]\n')
+        for problem in refusal(table, "broken.toml"):
+            assert len(problem.splitlines()) == 1
+            assert shown in problem
+
+
 def test_a_file_that_is_nested_too_deep_is_refused(write, table):
     write("deep.toml", "a = " + "[" * 3000)
     assert refusal(table, "deep.toml")[0].startswith("deep.toml: tables and lists are nested too deep")
