@@ -81,7 +81,7 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
         html = page.render(names=names, lines=others, figures=figures, tables=tables, kind_of=None)
         path.write_text(html, "utf-8")
     except OSError as error:
-        raise RecordingError(path, "writing", error) from error
+        raise RecordingError(path, "writing", error, option="") from error
     return path
 
 

@@ -81,8 +81,6 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
     try:
         out.mkdir(parents=True, exist_ok=True)
         return FORMATS[to](run, out)
-    except RecordingError:
-        raise
     except OSError as error:
         raise RecordingError(out, "writing", error, "--into") from error
     except ImportError as error:
@@ -97,7 +95,11 @@ def tidy(run: Run) -> Path | None:
     """
     if find_spec("pyarrow") is None:
         return None
-    return _trials_parquet(run, run.folder.path / "trials.parquet")
+    path = run.folder.path / "trials.parquet"
+    try:
+        return _trials_parquet(run, path)
+    except OSError as error:
+        raise RecordingError(path, "writing", error, option="") from error
 
 
 def _trials_parquet(run: Run, path: Path) -> Path:
@@ -112,10 +114,7 @@ def _trials_parquet(run: Run, path: Path) -> Path:
 
     names = dict.fromkeys(name for row in run.trials for name in row)
     table = pa.table({name: column([row.get(name) for row in run.trials]) for name in names})
-    try:
-        pq.write_table(table, path, compression="zstd")
-    except OSError as error:
-        raise RecordingError(path, "writing", error) from error
+    pq.write_table(table, path, compression="zstd")
     return path
 
 

@@ -51,16 +51,31 @@ _ADVICE = {
 }
 """What to do about an error of the file system, by its number."""
 
+_IN_PLACE = "copy the run folder to one that may be written, and give that one"
+"""What to do where nothing but the run's own folder will do."""
+
 
 class RecordingError(OSError):
-    """A run can no longer be written: no disk space, no permission, the disk is gone."""
+    """A run can no longer be written: no disk space, no permission, the disk is gone.
+
+    Args:
+        path: Of what cannot be written.
+        doing: What was tried.
+        cause: Why it failed.
+        option: The option that chooses another place; "" where there is none.
+    """
 
     def __init__(self, path: Path, doing: str, cause: Exception, option: str = "--out") -> None:
         self.path = path
         self._given = path, doing, cause, option
         if isinstance(cause, OSError):
             number, reason = cause.errno, cause.strerror or str(cause)
-            advice = _ADVICE.get(number, _ADVICE[None]).replace("--out", option)
+            advice = _ADVICE.get(number, _ADVICE[None])
+            if option:
+                advice = advice.replace("--out", option)
+            elif "--out" in advice:
+                advice, elsewhere, _ = advice.partition(", or choose")
+                advice = advice if elsewhere else _IN_PLACE
         else:
             number, reason = None, f"{type(cause).__name__} ({cause})"
             advice = "trials.csv and events.jsonl go on; run again with --debug"

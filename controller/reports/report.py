@@ -93,7 +93,7 @@ def build_report_with_summary(
         temporary.write_text(page, "utf-8")
         temporary.replace(path)
     except OSError as error:
-        raise RecordingError(path, "writing", error) from error
+        raise RecordingError(path, "writing", error, option="") from error
     return path, [*(line for part in parts for line in in_lines(part)), *guard_lines(runs)]
 
 

@@ -1,9 +1,11 @@
 """The command line as its users hold it: verbs, exit codes, one line for each mistake."""
 
+import errno
 import json
 import os
 import pty
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +22,10 @@ from run import cli
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
 """The loop locks within a second; at eight sigma no trial ends by a false contact."""
+
+
+def read_only(*_, **__):
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
 
 @contextmanager
@@ -255,6 +261,33 @@ def recorded(tmp_path_factory):
     )
     (folder,) = out.iterdir()
     return done, folder
+
+
+@pytest.mark.parametrize("name", ["report", "open"])
+def test_a_report_into_a_folder_that_may_only_be_read_gives_advice_that_works(
+    verb, recorded, tmp_path, monkeypatch, name
+):
+    run = tmp_path / "run"
+    shutil.copytree(recorded[1], run)
+    (run / "report.html").unlink()
+    monkeypatch.setattr("pyarrow.parquet.write_table", read_only)
+    code, _, err = verb(name, run)
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert "copy the run folder to one that may be written, and give that one" in err
+    monkeypatch.undo()
+    monkeypatch.setattr(Path, "write_text", read_only)
+    code, _, err = verb(name, run)
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert "report.html; copy the run folder to one that may be written, and give that one" in err
+
+
+def test_an_export_into_a_folder_that_may_only_be_read_names_its_own_option(
+    verb, recorded, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("pyarrow.parquet.write_table", read_only)
+    code, _, err = verb("export", recorded[1], "--to", "parquet", "--into", tmp_path / "tables")
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert "choose another with --into" in err
 
 
 def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):

@@ -81,7 +81,20 @@ def test_each_error_of_the_disk_has_its_own_remedy(number, advice):
     assert ("make room" in str(error)) == (number == errno.ENOSPC)
 
 
-def test_the_room_that_is_kept_for_the_last_manifest_is_let_go_before_it_is_written(tmp_path, monkeypatch):
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.EIO])
+def test_where_no_option_chooses_another_place_the_run_is_to_be_copied(number):
+    error = RecordingError(Path("report.html"), "writing", OSError(number, os.strerror(number)), option="")
+    assert str(error).endswith("; copy the run folder to one that may be written, and give that one")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EISDIR, errno.EMFILE])
+def test_where_no_option_chooses_another_place_none_is_named(number):
+    error = RecordingError(Path("report.html"), "writing", OSError(number, os.strerror(number)), option="")
+    assert "--" not in str(error)
+    assert "copy" not in str(error)
+
+
+def test_the_room_that_is_kept_for_the_last_manifest_is_released_before_it_is_written(tmp_path, monkeypatch):
     folder = made(tmp_path)
     folder.keep_room()
     room = folder._room
