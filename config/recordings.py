@@ -70,6 +70,10 @@ def load(
     overrides = {key: text for key, text in overrides.items() if not key.startswith(CHAIN)}
     if not recording.exists() and not recording.suffix:
         recording = RunFolder.find(recording).path
+    if trial is not None and recording.is_file():
+        raise ReplayError(
+            f"--trial {trial}: {recording} is a file, only a run folder has trials; leave it out"
+        )
     kind, own = _in_run(recording, asked, overrides, trial) if recording.is_dir() else (asked, {})
     made = make_detector(kind, {**own, **overrides}, baseline, _folders(recording))
     notes: list[str] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from controller.detectors.calibration import Statistic, calibrate_pieces
-from controller.detectors.protocol import Detector
+from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
+from controller.detectors.protocol import Detector, reading_of
 from controller.recording.grid import regular
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
@@ -45,14 +46,35 @@ def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detect
     """All events of a detector on recorded blocks, in order.
 
     Raises:
-        ReplayError: the detector cannot use such a recording.
+        ReplayError: the detector cannot use such a recording, or compared nothing of it with its threshold.
     """
+    found = read = False
     for block in blocks:
         try:
             events = detector.push(block)
         except ValueError as error:
             raise ReplayError(f"{detector.name}: {error}") from None
+        reading = reading_of(detector)
+        read |= reading is not None and not math.isnan(reading.threshold)
+        found |= bool(events)
         yield from events
+    if not found and not _decided(detector, blocks, read):
+        own = [block for block in blocks if block.stream == detector.inputs[0]]
+        span_s = own[-1].last_s - float(own[0].times[0])
+        still = " or its mover stands still" if len(detector.inputs) > 1 else ""
+        dead = " or the sensor is dead" if all((b.physical == own[0].physical[0]).all() for b in own) else ""
+        raise ReplayError(
+            f"{detector.name}: nothing was compared with the threshold in {sum(map(len, own))} samples"
+            f" ({span_s:.6g} s): the recording is too short{still}{dead}"
+        )
+
+
+def _decided(detector: Detector, blocks: Sequence[SampleBlock], read: bool) -> bool:
+    """Whether a detector without events compared anything with its threshold; `read`: whether it had a reading."""
+    if isinstance(detector, Statistic):
+        with suppress(ValueError):  # samples that are not finite, or lost
+            return any(not np.isnan(course.statistic).all() for course in courses_of(detector, blocks))
+    return read or not hasattr(detector, "reading")
 
 
 def calibration_line(

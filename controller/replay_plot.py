@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,11 +32,16 @@ COLUMNS = 2000
 READING_S = 0.01
 """How often a detector's number is read where it has no course, s."""
 
+LARGEST = 1e300
+"""Values beyond this are not drawn: axes around them end beyond the largest number."""
+
 HEIGHT_IN = 1.9
 """Of each panel, inches."""
 
 
-def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: Sequence[Detected]) -> None:
+def draw(
+    path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: Sequence[Detected]
+) -> Sequence[str]:
     """Draw a detector's input and its events.
 
     Args:
@@ -46,14 +50,22 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
         detector: Its number is drawn where it has one (`Statistic`) and the recording is regular.
         events: Of the detector.
 
+    Returns:
+        A line for what could not be drawn, and why.
+
     Raises:
-        ReplayError: no such kind of picture, or it cannot be written.
+        ReplayError: no such kind of picture, it cannot be written, or values that are too large to be drawn.
     """
+    notes = []
     named = {stream: [b for b in blocks if b.stream == stream] for stream in detector.inputs}
     courses: Sequence[StatisticCourse] = ()
     if isinstance(detector, Statistic) and named[detector.inputs[0]][0].rate_hz is not None:
-        with suppress(ValueError):  # samples that are no numbers, or lost: then its readings are drawn
+        try:
             courses = courses_of(detector, blocks)
+        except ValueError as error:
+            notes.append(
+                f"{path}: the statistic is not drawn sample by sample, but every {READING_S:g} s: {error}"
+            )
     shown = [] if courses else _readings(detector, blocks)
     panels = len(named) + bool(courses or shown)
     with Figures(path.parent, simulated=False).figure(
@@ -77,7 +89,7 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
         threshold = next((each for each in thresholds if np.isfinite(each)), None)
         if threshold is not None:
             drawing.axes[-1].axhline(
-                threshold, color=FALSE, linestyle="--", label=f"threshold {threshold:.4g}"
+                _drawable(threshold), color=FALSE, linestyle="--", label=f"threshold {threshold:.4g}"
             )
         _mark(drawing.axes, events)
         drawing.axes[-1].set_xlabel("time, s")
@@ -85,6 +97,7 @@ def draw(path: Path, blocks: Sequence[SampleBlock], detector: Detector, events: 
         if handles:
             drawing.figure.legend(handles, labels, loc="outside upper right", ncols=4)
         save(drawing, path)
+    return notes
 
 
 def _readings(detector: Detector, blocks: Sequence[SampleBlock]) -> list[Reading]:
@@ -144,6 +157,7 @@ def _signal(axes: Axes, stream: str, blocks: Sequence[SampleBlock]) -> None:
 def _line(axes: Axes, times_s: Floats, values: Floats, colour: str) -> None:
     """A curve; where it has many samples to a dot, the band that it fills; a break where values are not finite."""
     values = np.where(np.isfinite(values), values, np.nan)
+    _drawable(float(np.fmax.reduce(np.abs(values), initial=0.0)))
     if len(values) <= 2 * COLUMNS:
         axes.plot(times_s, values, color=colour, linewidth=0.8)
         return
@@ -151,6 +165,19 @@ def _line(axes: Axes, times_s: Floats, values: Floats, colour: str) -> None:
     with np.errstate(invalid="ignore"):
         low, high = np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)
     axes.fill_between(times_s[edges], low, high, color=colour, linewidth=0.5)
+
+
+def _drawable(value: float) -> float:
+    """The value, where it can be drawn.
+
+    Raises:
+        ReplayError: it is too large.
+    """
+    if abs(value) > LARGEST:
+        raise ReplayError(
+            f"--plot: {value:.3g} is too large to be drawn; is it the right column, is the sensor alive?"
+        )
+    return value
 
 
 def _mark(panels: Sequence[Axes], events: Sequence[Detected]) -> None:

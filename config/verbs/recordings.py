@@ -46,7 +46,8 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
     if plot is not None:
         from controller.replay_plot import draw
 
-        draw(plot, blocks, made, events)
+        for note in draw(plot, blocks, made, events):
+            verbs.complain(note)
 
 
 @click.command(cls=verbs.Verb, short_help="Find the threshold that a recording without events asks for.")

@@ -215,6 +215,13 @@ def test_a_table_without_the_encoders_column_is_refused(verb, approach, columns,
     assert reason in refused(verb, "replay", approach / "a.csv", "--detector", "pretouch", *columns)
 
 
+@pytest.mark.parametrize("name", ["replay", "calibrate"])
+def test_a_trial_of_a_file_is_refused(verb, approach, name):
+    more = ["--false-alarm-interval", "60"] if name == "calibrate" else []
+    message = refused(verb, name, approach / "a.csv", "--detector", "level", "--trial", "3", *more)
+    assert "a.csv is a file, only a run folder has trials; leave it out" in message
+
+
 def test_more_columns_than_streams_are_refused(verb, approach):
     columns = ["--column", "i", "--column", "q"]
     message = refused(verb, "replay", approach / "a.csv", "--detector", "level", *columns)
@@ -254,10 +261,17 @@ def test_a_fingers_sound_goes_through_the_chain(verb, tmp_path, kind):
         assert 3.5 < lines[2]["t_s"] < 3.55
 
 
-def test_the_other_fingers_silence_is_no_contact(verb, tmp_path):
-    code, out, err = verb("replay", sound(tmp_path / "a.wav"), "--detector", "level.paper", "--column", 1)
+def test_a_channel_without_sound_is_no_contact_and_no_result(verb, tmp_path):
+    path = sound(tmp_path / "a.wav")
+    message = refused(verb, "replay", path, "--detector", "level.paper", "--column", 1)
+    # of 5000 samples at 1 kHz, less the chain's window: no 480,000
+    assert "nothing was compared with the threshold in 4" in message
+    assert "the recording is too short or the sensor is dead" in message
+    code, out, err = verb(
+        "replay", path, "--detector", "level.paper", "--column", 0, "--set", "threshold=1000"
+    )
     assert (code, out) == (0, "")
-    assert "found nothing in 4" in err  # of 5000 samples at 1 kHz, less the chain's window: no 480,000
+    assert "found nothing in 4" in err
 
 
 def test_a_drive_of_another_frequency_is_set_in_the_chain_and_the_detector(verb, tmp_path):

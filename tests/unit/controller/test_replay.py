@@ -12,6 +12,7 @@ import zstandard
 from scipy.io import savemat, wavfile
 
 from behaviors.events import BaselineReady, SlipStarted
+from config.assemble import make_detector
 from controller.detectors.calibration import calibrate
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
@@ -498,8 +499,35 @@ def test_a_recording_with_values_that_are_not_finite_is_drawn_with_a_break(tmp_p
     values[[3000, 5000]] = np.nan, np.inf
     blocks = [SampleBlock(STREAM, 0, 0.0, values[:, None], rate_hz=1000.0)]
     detector = SlipDetector("slip", SlipSettings())
-    draw(tmp_path / "drag.svg", blocks, detector, list(replay(blocks, detector)))
+    notes = draw(tmp_path / "drag.svg", blocks, detector, list(replay(blocks, detector)))
     assert (tmp_path / "drag.svg").read_text("utf-8").count('<g id="axes_') == 2
+    (note,) = notes
+    assert note.endswith(
+        "is not drawn sample by sample, but every 0.01 s: a value at 3 s is not finite; cut the recording there"
+    )
+
+
+@pytest.mark.parametrize("largest", [1.2e306, 1.7e308])
+def test_values_that_are_too_large_to_be_drawn_are_refused(tmp_path, largest):
+    from controller.replay_plot import draw
+
+    blocks = [SampleBlock(STREAM, 0, 0.0, largest * np.sin(np.arange(400.0))[:, None], rate_hz=1000.0)]
+    with pytest.raises(ReplayError, match=r"--plot: .*e\+30. is too large to be drawn"):
+        draw(tmp_path / "drag.svg", blocks, SlipDetector("slip", SlipSettings()), [])
+
+
+@pytest.mark.parametrize("kind", ["slip", "slip.paper", "resonance", "level", "level.paper"])
+def test_a_recording_that_is_too_short_for_its_detector_is_refused(kind):
+    detector = make_detector(kind, {"input": "board.force"})
+    blocks = [SampleBlock("board.force", 0, 0.0, np.array([[1.0], [2.0]]), rate_hz=1000.0)]
+    with pytest.raises(ReplayError, match=r"in 2 samples \(0.001 s\): the recording is too short$"):
+        list(replay(blocks, detector))
+
+
+def test_a_quiet_recording_of_sufficient_length_has_no_events_and_no_error():
+    values = 0.01 + 1e-5 * np.random.default_rng(1).standard_normal((2000, 1))
+    detector = make_detector("level", {"input": "board.force", "threshold": "30.0"})
+    assert list(replay([SampleBlock("board.force", 0, 0.0, values, rate_hz=1000.0)], detector)) == []
 
 
 def test_a_picture_of_periods_shows_the_frequency_and_what_is_held_against_the_threshold(tmp_path):
