@@ -95,7 +95,7 @@ class AudioTrial(Crank):
             self.turn(TURN_S)
         return self.of(kind)[0]
 
-    def hear(self, frames: int, seconds: float = 5.0) -> None:
+    def record(self, frames: int, seconds: float = 5.0) -> None:
         """Turn until so many frames have come."""
         end_s = self.clock.now() + seconds
         while sum(map(len, self.blocks)) < frames and self.clock.now() < end_s:
@@ -112,25 +112,25 @@ class AudioTrial(Crank):
 class AudioContract:
     """Subclasses give a fixture `trial` on a bench of `SteadyFingers`, at carrier level."""
 
-    def test_two_fingers_are_heard_in_24_bit_counts(self, trial: AudioTrial) -> None:
+    def test_two_fingers_arrive_in_24_bit_counts(self, trial: AudioTrial) -> None:
         (info,) = trial.info.streams.values()
         assert (info.name, info.channels, info.unit) == (FINGERS, ("right", "left"), "FS")
         assert (info.scale, info.rate_hz) == (2.0**-23, 96_000.0)
         assert not trial.info.mover
         trial.listen(FINGERS)
-        trial.hear(4800)
+        trial.record(4800)
         assert {block.values.dtype for block in trial.blocks} == {np.dtype(np.int32)}
         assert {(block.unit, block.scale, block.rate_hz) for block in trial.blocks} == {
             ("FS", 2.0**-23, 96_000.0)
         }
 
-    def test_nothing_is_sent_that_nobody_listens_to(self, trial: AudioTrial) -> None:
+    def test_nothing_is_sent_without_a_subscriber(self, trial: AudioTrial) -> None:
         trial.turn(0.05)
         assert trial.blocks == []
 
     def test_blocks_follow_one_another_in_sequence_and_time(self, trial: AudioTrial) -> None:
         trial.listen(FINGERS)
-        trial.hear(48_000)
+        trial.record(48_000)
         assert sum(map(len, trial.blocks)) >= 48_000
         for before, after in pairwise(trial.blocks):
             assert after.seq == before.seq + len(before)
@@ -143,9 +143,9 @@ class AudioContract:
         assert all(block.last_s <= block.arrival_s + 0.02 for block in trial.blocks)
         assert trial.of(Lost) == []
 
-    def test_a_stream_ends_when_nobody_listens_any_more_and_begins_anew(self, trial: AudioTrial) -> None:
+    def test_a_stream_ends_when_it_is_unsubscribed_and_begins_anew(self, trial: AudioTrial) -> None:
         trial.listen(FINGERS)
-        trial.hear(4800)
+        trial.record(4800)
         trial.listen()
         trial.turn(0.1)
         last = trial.blocks[-1]
@@ -153,7 +153,7 @@ class AudioContract:
         trial.turn(0.1)
         assert trial.blocks == []
         trial.listen(FINGERS)
-        trial.hear(4800)
+        trial.record(4800)
         assert trial.blocks[0].seq >= last.seq + len(last) + 0.15 * RATE_HZ, (
             "the pause is a gap in the numbers"
         )
@@ -166,7 +166,7 @@ class AudioContract:
         trial.device.apply(Tone("audio", frequency_hz, 0.5))
         trial.turn(0.1)
         trial.blocks.clear()
-        trial.hear(9600)
+        trial.record(9600)
         assert trial.phasors(frequency_hz, 9600) == pytest.approx(0.5 * np.array(GAINS), abs=1e-4)
         assert [type(sent.command) for sent in trial.of(Sent)] == [Listen, Tone]
 
@@ -177,7 +177,7 @@ class AudioContract:
         trial.device.apply(Excite("audio", False))
         trial.turn(0.1)
         trial.blocks.clear()
-        trial.hear(9600)
+        trial.record(9600)
         assert np.abs(np.concatenate([block.values for block in trial.blocks])).max() <= 50
 
     def test_a_chirp_is_told_when_it_is_over(self, trial: AudioTrial) -> None:
@@ -198,7 +198,7 @@ class AudioContract:
     def test_a_clipped_finger_is_told_once(self, trial: AudioTrial) -> None:
         trial.device.apply(Tone("audio", 40_000.0, 1.0))
         trial.listen(FINGERS)
-        trial.hear(28_800)
+        trial.record(28_800)
         assert [(one.stream, abs(one.value)) for one in trial.of(Saturated)] == [
             (FINGERS, pytest.approx(1.0, abs=1e-6))
         ] * 2, "both fingers, once each"

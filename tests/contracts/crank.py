@@ -11,7 +11,7 @@ TURN_S = 0.005
 
 
 class Crank:
-    """A device, open, and all that it has said since.
+    """An open device, its blocks and statuses so far.
 
     Args:
         device: Closed.
@@ -35,7 +35,7 @@ class Crank:
     def listen(self, *streams: str) -> None:
         self.device.apply(Listen(self.device.name, frozenset(streams)))
 
-    def heard(self, stream: str) -> list[SampleBlock]:
+    def blocks_of(self, stream: str) -> list[SampleBlock]:
         return [block for block in self.blocks if block.stream == stream]
 
     def of(self, kind: type[Status]) -> list[Any]:

@@ -1,4 +1,4 @@
-"""What every device promises, whoever implements it: run for mock drivers in virtual time, for real ones on ptys."""
+"""What every device promises: run for mock drivers in virtual time, for real ones on ptys."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Bench:
     def apply(self, command: Any) -> Any:
         return self.rig.devices[command.device].apply(command)
 
-    def heard(self, stream: str) -> list[SampleBlock]:
+    def blocks_of(self, stream: str) -> list[SampleBlock]:
         return [block for block in self.blocks if block.stream == stream and len(block)]
 
     def close(self) -> None:
@@ -88,16 +88,16 @@ class DeviceContract:
                 assert stream.unit
                 assert stream.scale > 0.0
 
-    def test_nothing_is_sent_that_nobody_listens_to(self, bench: Bench) -> None:
+    def test_nothing_is_sent_without_a_subscriber(self, bench: Bench) -> None:
         bench.turn(0.05)
         assert bench.blocks == []
 
     def test_blocks_follow_one_another_in_sequence_and_time(self, bench: Bench) -> None:
         bench.apply(Listen("board", frozenset({"board.load_cell"})))
         # A busy machine may keep the wire waiting; 1 kHz is another test's business.
-        while bench.rig.clock.now() < 10.0 and sum(map(len, bench.heard("board.load_cell"))) <= 250:
+        while bench.rig.clock.now() < 10.0 and sum(map(len, bench.blocks_of("board.load_cell"))) <= 250:
             bench.turn(0.1)
-        blocks = bench.heard("board.load_cell")
+        blocks = bench.blocks_of("board.load_cell")
         assert sum(map(len, blocks)) > 250
         for before, after in pairwise(blocks):
             assert after.seq == before.seq + len(before)
@@ -109,7 +109,7 @@ class DeviceContract:
         assert all(np.issubdtype(block.values.dtype, np.integer) for block in blocks), "raw counts"
         assert all(block.device_t0_s is not None and block.arrival_s is not None for block in blocks)
 
-    def test_a_stream_ends_when_nobody_listens_any_more(self, bench: Bench) -> None:
+    def test_a_stream_ends_when_it_is_unsubscribed(self, bench: Bench) -> None:
         bench.apply(Listen("board", frozenset({"board.load_cell"})))
         bench.turn(0.1)
         bench.apply(Listen("board", frozenset()))
@@ -122,11 +122,11 @@ class DeviceContract:
         bench.apply(Listen("board", frozenset({"board.period"})))
         bench.apply(Excite("board", True))
         bench.turn(1.5)
-        blocks = bench.heard("board.period")
+        blocks = bench.blocks_of("board.period")
         times_s = np.concatenate([block.times for block in blocks])
         periods_s = np.concatenate([block.physical[:, 0] for block in blocks])
         assert (np.diff(times_s) > 0.0).all()
-        # A period is the time since the last one's end: the two tell the same story, but for the clock model, which
+        # A period is the time since the last one's end: the two agree, but for the clock model, which
         # is still learning drift and delay in the first second: 3.6 ms is the 99th percentile of a pty's delay.
         assert np.diff(times_s)[5:] == pytest.approx(periods_s[6:], abs=4e-3)
 
@@ -144,7 +144,7 @@ class DeviceContract:
         assert reached.position_m == pytest.approx(0.002, abs=self.reach_m)
         assert reached.t_s - sent.t_s > 0.2, "2 mm at 10 mm/s"
         bench.turn(0.05)
-        positions = bench.heard(f"{self.mover}.position")[-1].physical[:, 0]
+        positions = bench.blocks_of(f"{self.mover}.position")[-1].physical[:, 0]
         assert positions[-1] == pytest.approx(0.002, abs=self.reach_m)
 
     def test_an_approach_ends_at_its_limit_by_itself(self, bench: Bench) -> None:
@@ -202,7 +202,7 @@ class DeviceContract:
             assert "\n" not in str(error.value)
             assert str(error.value).startswith(f"{command.device}: "), command
 
-    def test_a_tendon_is_set_to_the_micrometre_and_that_is_told(self, bench: Bench) -> None:
+    def test_a_tendon_is_set_to_the_micrometre_and_that_is_reported(self, bench: Bench) -> None:
         bench.apply(SetTendon("board", 0.0100004, id=5))
         sent = bench.until(Sent, "board")
         assert sent.command_id == 5

@@ -125,7 +125,7 @@ class GripperContract:
         assert not gripped.object
         assert gripped.width_m == pytest.approx(0.050, abs=0.3e-3)
 
-    def test_an_object_that_is_lost_is_told(self, bench: GripperBench) -> None:
+    def test_a_lost_object_is_reported(self, bench: GripperBench) -> None:
         bench.place("mug")
         bench.device.apply(GRIP)
         assert bench.until(Gripped).object
@@ -213,7 +213,7 @@ class GripperContract:
         bench.device.apply(Release("gripper", 0.1))
         assert "something holds its jaws" in bench.until(Stalled).reason
 
-    def test_width_and_force_come_while_somebody_listens(self, bench: GripperBench) -> None:
+    def test_width_and_force_come_while_they_are_subscribed(self, bench: GripperBench) -> None:
         bench.turn(0.1)
         assert bench.blocks == []
         bench.device.apply(Listen("gripper", frozenset({"gripper.width", "gripper.force"})))

@@ -41,7 +41,7 @@ class HandContract:
         }
         assert not bench.info.mover
 
-    def test_nothing_is_sent_that_nobody_listens_to(self, bench: HandBench) -> None:
+    def test_nothing_is_sent_without_a_subscriber(self, bench: HandBench) -> None:
         bench.turn(0.05)
         assert bench.blocks == []
 
@@ -49,19 +49,19 @@ class HandContract:
         bench.listen(F1, F2, F3)
         bench.turn(0.3)
         for stream, force_n in zip((F1, F2, F3), FORCES_N.values(), strict=True):
-            assert bench.heard(stream)[-1].physical[-1, 0] == pytest.approx(force_n, abs=0.005)
+            assert bench.blocks_of(stream)[-1].physical[-1, 0] == pytest.approx(force_n, abs=0.005)
 
-    def test_one_finger_can_be_heard_alone(self, bench: HandBench) -> None:
+    def test_one_finger_can_be_subscribed_alone(self, bench: HandBench) -> None:
         bench.listen(F2)
         bench.turn(0.2)
         assert {block.stream for block in bench.blocks} == {F2}
 
-    def test_samples_stand_on_one_grid_and_what_is_missing_is_told(self, bench: HandBench) -> None:
+    def test_samples_stand_on_one_grid_and_what_is_missing_is_reported(self, bench: HandBench) -> None:
         bench.listen(F1, F2)
         bench.turn(0.4)
         bench.listen()
         bench.turn(0.05)
-        blocks = bench.heard(F1)
+        blocks = bench.blocks_of(F1)
         rate_hz = bench.info.streams[F1].rate_hz
         gaps = 0
         for before, after in pairwise(blocks):
@@ -73,7 +73,7 @@ class HandContract:
         assert all(block.rate_hz == rate_hz for block in blocks)
         assert all(np.issubdtype(block.values.dtype, np.integer) for block in blocks), "raw counts"
 
-    def test_a_stream_ends_when_nobody_listens_any_more_and_begins_anew(self, bench: HandBench) -> None:
+    def test_a_stream_ends_when_it_is_unsubscribed_and_begins_anew(self, bench: HandBench) -> None:
         bench.listen(F1)
         bench.turn(0.1)
         bench.listen()
@@ -86,7 +86,7 @@ class HandContract:
         bench.listen(F1)
         bench.turn(0.1)
         assert bench.blocks[0].seq >= last.seq + len(last)
-        # a busy bus may be too slow for some beats of the last tenth of a second, and the pause was twice as long
+        # a busy bus may be too slow for some cycles of the last tenth of a second, and the pause was twice as long
         pause = 0.2 * bench.info.streams[F1].rate_hz
         assert sum(lost.samples for lost in bench.of(Lost)) < 0.6 * pause, "the pause itself is not lost"
 
@@ -106,7 +106,7 @@ class HandContract:
         bench.device.apply(Tare("hand", F1))
         bench.turn(0.2)
         assert len(bench.of(Sent)) == 1
-        assert bench.heard(F1)[-1].physical[-1, 0] == pytest.approx(0.0, abs=0.01)
+        assert bench.blocks_of(F1)[-1].physical[-1, 0] == pytest.approx(0.0, abs=0.01)
 
     @pytest.mark.parametrize(
         "command", [Home("hand"), Tare("hand", "hand.strain_14"), Listen("hand", frozenset({"hand.palm"}))]

@@ -40,7 +40,7 @@ class MatrixContract:
         )
         assert (info.unit, info.scale) == ("V", 1e-3)
 
-    def test_nothing_is_sent_that_nobody_listens_to(self, bench: MatrixBench) -> None:
+    def test_nothing_is_sent_without_a_subscriber(self, bench: MatrixBench) -> None:
         bench.turn(0.1)
         assert bench.blocks == []
 
@@ -55,14 +55,14 @@ class MatrixContract:
             assert block.device_t0_s is not None
             assert block.arrival_s is not None
 
-    def test_blocks_follow_one_another_and_what_is_missing_is_told(self, bench: MatrixBench) -> None:
+    def test_blocks_follow_one_another_and_what_is_missing_is_reported(self, bench: MatrixBench) -> None:
         bench.listen(TEXELS)
         bench.turn(0.5)
         gaps = sum(after.seq - before.seq - len(before) for before, after in pairwise(bench.blocks))
         assert gaps == sum(lost.samples for lost in bench.of(Lost))
         assert all(after.t0_s > before.t0_s for before, after in pairwise(bench.blocks))
 
-    def test_a_stream_ends_when_nobody_listens_any_more_and_begins_anew(self, bench: MatrixBench) -> None:
+    def test_a_stream_ends_when_it_is_unsubscribed_and_begins_anew(self, bench: MatrixBench) -> None:
         bench.listen(TEXELS)
         bench.turn(0.2)
         bench.listen()

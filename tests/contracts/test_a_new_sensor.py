@@ -1,4 +1,4 @@
-"""A serial sensor made as docs/how-to/add_a_device.md says, on its emulated twin, in virtual time."""
+"""A serial sensor made by docs/how-to/add_a_device.md, on its emulated twin, in virtual time."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -65,7 +65,7 @@ def test_samples_are_numbered_dated_and_scaled(bench: Crank) -> None:
     bench.listen(FORCE)
     bench.turn(2.0)
     assert len(bench.of(Sent)) == 1
-    blocks = bench.heard(FORCE)
+    blocks = bench.blocks_of(FORCE)
     assert sum(map(len, blocks)) == 200
     for before, after in pairwise(blocks):
         assert after.seq == before.seq + len(before)
@@ -74,7 +74,7 @@ def test_samples_are_numbered_dated_and_scaled(bench: Crank) -> None:
     assert not bench.of(Lost)
 
 
-def test_nothing_comes_any_more_once_nobody_listens(bench: Crank) -> None:
+def test_nothing_comes_any_more_once_it_is_unsubscribed(bench: Crank) -> None:
     bench.listen(FORCE)
     bench.turn(0.1)
     bench.listen()
@@ -84,7 +84,7 @@ def test_nothing_comes_any_more_once_nobody_listens(bench: Crank) -> None:
     assert bench.blocks == []
 
 
-def test_what_is_lost_on_the_way_is_told() -> None:
+def test_lost_samples_are_reported() -> None:
     device = sensor(Fault(device="scale", kind="lose", at_s=1.0, for_s=0.1))
     bench = Crank(device, device._clock)
     bench.listen(FORCE)
@@ -153,7 +153,7 @@ def test_a_trial_begins_anew(trial_s: float) -> None:
     for _ in range(2):
         bench.listen(FORCE)
         bench.turn(trial_s)
-        assert bench.heard(FORCE)[0].t0_s == pytest.approx(0.01)
+        assert bench.blocks_of(FORCE)[0].t0_s == pytest.approx(0.01)
         assert bench.of(Lost) == []
         bench.listen()
         bench.clock.restart()

@@ -11,7 +11,7 @@ from drivers.messages import SampleBlock
 
 
 def resonance_input():
-    """Periods of a finger that wanders, is touched, and is let go; made by no plant."""
+    """Periods of a finger that wanders, is touched, and is released; made by no plant."""
     rng = np.random.default_rng(5)
     frequencies = np.concatenate(
         [
@@ -87,7 +87,7 @@ def level_input():
 
 
 ALARMS = ("Contact", "PreTouch", "SlipStarted")
-"""What a detector says because its number exceeds its threshold."""
+"""What a detector reports because its number exceeds its threshold."""
 
 INPUTS = {
     "level": level_input,
@@ -166,9 +166,9 @@ def test_values_that_are_not_finite_raise_no_alarm_and_no_error(kind, bad):
             times_s=block.times_s,
             unit=block.unit,
         )
-        said = detector.push(spoiled)
-        # that there is no baseline may be said
-        assert [event for event in said if not isinstance(event, BaselineRefused)] == []
+        events = detector.push(spoiled)
+        # a missing baseline may be reported
+        assert [event for event in events if not isinstance(event, BaselineRefused)] == []
 
 
 @pytest.mark.parametrize("kind", [kind for kind in DETECTORS if isinstance(made(kind), Compiled)])

@@ -58,8 +58,8 @@ def test_the_envelope_is_baseband_of_both_fingers() -> None:
 
 
 @pytest.mark.parametrize("level", ["envelope", "carrier"])
-def test_what_is_heard_does_not_depend_on_how_it_is_cut(level: str) -> None:
-    heard = []
+def test_sound_does_not_depend_on_how_it_is_cut(level: str) -> None:
+    sound = []
     for block_samples, turn_s in ((9600, 0.005), (7, 0.35)):
         trial = opened(level, block_samples=block_samples)
         trial.listen(FINGERS)
@@ -70,11 +70,11 @@ def test_what_is_heard_does_not_depend_on_how_it_is_cut(level: str) -> None:
         blocks = trial.blocks
         assert max(map(len, blocks)) <= block_samples
         assert all(after.seq == before.seq + len(before) for before, after in pairwise(blocks))
-        heard.append(np.concatenate([block.values for block in blocks])[:1000])
-    assert np.array_equal(*heard)
+        sound.append(np.concatenate([block.values for block in blocks])[:1000])
+    assert np.array_equal(*sound)
 
 
-def test_what_nobody_hears_is_not_computed() -> None:
+def test_without_a_subscriber_nothing_is_computed() -> None:
     trial = opened("carrier")
     trial.device.apply(TONE)
     trial.turn(1.0)
@@ -85,7 +85,7 @@ def test_what_nobody_hears_is_not_computed() -> None:
 @pytest.mark.parametrize(
     ("kind", "status"), [("unplug", Failed), ("lose", Lost), ("corrupt", Lost), ("full_scale", Saturated)]
 )
-def test_faults_are_told(level: str, kind: str, status: type[Status]) -> None:
+def test_faults_are_reported(level: str, kind: str, status: type[Status]) -> None:
     trial = opened(level, {"kind": kind, "at_s": 0.1, "for_s": 0.1})
     trial.listen(FINGERS)
     trial.turn(0.3)
@@ -100,14 +100,14 @@ def test_what_is_lost_is_a_gap_of_just_that_length() -> None:
     assert gaps == sum(lost.samples for lost in trial.of(Lost)) == pytest.approx(9600, abs=480)
 
 
-def test_a_drive_that_is_refused_is_told() -> None:
+def test_a_refused_drive_is_reported() -> None:
     trial = opened("carrier", {"kind": "refuse", "at_s": 0.0})
     trial.device.apply(TONE)
     trial.turn(0.01)
     assert trial.of(Refused)[0].command == TONE
 
 
-def test_a_silent_one_says_nothing() -> None:
+def test_a_silent_one_sends_nothing() -> None:
     trial = opened("carrier", {"kind": "silent", "at_s": 0.0})
     trial.listen(FINGERS)
     trial.turn(0.3)

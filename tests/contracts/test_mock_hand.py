@@ -34,14 +34,14 @@ class TestMockHand(HandContract):
 def test_the_mock_hand_loses_nothing(bench: HandBench) -> None:
     bench.listen(F1)
     bench.turn(1.0)
-    assert sum(map(len, bench.heard(F1))) == 1000
+    assert sum(map(len, bench.blocks_of(F1))) == 1000
     assert bench.statuses == []
 
 
 @pytest.mark.parametrize(
     ("kind", "status"), [("unplug", Failed), ("lose", Lost), ("corrupt", Lost), ("full_scale", Saturated)]
 )
-def test_faults_are_told(kind: str, status: type[Status]) -> None:
+def test_faults_are_reported(kind: str, status: type[Status]) -> None:
     bench = opened({"kind": kind, "at_s": 0.1, "for_s": 0.1})
     bench.listen(F1)
     bench.turn(0.3)

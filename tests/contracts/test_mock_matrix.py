@@ -38,7 +38,7 @@ def test_the_mock_matrices_lose_nothing(bench: MatrixBench) -> None:
 
 
 @pytest.mark.parametrize(("kind", "status"), [("unplug", Failed), ("lose", Lost), ("full_scale", Saturated)])
-def test_faults_are_told(kind: str, status: type[Status]) -> None:
+def test_faults_are_reported(kind: str, status: type[Status]) -> None:
     bench = opened({"kind": kind, "at_s": 0.1, "for_s": 0.1})
     bench.listen(TEXELS)
     bench.turn(0.3)

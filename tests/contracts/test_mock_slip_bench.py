@@ -34,17 +34,17 @@ def listening(sensor, streams=STREAMS):
     return bench
 
 
-def heard(bench, stream):
-    blocks = bench.heard(stream)
+def samples(bench, stream):
+    blocks = bench.blocks_of(stream)
     return np.concatenate([block.physical for block in blocks]), blocks
 
 
 @pytest.mark.parametrize(("stream", "expected"), STREAMS.items())
-def test_every_sensor_is_heard_at_its_rate_in_its_unit_without_a_gap(stream, expected):
+def test_every_sensor_is_sampled_at_its_rate_in_its_unit_without_a_gap(stream, expected):
     rate_hz, channels, unit = expected
     bench = listening("fingertip")
     bench.turn(1.0)
-    values, blocks = heard(bench, stream)
+    values, blocks = samples(bench, stream)
     assert values.shape == (pytest.approx(rate_hz, abs=2), channels)
     assert {block.unit for block in blocks} == {unit}
     assert all(after.seq == block.seq + len(block) for block, after in pairwise(blocks))
@@ -58,11 +58,11 @@ def test_pressed_and_dragged_the_sensor_at_the_tip_and_the_arm_feel_it(sensor):
     bench.until(Reached, "arm")
     bench.apply(Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0))
     bench.until(Reached, "arm")
-    dragged = {stream: heard(bench, stream)[0][-20:] for stream in STREAMS}
+    dragged = {stream: samples(bench, stream)[0][-20:] for stream in STREAMS}
     normal_n = 50.0 if sensor == "wrist" else 5.0
     assert dragged["arm.force"][:, 2].mean() == pytest.approx(normal_n, rel=0.1)
     # friction 0.2 while it slides; at rest again a stiff tip may have sprung back
-    sliding = heard(bench, "arm.force")[0][-300:-60, 0]
+    sliding = samples(bench, "arm.force")[0][-300:-60, 0]
     assert sliding.mean() == pytest.approx(-0.2 * normal_n, rel=0.15)
     felt = {
         "fingertip": dragged["board.fingertip"][:, 2].mean() / 1.0291,
@@ -80,10 +80,10 @@ def test_a_tared_board_stream_reads_zero_on_every_channel():
     bench.apply(MoveAt("arm", 0.005, 0.004))
     bench.until(Reached, "arm")
     bench.turn(0.2)
-    assert heard(bench, "board.fingertip")[0][-50:, 1].mean() > 0.1
+    assert samples(bench, "board.fingertip")[0][-50:, 1].mean() > 0.1
     bench.apply(Tare("board", "board.fingertip"))
     bench.turn(0.2)
-    assert np.abs(heard(bench, "board.fingertip")[0][-50:].mean(axis=0)).max() < 0.01
+    assert np.abs(samples(bench, "board.fingertip")[0][-50:].mean(axis=0)).max() < 0.01
     bench.close()
 
 

@@ -43,7 +43,7 @@ def opened() -> Any:
     return made
 
 
-def told(person: Crank, command: Command, seconds: float = 1.0) -> list[Status]:
+def statuses_after(person: Crank, command: Command, seconds: float = 1.0) -> list[Status]:
     person.statuses.clear()
     person.device.apply(command)
     person.turn(seconds)
@@ -52,20 +52,20 @@ def told(person: Crank, command: Command, seconds: float = 1.0) -> list[Status]:
 
 def test_a_request_is_sent_and_answered_under_its_number(opened: Any) -> None:
     person, _ = opened()
-    sent, answered = told(person, Ask("operator", "wipe the tip", id=3))
+    sent, answered = statuses_after(person, Ask("operator", "wipe the tip", id=3))
     assert (type(sent), sent.command_id) == (Sent, 3)
     assert (type(answered), answered.command_id) == (Answered, 3)
     assert answered.t_s - sent.t_s == pytest.approx(0.4, abs=0.005)
 
 
-def test_a_weight_hangs_alone_and_is_told_and_heard(opened: Any) -> None:
+def test_a_weight_hangs_alone_and_is_reported_and_sampled(opened: Any) -> None:
     person, tip = opened()
     person.device.apply(Listen("operator", frozenset({"operator.load"})))
     for command, hangs in (
         (LoadWeight("operator", "x", 2.0, id=4), {"x": 2.0, "y": 0.0, "t": 0.0}),
         (LoadWeight("operator", "t", 1.5, id=5), {"x": 0.0, "y": 0.0, "t": 1.5}),
     ):
-        sent, loaded = told(person, command)
+        sent, loaded = statuses_after(person, command)
         assert (type(sent), type(loaded), loaded.command_id) == (Sent, Loaded, command.id)
         assert tip.hangs == hangs
     assert [block.values.tolist() for block in person.blocks] == [[[2.0, 0.0, 0.0]], [[0.0, 0.0, 1.5]]]
@@ -76,7 +76,7 @@ def test_a_weight_hangs_alone_and_is_told_and_heard(opened: Any) -> None:
     "command",
     [
         Ask("operator", " "),
-        Ask("somebody", "wipe the tip"),
+        Ask("another", "wipe the tip"),
         LoadWeight("operator", "z", 1.0),
         LoadWeight("operator", "x", 10.1),
         LoadWeight("operator", "y", -0.1),
@@ -98,7 +98,7 @@ def test_a_newer_request_takes_an_older_one_s_place(opened: Any) -> None:
     person, tip = opened()
     person.device.apply(LoadWeight("operator", "x", 2.0, id=1))
     person.turn(0.2)
-    answers = told(person, Ask("operator", "wait", id=2))
+    answers = statuses_after(person, Ask("operator", "wait", id=2))
     assert [(type(one), one.command_id) for one in answers][-1] == (Answered, 2)
     assert not [one for one in answers if isinstance(one, Loaded)]
     assert tip.hangs == {}
@@ -106,7 +106,7 @@ def test_a_newer_request_takes_an_older_one_s_place(opened: Any) -> None:
 
 def test_what_the_tip_does_not_bear_is_refused_with_the_reason(opened: Any) -> None:
     person, _ = opened()
-    refused = told(person, LoadWeight("operator", "y", 1.0, id=7))[-1]
+    refused = statuses_after(person, LoadWeight("operator", "y", 1.0, id=7))[-1]
     assert isinstance(refused, Refused)
     assert (refused.command_id, refused.reason) == (7, "there is no bridge y; take another sensor")
 
@@ -114,7 +114,7 @@ def test_what_the_tip_does_not_bear_is_refused_with_the_reason(opened: Any) -> N
 @pytest.mark.parametrize(
     ("kind", "kinds"), [("refuse", [Sent, Refused]), ("silent", [Sent]), ("lose", [Sent])]
 )
-def test_a_person_who_will_not_or_says_nothing(opened: Any, kind: Any, kinds: list[type[Status]]) -> None:
+def test_a_person_who_refuses_or_does_not_answer(opened: Any, kind: Any, kinds: list[type[Status]]) -> None:
     person, _ = opened(Fault(device="operator", kind=kind, at_s=0.05))
     person.turn(0.1)
-    assert [type(one) for one in told(person, Ask("operator", "wipe the tip"))] == kinds
+    assert [type(one) for one in statuses_after(person, Ask("operator", "wipe the tip"))] == kinds

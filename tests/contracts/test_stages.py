@@ -53,7 +53,7 @@ class StageBench(Crank):
         self.axis = axis
 
     def apply(self, command: Command, seconds: float = 0.0) -> list[Status]:
-        """Send a command, turn the crank; what was said meanwhile."""
+        """Send a command, turn the crank; the statuses meanwhile."""
         self.statuses.clear()
         self.device.apply(command)
         self.turn(seconds)
@@ -111,10 +111,10 @@ def test_the_simulated_stage_says_for_how_long_it_may_be_left_alone_until_it_has
 
 @pytest.mark.parametrize("command", [MoveTo("stage", 0.005, 0.01, id=3), MoveAt("stage", 0.01, 0.005, id=3)])
 def test_no_motion_before_home(bench: StageBench, command: Command) -> None:
-    said = bench.apply(command, 1.0)
-    assert [type(status) for status in said] == [Refused]
-    assert said[0].command_id == 3
-    assert "it does not know where it is; send Home first" in said[0].reason  # type: ignore[attr-defined]
+    statuses = bench.apply(command, 1.0)
+    assert [type(status) for status in statuses] == [Refused]
+    assert statuses[0].command_id == 3
+    assert "it does not know where it is; send Home first" in statuses[0].reason  # type: ignore[attr-defined]
     assert bench.position_m == 0.0
 
 
@@ -122,14 +122,14 @@ def test_home_once_is_enough(homed: StageBench) -> None:
     homed.clock.restart()
     homed.axis.place(0.0, 0.0)
     getattr(homed.device, "restart", lambda: None)()
-    said = homed.apply(MoveTo("stage", 0.001, 0.01, id=3), 1.0)
-    assert [type(status) for status in said] == [Sent, Reached]
+    statuses = homed.apply(MoveTo("stage", 0.001, 0.01, id=3), 1.0)
+    assert [type(status) for status in statuses] == [Sent, Reached]
 
 
 def test_home_goes_to_the_home_end(homed: StageBench) -> None:
     homed.apply(MoveTo("stage", 0.008, 0.02), 2.0)
-    said = homed.apply(Home("stage", id=4), 2.0)
-    assert [(type(status), status.command_id) for status in said] == [(Sent, 4), (Reached, 4)]
+    statuses = homed.apply(Home("stage", id=4), 2.0)
+    assert [(type(status), status.command_id) for status in statuses] == [(Sent, 4), (Reached, 4)]
     assert homed.position_m == pytest.approx(0.0, abs=MICROSTEP_M)
 
 
@@ -167,7 +167,7 @@ def test_what_makes_no_sense_is_an_error_and_nothing_moves(homed: StageBench, co
         (MoveAt("stage", 5.0, 0.02), MoveAt("stage", 0.025, 0.02)),
     ],
 )
-def test_too_great_a_speed_is_clamped_and_that_is_told(
+def test_too_great_a_speed_is_clamped_and_that_is_reported(
     homed: StageBench, command: Command, clamped: Command
 ) -> None:
     (sent,) = homed.apply(command, 0.4)
@@ -178,16 +178,16 @@ def test_too_great_a_speed_is_clamped_and_that_is_told(
 def test_an_approach_from_beyond_its_limit_is_refused(homed: StageBench) -> None:
     homed.apply(MoveTo("stage", 0.008, 0.02), 2.0)
     for command in (MoveAt("stage", 0.01, 0.007), MoveAt("stage", -0.01, 0.009)):
-        (said,) = homed.apply(command, 0.5)
-        assert isinstance(said, Refused)
-        assert said.reason == "it is beyond the limit already, at 0.008000 m"
+        (status,) = homed.apply(command, 0.5)
+        assert isinstance(status, Refused)
+        assert status.reason == "it is beyond the limit already, at 0.008000 m"
     assert homed.position_m == pytest.approx(0.008, abs=MICROSTEP_M)
 
 
 def test_a_speed_that_the_blind_travel_does_not_bear_is_refused(homed: StageBench) -> None:
-    (said,) = homed.apply(MoveAt("stage", 0.02, 0.01, blind_travel_m=0.001), 0.5)
-    assert isinstance(said, Refused)
-    assert "limits.blind_travel_m is 0.001" in said.reason
+    (status,) = homed.apply(MoveAt("stage", 0.02, 0.01, blind_travel_m=0.001), 0.5)
+    assert isinstance(status, Refused)
+    assert "limits.blind_travel_m is 0.001" in status.reason
     assert homed.position_m == 0.0
 
 
@@ -205,7 +205,7 @@ def test_a_stage_that_is_looked_at_moves_as_evenly_as_in_one_piece(
 
 @pytest.mark.parametrize("blind_m", [0.0012, 0.002, 0.005])
 @pytest.mark.parametrize("towards", [1, -1])
-def test_a_stage_that_nobody_looks_at_halts_within_its_blind_travel_and_goes_on_when_seen(
+def test_an_unsupervised_stage_halts_within_its_blind_travel_and_goes_on_when_seen(
     homed: StageBench, blind_m: float, towards: int
 ) -> None:
     from_m, to_m = (0.0, 0.02) if towards > 0 else (0.02, 0.0)
@@ -222,11 +222,11 @@ def test_a_stage_that_nobody_looks_at_halts_within_its_blind_travel_and_goes_on_
 
 
 def test_a_stop_is_answered_moving_or_not(homed: StageBench) -> None:
-    said = homed.apply(Stop("stage", id=5), 0.1)
-    assert [(type(status), status.command_id) for status in said] == [(Sent, 5), (Standstill, 5)]
+    statuses = homed.apply(Stop("stage", id=5), 0.1)
+    assert [(type(status), status.command_id) for status in statuses] == [(Sent, 5), (Standstill, 5)]
     homed.apply(MoveAt("stage", 0.01, 0.02, id=6), 0.5)
-    said = homed.apply(Stop("stage", id=7), 0.5)
-    assert [(type(status), status.command_id) for status in said] == [(Sent, 7), (Standstill, 7)]
+    statuses = homed.apply(Stop("stage", id=7), 0.5)
+    assert [(type(status), status.command_id) for status in statuses] == [(Sent, 7), (Standstill, 7)]
     still_m = homed.position_m
     homed.turn(1.0)
     assert homed.position_m == still_m, "nothing sends it on after a stop"
@@ -249,7 +249,7 @@ COMMANDS = st.one_of(
 )
 
 
-def told(statuses: list[Status]) -> list[tuple[Any, ...]]:
+def compared(statuses: list[Status]) -> list[tuple[Any, ...]]:
     """What is compared: kinds, numbers, commands as clamped, reasons without the place that they name."""
     return [
         (
@@ -264,11 +264,11 @@ def told(statuses: list[Status]) -> list[tuple[Any, ...]]:
 
 @settings(max_examples=40, deadline=None, phases=(Phase.explicit, Phase.generate, Phase.shrink))
 @given(st.lists(st.tuples(COMMANDS, st.sampled_from((0.1, 3.0))), max_size=5))
-def test_whatever_is_asked_both_say_the_same(steps: list[tuple[Command, float]]) -> None:
+def test_both_answer_any_commands_the_same_way(steps: list[tuple[Command, float]]) -> None:
     one, other = simulated(), emulated()
     for number, (command, seconds) in enumerate([(Home("stage"), 1.0), *steps], start=1):
-        said = [bench.apply(replace(command, id=number), seconds) for bench in (one, other)]
-        assert told(said[0]) == told(said[1])
+        statuses = [bench.apply(replace(command, id=number), seconds) for bench in (one, other)]
+        assert compared(statuses[0]) == compared(statuses[1])
         assert one.position_m == pytest.approx(other.position_m, abs=LAG_M)
-        ends = [[s.position_m for s in side if isinstance(s, Reached)] for side in said]
+        ends = [[s.position_m for s in side if isinstance(s, Reached)] for side in statuses]
         assert ends[0] == pytest.approx(ends[1], abs=MICROSTEP_M)

@@ -91,7 +91,7 @@ class Target:
 
 
 def _halves(data: bytes) -> tuple[bytes, ...]:
-    """In two pieces, as a line may bring them; the first byte says where they part."""
+    """In two pieces, as a line may bring them; the first byte is where they part."""
     cut = data[0] if data else 0
     return data[1 : 1 + cut], data[1 + cut :]
 
@@ -182,15 +182,15 @@ def _zaber_seeds() -> Iterable[bytes]:
 
 
 class _Silent:
-    """A node that hears everything."""
+    """A node that receives everything."""
 
-    def receive(self, heard: CanFrame, t_s: float) -> list[CanFrame]:
+    def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
         for decode in (gripper.decode_order, gripper.decode_answer):
             with suppress(CodecError):
-                decode(heard)
+                decode(frame)
         for read in (hand.decode_request, hand.decode_reply):
             with suppress(CodecError):
-                read(heard)
+                read(frame)
         return []
 
     def step(self, t_s: float) -> list[CanFrame]:
@@ -310,7 +310,7 @@ def _audio_seeds() -> Iterable[bytes]:
     yield (
         b"\x10" + sound.encode(sound.Sound(2**33, counts)) + sound.encode(sound.SoundMessage(5, {"reply": 1}))
     )
-    words = [
+    requests = [
         {"do": "hello", "tag": 1},
         {"do": "start", "tag": 2},
         {"do": "tone", "frequency_hz": 40_000.0, "level": 0.5, "tag": 3},
@@ -318,7 +318,7 @@ def _audio_seeds() -> Iterable[bytes]:
         {"do": "silence", "tag": 5},
         {"do": "stop", "tag": 6},
     ]
-    yield b"".join(map(sound.encode_line, words))
+    yield b"".join(map(sound.encode_line, requests))
 
 
 def _person(data: bytes) -> None:

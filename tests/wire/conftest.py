@@ -30,7 +30,7 @@ class Serve:
     """Emulated devices, served by one thread on a bench's clock: `serve(device)` gives the path of a pty.
 
     Time on this clock stands still while this process is held up, and waits for the thread that turns a driver and for
-    bytes that nobody has read: what a test finds does not depend on how busy its machine is.
+    unread bytes: what a test finds does not depend on how busy its machine is.
 
     Attributes:
         clock: For drivers, and for tests that wait for them.
@@ -96,7 +96,7 @@ class Serve:
             self._pull()
 
     def _pull(self) -> None:
-        """In the thread that waits for the line: nobody else may close it."""
+        """In the thread that waits for the line: no other may close it."""
         with suppress(queue.Empty):
             while True:
                 self._ends.pop(self._pulled.get_nowait()).unplug()

@@ -30,7 +30,7 @@ def free_host() -> str:
 class EmulatedUr:
     """Starts the controller, gives it orders, ends it.
 
-    Time on its clock stands still while a machine holds it or those up who wait on the clock.
+    Its clock stands still while the machine holds up the controller or a client of the clock.
 
     Args:
         plane_m: Height of a stiff plane above the base.
@@ -56,9 +56,9 @@ class EmulatedUr:
         if plane_m is not None:
             command += ["--plane-m", str(plane_m)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        said = json.loads(self._line())
-        assert said["arm"]["host"] == self.host
-        self.clock = BenchClock(ClockPage(said["clock"]))
+        endpoints = json.loads(self._line())
+        assert endpoints["arm"]["host"] == self.host
+        self.clock = BenchClock(ClockPage(endpoints["clock"]))
 
     def __enter__(self) -> Self:
         return self

@@ -44,9 +44,9 @@ def verb(capsys: pytest.CaptureFixture[str]) -> Verb:
     def call(*arguments: object) -> tuple[int, str, str]:
         with pytest.raises(SystemExit) as ended:
             cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        said = capsys.readouterr()
+        printed = capsys.readouterr()
         assert isinstance(ended.value.code, int)
-        return ended.value.code, said.out, said.err
+        return ended.value.code, printed.out, printed.err
 
     return call
 
@@ -81,11 +81,11 @@ def test_a_sweep_finds_the_fingers_resonance(tmp_path: Path, verb: Verb, port: s
 
 def test_the_emulated_link_is_in_the_manifest(tmp_path: Path, verb: Verb) -> None:
     verb("run", profile(tmp_path, "emulated"), "--no-report", "--out", tmp_path / "runs")
-    said = manifest(tmp_path / "runs")
-    assert said["devices"]["audio"]["clock"] == "audio frames"
-    link = said["devices"]["audio"]["link"]
+    recorded = manifest(tmp_path / "runs")
+    assert recorded["devices"]["audio"]["clock"] == "audio frames"
+    link = recorded["devices"]["audio"]["link"]
     assert link["frames"] + link["frames_lost"] >= 0.6 * 96_000
-    assert said["loss"].get("audio.fingers", 0) == link["frames_lost"]
+    assert recorded["loss"].get("audio.fingers", 0) == link["frames_lost"]
 
 
 def test_a_recording_runs_in_the_fingers_place(tmp_path: Path, verb: Verb) -> None:
@@ -124,18 +124,20 @@ def test_check_connects_and_reads_both_fingers(tmp_path: Path, verb: Verb) -> No
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"),
+    ("kind", "message"),
     [
         ("clipped", "the right finger is clipped: "),
         ("silent", "the right finger is silent: "),
         ("mono", "has 1 channel where two fingers need 2"),
     ],
 )
-def test_check_refuses_bad_sound_with_exit_code_3(tmp_path: Path, verb: Verb, kind: str, words: str) -> None:
+def test_check_refuses_bad_sound_with_exit_code_3(
+    tmp_path: Path, verb: Verb, kind: str, message: str
+) -> None:
     sound = np.random.default_rng(2).normal(0.0, 1e-3, (96_000, 2))
     counts = {"clipped": sound * 1e3, "silent": sound * 0.0, "mono": sound[:, 0]}[kind]
     path = profile(tmp_path, f"file:{recording(tmp_path / 'take.wav', counts)}", 'kind = "none"')
     code, out, _ = verb("check", path, "--connect")
     assert code == 3
     (line,) = [line for line in out.splitlines() if line.startswith("audio: ")]
-    assert words in line
+    assert message in line

@@ -76,13 +76,13 @@ def gaps(blocks: list[SampleBlock]) -> int:
 
 def test_frames_are_counted_beyond_32_bits(trial: AudioTrial) -> None:
     trial.listen(FINGERS)
-    trial.hear(4800)
+    trial.record(4800)
     assert trial.blocks[0].seq > 2**32
 
 
 def test_dropped_packets_are_counted_exactly(server: Server, trial: AudioTrial) -> None:
     trial.listen(FINGERS)
-    trial.hear(4800)
+    trial.record(4800)
     server.inject("drop", packets=3)
     trial.turn(0.2)
     server.inject("drop", packets=20)
@@ -95,7 +95,7 @@ def test_dropped_packets_are_counted_exactly(server: Server, trial: AudioTrial) 
 
 def test_what_the_fault_lose_takes_is_counted_exactly(server: Server, trial: AudioTrial) -> None:
     trial.listen(FINGERS)
-    trial.hear(4800)
+    trial.record(4800)
     server.fault("lose", for_s=0.3)
     trial.turn(0.8)
     assert server.recorder.dropped >= 0.2 * 96_000
@@ -126,14 +126,14 @@ def test_a_recorder_that_falls_silent_has_failed_once(
 
 def test_a_converter_that_begins_anew_has_failed(server: Server, trial: AudioTrial) -> None:
     trial.listen(FINGERS)
-    trial.hear(4800)
+    trial.record(4800)
     server.inject("restart")
     trial.turn(0.2)
     (failed,) = trial.of(Failed)
     assert "the converter began anew: after frame 4320" in failed.reason
 
 
-def test_a_drive_that_is_refused_is_told(server: Server, trial: AudioTrial) -> None:
+def test_a_refused_drive_is_reported(server: Server, trial: AudioTrial) -> None:
     server.inject("refuse")
     trial.device.apply(TONE)
     refused = trial.until(Refused)
@@ -153,9 +153,9 @@ def test_the_drift_of_its_clock_is_found(serve: Any, connect: Callable[..., Audi
     assert trial.device.account()["drift_ppm"] == pytest.approx(400.0, abs=100.0)
 
 
-def test_a_host_that_was_away_has_everything_or_is_told(server: Server, trial: AudioTrial) -> None:
+def test_a_host_that_was_away_has_everything_or_a_reported_loss(server: Server, trial: AudioTrial) -> None:
     trial.listen(FINGERS)
-    trial.hear(4800)
+    trial.record(4800)
     trial.clock.rest(1.0)
     trial.turn(0.5)
     assert trial.of(Failed) == []
@@ -167,7 +167,7 @@ def test_a_second_host_is_hung_up_on(server: Server, trial: AudioTrial) -> None:
     with pytest.raises(ProtocolError, match=r"hung up while connecting to .*no other host connected"):
         Audio("audio", AudioSettings(port=server.port), server.clock).open()
     trial.listen(FINGERS)
-    trial.hear(4800)
+    trial.record(4800)
     assert trial.blocks
 
 
@@ -178,7 +178,7 @@ def test_it_can_be_opened_again_and_the_drive_is_silent(server: Server, trial: A
     trial.clock.rest(0.1)
     trial.device.open()
     trial.listen(FINGERS)
-    trial.hear(9600)
+    trial.record(9600)
     assert max(np.abs(block.values).max() for block in trial.blocks) <= 50
 
 
@@ -202,18 +202,18 @@ def test_clipped_fingers_are_refused_at_open(server: Server) -> None:
 
 
 class Other:
-    """A listener that says something else, or nothing, to whoever connects."""
+    """A server that sends something else, or nothing, to its client."""
 
-    def __init__(self, says: bytes) -> None:
+    def __init__(self, sends: bytes) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = "tcp:{}:{}".format(*self._listener.getsockname())
-        self._says = says
+        self._sends = sends
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
     def _serve(self) -> None:
         connection, _ = self._listener.accept()
-        connection.sendall(self._says)
+        connection.sendall(self._sends)
         connection.settimeout(5.0)
         while connection.recv(100):
             pass
@@ -222,28 +222,28 @@ class Other:
 
 
 @pytest.mark.parametrize(
-    ("says", "patience_s", "error", "words"),
+    ("sends", "patience_s", "error", "message"),
     [
         (b"HTTP/1.1 400\r\n\r\n", 20.0, ProtocolError, "a frame begins with b'TBA1', not with b'HTTP'"),
         (b"", 0.3, SilentError, "it does not answer in 0.3 s"),
     ],
 )
 def test_what_is_no_recorder_is_not_opened(
-    says: bytes, patience_s: float, error: type[DeviceError], words: str
+    sends: bytes, patience_s: float, error: type[DeviceError], message: str
 ) -> None:
-    with pytest.raises(error, match=words):
-        Audio("audio", AudioSettings(port=Other(says).port, reply_timeout_s=patience_s), WallClock()).open()
+    with pytest.raises(error, match=message):
+        Audio("audio", AudioSettings(port=Other(sends).port, reply_timeout_s=patience_s), WallClock()).open()
 
 
 @pytest.mark.parametrize(
-    ("port", "words"),
+    ("port", "message"),
     [
         ("tcp:127.0.0.1:1", r"it does not answer \(Connection refused\)"),
         ("tcp:127.0.0.1", "it is no address"),
         ("tcp:127.0.0.1:99999", "it does not answer"),
     ],
 )
-def test_an_address_where_nobody_is_is_said_to_be_so(port: str, words: str) -> None:
-    with pytest.raises(PortError, match=words) as error:
+def test_an_address_without_a_recorder_is_a_port_error(port: str, message: str) -> None:
+    with pytest.raises(PortError, match=message) as error:
         Audio("audio", AudioSettings(port=port), WallClock()).open()
     assert "\n" not in str(error.value)

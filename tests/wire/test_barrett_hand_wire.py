@@ -70,7 +70,7 @@ def test_a_spoilt_line_is_one_lost_sample_of_one_finger(wire: Wire, bench: HandB
     assert bench.device.account()["malformed"] == 1
     assert {lost.stream for lost in bench.of(Lost)} & {F1, F2, F3}
     assert bench.of(Failed) == []
-    assert bench.heard(F1)[-1].physical[-1, 0] == pytest.approx(1.0, abs=0.005)
+    assert bench.blocks_of(F1)[-1].physical[-1, 0] == pytest.approx(1.0, abs=0.005)
 
 
 def test_a_hand_that_falls_silent_has_failed_once(serve: Any) -> None:

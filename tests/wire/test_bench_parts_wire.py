@@ -50,19 +50,19 @@ def await_(
     device: Any, clock: BenchClock, found: Callable[[list[Any]], bool], timeout_s: float = 15.0
 ) -> list[Any]:
     """Blocks and statuses until they are as wanted."""
-    heard: list[Any] = []
+    received: list[Any] = []
     end_s = clock.monotonic_s() + timeout_s
     while clock.monotonic_s() < end_s:
-        heard += [*device.read(), *device.poll()]
-        if found(heard):
-            return heard
+        received += [*device.read(), *device.poll()]
+        if found(received):
+            return received
         clock.rest(0.005)
-    raise AssertionError(f"it never came: {heard[-5:]}")
+    raise AssertionError(f"it never came: {received[-5:]}")
 
 
 def do(device: Any, clock: BenchClock, command: Command, kind: type) -> Any:
     device.apply(command)
-    return await_(device, clock, lambda heard: isinstance(heard[-1:] and heard[-1], kind))[-1]
+    return await_(device, clock, lambda received: isinstance(received[-1:] and received[-1], kind))[-1]
 
 
 def test_the_gripper_on_the_bench_s_jaws_finds_its_ends_and_goes_to_a_width(emulator) -> None:
@@ -81,7 +81,7 @@ def test_the_gripper_on_the_bench_s_jaws_finds_its_ends_and_goes_to_a_width(emul
         gripper.close()
 
 
-def test_hand_and_matrices_on_the_slip_bench_are_heard(emulator) -> None:
+def test_hand_and_matrices_on_the_slip_bench_are_sampled(emulator) -> None:
     started = emulator("slip", "barrett_hand", "dsa_matrix")
     devices, clock = started.endpoints["devices"], clock_of(started)
     hand = BarrettHand("hand", BarrettHandSettings(port=devices["barrett_hand"]["port"]), clock)
@@ -90,10 +90,10 @@ def test_hand_and_matrices_on_the_slip_bench_are_heard(emulator) -> None:
         assert stream in device.open().streams
         try:
             device.apply(Listen(device.name, frozenset({stream})))
-            heard = await_(
-                device, clock, lambda heard: sum(isinstance(one, SampleBlock) for one in heard) >= 3
+            received = await_(
+                device, clock, lambda received: sum(isinstance(one, SampleBlock) for one in received) >= 3
             )
-            values = np.concatenate([one.physical for one in heard if isinstance(one, SampleBlock)])
+            values = np.concatenate([one.physical for one in received if isinstance(one, SampleBlock)])
             assert values.shape[1] == (1 if device is hand else 70)
             # Nothing touches: no more than noise, in N and in V.
             assert np.abs(values - np.median(values, axis=0)).max() < 1.0

@@ -167,8 +167,8 @@ def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:
         while running.is_set():
             now_s = clock.monotonic_s()
             frames: list[CanFrame] = [*node.step(now_s)]
-            for heard in far.receive():
-                frames += node.receive(heard.frame, now_s)
+            for received in far.receive():
+                frames += node.receive(received.frame, now_s)
             for frame in frames:
                 far.send(frame)
             time.sleep(0.001)

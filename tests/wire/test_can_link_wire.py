@@ -23,18 +23,18 @@ ASK = CanFrame(0x100, b"\x01")
 
 
 class Echo:
-    """Answers 0x100 as 0x101 with the number of the question, unless told to keep quiet or to be late."""
+    """Answers 0x100 as 0x101 with the number of the question, unless set to be quiet or late."""
 
     def __init__(self) -> None:
         self.asked = 0
-        self.heard_s: list[float] = []
+        self.received_s: list[float] = []
         self.quiet: set[int] = set()
         self.late: set[int] = set()
         self._waiting: list[CanFrame] = []
 
     def receive(self, frame: CanFrame, t_s: float) -> Sequence[CanFrame]:
         number, self.asked = self.asked, self.asked + 1
-        self.heard_s.append(t_s)
+        self.received_s.append(t_s)
         answer = CanFrame(frame.id + 1, number.to_bytes(2, "big") + frame.data)
         waiting, self._waiting = self._waiting, []
         if number in self.quiet:
@@ -59,14 +59,14 @@ def eventually(condition: Callable[[], bool]) -> bool:
 
 
 def gathered(link: CanLink, count: int) -> list[ReceivedFrame]:
-    heard: list[ReceivedFrame] = []
+    received: list[ReceivedFrame] = []
 
     def enough() -> bool:
-        heard.extend(link.receive())
-        return len(heard) >= count
+        received.extend(link.receive())
+        return len(received) >= count
 
-    assert eventually(enough), heard
-    return heard
+    assert eventually(enough), received
+    return received
 
 
 class Line:
@@ -77,7 +77,7 @@ class Line:
         tty.setraw(self.slave)
         self.path = os.ttyname(self.slave)
 
-    def say(self, data: bytes) -> None:
+    def send(self, data: bytes) -> None:
         os.write(self.master, data)
 
     def hang_up(self) -> None:
@@ -106,48 +106,48 @@ def test_a_question_is_answered_through_an_adapter(serve: Any) -> None:
     try:
         before_s = serve.clock.monotonic_s()
         sent_s = link.send(ASK)
-        (heard,) = gathered(link, 1)
-        assert heard.frame == CanFrame(0x101, b"\x00\x00\x01")
+        (received,) = gathered(link, 1)
+        assert received.frame == CanFrame(0x101, b"\x00\x00\x01")
         assert sent_s is not None
         assert before_s <= sent_s
-        assert before_s <= heard.arrival_s <= serve.clock.monotonic_s()
-        assert (heard.cycle, heard.due_s) == (None, None)
+        assert before_s <= received.arrival_s <= serve.clock.monotonic_s()
+        assert (received.cycle, received.due_s) == (None, None)
     finally:
         link.close()
 
 
-def test_the_adapter_is_told_the_bit_rate_and_opened(line: Line, link: CanLink) -> None:
-    said = b""
-    while not said.endswith(b"O\r"):  # a pty hands on in pieces
-        said += os.read(line.master, 100)
-    assert b"S8\r" in said
+def test_the_adapter_is_given_the_bit_rate_and_opened(line: Line, link: CanLink) -> None:
+    written = b""
+    while not written.endswith(b"O\r"):  # a pty hands on in pieces
+        written += os.read(line.master, 100)
+    assert b"S8\r" in written
 
 
-def test_what_is_no_frame_is_counted_and_the_next_one_is_heard(line: Line, link: CanLink) -> None:
-    line.say(b"t?782AABB\r")  # no number: ValueError in python-can
-    line.say(b"t07\r")  # too short: IndexError
-    line.say(b"t0784AABB\r")  # two bytes of four: passes in python-can
-    line.say(b"T000000780\r")  # extended
-    line.say(b"\a")  # refused: passed over without a word
-    line.say(b"t0782AABB\r")
-    (heard,) = gathered(link, 1)
-    assert heard.frame == CanFrame(0x78, b"\xaa\xbb")
+def test_what_is_no_frame_is_counted_and_the_next_one_is_received(line: Line, link: CanLink) -> None:
+    line.send(b"t?782AABB\r")  # no number: ValueError in python-can
+    line.send(b"t07\r")  # too short: IndexError
+    line.send(b"t0784AABB\r")  # two bytes of four: passes in python-can
+    line.send(b"T000000780\r")  # extended
+    line.send(b"\a")  # refused: dropped without a report
+    line.send(b"t0782AABB\r")
+    (received,) = gathered(link, 1)
+    assert received.frame == CanFrame(0x78, b"\xaa\xbb")
     assert link.malformed == 4
     assert link.fault is None
 
 
 def test_noise_does_not_deafen_it(line: Line, link: CanLink) -> None:
-    line.say(b"\xff\xfe\r")  # no text: python-can keeps it in its buffer
+    line.send(b"\xff\xfe\r")  # no text: python-can keeps it in its buffer
     assert eventually(lambda: link.malformed > 0)
     time.sleep(0.05)
-    line.say(b"t0782AABB\r")
+    line.send(b"t0782AABB\r")
     assert gathered(link, 1)[0].frame == CanFrame(0x78, b"\xaa\xbb")
 
 
 def test_a_frame_may_come_in_pieces(line: Line, link: CanLink) -> None:
-    line.say(b"t0782A")
+    line.send(b"t0782A")
     time.sleep(0.05)
-    line.say(b"ABB\rr0780\r")
+    line.send(b"ABB\rr0780\r")
     first, second = gathered(link, 2)
     assert first.frame == CanFrame(0x78, b"\xaa\xbb")
     assert second.frame == CanFrame(0x78, remote=True)
@@ -161,7 +161,7 @@ def test_an_adapter_that_is_taken_away_is_a_fault_and_no_exception(line: Line, l
     link.close()
 
 
-def test_an_adapter_that_takes_no_more_bytes_is_a_fault_and_holds_nobody(
+def test_an_adapter_that_takes_no_more_bytes_is_a_fault_and_blocks_no_caller(
     line: Line, link: CanLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever a port can be waited with is watched, so that the machine's speed does not matter."""
@@ -226,44 +226,44 @@ def test_two_links_speak_on_a_virtual_bus() -> None:
         other.close()
 
 
-def beaten(serve: Any, echo: Echo, beats: int, answer_s: float = 0.1) -> list[ReceivedFrame]:
+def polled(serve: Any, echo: Echo, frames: int, answer_s: float = 0.1) -> list[ReceivedFrame]:
     link = open_can("hand", CanPort(port=serve(EmulatedSlcan(echo))), serve.clock)
     try:
         link.ask(PeriodicQuestion(ASK, frozenset({0x101}), period_s=0.01, answer_s=answer_s))
-        return gathered(link, beats)
+        return gathered(link, frames)
     finally:
         link.close()
 
 
-def test_a_question_is_asked_at_its_beat_and_each_answer_bears_its_number(serve: Any) -> None:
-    heard = beaten(serve, Echo(), 30)
-    beats = [one.cycle for one in heard if one.cycle is not None]
-    assert beats == sorted(set(beats))
-    assert len(beats) >= 30
-    for one in heard:
+def test_a_question_is_asked_in_its_cycle_and_each_answer_bears_its_number(serve: Any) -> None:
+    received = polled(serve, Echo(), 30)
+    cycles = [one.cycle for one in received if one.cycle is not None]
+    assert cycles == sorted(set(cycles))
+    assert len(cycles) >= 30
+    for one in received:
         assert one.due_s is not None
-        assert one.due_s - heard[0].due_s == pytest.approx(0.01 * one.cycle)
+        assert one.due_s - received[0].due_s == pytest.approx(0.01 * one.cycle)
         assert one.arrival_s > one.due_s
 
 
-def test_a_lost_answer_leaves_a_gap_in_the_beats(serve: Any) -> None:
+def test_a_lost_answer_leaves_a_gap_in_the_cycles(serve: Any) -> None:
     echo = Echo()
     echo.quiet = {5}
-    heard = beaten(serve, echo, 15)
-    assert [int.from_bytes(one.frame.data[:2], "big") for one in heard[:8]] == [0, 1, 2, 3, 4, 6, 7, 8]
-    assert heard[5].cycle - heard[4].cycle >= 10, "its answer had 0.1 s: ten beats"
+    received = polled(serve, echo, 15)
+    assert [int.from_bytes(one.frame.data[:2], "big") for one in received[:8]] == [0, 1, 2, 3, 4, 6, 7, 8]
+    assert received[5].cycle - received[4].cycle >= 10, "its answer had 0.1 s: ten cycles"
 
 
 def test_a_late_answer_passes_for_one_to_the_next_question_and_to_no_other(serve: Any) -> None:
     """The answer to question 5 comes together with that to question 6, when question 5 has been given up."""
     echo = Echo()
     echo.late = {5}
-    heard = beaten(serve, echo, 25)
+    received = polled(serve, echo, 25)
     mistaken = []
-    for one in heard:
+    for one in received:
         number = int.from_bytes(one.frame.data[:2], "big")
-        # A question reaches the far end after it was due: one that had before is another beat's.
-        if one.due_s is not None and echo.heard_s[number] < one.due_s:
+        # A question reaches the far end after it was due: one that had before is another cycle's.
+        if one.due_s is not None and echo.received_s[number] < one.due_s:
             mistaken.append(number)
     assert mistaken == [5]
 
@@ -277,12 +277,12 @@ def test_an_answer_to_a_question_that_is_asked_no_more_bears_no_number(serve: An
         link.ask(first)
         assert eventually(lambda: len(link._arrived) > 3)
         link.ask(second)
-        of_first = [heard for question, heard in [*link._arrived] if question is first]
+        of_first = [received for question, received in [*link._arrived] if question is first]
         assert of_first[-1].cycle is not None
-        heard = gathered(link, len(of_first) + 3)
-        numbered = [one.cycle for one in heard if one.cycle is not None]
+        received = gathered(link, len(of_first) + 3)
+        numbered = [one.cycle for one in received if one.cycle is not None]
         assert numbered[0] == 0
         assert numbered == sorted(set(numbered)), "the second question's"
-        assert all((one.cycle, one.due_s) == (None, None) for one in heard[: len(of_first)])
+        assert all((one.cycle, one.due_s) == (None, None) for one in received[: len(of_first)])
     finally:
         link.close()

@@ -46,11 +46,11 @@ def centering(tmp_path):
         emulator.close()
 
 
-def told(done, *kinds):
+def events_of(done, *kinds):
     return [event for event in done.events if event["event"] in kinds]
 
 
-def test_the_pipe_is_centred_closed_on_confirmed_and_let_go(centering):
+def test_the_pipe_is_centred_closed_on_confirmed_and_released(centering):
     outcome, done, hand, emulator = centering()
     assert outcome.exit_code == EXIT_DONE, outcome.line
     way = ["SEEKING_FORWARD", "TURNING", "SEEKING_BACKWARD", "STOPPING", "CENTERING", "CLOSING", "HOLDING"]
@@ -86,8 +86,8 @@ def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing():
         there = emulator.scene()
     finally:
         emulator.close()
-    said = "\n".join(finding.line for finding in findings)
-    for words in ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"):
-        assert words in said
+    lines = "\n".join(finding.line for finding in findings)
+    for text in ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"):
+        assert text in lines
     assert there["tool_x_m"] == pytest.approx(-0.005, abs=1e-9)
     assert there["width_m"] == pytest.approx(0.063, abs=1e-9)

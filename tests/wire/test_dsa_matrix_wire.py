@@ -97,23 +97,23 @@ class Other:
         return b""
 
 
-class Nobody(Other):
-    """A port at which nobody answers."""
+class Silent(Other):
+    """A port at which nothing answers."""
 
     def receive(self, data: bytes, t_s: float) -> bytes:
         return b""
 
 
 @pytest.mark.parametrize(
-    ("device", "error", "words"),
-    [(Other(), ProtocolError, "BADCOMMAND"), (Nobody(), SilentError, "no answer in 0.3 s")],
+    ("device", "error", "message"),
+    [(Other(), ProtocolError, "BADCOMMAND"), (Silent(), SilentError, "no answer in 0.3 s")],
 )
 def test_what_is_no_controller_is_not_opened(
-    serve: Any, device: Any, error: type[Exception], words: str
+    serve: Any, device: Any, error: type[Exception], message: str
 ) -> None:
     port = serve(device)
     settings = DsaMatrixSettings(port=port, reply_timeout_s=0.1, power_up_s=0.3)
-    with pytest.raises(error, match=f"{words}.* while asking who is at {port}"):
+    with pytest.raises(error, match=f"{message}.* while asking who is at {port}"):
         DsaMatrix("dsa", settings, serve.clock).open()
 
 

@@ -54,7 +54,7 @@ def fill(descriptor: int) -> None:
 
 
 class Line:
-    """A pty at whose other end nobody reads."""
+    """A pty whose other end is not read."""
 
     def __init__(self) -> None:
         self.master, self._slave = os.openpty()
@@ -155,7 +155,7 @@ class Bench:
         bench = self
 
         class Asked:
-            """Has the console say a line at every turn."""
+            """Has the console print a line at every turn."""
 
             @property
             def question(self) -> Question:

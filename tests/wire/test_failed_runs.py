@@ -35,5 +35,5 @@ def test_a_test_that_fails_shows_the_last_line_and_the_last_events_of_its_runs(t
         text=True,
         check=False,
     )
-    said = done.stdout.partition("how its run ended")[2].splitlines()
-    assert said[1:14] == ["trial 7: stage stalled", *events[-12:]], done.stdout
+    shown = done.stdout.partition("how its run ended")[2].splitlines()
+    assert shown[1:14] == ["trial 7: stage stalled", *events[-12:]], done.stdout

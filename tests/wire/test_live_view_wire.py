@@ -17,7 +17,7 @@ from controller.live import LiveConsole
 
 
 class Unread:
-    """A terminal at whose other end nobody reads."""
+    """A terminal whose other end is not read."""
 
     def __init__(self):
         self.far, near = pty.openpty()
@@ -49,7 +49,7 @@ def test_a_terminal_that_takes_nothing_holds_neither_the_loop_nor_the_end_up(mon
         turns += 1
         assert turns < 4000, "the terminal takes all there is"
         hung = hung + 1 if pictures.full() else 0
-    # nobody reads before all turns are made and the end is told: what waited for the terminal would wait for ever
+    # read only after all turns and the end's message: a wait for the terminal would last for ever
     console.campaign_ended("")
     if how == "stopped":
         termios.tcflow(terminal.file.fileno(), termios.TCOON)

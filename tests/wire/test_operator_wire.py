@@ -29,7 +29,7 @@ class Bench:
 
 
 class Deaf:
-    """Hears everything and says nothing."""
+    """Reads everything and sends nothing."""
 
     def receive(self, data, t_s):
         return b""
@@ -64,7 +64,7 @@ def line(serve):
     person.close()
 
 
-def test_whoever_says_hello_is_named(line):
+def test_the_client_that_answers_the_hello_is_named(line):
     assert line[5].model == "emulated person"
     assert list(line[5].streams) == ["operator.load"]
 
@@ -121,7 +121,7 @@ def test_a_line_that_is_pulled_is_a_failure_told_once(line):
     assert not [status for status in person.poll() if isinstance(status, Failed)]
 
 
-def test_a_line_where_nobody_says_hello_is_silent_and_says_what_to_do(serve):
+def test_a_line_without_a_hello_is_silent_and_says_what_to_do(serve):
     port = serve(Deaf())
     person = Person("operator", PersonSettings(port=port, hello_timeout_s=0.2), serve.clock)
     with pytest.raises(SilentError) as error:

@@ -12,7 +12,7 @@ SHORT = {
 }
 
 
-def test_the_angle_of_the_contact_is_told_over_the_wire(tmp_path):
+def test_the_angle_of_the_contact_is_measured_over_the_wire(tmp_path):
     from config.script import run_trials
     from controller.reports.pointer import read_sweeps
 

@@ -111,7 +111,7 @@ class Bench:
         return blocks, statuses
 
     def lateness_s(self, blocks: list[SampleBlock]) -> Floats:
-        """By how much samples are dated too late: each says itself when it was taken."""
+        """By how much samples are dated too late: each holds the time at which it was taken."""
         true_s = np.concatenate([block.physical[:, 0] for block in blocks])
         origin_s = self.clock.from_monotonic(self.source.begin_s)
         return np.concatenate([block.times for block in blocks]) - (true_s + origin_s)
@@ -247,23 +247,23 @@ class Other:
         return b""
 
 
-class Nobody(Other):
-    """A port at which nobody answers."""
+class Silent(Other):
+    """A port at which nothing answers."""
 
     def receive(self, data: bytes, t_s: float) -> bytes:
         return b""
 
 
 @pytest.mark.parametrize(
-    ("device", "error", "words"),
-    [(Other(), ProtocolError, "no hello of a sensor board"), (Nobody(), SilentError, "no answer in 0.4 s")],
+    ("device", "error", "message"),
+    [(Other(), ProtocolError, "no hello of a sensor board"), (Silent(), SilentError, "no answer in 0.4 s")],
 )
 def test_what_is_no_sensor_board_is_not_opened(
-    serve: Serve, device: Any, error: type[Exception], words: str
+    serve: Serve, device: Any, error: type[Exception], message: str
 ) -> None:
     port = serve(device)
     board = SensorBoard("board", SensorBoardSettings(port=port, reply_timeout_s=0.1), serve.clock)
-    with pytest.raises(error, match=f"{words}.* while asking who is at {port}"):
+    with pytest.raises(error, match=f"{message}.* while asking who is at {port}"):
         board.open()
 
 

@@ -53,7 +53,7 @@ class Started:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            process_group=0,  # it is suspended and continued by nobody else
+            process_group=0,  # it is suspended and continued by no other process
         )
         os.close(keyboard)
 
@@ -139,7 +139,7 @@ def test_ctrl_backslash_stops_the_stage_and_then_ends_the_run(run: Started) -> N
     assert run.ended() == (130, "interrupted: the bench is still\n")
     assert not run.moves()
     (folder,) = run.out.iterdir()
-    told = open_run(folder)
-    assert told.manifest["exit"]["status"] == "aborted"
-    assert [row["outcome"] for row in told.trials] == ["aborted"]
-    assert told.events[-1]["event"] == "Standstill"
+    recorded = open_run(folder)
+    assert recorded.manifest["exit"]["status"] == "aborted"
+    assert [row["outcome"] for row in recorded.trials] == ["aborted"]
+    assert recorded.events[-1]["event"] == "Standstill"

@@ -1,6 +1,6 @@
 """The vendor's own client, `Spectral-BLDC`, judges the emulated gripper over slcan on a pty.
 
-It takes the two object bits for each other: 1 and 2 are told apart by nobody here.
+It takes the two object bits for each other: no test here distinguishes 1 from 2.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Judge:
         self.line = spectral.CanCommunication(bustype="slcan", channel=port, bitrate=1_000_000)
         self.motor = spectral.SpectralCAN(node_id=0, communication=self.line)
 
-    def hear(self) -> Any:
+    def receive(self) -> Any:
         """The next answer, unpacked; the frame's identifier as the client takes it apart."""
         message, identifier = self.line.receive_can_messages(timeout=20.0)  # on the wall's clock
         assert message is not None
@@ -58,7 +58,7 @@ class Judge:
 
     def poll(self) -> Any:
         self.motor.Send_gripper_data_pack()
-        return self.hear()
+        return self.receive()
 
     def until(self, condition: Callable[[], bool]) -> None:
         until_s = self.clock.monotonic_s() + 10.0
@@ -75,12 +75,12 @@ class Judge:
 
     def drive_to(self, position: int, current_ma: int = 500) -> None:
         self.motor.Send_gripper_data_pack(position, 80, current_ma, 1, 1, 0, 0)
-        self.hear()
+        self.receive()
 
 
 @pytest.fixture
 def judge(serve: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Judge]:
-    # The client cannot tell python-can not to wait for two seconds when it opens the port.
+    # The client cannot keep python-can from waiting two seconds when it opens the port.
     with monkeypatch.context() as opening:
         opening.setattr("can.interfaces.slcan.time.sleep", lambda seconds: None)
         made = Judge(serve)
@@ -120,7 +120,7 @@ def test_it_sees_a_watchdog_fault_and_clears_it(judge: Judge) -> None:
     assert judge.poll().error_bit == 1
     assert judge.motor.gripper_timeout_error == 1
     judge.motor.Send_Respond_State_of_Errors()
-    judge.hear()
+    judge.receive()
     assert (judge.motor.error, judge.motor.watchdog_error, judge.motor.calibrated) == (1, 1, 1)
     judge.motor.Send_Watchdog(0)
     judge.motor.Send_Clear_Error()
@@ -132,34 +132,34 @@ def test_it_sees_an_emergency_stop(judge: Judge) -> None:
     judge.motor.Send_ESTOP()
     assert judge.poll().error_bit == 1
     judge.motor.Send_Respond_State_of_Errors()
-    judge.hear()
+    judge.receive()
     assert judge.motor.estop_error == 1
 
 
 def test_its_questions_are_answered(judge: Judge) -> None:
     motor = judge.motor
     motor.Send_Respond_Device_Info()
-    judge.hear()
+    judge.receive()
     assert (motor.HARDWARE_VERSION, motor.SOFTWARE_VERSION, motor.SERIAL_NUMBER) == (2, 1, 4848)
     motor.Send_Respond_Temperature()
-    judge.hear()
+    judge.receive()
     assert motor.temperature == 31
     motor.Send_Respond_Voltage()
-    judge.hear()
+    judge.receive()
     assert motor.voltage == 24_000
     motor.Send_Respond_Iq_data()
-    judge.hear()
+    judge.receive()
     assert motor.current == 0
     motor.Send_Respond_Encoder_data()
-    judge.hear()
+    judge.receive()
     assert motor.position > 4321
     motor.Send_Respond_Ping()
-    judge.hear()
+    judge.receive()
     assert motor.ping == 1
 
 
 def test_its_heartbeats_come(judge: Judge) -> None:
     judge.motor.Send_Heartbeat_Setup(200)
     for _ in range(3):
-        judge.hear()
+        judge.receive()
         assert judge.motor.heartbeat == 1

@@ -76,10 +76,10 @@ def test_streams_come_at_500_hz_with_the_controller_s_time_and_their_loss_is_cou
     for stream in (FORCE, POSITION):
         blocks = [block for block in one.blocks if block.stream == stream]
         cycles = 1 + round((blocks[-1].device_t0_s - blocks[0].device_t0_s) * 500.0) + len(blocks[-1]) - 1
-        said = sum(
+        lost = sum(
             status.samples for status in one.statuses if isinstance(status, Lost) and status.stream == stream
         )
-        assert sum(map(len, blocks)) + said == cycles
+        assert sum(map(len, blocks)) + lost == cycles
         assert blocks[-1].seq + len(blocks[-1]) - blocks[0].seq == cycles
         times = np.concatenate([block.times for block in blocks])
         assert (np.diff(times) > 0.0).all()

@@ -24,7 +24,7 @@ host = sys.argv[1]
 receive = rtde_receive.RTDEReceiveInterface(host)
 control = rtde_control.RTDEControlInterface(host)
 start, home = receive.getActualTCPPose(), receive.getActualQ()
-said = {}
+found = {}
 
 def down(by_m):
     return [*start[:2], start[2] - by_m, *start[3:]]
@@ -39,7 +39,7 @@ def pace():
     return max(map(abs, receive.getActualQd()))
 
 def rests():
-    "Whether it comes to rest: what the receive interface has may be older than what the control interface was told."
+    "Whether it comes to rest: what the receive interface has may be older than what the control interface was sent."
     return seen(lambda: pace() < 1e-9)
 
 def arrived():
@@ -70,7 +70,7 @@ def again():
 """
 
 POSTLUDE = """
-print(json.dumps(said))
+print(json.dumps(found))
 control.stopScript()
 control.disconnect()
 receive.disconnect()
@@ -87,7 +87,7 @@ def emulated() -> Iterator[EmulatedUr]:
 
 
 def judged(emulated: EmulatedUr, script: str) -> dict[str, Any]:
-    """What the client had to say of a fresh controller."""
+    """What the client finds on a fresh controller."""
     emulated.order(restart=True)
     ran = subprocess.run(
         [sys.executable, "-c", PRELUDE + script + POSTLUDE, emulated.host],
@@ -96,8 +96,8 @@ def judged(emulated: EmulatedUr, script: str) -> dict[str, Any]:
         check=False,
     )
     assert ran.returncode == 0, f"{ran.stderr.decode()}\n{emulated.order()['log']}"
-    said: dict[str, Any] = json.loads(ran.stdout.splitlines()[-1])
-    return said
+    found: dict[str, Any] = json.loads(ran.stdout.splitlines()[-1])
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -105,44 +105,44 @@ def moves(emulated: EmulatedUr) -> dict[str, Any]:
     return judged(
         emulated,
         """
-said["line"] = control.moveL(down(0.01), 0.2, 1.0), arrived()
-said["joints"] = control.moveJ(control.getInverseKinematics(down(0.0)), 1.0, 2.0), arrived()
-said["by_pose"] = control.moveJ_IK(down(0.005), 1.0, 2.0), arrived()
-said["there"] = max(abs(a - b) for a, b in zip(control.getForwardKinematics(), receive.getActualTCPPose()))
+found["line"] = control.moveL(down(0.01), 0.2, 1.0), arrived()
+found["joints"] = control.moveJ(control.getInverseKinematics(down(0.0)), 1.0, 2.0), arrived()
+found["by_pose"] = control.moveJ_IK(down(0.005), 1.0, 2.0), arrived()
+found["there"] = max(abs(a - b) for a, b in zip(control.getForwardKinematics(), receive.getActualTCPPose()))
 reachable = control.getInverseKinematicsHasSolution
-said["has"] = reachable([5, 0, 0, 0, 0, 0]), reachable(start)
-said["back"] = control.moveJ(home, 1.0, 2.0)
+found["has"] = reachable([5, 0, 0, 0, 0, 0]), reachable(start)
+found["back"] = control.moveJ(home, 1.0, 2.0)
 
 before = control.getAsyncOperationProgressEx().operationId()
-said["begun"] = control.moveL(down(0.015), 0.01, 0.5, True)
+found["begun"] = control.moveL(down(0.015), 0.01, 0.5, True)
 seen(lambda: height() < -0.001)
-said["during"] = seen(lambda: control.getAsyncOperationProgressEx().isAsyncOperationRunning())
-said["number"] = control.getAsyncOperationProgressEx().operationId() - before
+found["during"] = seen(lambda: control.getAsyncOperationProgressEx().isAsyncOperationRunning())
+found["number"] = control.getAsyncOperationProgressEx().operationId() - before
 control.stopL(2.0, True)
-said["ended"] = seen(lambda: not control.getAsyncOperationProgressEx().isAsyncOperationRunning())
-said["after"] = control.isSteady(), arrived()
+found["ended"] = seen(lambda: not control.getAsyncOperationProgressEx().isAsyncOperationRunning())
+found["after"] = control.isSteady(), arrived()
 control.moveL(start, 0.2, 1.0)
 
 for _ in range(20):
     control.speedL([0, 0, -0.01, 0, 0, 0], 0.5, 0.002)
     time.sleep(0.008)
 sinks = lambda: abs(receive.getActualTCPSpeed()[2] + 0.01) < 1e-6
-said["speed"] = seen(sinks)
+found["speed"] = seen(sinks)
 time.sleep(0.2)
-said["speed_alone"] = sinks()
-said["speed_stop"] = control.speedStop(2.0), rests()
+found["speed_alone"] = sinks()
+found["speed_stop"] = control.speedStop(2.0), rests()
 
 control.speedJ([0.1, 0, 0, 0, 0, 0], 0.05, 0.002)  # for two seconds
-seen(lambda: said.update(acceleration=receive.getTargetQdd()[0]) or said["acceleration"] > 0.04)
+seen(lambda: found.update(acceleration=receive.getTargetQdd()[0]) or found["acceleration"] > 0.04)
 control.speedJ([0.1, 0, 0, 0, 0, 0], 1.0, 0.002)
 seen(lambda: receive.getActualQd()[0] > 0.0999)
-said["joint_speed"] = receive.getActualQd()
-said["joint_stop"] = control.speedStop(2.0), rests()
+found["joint_speed"] = receive.getActualQd()
+found["joint_stop"] = control.speedStop(2.0), rests()
 control.moveJ(home, 1.0, 2.0)
 
 control.servoJ(turned(0.1), 0.0, 0.0, 0.002, 0.1, 300)
-said["servo"] = seen(lambda: abs(receive.getActualQ()[0] - home[0] - 0.1) < 1e-4)
-said["servo_stop"] = control.servoStop(10.0), rests()
+found["servo"] = seen(lambda: abs(receive.getActualQ()[0] - home[0] - 0.1) < 1e-4)
+found["servo_stop"] = control.servoStop(10.0), rests()
 """,
     )
 
@@ -156,7 +156,7 @@ def test_moves_arrive_where_the_client_sends_them(moves: dict[str, Any]) -> None
     assert moves["back"] is True
 
 
-def test_an_asynchronous_move_runs_and_stops_as_the_client_is_told(moves: dict[str, Any]) -> None:
+def test_an_asynchronous_move_runs_and_stops_as_the_client_reports(moves: dict[str, Any]) -> None:
     assert moves["begun"] is True
     assert (moves["during"], moves["number"]) == (True, 1)
     assert moves["ended"] is True
@@ -184,27 +184,27 @@ def touches(emulated: EmulatedUr) -> dict[str, Any]:
         emulated,
         """
 force = lambda: receive.getActualTCPForce()[2]
-said["contact"] = control.moveUntilContact([0, 0, -0.05, 0, 0, 0]), start[2] + arrived()
+found["contact"] = control.moveUntilContact([0, 0, -0.05, 0, 0, 0]), start[2] + arrived()
 control.moveL(down(0.0201), 0.01, 0.5)
-said["pressed"] = seen(lambda: force() > 0.5)
-said["zeroed"] = control.zeroFtSensor(), seen(lambda: max(map(abs, receive.getActualTCPForce())) < 1e-9)
+found["pressed"] = seen(lambda: force() > 0.5)
+found["zeroed"] = control.zeroFtSensor(), seen(lambda: max(map(abs, receive.getActualTCPForce())) < 1e-9)
 control.moveL(down(0.015), 0.05, 0.5)
 control.zeroFtSensor()
 
 control.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -12, 0, 0, 0], 2, [0.1, 0.1, 0.05, 1, 1, 1])
-said["pushes"] = seen(lambda: abs(force() - 12.0) < 0.05)
-said["force_stop"] = control.forceModeStop(), rests()
+found["pushes"] = seen(lambda: abs(force() - 12.0) < 0.05)
+found["force_stop"] = control.forceModeStop(), rests()
 
-said["freedrive"] = control.freedriveMode([1] * 6), control.getFreedriveStatus()
-said["led"] = seen(lambda: abs(force()) < 0.05)
-said["freedrive_end"] = control.endFreedriveMode(), rests()
+found["freedrive"] = control.freedriveMode([1] * 6), control.getFreedriveStatus()
+found["led"] = seen(lambda: abs(force()) < 0.05)
+found["freedrive_end"] = control.endFreedriveMode(), rests()
 
 control.moveL(down(0.01), 0.05, 0.5)
-said["watching"] = control.startContactDetection()
+found["watching"] = control.startContactDetection()
 control.moveL(down(0.03), 0.02, 0.5, True)
-said["stopped"] = seen(lambda: abs(height() + 0.02) < 1e-4 and pace() == 0.0)
+found["stopped"] = seen(lambda: abs(height() + 0.02) < 1e-4 and pace() == 0.0)
 time.sleep(0.05)  # what is asked in the cycle in which the script is back where it touched, it takes for done
-said["found"] = control.readContactDetection(), control.stopContactDetection()
+found["found"] = control.readContactDetection(), control.stopContactDetection()
 """,
     )
 
@@ -215,7 +215,7 @@ def test_moving_until_contact_and_zeroing_work_as_the_client_means_them(touches:
     assert touches["zeroed"] == [True, True]
 
 
-def test_force_mode_pushes_as_hard_as_it_is_told(touches: dict[str, Any]) -> None:
+def test_force_mode_pushes_as_hard_as_it_is_set(touches: dict[str, Any]) -> None:
     assert touches["pushes"] is True
     assert touches["force_stop"] == [True, True]
 
@@ -257,8 +257,8 @@ for name, call in {MOTIONS!r}.items():
     stopped = seen(receive.isProtectiveStopped) and rests()
     where = receive.getActualQ()
     refused = control.moveL(start, 0.05, 0.5)
-    said[name] = moves, stopped, receive.getActualQ() == where, refused, again()
-said["comes back"] = control.moveJ(home, 1.0, 2.0), arrived()
+    found[name] = moves, stopped, receive.getActualQ() == where, refused, again()
+found["comes back"] = control.moveJ(home, 1.0, 2.0), arrived()
 """,
     )
 
@@ -280,24 +280,24 @@ def panel(emulated: EmulatedUr) -> dict[str, Any]:
         emulated,
         """
 control.setPayload(0.5, [0.01, 0.02, 0.03])
-said["payload"] = seen(lambda: receive.getPayload() == 0.5), receive.getPayloadCog()
-said["mode"] = receive.getRobotMode(), receive.getSafetyMode(), receive.getRuntimeState()
-said["joints"] = receive.getActualQ(), receive.getJointMode()
-said["last"] = receive.getOutputIntRegister(19), receive.getOutputDoubleRegister(19)
+found["payload"] = seen(lambda: receive.getPayload() == 0.5), receive.getPayloadCog()
+found["mode"] = receive.getRobotMode(), receive.getSafetyMode(), receive.getRuntimeState()
+found["joints"] = receive.getActualQ(), receive.getJointMode()
+found["last"] = receive.getOutputIntRegister(19), receive.getOutputDoubleRegister(19)
 
 io = rtde_io.RTDEIOInterface(host)
-said["set"] = io.setStandardDigitalOut(3, True), io.setConfigurableDigitalOut(1, True), io.setToolDigitalOut(0, True)
-said["bits"] = seen(lambda: receive.getActualDigitalOutputBits() == 0x1_02_08), receive.getDigitalOutState(3)
+found["set"] = io.setStandardDigitalOut(3, True), io.setConfigurableDigitalOut(1, True), io.setToolDigitalOut(0, True)
+found["bits"] = seen(lambda: receive.getActualDigitalOutputBits() == 0x1_02_08), receive.getDigitalOutState(3)
 io.setStandardDigitalOut(3, False)
-said["cleared"] = seen(lambda: receive.getActualDigitalOutputBits() == 0x1_02_00)
-said["analog"] = io.setAnalogOutputVoltage(0, 0.25), io.setAnalogOutputCurrent(1, 0.5)
-said["volts"] = seen(lambda: abs(receive.getStandardAnalogOutput0() - 2.5) < 1e-9)
-said["amperes"] = seen(lambda: abs(receive.getStandardAnalogOutput1() - 0.012) < 1e-9)
+found["cleared"] = seen(lambda: receive.getActualDigitalOutputBits() == 0x1_02_00)
+found["analog"] = io.setAnalogOutputVoltage(0, 0.25), io.setAnalogOutputCurrent(1, 0.5)
+found["volts"] = seen(lambda: abs(receive.getStandardAnalogOutput0() - 2.5) < 1e-9)
+found["amperes"] = seen(lambda: abs(receive.getStandardAnalogOutput1() - 0.012) < 1e-9)
 
-said["slider"] = io.setSpeedSlider(0.5), seen(lambda: receive.getTargetSpeedFraction() == 0.5)
+found["slider"] = io.setSpeedSlider(0.5), seen(lambda: receive.getTargetSpeedFraction() == 0.5)
 control.moveL(down(0.015), 0.01, 0.5, True)  # three seconds of travel
-said["slower"] = seen(lambda: abs(receive.getActualTCPSpeed()[2] + 0.005) < 1e-6), receive.getSpeedScaling()
-said["there"] = seen(lambda: abs(height() + 0.015) < 1e-6)
+found["slower"] = seen(lambda: abs(receive.getActualTCPSpeed()[2] + 0.005) < 1e-6), receive.getSpeedScaling()
+found["there"] = seen(lambda: abs(height() + 0.015) < 1e-6)
 io.disconnect()
 """,
     )
@@ -330,9 +330,9 @@ def programs(emulated: EmulatedUr) -> dict[str, Any]:
         emulated,
         """
 past = lambda: control.getActualJointPositionsHistory(2)
-said["history"] = seen(lambda: max(abs(a - b) for a, b in zip(past(), home)) < 1e-6)
+found["history"] = seen(lambda: max(abs(a - b) for a, b in zip(past(), home)) < 1e-6)
 
-said["senseless"] = {}
+found["senseless"] = {}
 for name, call in {
     "speedStop": lambda: control.speedStop(0.0),
     "moveL, no speed": lambda: control.moveL(down(0.01), 0.0, 0.5),
@@ -341,17 +341,17 @@ for name, call in {
     "history": lambda: control.getActualJointPositionsHistory(-100000) is None,
     "servoC": lambda: control.servoC(down(0.01), 0.1, 0.5, 0.0) and not seen(lambda: not control.isProgramRunning()),
 }.items():
-    said["senseless"][name] = call(), seen(lambda: not control.isProgramRunning()), again()
+    found["senseless"][name] = call(), seen(lambda: not control.isProgramRunning()), again()
 
-said["set"] = control.setWatchdog(10.0)
+found["set"] = control.setWatchdog(10.0)
 control.speedL([0, 0, -0.01, 0, 0, 0], 0.5, 0.002)
-said["tripped"] = seen(lambda: not control.isProgramRunning()) and rests()
-said["again"] = again(), control.moveL(start, 0.2, 1.0)
+found["tripped"] = seen(lambda: not control.isProgramRunning()) and rests()
+found["again"] = again(), control.moveL(start, 0.2, 1.0)
 """,
     )
 
 
-def test_the_joints_of_the_last_cycles_are_told(programs: dict[str, Any]) -> None:
+def test_the_joints_of_the_last_cycles_are_kept(programs: dict[str, Any]) -> None:
     assert programs["history"] is True
 
 

@@ -34,13 +34,13 @@ def test_a_link_that_is_dropped_stalls_the_arm_and_is_made_again(
     one.arm.apply(Listen("arm", frozenset({POSITION})))
     one.set_out(MoveTo("arm", 0.04, 0.02))
     one.emulated.order(drop=which)
-    # The other link may tell first that the program has stopped.
+    # The other link may report first that the program has stopped.
     one.await_(Stalled, "connecting again")
     one.do(Stop("arm"), Standstill)
     state = one.emulated.order()
     assert resting(state)
     one.do(Home("arm"), Reached)
-    # What was not heard meanwhile is loss.
+    # Rows that did not arrive meanwhile are loss.
     assert max(status.samples for status in one.statuses if isinstance(status, Lost)) > 10
 
 
@@ -128,7 +128,9 @@ while True:
 """
 
 
-def test_a_program_whose_loop_hangs_leaves_an_arm_that_stops_and_hears_why(hand: Callable[..., Hand]) -> None:
+def test_a_program_whose_loop_hangs_leaves_an_arm_that_stops_and_learns_why(
+    hand: Callable[..., Hand],
+) -> None:
     one = hand(loop_timeout_s=0.4)
     for command, again in ((MoveAt("arm", 0.01, 0.04), 0.0), (MoveTo("arm", 0.04, 0.01), 0.01)):
         one.set_out(command)
@@ -153,7 +155,7 @@ def test_a_host_that_dies_or_hangs_leaves_an_arm_that_stops(
         [sys.executable, "-c", HOST, given.model_dump_json(), emulated.clock.path],
         cwd=ROOT,
         stdout=subprocess.PIPE,
-        process_group=0,  # it is stopped and continued by nobody else
+        process_group=0,  # it is stopped and continued by no other process
     )
     assert host.stdout is not None
     try:

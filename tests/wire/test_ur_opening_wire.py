@@ -14,15 +14,15 @@ from tests.wire.emulated_ur import EmulatedUr, free_host
 from tests.wire.ur_hand import settings
 
 
-def refused(emulated: EmulatedUr, kind: type[Exception], words: str, **changes: Any) -> None:
+def refused(emulated: EmulatedUr, kind: type[Exception], message: str, **changes: Any) -> None:
     arm = UrArm("arm", settings(emulated, **changes), emulated.clock)
-    with pytest.raises(kind, match=words) as caught:
+    with pytest.raises(kind, match=message) as caught:
         arm.open()
     assert "\n" not in str(caught.value)
     arm.close()
 
 
-def test_nobody_listens_is_a_port_error() -> None:
+def test_an_address_without_a_controller_is_a_port_error() -> None:
     given = UrArmSettings(host=free_host(), start_pose=(0.4, 0.0, 0.2, 0.0, 3.14, 0.0))
     with pytest.raises(PortError, match="nothing answers"):
         UrArm("arm", given, WallClock()).open()
@@ -64,8 +64,8 @@ time.sleep(60)
 """
 
 
-@pytest.mark.parametrize(("doing", "words"), [("busy", "another program runs"), ("idle", "already in use")])
-def test_a_second_control_interface_is_a_refusal(emulated: EmulatedUr, doing: str, words: str) -> None:
+@pytest.mark.parametrize(("doing", "message"), [("busy", "another program runs"), ("idle", "already in use")])
+def test_a_second_control_interface_is_a_refusal(emulated: EmulatedUr, doing: str, message: str) -> None:
     other = subprocess.Popen(
         [sys.executable, "-c", OTHER_CLIENT, emulated.host, doing],
         stdout=subprocess.PIPE,
@@ -74,8 +74,8 @@ def test_a_second_control_interface_is_a_refusal(emulated: EmulatedUr, doing: st
     assert other.stdout is not None
     try:
         while (line := other.stdout.readline()) != b"ready\n":
-            assert line == b"Reconnecting...\n", "what the client says on a machine that stands still"
-        refused(emulated, RefusedError, words)
+            assert line == b"Reconnecting...\n", "what the client prints on a machine that stands still"
+        refused(emulated, RefusedError, message)
     finally:
         other.kill()
         other.wait()

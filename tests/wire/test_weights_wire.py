@@ -39,7 +39,7 @@ def test_a_bridge_is_calibrated_over_a_pty_with_an_emulated_person(tmp_path):
 
 
 class Terminal:
-    """A program on a terminal of its own, and whoever sits at it."""
+    """A program on a terminal of its own, and the person at it."""
 
     def __init__(self, arguments):
         self.seen = ""
@@ -49,18 +49,18 @@ class Terminal:
             os.environ.update(TERM="xterm", COLUMNS="100", LINES="40")
             os.execv(sys.executable, [sys.executable, "run.py", *arguments])
 
-    def until(self, words, seconds=100.0):
-        """Read until the words have come since the last call; returns what was read, without its colours."""
+    def until(self, text, seconds=100.0):
+        """Read until a text has come since the last call; returns what was read, without its colours."""
         end_s = time.monotonic() + seconds
-        while words not in self.seen:
-            assert time.monotonic() < end_s, f"{words!r} never came, but {self.seen[-600:]!r}"
+        while text not in self.seen:
+            assert time.monotonic() < end_s, f"{text!r} never came, but {self.seen[-600:]!r}"
             if select.select([self.descriptor], [], [], 0.1)[0]:
                 data = b""
                 with contextlib.suppress(OSError):  # the program has ended
                     data = os.read(self.descriptor, 65536)
-                assert data, f"it ended without {words!r}: {self.seen[-600:]!r}"
+                assert data, f"it ended without {text!r}: {self.seen[-600:]!r}"
                 self.seen += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", data.decode(errors="replace"))
-        read, _, self.seen = self.seen.partition(words)
+        read, _, self.seen = self.seen.partition(text)
         return read
 
     def press(self, keys):
@@ -87,7 +87,7 @@ def test_a_person_at_a_terminal_answers_pauses_goes_on_and_ends_it(tmp_path):
     settings = [f"{key}={value}" for key, value in {**SHORT, "devices.operator.port": "console"}.items()]
     terminal = Terminal(
         ["run", "emulated/weights", "--only", "3", "--no-report", "--out", str(tmp_path)]
-        + [word for setting in settings for word in ("--set", setting)]
+        + [option for setting in settings for option in ("--set", setting)]
     )
     terminal.until("set the fingertip up for weights on bridge Ft")
     terminal.press(b"\n")

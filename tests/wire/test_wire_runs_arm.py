@@ -47,7 +47,7 @@ def test_an_approach_with_the_arm_ends_by_contact(emulated, tmp_path):
     assert done.manifest["devices"]["arm"]["link"]["rows"] > 500
 
 
-def test_a_pulled_plug_stops_the_arm_and_says_so(emulated, tmp_path):
+def test_a_pulled_plug_stops_the_arm_and_is_reported(emulated, tmp_path):
     profile, emulator = emulated
     outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject("arm", "unplug")})
     assert outcome.exit_code == EXIT_DEVICE
@@ -57,13 +57,13 @@ def test_a_pulled_plug_stops_the_arm_and_says_so(emulated, tmp_path):
     done = open_run(outcome.folder)
     assert done.trials[0]["outcome"] == "fault"
     # The arm is tried again for a while, but not in this trial.
-    told = [event for event in done.events if event["event"] in ("Failed", "Stalled")]
-    assert told[0]["device"] == "arm"
+    faults = [event for event in done.events if event["event"] in ("Failed", "Stalled")]
+    assert faults[0]["device"] == "arm"
 
 
 def test_a_stall_is_a_protective_stop_and_ends_the_run(emulated, tmp_path):
     profile, emulator = emulated
-    # Under way: the state is told before its command is given.
+    # Under way: the state is reported before its command is given.
     stall = {"APPROACH": lambda: emulator.inject("arm", "stall", after_s=0.2)}
     outcome, _ = run(profile, emulator, tmp_path, stall)
     assert outcome.exit_code == EXIT_DEVICE
@@ -83,8 +83,8 @@ def test_the_arm_feels_what_the_load_cell_feels(emulated):
         for name, stream in (("arm", "arm.force"), ("board", "board.load_cell")):
             bench.apply(Listen(name, frozenset({stream})))
         bench.turn(1.0)
-        felt = np.concatenate([block.values for block in bench.heard("arm.force")]).mean(axis=0)
-        pressed_n = np.concatenate([block.physical for block in bench.heard("board.load_cell")]).mean()
+        felt = np.concatenate([block.values for block in bench.blocks_of("arm.force")]).mean(axis=0)
+        pressed_n = np.concatenate([block.physical for block in bench.blocks_of("board.load_cell")]).mean()
     finally:
         for device in rig.devices.values():
             device.close()
@@ -124,9 +124,9 @@ def test_the_doctor_reads_the_arm_and_moves_nothing(emulated):
     rig = build_rig(profile, emulator.endpoints)
     findings = list(examine(rig, TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))))
     rig.close()
-    said = "\n".join(finding.line for finding in findings)
-    assert "arm.force" in said
-    assert "UR5" in said
+    lines = "\n".join(finding.line for finding in findings)
+    assert "arm.force" in lines
+    assert "UR5" in lines
     assert emulator.scene() == {"probe_m": pytest.approx(-0.005, abs=1e-9), "probe_m_s": 0.0}
 
 

@@ -17,7 +17,7 @@ def row_of(name, folder, trial, settings):
     return row, run.trial(row["trial"])
 
 
-def test_the_tendon_is_moved_and_heard_over_the_wire(tmp_path):
+def test_the_tendon_is_moved_and_recorded_over_the_wire(tmp_path):
     sweep = {
         "behavior.sweep_m_s": "0.01",
         "behavior.flexing_s": "1.0",
@@ -30,14 +30,14 @@ def test_the_tendon_is_moved_and_heard_over_the_wire(tmp_path):
     assert np.ptp(tendon_m) > 0.002, "the sweep, and 1 s of flexing at 2 mm/s"
 
 
-def test_the_link_that_was_touched_is_told_over_the_wire(tmp_path):
+def test_the_link_that_was_touched_is_identified_over_the_wire(tmp_path):
     calm = QUICK | {"detectors.contact.baseline_s": "1.5", "detectors.contact.threshold_sigma": "8.0"}
     row, recording = row_of("proximal", tmp_path, {"location": "f", "speed_m_s": 0.006435}, calm)
     assert (row["outcome"], row["told"]) == ("contact", "distal")
     assert not recording.stream("board.distal").gaps
 
 
-def test_each_threshold_is_judged_on_what_was_heard_over_the_wire(tmp_path):
+def test_each_threshold_is_judged_on_what_arrived_over_the_wire(tmp_path):
     short = QUICK | {"detectors.contact.baseline_s": "1.5"}
     row, recording = row_of("tradeoff", tmp_path, {"location": "f", "speed_m_s": 0.011997}, short)
     for sense in ("frequency", "amplitude", "phase", "all"):

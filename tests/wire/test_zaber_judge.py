@@ -153,7 +153,7 @@ def test_the_library_takes_the_emulated_checksums(court: Court) -> None:
     assert court.axis.get_position() == 500
 
 
-def test_a_disabled_driver_is_told(court: Court) -> None:
+def test_a_disabled_driver_is_reported(court: Court) -> None:
     court.inject("disable")
     with pytest.raises(DriverDisabledException):
         court.axis.move_absolute(100)

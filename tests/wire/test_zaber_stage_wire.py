@@ -51,18 +51,18 @@ class Wire:
     def __init__(self, **settings: Any) -> None:
         self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
         self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
-        self.heard = b""
+        self.received = b""
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        self.heard += data
+        self.received += data
         return self.device.receive(data, t_s)
 
     def step(self, t_s: float) -> bytes:
         return self.device.step(t_s)
 
     def lines(self) -> list[str]:
-        """What was said to it, without device, axis, id and checksum."""
-        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.heard.splitlines()]
+        """The lines that it received, without device, axis, id and checksum."""
+        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.received.splitlines()]
 
 
 class Bench:
@@ -140,9 +140,9 @@ def test_an_approach_ends_at_its_limit_which_the_device_holds_itself(bench: Call
     b = bench()
     b.begin(MoveAt("stage", 0.01, 0.002))
     reached = b.expect(Reached)
-    said = b.wire.lines()
-    begun = said.index("warnings clear", said.index("set limit.max 4031") - 1)
-    assert said[begun : begun + 5] == [
+    lines = b.wire.lines()
+    begun = lines.index("warnings clear", lines.index("set limit.max 4031") - 1)
+    assert lines[begun : begun + 5] == [
         "warnings clear",
         "set limit.max 4031",
         "get limit.max",

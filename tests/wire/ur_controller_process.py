@@ -46,7 +46,7 @@ class Order(Settings):
 
 
 def answered(server: UrServer, line: bytes) -> dict[str, object]:
-    """Do what a line says; the controller's state afterwards, or why it was refused."""
+    """Carry out the order in a line; the controller's state afterwards, or why it was refused."""
     try:
         return obey(server, Order.model_validate_json(line))
     except ValidationError as error:
@@ -54,7 +54,7 @@ def answered(server: UrServer, line: bytes) -> dict[str, object]:
 
 
 def obey(server: UrServer, order: Order) -> dict[str, object]:
-    """Do what an order says; the controller's state afterwards."""
+    """Carry out an order; the controller's state afterwards."""
     if order.restart:
         server.restart()
     controller = server.controller

@@ -53,17 +53,17 @@ class Hand:
         while self.clock.monotonic_s() < end_s:
             self.turn()
 
-    def await_(self, kind: type[Status], saying: str = "", timeout_s: float = 10.0) -> Any:
+    def await_(self, kind: type[Status], reason: str = "", timeout_s: float = 10.0) -> Any:
         """The next status of a kind, and of a reason where others may come before it."""
         seen = len(self.statuses)
         end_s = self.clock.monotonic_s() + timeout_s
         while self.clock.monotonic_s() < end_s:
             self.turn()
             for status in self.statuses[seen:]:
-                if isinstance(status, kind) and saying in getattr(status, "reason", ""):
+                if isinstance(status, kind) and reason in getattr(status, "reason", ""):
                     return status
         pytest.fail(
-            f"no {kind.__name__} {saying} in {[status for status in self.statuses if not isinstance(status, Lost)]}"
+            f"no {kind.__name__} {reason} in {[status for status in self.statuses if not isinstance(status, Lost)]}"
         )
 
     def do(self, command: Command, kind: type[Status]) -> Any:

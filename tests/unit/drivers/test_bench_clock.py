@@ -1,4 +1,4 @@
-"""An emulated bench's time, with the wall's in hand: nobody sleeps."""
+"""An emulated bench's time, with wall time set by the test: no test sleeps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Wall:
         return self.now_s
 
     def rest(self, seconds: float) -> None:
-        """The emulator turns as often as it is due, whoever rests."""
+        """The emulator turns as often as it is due, whichever thread rests."""
         until_s = self.now_s + seconds
         while self.now_s < until_s - 1e-9:
             self.now_s = min(self.now_s + STEP_S, until_s)
@@ -100,7 +100,7 @@ def test_a_loop_that_hangs_is_waited_for_no_longer_than_a_second(wall: Wall, emu
     assert clock.now() == pytest.approx(held_s), "and waits again for one that turns again"
 
 
-def test_a_machine_that_stands_still_costs_nobody_his_patience(wall: Wall, emulator: Pace) -> None:
+def test_a_machine_that_stands_still_uses_up_no_patience(wall: Wall, emulator: Pace) -> None:
     clock = joined(emulator)
     clock.wait_until(0.1)
     for asked in (False, True, False):
@@ -113,13 +113,13 @@ def test_a_machine_that_stands_still_costs_nobody_his_patience(wall: Wall, emula
     assert clock.now() > 0.1 + SLACK_S, "a loop that hangs is one that is served"
 
 
-def test_an_emulator_that_is_gone_holds_nobody_for_ever(wall: Wall, emulator: Pace) -> None:
+def test_an_emulator_that_is_gone_blocks_no_thread_for_ever(wall: Wall, emulator: Pace) -> None:
     clock = joined(emulator)
     wall.now_s += ABSENCE_S + 2.0
     assert clock.now() == pytest.approx(AHEAD_S + 2.0)
 
 
-def test_time_waits_for_the_one_who_is_farthest_behind_and_for_nobody_who_has_left(
+def test_time_waits_for_the_one_that_is_farthest_behind_and_for_none_that_has_left(
     wall: Wall, emulator: Pace
 ) -> None:
     clock = joined(emulator)
@@ -133,7 +133,7 @@ def test_time_waits_for_the_one_who_is_farthest_behind_and_for_nobody_who_has_le
     wall.rest(0.2)
     assert clock.monotonic_s() == pytest.approx(0.3), "the first of the threads is waited for no longer"
     clock.leave()
-    in_a_thread(clock.leave)  # who has no place leaves none
+    in_a_thread(clock.leave)  # a thread without a place leaves none
     wall.rest(2.0)
     assert clock.monotonic_s() > 1.0
 
@@ -157,7 +157,7 @@ def test_bytes_that_lie_unread_hold_time_for_a_second_of_the_wall_at_most(wall: 
     assert went_s == pytest.approx(0.1, abs=2 * AHEAD_S), "they were read"
     wall.turns = lambda: emulator.turn(frozenset({"board"}))
     wall.rest(PATIENCE_S + 1.0)
-    assert clock.now() == pytest.approx(went_s + 1.0, abs=3 * AHEAD_S), "nobody reads that line"
+    assert clock.now() == pytest.approx(went_s + 1.0, abs=3 * AHEAD_S), "that line is not read"
 
 
 def test_time_never_turns_back_whatever_is_held(wall: Wall, emulator: Pace) -> None:
@@ -170,7 +170,7 @@ def test_time_never_turns_back_whatever_is_held(wall: Wall, emulator: Pace) -> N
         before_s = clock.monotonic_s()
 
 
-def test_in_real_time_nobody_is_waited_for(wall: Wall) -> None:
+def test_in_real_time_no_thread_is_waited_for(wall: Wall) -> None:
     free = Pace(free=True)
     wall.turns = free.turn
     free.turn()

@@ -136,8 +136,8 @@ def test_a_kernel_of_the_program_follows_an_edit_of_the_file_that_it_calls_into(
         )  # fmt: skip
         return done.stdout, done.stderr
 
-    first, said = echoed(copied("first"))
-    assert "compiling what this machine has not compiled before" in said
+    first, printed = echoed(copied("first"))
+    assert "compiling what this machine has not compiled before" in printed
     assert echoed(copied("second")) == (first, ""), "loaded: nothing is compiled"
     noise = tmp_path / "second" / "drivers" / "mock" / "physics" / "noise.py"
     noise.write_text(noise.read_text().replace("_ROUNDS = 10", "_ROUNDS = 9"))
@@ -159,7 +159,7 @@ def test_without_a_folder_to_keep_it_in_everything_still_runs(tmp_path, kept, ca
     assert kept.read_text() == "a file in its place"
 
 
-def test_what_nobody_has_loaded_for_a_month_goes_and_what_is_in_use_stays(tmp_path, kept):
+def test_what_was_not_loaded_for_a_month_goes_and_what_is_in_use_stays(tmp_path, kept):
     result(tree(tmp_path / "tree"))
     (folder,) = kept.iterdir()
     version = kept / "an older version"
@@ -178,7 +178,7 @@ def test_what_nobody_has_loaded_for_a_month_goes_and_what_is_in_use_stays(tmp_pa
         os.utime(file, (now - age_s, now - age_s))
     assert result(tmp_path / "tree") == (12.5, 1)
     (used,) = folder.glob("near*")
-    assert used.stat().st_mtime > now - DAY_S, "loading tells that it is in use"
+    assert used.stat().st_mtime > now - DAY_S, "loading marks it as in use"
     result(tree(tmp_path / "tree", far=FAR.replace("10.0", "40.0")))
     assert not version.exists()
     assert not left.exists(), "of numba's own cache"

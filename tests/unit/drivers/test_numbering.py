@@ -95,7 +95,7 @@ def test_a_counter_that_slips_moves_no_time(uptime_s: float, counter: int, slip:
 def test_a_device_that_reboots_begins_a_segment_at_the_right_time(
     uptime_s: float, off_s: float, boot_s: float, counter: int
 ) -> None:
-    # One that reboots as its clock would have wrapped shows what it would have shown: nobody can tell.
+    # One that reboots as its clock would have wrapped shows what it would have shown: a restart that cannot be seen.
     phase_s = (uptime_s + 1.0 + off_s) % WRAP_S
     assume(10.0 < phase_s < WRAP_S - 10.0)
     device = Device(uptime_s=uptime_s, counter=counter)
@@ -134,7 +134,7 @@ def test_a_device_that_rebooted_in_a_silence_that_was_asked_for_is_dated_by_its_
 
 
 def test_a_counter_that_slips_in_a_burst_of_late_frames_is_taken_for_a_reboot() -> None:
-    """Nobody can tell it from a device that was off; times are late by the burst at most, and recover smoothly."""
+    """Like a device that was off; times are late by the burst at most, and recover smoothly."""
     device = Device()
     for sample in range(0, 2000, 10):
         device.send(sample)
@@ -177,7 +177,7 @@ def test_numbers_and_times_ascend_and_no_gap_looks_closed_whatever_happens(
             before, whole = placed, True
             sample += 10
             continue
-        # Without a frame before it, nobody could know.
+        # Without a frame before it, it could not be known.
         if before is None:
             continue
         if what == "lose":

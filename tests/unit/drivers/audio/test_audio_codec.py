@@ -23,10 +23,10 @@ from drivers.errors import CodecError
 SOUND = bytes.fromhex("54 42 41 31 01 02 02 00 01 00 00 00 01 00 00 00 01 00 00 ff ff ff ff ff 7f 00 00 80")
 
 # {"reply":7} at frame 258.
-WORDS = bytes.fromhex("54 42 41 31 02 00 0b 00 02 01 00 00 00 00 00 00") + b'{"reply":7}'
+MESSAGE = bytes.fromhex("54 42 41 31 02 00 0b 00 02 01 00 00 00 00 00 00") + b'{"reply":7}'
 
 
-def told(frames: list[Sound | SoundMessage]) -> list[object]:
+def content(frames: list[Sound | SoundMessage]) -> list[object]:
     return [
         (one.frame, one.counts.tolist()) if isinstance(one, Sound) else (one.frame, one.content)
         for one in frames
@@ -39,15 +39,15 @@ EXPECTED = [(2**32 + 1, [[1, -1], [8388607, -8388608]]), (258, {"reply": 7})]
 def test_golden_frames_are_read_however_they_are_cut() -> None:
     for size in (1, 5, 16, 1000):
         decoder = FrameDecoder()
-        data = SOUND + WORDS
+        data = SOUND + MESSAGE
         frames = [frame for at in range(0, len(data), size) for frame in decoder.feed(data[at : at + size])]
-        assert told(frames) == EXPECTED
+        assert content(frames) == EXPECTED
 
 
 def test_golden_frames_are_written() -> None:
     counts = np.array([[1, -1], [8388607, -8388608]], np.int32)
     assert encode(Sound(2**32 + 1, counts)) == SOUND
-    assert encode(SoundMessage(258, {"reply": 7})) == WORDS
+    assert encode(SoundMessage(258, {"reply": 7})) == MESSAGE
 
 
 def test_the_hosts_lines_are_json() -> None:
@@ -82,9 +82,9 @@ def test_more_frames_than_a_header_can_count_are_not_written() -> None:
         (SOUND[:4] + b"\x03\x00" + SOUND[6:], "kind 3 with 0 channels"),
         (SOUND[:5] + b"\x00" + SOUND[6:], "0 channels"),
         (SOUND[:6] + b"\x00\x00" + SOUND[8:], "a length of 0"),
-        (SOUND + b"\x00" + WORDS, "begins with"),  # out of step
-        (WORDS[:-1] + b"]", "no JSON: Expecting"),
-        (WORDS[:6] + b"\x02\x00" + WORDS[8:16] + b"[]", "^no JSON object$"),
+        (SOUND + b"\x00" + MESSAGE, "begins with"),  # out of step
+        (MESSAGE[:-1] + b"]", "no JSON: Expecting"),
+        (MESSAGE[:6] + b"\x02\x00" + MESSAGE[8:16] + b"[]", "^no JSON object$"),
     ],
 )
 def test_what_is_no_recorders_is_not_read(data: bytes, why: str) -> None:
@@ -95,11 +95,11 @@ def test_what_is_no_recorders_is_not_read(data: bytes, why: str) -> None:
 def test_a_frame_of_nothing_but_its_header_is_read_at_once() -> None:
     nothing = b"{}"
     with pytest.raises(CodecError, match="no JSON: Expecting value"):
-        FrameDecoder().feed(WORDS[:6] + b"\x00\x00" + WORDS[8:16])
-    assert told(FrameDecoder().feed(WORDS[:6] + b"\x02\x00" + WORDS[8:16] + nothing)) == [(258, {})]
+        FrameDecoder().feed(MESSAGE[:6] + b"\x00\x00" + MESSAGE[8:16])
+    assert content(FrameDecoder().feed(MESSAGE[:6] + b"\x02\x00" + MESSAGE[8:16] + nothing)) == [(258, {})]
 
 
-def test_words_of_two_keys_are_written_without_blanks() -> None:
+def test_a_message_of_two_keys_is_written_without_blanks() -> None:
     assert encode(SoundMessage(0, {"a": 1, "b": 2})).endswith(b'{"a":1,"b":2}')
 
 

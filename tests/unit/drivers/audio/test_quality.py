@@ -17,10 +17,10 @@ def sound(n: int = 9600, level: float = 0.25) -> np.ndarray:
     return np.clip(np.rint(wave), -FULL, FULL - 1).astype(np.int32)
 
 
-def told(counts: NDArray[np.int32], seconds: float) -> tuple[str, str]:
-    found = flaw(counts, seconds)
-    assert found is not None
-    return found
+def found(counts: NDArray[np.int32], seconds: float) -> tuple[str, str]:
+    result = flaw(counts, seconds)
+    assert result is not None
+    return result
 
 
 def test_two_fingers_that_move_are_fit_for_use() -> None:
@@ -36,13 +36,13 @@ def test_quiet_is_not_silent() -> None:
 def test_a_finger_that_does_not_move_is_silent(column: int, finger: str) -> None:
     counts = sound()
     counts[:, column] = 77
-    reason, advice = told(counts, 0.1)
+    reason, advice = found(counts, 0.1)
     assert reason == f"the {finger} finger is silent: nothing has moved in 0.1 s"
     assert "plugged in" in advice
 
 
 def test_16_bits_in_24_are_seen() -> None:
-    reason, _ = told(sound() >> 8 << 8, 0.1)
+    reason, _ = found(sound() >> 8 << 8, 0.1)
     assert reason == "its samples have 16 bits, not 24: the low 8 are empty"
 
 
@@ -50,7 +50,7 @@ def test_16_bits_in_24_are_seen() -> None:
 def test_a_finger_that_is_too_loud_is_clipped(column: int, finger: str) -> None:
     counts = sound()
     counts[:, column] = sound(level=1.3)[:, column]
-    reason, _ = told(counts, 0.1)
+    reason, _ = found(counts, 0.1)
     assert reason.startswith(f"the {finger} finger is clipped: ")
 
 
@@ -61,19 +61,19 @@ def test_a_single_knock_at_full_scale_is_not_clipping() -> None:
 
 
 @pytest.mark.parametrize("size", [1, 7, 480, 50_000])
-def test_an_excursion_is_told_once_however_the_sound_is_cut(size: int) -> None:
+def test_an_excursion_is_reported_once_however_the_sound_is_cut(size: int) -> None:
     counts = sound(48_000)
     counts[5000:6000:12, 0] = FULL - 1
     counts[6000 + 9000, 0] = -FULL  # 0.094 s later: the same excursion
     counts[15_000 + 9700, 0] = -FULL  # 0.101 s later: another
     counts[30_000, 1] = FULL - 1
     excursions = Excursions(96_000.0)
-    told = [
+    begun = [
         (at + place, finger)
         for at in range(0, len(counts), size)
         for place, finger in excursions.push(clipped(counts[at : at + size]))
     ]
-    assert told == [(5000, 0), (24_700, 0), (30_000, 1)]
+    assert begun == [(5000, 0), (24_700, 0), (30_000, 1)]
 
 
 @pytest.mark.parametrize("size", [1, 7, 480])

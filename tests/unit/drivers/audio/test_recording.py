@@ -77,7 +77,7 @@ def played(device: Audio) -> tuple[list[SampleBlock], list[Status]]:
         ("take.rf64", "PCM_24"),
     ],
 )
-def test_a_recording_is_heard_to_the_last_bit(tmp_path: Path, name: str, subtype: str) -> None:
+def test_a_recording_is_played_to_the_last_bit(tmp_path: Path, name: str, subtype: str) -> None:
     counts = sound(1.01)
     blocks, statuses = played(audio(write(tmp_path / name, counts, subtype), paced=False))
     assert np.array_equal(np.concatenate([block.values for block in blocks]), counts)
@@ -100,16 +100,16 @@ def test_the_fingers_channels_can_be_chosen(tmp_path: Path) -> None:
     assert np.array_equal(np.concatenate([block.values for block in blocks]), counts[:, [3, 1]])
 
 
-def test_a_paced_recording_plays_in_real_time_and_runs_on_unheard(tmp_path: Path) -> None:
+def test_a_paced_recording_plays_in_real_time_and_runs_on_without_a_subscriber(tmp_path: Path) -> None:
     clock = VirtualClock()
     device = Audio("audio", AudioSettings(port=f"file:{write(tmp_path / 'take.wav', sound(2.0))}"), clock)
     device.open()
     assert device.read() == []
     device.apply(Listen("audio", FINGERS))
-    heard = []
+    first = []
     for turn in range(1, 61):
         clock.wait_until(turn * 0.005)
-        heard += device.read()
+        first += device.read()
     device.apply(Listen("audio", frozenset()))
     clock.wait_until(0.5)
     assert device.read() == []
@@ -117,13 +117,13 @@ def test_a_paced_recording_plays_in_real_time_and_runs_on_unheard(tmp_path: Path
     clock.wait_until(0.55)
     again = device.read()
     device.close()
-    packet = max(len(block) for block in heard)
-    assert heard[0].seq == 0
-    assert 0.3 * 96_000 - packet <= sum(map(len, heard)) <= 0.3 * 96_000
+    packet = max(len(block) for block in first)
+    assert first[0].seq == 0
+    assert 0.3 * 96_000 - packet <= sum(map(len, first)) <= 0.3 * 96_000
     rounding_s = 1e-9
-    assert all(block.last_s - rounding_s <= block.arrival_s <= clock.now() for block in heard)
+    assert all(block.last_s - rounding_s <= block.arrival_s <= clock.now() for block in first)
     assert abs(again[0].seq - 0.5 * 96_000) <= packet
-    assert again[0].t0_s - heard[0].t0_s == pytest.approx(again[0].seq / 96_000, abs=1e-5)
+    assert again[0].t0_s - first[0].t0_s == pytest.approx(again[0].seq / 96_000, abs=1e-5)
 
 
 def test_a_drive_stands_in_the_recording_and_a_sweep_takes_its_time(tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ def bad(tmp_path: Path, kind: str) -> Path:
     if kind == "absent":
         return path
     if kind == "text":
-        path.write_text("no sound at all, but a few words of text, and some more of them")
+        path.write_text("no sound at all, but a few lines of text, and some more of them")
     elif kind == "mono":
         write(path, counts[:, :1])
     elif kind == "44.1 kHz":
@@ -225,13 +225,13 @@ def test_bad_sound_gets_one_clear_line(
     path = bad(tmp_path, kind)
     with pytest.raises(error) as raised:
         audio(path).open()
-    said = str(raised.value)
-    assert said.startswith(f"audio: {line.format(path=path)}")
-    assert "\n" not in said
-    assert not said.endswith("; ")
+    message = str(raised.value)
+    assert message.startswith(f"audio: {line.format(path=path)}")
+    assert "\n" not in message
+    assert not message.endswith("; ")
 
 
-def test_a_recording_without_a_length_in_its_header_is_heard_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_a_recording_without_a_length_in_its_header_is_played_as_far_as_it_goes(tmp_path: Path) -> None:
     path = write(tmp_path / "take.wav", sound(0.5))
     data = bytearray(path.read_bytes())
     # A recorder that was killed has not come back to write them.

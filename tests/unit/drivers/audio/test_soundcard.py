@@ -23,7 +23,7 @@ from drivers.errors import PortError, ProtocolError
 from drivers.messages import Chirp, Excite, Failed, Listen, Lost, Reached, Refused, SampleBlock, Tone
 
 RATE_HZ = 96_000
-ROUND_TRIP = 2400  # frames from the card's output to its input, as it says itself
+ROUND_TRIP = 2400  # frames from the card's output to its input, as it reports itself
 
 CARDS = [
     {"index": 0, "name": "HDA Intel: Analog", "max_input_channels": 2, "max_output_channels": 2},
@@ -38,7 +38,7 @@ class PortAudioError(Exception):
 
 
 class Stream:
-    """What a stream is told, and a hand to call its callback with."""
+    """A stream's arguments, and a way to call its callback."""
 
     opened: ClassVar[list[Stream]] = []
 
@@ -160,7 +160,7 @@ def test_input_that_portaudio_made_up_is_not_handed_out(name: str) -> None:
 @pytest.mark.usefixtures("portaudio")
 @pytest.mark.parametrize("flag", ["output_underflow", "output_overflow", "input_overflow"])
 @pytest.mark.parametrize("latency_s", [0.005, 0.02])
-def test_whatever_the_card_loses_leaves_out_what_was_heard_until_the_drive_is_back(
+def test_whatever_the_card_loses_leaves_out_the_input_until_the_drive_is_back(
     flag: str, latency_s: float
 ) -> None:
     device = audio("USB Audio 24", latency_s=latency_s)
@@ -173,20 +173,20 @@ def test_whatever_the_card_loses_leaves_out_what_was_heard_until_the_drive_is_ba
     stream.buffer(counts[0], missing, flag)
     for one in counts[1:]:
         stream.buffer(one)
-    # what the card says of its round trip, or twice the buffering that it was asked for, whichever is longer
+    # the round trip that the card reports, or twice the buffering that it was asked for, whichever is longer
     doubtful = max(ROUND_TRIP, round(2 * latency_s * RATE_HZ))
     first, *rest = device.read()
     assert (first.seq, len(first)) == (0, 480)
     assert rest[0].seq == 480 + missing + doubtful
     assert np.array_equal(np.concatenate([block.values for block in rest]), np.concatenate(counts)[doubtful:])
     assert [lost.samples for lost in device.poll() if isinstance(lost, Lost)] == [missing + doubtful]
-    told = device.account()
-    assert (told["overruns"], told["underruns"]) == ((1, 0) if missing else (0, 1))
+    account = device.account()
+    assert (account["overruns"], account["underruns"]) == ((1, 0) if missing else (0, 1))
     device.close()
 
 
 @pytest.mark.usefixtures("portaudio")
-def test_a_queue_that_nobody_empties_loses_its_oldest_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_queue_that_is_not_emptied_loses_its_oldest_and_reports_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.audio.soundcard.WAITING_PACKETS", 10)
     device, stream = listening()
     stream.buffer(sound(480))
@@ -205,7 +205,7 @@ def test_the_drive_is_locked_to_the_frames_and_goes_on_without_a_step_whatever_i
     assert not stream.buffer(sound(480)).any()
     device.apply(Tone("audio", 40_000.0, 0.5))
     out = [stream.buffer(sound(480)), stream.buffer(sound(333))]
-    # the card plays buffer after buffer: frames of input that nobody got leave no gap in the output
+    # the card plays buffer after buffer: frames of input that were not taken leave no gap in the output
     out.append(stream.buffer(sound(480), missing=100))
     out.append(stream.buffer(sound(480), 0, "output_underflow"))
     expected = ToneWave(40_000.0, 0.5)
@@ -228,11 +228,11 @@ class Finger:
         self.rng = np.random.default_rng(3)
 
     def run(self, seconds: float, missing: int = 0, *flags: str) -> None:
-        """Buffers of 5 ms; of the first one the card says that something was lost before it."""
+        """Buffers of 5 ms; of the first one the card reports a loss before it."""
         self.line = self.line[missing:]
         for k in range(round(seconds * RATE_HZ / 480)):
-            heard, self.line = self.line[:480], self.line[480:]
-            counts = np.rint((self.share * heard + 1e-4 * self.rng.standard_normal(480)) * 2**23)
+            input_, self.line = self.line[:480], self.line[480:]
+            counts = np.rint((self.share * input_ + 1e-4 * self.rng.standard_normal(480)) * 2**23)
             given = np.column_stack([counts, counts]).astype(np.int32)
             played = self.stream.buffer(given, 0 if k else missing, *(() if k else flags))
             self.line = np.concatenate([self.line, played[:, 0]])
@@ -281,7 +281,7 @@ def test_output_that_ran_dry_turns_the_phase_and_reads_as_no_contact(slip: int) 
 
 
 @pytest.mark.usefixtures("portaudio")
-def test_the_same_slip_without_a_word_of_the_card_reads_as_contact() -> None:
+def test_the_same_slip_without_a_report_of_the_card_reads_as_contact() -> None:
     device, finger = driven()
     finger.run(1.5)
     finger.slip(1)
@@ -337,7 +337,7 @@ def test_a_chirp_is_told_when_it_is_over() -> None:
 
 @pytest.mark.usefixtures("portaudio")
 @pytest.mark.parametrize("missing", [0, 77])
-def test_a_chirp_ends_with_the_frame_at_which_its_end_is_heard(missing: int) -> None:
+def test_a_chirp_ends_with_the_frame_at_which_its_end_arrives(missing: int) -> None:
     card = SoundCard("audio", AudioSettings(port="sounddevice:USB Audio 24"), WallClock(), "USB Audio 24")
     card.open()
     stream = Stream.opened[-1]
@@ -443,7 +443,7 @@ def test_a_missing_portaudio_says_how_to_install_it(tmp_path: Any, monkeypatch: 
         audio("USB").open()
 
 
-def test_a_card_that_hears_nothing_is_refused(portaudio: Any) -> None:
+def test_a_card_without_input_is_refused(portaudio: Any) -> None:
     class Live(Stream):
         """A card that runs by itself, with nothing at its input."""
 

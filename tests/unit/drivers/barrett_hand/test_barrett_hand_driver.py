@@ -19,19 +19,19 @@ F1, F2 = "hand.strain_11", "hand.strain_12"
 DUE_S = 5000.0
 
 
-def answer(finger: int, counts: int, beat: int | None) -> ReceivedFrame:
+def answer(finger: int, counts: int, cycle: int | None) -> ReceivedFrame:
     frame = codec.encode_reply(codec.HandReply(finger, codec.Property.STRAIN, counts))
-    due_s = None if beat is None else DUE_S + beat * 1e-3
-    return ReceivedFrame(frame, DUE_S + (beat or 0) * 1e-3 + 4e-4, beat, due_s)
+    due_s = None if cycle is None else DUE_S + cycle * 1e-3
+    return ReceivedFrame(frame, DUE_S + (cycle or 0) * 1e-3 + 4e-4, cycle, due_s)
 
 
 class Link:
-    """Answers single questions at once; what comes at beats is put in by the test."""
+    """Answers single questions at once; answers of cycles are put in by the test."""
 
     def __init__(self) -> None:
         self.fault: str | None = None
         self.malformed = 0
-        self.beat: PeriodicQuestion | None = None
+        self.question: PeriodicQuestion | None = None
         self.waiting: list[ReceivedFrame] = []
         self.closed = False
 
@@ -47,8 +47,8 @@ class Link:
         waiting, self.waiting = self.waiting, []
         return waiting
 
-    def ask(self, beat: PeriodicQuestion | None) -> None:
-        self.beat = beat
+    def ask(self, question: PeriodicQuestion | None) -> None:
+        self.question = question
 
     def close(self) -> None:
         self.closed = True
@@ -72,28 +72,28 @@ def listen(hand: BarrettHand, *streams: str) -> None:
 
 def test_one_finger_is_asked_by_itself(hand: BarrettHand, link: Link) -> None:
     listen(hand, F2)
-    assert link.beat is not None
-    assert link.beat.frame == CanFrame(0x00C, b"\x19")
-    assert link.beat.answers == {0x586}
-    assert (link.beat.period_s, link.beat.answer_s) == (1e-3, 0.02)
+    assert link.question is not None
+    assert link.question.frame == CanFrame(0x00C, b"\x19")
+    assert link.question.answers == {0x586}
+    assert (link.question.period_s, link.question.answer_s) == (1e-3, 0.02)
 
 
 def test_several_fingers_are_asked_with_one_question(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1, F2)
-    assert link.beat is not None
-    assert link.beat.frame == CanFrame(0x405, b"\x19")
-    assert link.beat.answers == {0x566, 0x586}
+    assert link.question is not None
+    assert link.question.frame == CanFrame(0x405, b"\x19")
+    assert link.question.answers == {0x566, 0x586}
 
 
-def test_nothing_is_asked_when_nobody_listens(hand: BarrettHand, link: Link) -> None:
+def test_nothing_is_asked_without_a_subscriber(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
     listen(hand)
-    assert link.beat is None
+    assert link.question is None
 
 
-def test_answers_are_dated_at_their_beats(hand: BarrettHand, link: Link) -> None:
+def test_answers_are_dated_at_their_cycles(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
-    link.waiting = [answer(11, 2000 + beat, beat) for beat in range(4)]
+    link.waiting = [answer(11, 2000 + cycle, cycle) for cycle in range(4)]
     (block,) = hand.read()
     assert (block.stream, block.seq, block.rate_hz) == (F1, 0, 1000.0)
     assert block.values[:, 0].tolist() == [0, 1, 2, 3]
@@ -101,9 +101,9 @@ def test_answers_are_dated_at_their_beats(hand: BarrettHand, link: Link) -> None
     assert block.arrival_s == pytest.approx(block.last_s + 4e-4)
 
 
-def test_a_beat_without_an_answer_is_a_gap_and_told(hand: BarrettHand, link: Link) -> None:
+def test_a_cycle_without_an_answer_is_a_reported_gap(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
-    link.waiting = [answer(11, 2000, beat) for beat in (0, 1, 4, 5)]
+    link.waiting = [answer(11, 2000, cycle) for cycle in (0, 1, 4, 5)]
     first, second = hand.read()
     assert (len(first), second.seq, len(second)) == (2, 4, 2)
     (lost,) = hand.poll()
@@ -112,7 +112,7 @@ def test_a_beat_without_an_answer_is_a_gap_and_told(hand: BarrettHand, link: Lin
     assert hand.account()["lost"] == 2
 
 
-def test_answers_to_no_beat_and_of_other_fingers_are_passed_over(hand: BarrettHand, link: Link) -> None:
+def test_answers_to_no_cycle_and_of_other_fingers_are_passed_over(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
     link.waiting = [
         answer(11, 2000, 0),
@@ -158,7 +158,7 @@ def timed(clock: VirtualClock, link: Link) -> BarrettHand:
 def test_closing_ends_the_questions_and_lets_go_of_the_bus(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
     hand.close()
-    assert link.beat is None
+    assert link.question is None
     assert link.closed
 
 
@@ -167,18 +167,18 @@ def test_a_hand_that_has_failed_asks_no_more_once_it_is_closed(hand: BarrettHand
     link.fault = "the bus was taken away"
     hand.poll()
     hand.close()
-    assert link.beat is None
+    assert link.question is None
 
 
 def test_listening_to_the_same_fingers_again_changes_nothing(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
-    before = link.beat
+    before = link.question
     listen(hand, F1)
-    assert link.beat is before
+    assert link.question is before
 
 
 @pytest.mark.parametrize(
-    ("command", "words"),
+    ("command", "message"),
     [
         (Stop("hand"), r"^hand: it has no such command while applying Stop; a hand can Listen and Tare$"),
         (
@@ -188,8 +188,8 @@ def test_listening_to_the_same_fingers_again_changes_nothing(hand: BarrettHand, 
         (Tare("hand", "hand.strain_9"), "^hand: it has no stream hand.strain_9 while applying Tare"),
     ],
 )
-def test_a_command_that_makes_no_sense_is_an_error(hand: BarrettHand, command: Command, words: str) -> None:
-    with pytest.raises(CommandError, match=words):
+def test_a_command_that_makes_no_sense_is_an_error(hand: BarrettHand, command: Command, message: str) -> None:
+    with pytest.raises(CommandError, match=message):
         hand.apply(command)
 
 
@@ -200,7 +200,7 @@ def test_a_tare_needs_a_reading(hand: BarrettHand, link: Link) -> None:
     (refused,) = hand.poll()
     assert isinstance(refused, Refused)
     assert (refused.command, refused.reason) == (tare, "no samples of it yet; listen to it first")
-    link.waiting = [answer(11, 2100 + beat, beat) for beat in range(3)]
+    link.waiting = [answer(11, 2100 + cycle, cycle) for cycle in range(3)]
     hand.read()
     hand.apply(tare)
     (sent,) = hand.poll()
@@ -218,9 +218,7 @@ def test_what_was_read_before_is_no_zero_of_what_is_listened_to_now(hand: Barret
     assert [type(status) for status in hand.poll()] == [Refused]
 
 
-def test_silence_is_a_failure_where_somebody_listens(
-    timed: BarrettHand, link: Link, clock: VirtualClock
-) -> None:
+def test_silence_is_a_failure_with_a_subscriber(timed: BarrettHand, link: Link, clock: VirtualClock) -> None:
     clock.rest(10.0)
     assert timed.poll() == []
     listen(timed, F1, F2)
@@ -250,7 +248,9 @@ def test_listening_after_a_pause_is_no_silence(timed: BarrettHand, clock: Virtua
 
 def test_a_finger_beyond_what_is_safe_is_told_beside_its_block(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
-    link.waiting = [answer(11, counts, beat) for beat, counts in enumerate((2000, codec.SAFE_COUNTS[1] + 1))]
+    link.waiting = [
+        answer(11, counts, cycle) for cycle, counts in enumerate((2000, codec.SAFE_COUNTS[1] + 1))
+    ]
     hand.read()
     (saturated,) = hand.poll()
     assert isinstance(saturated, Saturated)
@@ -259,7 +259,7 @@ def test_a_finger_beyond_what_is_safe_is_told_beside_its_block(hand: BarrettHand
 
 def test_numbers_go_on_through_a_pause_as_if_it_had_been_asked(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
-    link.waiting = [answer(11, 2000, beat) for beat in range(4)]
+    link.waiting = [answer(11, 2000, cycle) for cycle in range(4)]
     listen(hand)
     listen(hand, F1)
     link.waiting = [answer(11, 2000, 0)._replace(due_s=DUE_S + 0.5, arrival_s=DUE_S + 0.5004)]

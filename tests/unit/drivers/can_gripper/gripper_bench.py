@@ -55,12 +55,12 @@ class Host:
         return self.now_s
 
     def receive(self) -> list[ReceivedFrame]:
-        heard = [one for one in self._due if one.arrival_s <= self.now_s]
+        received = [one for one in self._due if one.arrival_s <= self.now_s]
         self._due = [one for one in self._due if one.arrival_s > self.now_s]
-        return heard
+        return received
 
-    def ask(self, beat: PeriodicQuestion | None) -> None:
-        raise AssertionError("the gripper asks at no beat")
+    def ask(self, question: PeriodicQuestion | None) -> None:
+        raise AssertionError("the gripper does not poll by the link's thread")
 
     def close(self) -> None:
         self.closed = True

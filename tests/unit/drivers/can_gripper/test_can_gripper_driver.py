@@ -156,7 +156,7 @@ def test_jaws_that_meet_nothing_say_so(bench: Bench) -> None:
     assert gripped.width_m == pytest.approx(0.020, abs=0.2e-3)
 
 
-def test_an_object_that_is_lost_is_told(bench: Bench) -> None:
+def test_a_lost_object_is_reported(bench: Bench) -> None:
     hold_the_mug(bench)
     bench.place(None)
     bench.turn(0.5)
@@ -282,8 +282,8 @@ def test_a_host_that_hangs_loses_the_grip_and_says_so_when_it_wakes(bench: Bench
     assert len(bench.take(Gripped)) == 1
 
 
-def test_home_clears_a_fault_that_nobody_has_heard_of(bench: Bench) -> None:
-    """Between two trials nobody reads: rows, measures and garbage may take longer than the watchdog waits."""
+def test_home_clears_a_fault_that_is_not_known_yet(bench: Bench) -> None:
+    """Between two trials nothing is read: rows, measures and garbage may take longer than the watchdog waits."""
     hold_the_mug(bench)
     bench.host.advance(1.5)
     bench.apply(Home("gripper"))
@@ -295,17 +295,17 @@ def test_home_clears_a_fault_that_nobody_has_heard_of(bench: Bench) -> None:
     assert len(bench.take(Gripped)) == 1
     bench.host.advance(1.5)
     bench.turn(0.1)
-    assert len(bench.take(Stalled)) == 1, "a later one is told"
+    assert len(bench.take(Stalled)) == 1, "a later one is reported"
 
 
-@pytest.mark.parametrize(("fault", "words"), [("overheat", "too hot")])
-def test_a_fault_lets_the_grip_go_and_is_a_stall(bench: Bench, fault: str, words: str) -> None:
+@pytest.mark.parametrize(("fault", "message"), [("overheat", "too hot")])
+def test_a_fault_opens_the_grip_and_is_a_stall(bench: Bench, fault: str, message: str) -> None:
     hold_the_mug(bench)
     bench.host.gripper.inject(fault, bench.host.now_s)
     bench.turn(0.1)
     (stalled,) = bench.take(Stalled)
     assert isinstance(stalled, Stalled)
-    assert words in stalled.reason
+    assert message in stalled.reason
     assert bench.drive.jaws.contact_n < 0.6
     assert bench.driver.account()["faults"] == ["over temperature"]
 
@@ -342,7 +342,7 @@ def test_width_and_force_come_ten_milliseconds_apart_with_the_time_of_the_questi
     assert widths[-1].physical[-1, 0] == pytest.approx(0.039, abs=0.2e-3)
 
 
-def test_a_lost_answer_is_a_jump_in_the_sequence_and_told(bench: Bench) -> None:
+def test_a_lost_answer_is_a_reported_jump_in_the_sequence(bench: Bench) -> None:
     bench.apply(Listen("gripper", frozenset({WIDTH})))
     bench.turn(0.2)
     bench.host.spoil = lambda frame: None
@@ -376,7 +376,7 @@ def test_an_answer_that_was_given_up_and_comes_after_all_is_not_taken_for_a_late
     assert gripped.object, "the jaws stood wide open when they were asked, before the command"
 
 
-def test_what_nobody_listens_to_is_not_sent(bench: Bench) -> None:
+def test_nothing_is_sent_without_a_subscriber(bench: Bench) -> None:
     bench.turn(0.3)
     assert bench.blocks == []
 
@@ -422,7 +422,7 @@ def test_close_stops_a_motion(bench: Bench) -> None:
     assert bench.drive.jaws.width_m < 0.02
 
 
-def test_nobody_on_the_bus_is_silence(make_bench: Make) -> None:
+def test_an_empty_bus_is_silence(make_bench: Make) -> None:
     bench = make_bench()
     bench.host.gripper.inject("silent", bench.host.now_s)
     with pytest.raises(SilentError, match=r"^gripper: no answer in 0.2 s .*powered with 24 V, node 0"):
@@ -444,7 +444,7 @@ def test_a_bus_that_goes_while_opening_is_a_port_error(make_bench: Make) -> None
         bench.open()
 
 
-def test_a_sent_command_is_told(bench: Bench) -> None:
+def test_a_sent_command_is_reported(bench: Bench) -> None:
     bench.apply(GRIP)
     bench.turn(0.05)
     (sent,) = bench.take(Sent)

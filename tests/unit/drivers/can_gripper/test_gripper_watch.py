@@ -108,10 +108,10 @@ def test_a_fault_is_told_once_and_ends_the_command(watch: Watch) -> None:
     assert pushed(watch, THERE, THERE, begin_s=2.0) == []
 
 
-def test_a_fault_while_stopping_is_told_beside_the_standstill(watch: Watch) -> None:
+def test_a_fault_while_stopping_is_reported_beside_the_standstill(watch: Watch) -> None:
     watch.begin(Stop("gripper"), 1.0, drives=True)
-    told = pushed(watch, *[replace(MOVING, estop=True)] * 10, fault=True)
-    assert [type(status) for status in told] == [Stalled, Standstill]
+    statuses = pushed(watch, *[replace(MOVING, estop=True)] * 10, fault=True)
+    assert [type(status) for status in statuses] == [Stalled, Standstill]
 
 
 def test_jaws_that_still_move_do_not_stand_still(watch: Watch) -> None:
@@ -138,7 +138,7 @@ def after(number: int) -> float:
 
 
 @pytest.mark.parametrize(
-    ("command", "states", "told"),
+    ("command", "states", "answer"),
     [
         (GRIP, [CLOSING] * 4, Gripped(after(3), "gripper", True, WIDTH_M, 400 * 0.0462, command_id=7)),
         (GRIP, [MOVING, THERE], Gripped(after(1), "gripper", False, WIDTH_M, 400 * 0.0462, command_id=7)),
@@ -154,13 +154,13 @@ def after(number: int) -> float:
     ],
 )
 def test_each_command_is_answered_once_under_its_number(
-    watch: Watch, command: Command, states: list[GripperState], told: Status
+    watch: Watch, command: Command, states: list[GripperState], answer: Status
 ) -> None:
     watch.begin(replace(command, id=7), 1.0, drives=True)
     assert pushed(watch, *states[:-1]) == []
     assert watch.busy is True
     assert watch.resting is False
-    assert watch.push(after(len(states) - 1), states[-1], False) == [told]
+    assert watch.push(after(len(states) - 1), states[-1], False) == [answer]
     assert watch.busy is False
     assert pushed(watch, *states[-1:] * 3, begin_s=after(len(states))) == []
     assert watch.resting is isinstance(command, Stop | Home) or states[-1].finding is not GripFinding.MOVING
@@ -191,15 +191,15 @@ def test_a_calibration_is_given_up_after_32_seconds(watch: Watch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("faults", "words"),
+    ("faults", "faults_text"),
     [
         ({"over_temperature": True, "estop": True}, "it is too hot and its emergency stop is up"),
         ({}, "it reports a fault of its motor or supply"),
     ],
 )
-def test_a_fault_is_told_in_words_under_the_commands_number(
-    watch: Watch, faults: dict[str, bool], words: str
+def test_a_fault_is_reported_under_the_commands_number(
+    watch: Watch, faults: dict[str, bool], faults_text: str
 ) -> None:
     watch.begin(replace(GRIP, id=7), 1.0, drives=True)
-    reason = f"{words}, and whatever it held is loose; send Home"
+    reason = f"{faults_text}, and whatever it held is loose; send Home"
     assert watch.push(1.1, replace(MOVING, **faults), True) == [Stalled(1.1, "gripper", reason, command_id=7)]

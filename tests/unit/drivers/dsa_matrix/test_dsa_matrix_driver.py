@@ -38,7 +38,7 @@ def test_cells_come_from_what_the_matrices_say(make_bench: Make) -> None:
     assert bench.blocks[-1].values[-1, 1:].tolist() == list(range(1, 10))
 
 
-def test_nothing_comes_that_nobody_listens_to(bench: Bench) -> None:
+def test_nothing_comes_without_a_subscriber(bench: Bench) -> None:
     bench.turn(0.5)
     assert bench.blocks == []
     assert bench.statuses == []
@@ -70,7 +70,7 @@ def test_the_wrap_of_the_clock_is_not_seen(make_bench: Make) -> None:
 
 
 def test_times_are_the_controllers_and_not_those_of_arrival(bench: Bench) -> None:
-    """The first cell says when it was read, to 10 ms. Late by the 13.3 ms that a frame is on the line."""
+    """The first cell holds the time at which it was read, to 10 ms. Late by the 13.3 ms that a frame is on the line."""
     bench.driver.apply(ALL)
     bench.turn(8.0)
     host_s = np.concatenate([block.times for block in bench.blocks[100:]]) - bench.clock.from_monotonic(0.0)

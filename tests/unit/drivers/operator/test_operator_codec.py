@@ -54,8 +54,8 @@ def test_what_is_no_message_is_an_error(line):
 def test_the_decoder_puts_lines_together_and_goes_on_after_noise():
     decoder = LineDecoder()
     stream = b"".join(line for _, line in GOLDEN)
-    heard = [message for byte in stream for message in decoder.feed(bytes([byte]))]
-    assert heard == [message for message, _ in GOLDEN]
+    messages = [message for byte in stream for message in decoder.feed(bytes([byte]))]
+    assert messages == [message for message, _ in GOLDEN]
     assert decoder.feed(b"noise\n\r\n" + GOLDEN[3][1]) == [PersonAnswer(4, True)]
     assert decoder.malformed == 1
     assert decoder.feed(b"noise\nnoise\n") == []
@@ -75,7 +75,7 @@ def test_a_line_without_end_does_not_fill_the_memory():
 
 
 @pytest.mark.parametrize(
-    ("command", "says"),
+    ("command", "text"),
     [
         (LoadWeight("operator", "x", 0.5), "hang 0.50 N on bridge Fx"),
         (LoadWeight("operator", "t", 0.05), "hang 0.050 N on bridge Ft"),
@@ -84,9 +84,9 @@ def test_a_line_without_end_does_not_fill_the_memory():
         (Ask("operator", "shut the door"), "shut the door"),
     ],
 )
-def test_a_request_is_put_into_words(command, says):
+def test_a_request_has_a_text(command, text):
     load = (command.bridge, command.force_n) if isinstance(command, LoadWeight) else ()
-    assert request_of(7, command) == PersonRequest(7, says, *load)
+    assert request_of(7, command) == PersonRequest(7, text, *load)
 
 
 def test_a_number_that_json_has_not_is_not_written():

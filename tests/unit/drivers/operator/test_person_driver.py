@@ -32,7 +32,7 @@ def test_the_console_sees_a_device_that_asks(person):
     assert person.question is None
 
 
-def test_a_weight_is_asked_for_in_words_and_loaded_when_enter_says_so(person):
+def test_a_weight_is_asked_for_and_loaded_on_enter(person):
     person.apply(Listen("operator", frozenset({"operator.load"})))
     command = LoadWeight("operator", "x", 0.5)
     person.apply(command)
@@ -51,7 +51,7 @@ def test_a_weight_is_asked_for_in_words_and_loaded_when_enter_says_so(person):
     assert person.question is None
 
 
-def test_a_request_in_words_is_answered(person):
+def test_a_request_is_answered(person):
     person.apply(Ask("operator", "shut the door"))
     person.answer(person.question.number, done=True)
     assert person.poll()[-1] == Answered(0.0, "operator", "shut the door")
@@ -68,13 +68,13 @@ def test_an_answer_to_a_question_that_was_replaced_counts_for_nothing(person):
     person.apply(LoadWeight("operator", "x", 0.5))
     old = person.question.number
     person.apply(LoadWeight("operator", "x", 0.5))
-    assert person.question.number != old, "the same words, another question"
+    assert person.question.number != old, "the same text, another question"
     person.answer(old, done=True)
     assert not [status for status in person.poll() if isinstance(status, Loaded)]
     assert person.question is not None
 
 
-def test_loads_are_numbered_whether_somebody_listens_or_not(person):
+def test_loads_are_numbered_with_and_without_a_subscriber(person):
     for listened in (frozenset(), frozenset({"operator.load"})):
         person.apply(Listen("operator", listened))
         person.apply(LoadWeight("operator", "y", 1.0))
@@ -104,7 +104,7 @@ def test_what_the_sensor_does_not_bear_or_a_person_cannot_do_is_refused_in_one_l
     assert person.question is None
 
 
-def test_without_a_terminal_nobody_can_answer_and_open_says_so(monkeypatch):
+def test_without_a_terminal_open_is_refused(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     with pytest.raises(
         PortError, match="standard input is no terminal while opening the console; run it in a terminal"

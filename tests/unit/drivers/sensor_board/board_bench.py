@@ -1,4 +1,4 @@
-"""A bench in virtual time: what a board may be wired to, and a host whose time moves when told to."""
+"""A bench in virtual time: what a board may be wired to, and a host whose time the test moves."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Source:
 class Host:
     """A host's monotonic clock, and the line between it and a board, looked at every 0.2 to 1.2 ms.
 
-    What the host writes goes through `cut` on its way, and what the board says through `hush`.
+    What the host writes goes through `cut` on its way, and what the board sends through `hush`.
     """
 
     board: EmulatedSensorBoard
@@ -163,7 +163,7 @@ class Bench:
     driver: SensorBoard
 
     def run(self, seconds: float, turn_s: float = 0.002) -> tuple[list[SampleBlock], list[Status]]:
-        """Let the loop turn for a while; what the driver had to say."""
+        """Let the loop turn for a while; the driver's blocks and statuses."""
         blocks: list[SampleBlock] = []
         statuses: list[Status] = []
         until_s = self.host.t_s + seconds

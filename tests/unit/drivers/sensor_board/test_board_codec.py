@@ -55,21 +55,21 @@ def stream(**changes: Any) -> dict[str, Any]:
 
 
 def hello_body(*streams: dict[str, Any], **changes: Any) -> bytes:
-    said = {"board": "b", "serial": "7", "version": "1", "streams": streams, **changes}
-    return b"\x03" + json.dumps(said).encode()
+    fields = {"board": "b", "serial": "7", "version": "1", "streams": streams, **changes}
+    return b"\x03" + json.dumps(fields).encode()
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["what"])
-def test_a_golden_body_says_what_was_written_beside_it(golden: dict[str, Any]) -> None:
-    said = golden["message"]
+def test_a_golden_body_is_decoded_as_its_message(golden: dict[str, Any]) -> None:
+    expected = golden["message"]
     message = decode(bytes.fromhex(golden["body"]))
-    if said["kind"] == "hello":
+    if expected["kind"] == "hello":
         assert isinstance(message, BoardHello)
         assert [s.name for s in message.streams] == ["load_cell", "period"]
         assert [s.id for s in message.streams] == [0, 3]
         assert [s.rate_hz for s in message.streams] == [1000.0, None]
         return
-    for name, value in said.items():
+    for name, value in expected.items():
         if name != "kind":
             assert np.array_equal(np.asarray(getattr(message, name)), np.asarray(value)), name
 
@@ -80,19 +80,19 @@ def test_a_golden_body_says_what_was_written_beside_it(golden: dict[str, Any]) -
     [golden for golden in GOLDEN if golden["message"]["kind"] != "hello"],
     ids=lambda golden: golden["what"],
 )
-def test_what_a_golden_body_says_is_encoded_as_the_golden_frame(golden: dict[str, Any]) -> None:
-    said = golden["message"]
+def test_a_golden_message_is_encoded_as_the_golden_frame(golden: dict[str, Any]) -> None:
+    expected = golden["message"]
     message: Message
-    if said["kind"] == "samples":
-        values = np.array(said["values"], np.int32)
-        message = Samples(said["stream"], said["seq"], said["t_us"], values)
-    elif said["kind"] == "times":
-        times, values = np.array(said["times_us"], np.uint32), np.array(said["values"], np.int32)
-        message = Times(said["stream"], said["seq"], said["t_us"], times, values)
-    elif said["kind"] == "command":
-        message = CommandFrame(said["code"], said["tag"], said["argument"])
+    if expected["kind"] == "samples":
+        values = np.array(expected["values"], np.int32)
+        message = Samples(expected["stream"], expected["seq"], expected["t_us"], values)
+    elif expected["kind"] == "times":
+        times, values = np.array(expected["times_us"], np.uint32), np.array(expected["values"], np.int32)
+        message = Times(expected["stream"], expected["seq"], expected["t_us"], times, values)
+    elif expected["kind"] == "command":
+        message = CommandFrame(expected["code"], expected["tag"], expected["argument"])
     else:
-        message = BoardReply(said["code"], said["tag"], said["status"])
+        message = BoardReply(expected["code"], expected["tag"], expected["status"])
     assert encode(message).hex(" ") == golden["frame"]
 
 
@@ -182,7 +182,7 @@ def test_a_body_of_a_wrong_kind_or_length_is_refused(body: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    ("body", "message"),
     [
         ("", "no kind of message begins with nothing"),
         ("7f 01 02", "no kind of message begins with 7f"),
@@ -192,10 +192,10 @@ def test_a_body_of_a_wrong_kind_or_length_is_refused(body: str) -> None:
         (hello_body(stream(scale=0)).hex(), "hello: "),
     ],
 )
-def test_a_refused_body_is_told_by_its_kind_and_place(body: str, words: str) -> None:
+def test_a_refused_body_is_reported_by_its_kind_and_place(body: str, message: str) -> None:
     with pytest.raises(CodecError) as error:
         decode(bytes.fromhex(body))
-    assert str(error.value).startswith(words)
+    assert str(error.value).startswith(message)
 
 
 def test_a_command_that_is_not_known_keeps_its_code_and_tag_for_the_answer() -> None:
@@ -220,7 +220,7 @@ def test_what_does_not_fit_into_its_field_is_not_encoded(message: Message) -> No
 
 
 @pytest.mark.parametrize(
-    ("body", "word"),
+    ("body", "message"),
     [
         (b"\x03{", "hello"),
         (b"\x03" + b"\xff\xfe", "hello"),
@@ -236,8 +236,8 @@ def test_what_does_not_fit_into_its_field_is_not_encoded(message: Message) -> No
         (hello_body(board=None), "board"),
     ],
 )
-def test_a_hello_that_says_nothing_usable_is_refused_and_says_where(body: bytes, word: str) -> None:
-    with pytest.raises(CodecError, match=word):
+def test_an_unusable_hello_is_refused_and_the_error_says_where(body: bytes, message: str) -> None:
+    with pytest.raises(CodecError, match=message):
         decode(body)
 
 

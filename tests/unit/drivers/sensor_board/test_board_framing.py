@@ -43,7 +43,7 @@ def reference_unstuffed(encoded: bytes) -> bytes:
     return bytes(out)
 
 
-def heard(data: bytes) -> list[bytes]:
+def bodies_in(data: bytes) -> list[bytes]:
     return BoardFrameDecoder().feed(b"\0" + data)
 
 
@@ -58,7 +58,7 @@ def test_a_golden_body_gives_its_golden_frame(golden: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["what"])
 def test_a_golden_frame_gives_its_golden_body(golden: dict[str, Any]) -> None:
-    assert heard(bytes.fromhex(golden["frame"])) == [bytes.fromhex(golden["body"])]
+    assert bodies_in(bytes.fromhex(golden["frame"])) == [bytes.fromhex(golden["body"])]
 
 
 @given(st.binary(max_size=600))
@@ -83,13 +83,13 @@ def test_bodies_come_back_however_the_bytes_are_cut(bodies: list[bytes], data: s
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_at_all_raise_nothing_and_the_next_frame_is_heard(noise: bytes) -> None:
+def test_any_bytes_at_all_raise_nothing_and_the_next_frame_is_read(noise: bytes) -> None:
     assert BoardFrameDecoder().feed(noise + b"\0" + frame(b"next"))[-1] == b"next"
 
 
 def test_what_precedes_the_first_delimiter_is_passed_over_and_counted_as_nothing() -> None:
     decoder = BoardFrameDecoder()
-    assert decoder.feed(frame(b"half heard")[3:]) == []
+    assert decoder.feed(frame(b"half a frame")[3:]) == []
     assert decoder.feed(frame(b"whole")) == [b"whole"]
     assert (decoder.counts.good, decoder.counts.bad_crc, decoder.counts.bad_cobs) == (1, 0, 0)
 
@@ -138,7 +138,7 @@ def test_the_longest_frame_is_written_and_read() -> None:
     body = b"\x01" * (MAX_ENCODED_BYTES - 35)
     whole = frame(body)
     assert len(whole) == MAX_ENCODED_BYTES + 1, "and its delimiter"
-    assert heard(whole) == [body]
+    assert bodies_in(whole) == [body]
     with pytest.raises(ValueError, match="longer than 8192"):
         frame(body + b"\x01")
 

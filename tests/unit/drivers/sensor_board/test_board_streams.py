@@ -224,7 +224,7 @@ def test_a_counter_that_begins_at_zero_when_asked_for_is_no_restart(board: Board
 
 
 def test_an_hour_and_a_half_of_silence_is_dated_right(board: Board) -> None:
-    """Longer than the u32 of microseconds: the host's clock tells how often it went round."""
+    """Longer than the u32 of microseconds: the host's clock shows how often it wrapped."""
     board.force(0)
     board.streams.begin([FORCE])
     arrival = board.force(5_400_000)

@@ -27,7 +27,7 @@ ACCELERATION, FORCE, PERIOD = 0, 1, 2
 
 
 class Line:
-    """Speaks to a board and hears what it says; begins at host time 0."""
+    """A client of a board; begins at host time 0."""
 
     def __init__(self, **settings: Any) -> None:
         self.source = Source()
@@ -41,7 +41,7 @@ class Line:
     def ask(self, code: int, argument: int | None = None) -> list[Message]:
         self._tag += 1
         data = b"\0" + encode(CommandFrame(code, self._tag, argument))
-        return self._heard(self.board.receive(data, self.t_s))
+        return self._decoded(self.board.receive(data, self.t_s))
 
     def status(self, code: int, argument: int | None = None) -> int:
         replies = [message for message in self.ask(code, argument) if isinstance(message, BoardReply)]
@@ -49,15 +49,15 @@ class Line:
         return replies[0].status
 
     def run(self, seconds: float, step_s: float = 0.001) -> list[Any]:
-        heard: list[Message] = []
+        messages: list[Message] = []
         steps = round(seconds / step_s)
         begin_s = self.t_s
         for step in range(1, steps + 1):
             self.t_s = begin_s + step * step_s
-            heard += self._heard(self.board.step(self.t_s))
-        return heard
+            messages += self._decoded(self.board.step(self.t_s))
+        return messages
 
-    def _heard(self, data: bytes) -> list[Message]:
+    def _decoded(self, data: bytes) -> list[Message]:
         return [decode(body) for body in self.decoder.feed(data)]
 
 
@@ -67,7 +67,7 @@ def samples(messages: list[Any], stream: int) -> np.ndarray:
     )
 
 
-def test_the_first_hello_is_heard_by_who_has_just_begun_to_listen() -> None:
+def test_a_client_that_has_just_connected_receives_the_first_hello() -> None:
     line = Line()
     line.decoder = BoardFrameDecoder()
     hello, reply = line.ask(BoardCode.HELLO)
@@ -85,8 +85,8 @@ def test_only_streams_in_the_mask_are_observed_and_sent() -> None:
     assert line.run(0.1) == []
     assert line.source.observed == frozenset()
     assert line.status(BoardCode.START, 1 << FORCE) == ReplyStatus.OK
-    heard = line.run(0.1)
-    assert {message.stream for message in heard} == {FORCE}
+    messages = line.run(0.1)
+    assert {message.stream for message in messages} == {FORCE}
     assert line.source.observed == {"load_cell"}
     assert line.source.sampled["accelerometer"] == 0
 
@@ -94,8 +94,8 @@ def test_only_streams_in_the_mask_are_observed_and_sent() -> None:
 def test_samples_lie_on_the_grid_of_a_clock_that_drifts() -> None:
     line = Line(drift_ppm=100.0, start_us=5)
     line.status(BoardCode.START, 1 << FORCE)
-    heard = line.run(10.0, step_s=0.01)
-    frames = [message for message in heard if isinstance(message, Samples)]
+    messages = line.run(10.0, step_s=0.01)
+    frames = [message for message in messages if isinstance(message, Samples)]
     assert [frame.t_us for frame in frames[:3]] == [1_005, 11_005, 21_005]
     assert samples(frames, FORCE).size == 10_000  # of 10,001 ticks of a fast clock, ten by ten
     # The force is its own true time: sample k was taken at k ms of a clock that runs 100 ppm fast.
@@ -130,11 +130,11 @@ def test_events_are_sent_at_once_each_with_its_own_time() -> None:
     line = Line(drift_ppm=0.0, start_us=0)
     line.run(0.5)
     line.status(BoardCode.START, 1 << PERIOD)
-    heard = line.run(0.5)
-    assert [message.seq for message in heard] == list(range(len(heard)))
+    messages = line.run(0.5)
+    assert [message.seq for message in messages] == list(range(len(messages)))
     expected_us = [number * PERIOD_S * 1e6 for number in range(15, 29) if number * PERIOD_S <= line.t_s]
-    assert [int(message.times_us[0]) for message in heard] == pytest.approx(expected_us, abs=1)
-    assert {int(message.values[0]) for message in heard} == {357_143}
+    assert [int(message.times_us[0]) for message in messages] == pytest.approx(expected_us, abs=1)
+    assert {int(message.values[0]) for message in messages} == {357_143}
 
 
 def test_no_frame_waits_longer_than_half_of_what_makes_a_stream_stale() -> None:
@@ -146,18 +146,18 @@ def test_no_frame_waits_longer_than_half_of_what_makes_a_stream_stale() -> None:
 def test_the_last_shorter_block_is_sent_when_a_stream_stops() -> None:
     line = Line(drift_ppm=0.0)
     line.status(BoardCode.START, 1 << FORCE)
-    heard = line.run(0.025) + line.ask(BoardCode.STOP)
-    assert samples(heard, FORCE).size == line.source.sampled["load_cell"] == 25
+    messages = line.run(0.025) + line.ask(BoardCode.STOP)
+    assert samples(messages, FORCE).size == line.source.sampled["load_cell"] == 25
     assert line.run(0.1) == []
 
 
 def test_a_stream_that_stays_in_the_mask_is_not_disturbed() -> None:
     line = Line(drift_ppm=0.0)
     line.status(BoardCode.START, 1 << FORCE)
-    heard = line.run(0.055)
+    messages = line.run(0.055)
     line.status(BoardCode.START, 1 << FORCE | 1 << PERIOD)
-    heard += line.run(0.055)
-    frames = [m for m in heard if isinstance(m, Samples)]
+    messages += line.run(0.055)
+    frames = [m for m in messages if isinstance(m, Samples)]
     assert [frame.seq for frame in frames] == list(range(0, 110, 10))
     assert np.diff([frame.t_us for frame in frames]).tolist() == [10_000] * 10
 
@@ -184,7 +184,7 @@ def test_a_tare_takes_no_samples_from_before_a_stream_was_off() -> None:
     assert line.status(BoardCode.TARE, FORCE) == ReplyStatus.REFUSED
 
 
-def test_the_watchdog_switches_off_excitation_and_streams_when_nobody_speaks() -> None:
+def test_the_watchdog_switches_off_excitation_and_streams_when_the_host_is_silent() -> None:
     line = Line(drift_ppm=0.0)
     line.status(BoardCode.WATCHDOG, 300)
     line.status(BoardCode.EXCITE, 1)
@@ -192,13 +192,13 @@ def test_the_watchdog_switches_off_excitation_and_streams_when_nobody_speaks() -
     line.run(0.25)
     assert line.source.excited
     line.status(BoardCode.WATCHDOG, 300)
-    heard = line.run(1.0)
+    messages = line.run(1.0)
     assert line.source.switched[-1] == (pytest.approx(0.55), False)
-    assert samples(heard, FORCE).size == pytest.approx(300, abs=10)
+    assert samples(messages, FORCE).size == pytest.approx(300, abs=10)
     assert line.source.observed == frozenset()
 
 
-def test_a_watchdog_that_has_bitten_is_armed_again_by_the_next_command() -> None:
+def test_a_watchdog_that_has_tripped_is_armed_again_by_the_next_command() -> None:
     line = Line()
     line.status(BoardCode.WATCHDOG, 200)
     line.run(0.5)
@@ -266,20 +266,20 @@ def test_garbage_is_not_answered_and_does_not_feed_the_watchdog() -> None:
 def test_a_spoilt_frame_costs_its_own_samples(kind: Any) -> None:
     line = Line(drift_ppm=0.0)
     line.status(BoardCode.START, 1 << FORCE)
-    heard = line.run(0.1)
+    messages = line.run(0.1)
     line.board.inject(kind, line.t_s, frames=2)
-    heard += line.run(0.1)
-    assert samples(heard, FORCE).size == 200 - 20
+    messages += line.run(0.1)
+    assert samples(messages, FORCE).size == 200 - 20
     assert (line.decoder.counts.bad_crc + line.decoder.counts.bad_cobs >= 2) == (kind == "flip")
 
 
 def test_a_truncated_frame_takes_its_neighbour_along() -> None:
     line = Line(drift_ppm=0.0)
     line.status(BoardCode.START, 1 << FORCE)
-    heard = line.run(0.1)
+    messages = line.run(0.1)
     line.board.inject("truncate", line.t_s)
-    heard += line.run(0.1)
-    assert samples(heard, FORCE).size == 200 - 20
+    messages += line.run(0.1)
+    assert samples(messages, FORCE).size == 200 - 20
 
 
 @pytest.mark.parametrize(("kind", "status"), [("refuse", ReplyStatus.REFUSED), ("busy", ReplyStatus.BUSY)])
@@ -324,10 +324,10 @@ def test_a_fault_that_the_board_does_not_know_is_an_error() -> None:
 
 
 def test_steps_of_any_length_say_the_same() -> None:
-    def said(step_s: float) -> list[tuple[int, int, int, list[int]]]:
+    def sent(step_s: float) -> list[tuple[int, int, int, list[int]]]:
         line = Line()
         line.status(BoardCode.START, 1 << ACCELERATION | 1 << FORCE)
         messages = line.run(0.3, step_s)
         return sorted((m.stream, m.seq, m.t_us, m.values.tolist()) for m in messages)
 
-    assert said(0.001) == said(0.0075) == said(0.3)
+    assert sent(0.001) == sent(0.0075) == sent(0.3)

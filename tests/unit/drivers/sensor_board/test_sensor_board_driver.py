@@ -108,7 +108,7 @@ def test_a_silent_port_is_said_to_be_silent(make_bench: MakeBench) -> None:
 
 
 @pytest.mark.parametrize("noise", [b"@01 0 OK IDLE -- 0\r\n", b"\0\0\x03ab\0", b"\xff" * 50])
-def test_another_protocol_is_told_apart(make_bench: MakeBench, noise: bytes) -> None:
+def test_another_protocol_is_recognised(make_bench: MakeBench, noise: bytes) -> None:
     bench = make_bench()
     bench.host.hush = lambda data: noise
     with pytest.raises(ProtocolError, match="but no hello of a sensor board while asking who is at"):
@@ -195,7 +195,7 @@ def test_a_tare_makes_the_present_level_zero(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "words"),
+    ("command", "message"),
     [
         (Excite("stage", True), "it is for stage"),
         (MoveAt("board", 0.001, 0.01), "it has no such command"),
@@ -205,22 +205,22 @@ def test_a_tare_makes_the_present_level_zero(bench: Bench) -> None:
         (listen(FORCE, "stage.position"), "it has no stream stage.position"),
     ],
 )
-def test_a_command_that_makes_no_sense_is_not_written(bench: Bench, command: Any, words: str) -> None:
+def test_a_command_that_makes_no_sense_is_not_written(bench: Bench, command: Any, message: str) -> None:
     written = len(bench.host.written)
-    with pytest.raises(CommandError, match=words):
+    with pytest.raises(CommandError, match=message):
         bench.driver.apply(command)
     assert len(bench.host.written) == written
 
 
-@pytest.mark.parametrize(("kind", "words"), [("refuse", "refuses it"), ("busy", "is busy")])
-def test_what_the_board_refuses_is_told(bench: Bench, kind: Any, words: str) -> None:
+@pytest.mark.parametrize(("kind", "message"), [("refuse", "refuses it"), ("busy", "is busy")])
+def test_a_refusal_of_the_board_is_reported(bench: Bench, kind: Any, message: str) -> None:
     bench.board.inject(kind, bench.host.t_s)
     command = Excite("board", True)
     bench.driver.apply(command)
     _, statuses = bench.run(0.05)
     (refused,) = of(Refused, statuses)
     assert refused.command == command
-    assert words in refused.reason
+    assert message in refused.reason
 
 
 def test_a_command_whose_reply_is_lost_is_written_once_more_under_its_tag(bench: Bench) -> None:
@@ -337,7 +337,7 @@ def test_loss_is_counted_to_the_sample(make_bench: MakeBench, faults: list[tuple
     assert of(Failed, statuses) == []
 
 
-def test_a_stream_that_is_heard_again_begins_a_segment_and_has_lost_nothing(bench: Bench) -> None:
+def test_a_stream_that_is_subscribed_again_begins_a_segment_and_has_lost_nothing(bench: Bench) -> None:
     bench.driver.apply(listen(FORCE))
     first, before = bench.run(0.2)
     bench.driver.apply(listen())
@@ -348,12 +348,12 @@ def test_a_stream_that_is_heard_again_begins_a_segment_and_has_lost_nothing(benc
     bench.driver.apply(listen(FORCE))
     last, after = bench.run(0.2)
     assert of(Lost, before + between + after) == []
-    heard = first + tail + rest
-    assert last[0].seq > heard[-1].seq + len(heard[-1])
-    assert last[0].t0_s > heard[-1].times[-1] + 0.4
+    earlier = first + tail + rest
+    assert last[0].seq > earlier[-1].seq + len(earlier[-1])
+    assert last[0].t0_s > earlier[-1].times[-1] + 0.4
 
 
-def test_a_board_that_restarts_under_way_is_told_and_begins_a_segment(bench: Bench) -> None:
+def test_a_board_that_restarts_under_way_is_reported_and_begins_a_segment(bench: Bench) -> None:
     bench.driver.apply(listen(FORCE, PERIOD))
     before, _ = bench.run(0.5)
     bench.board.inject("restart", bench.host.t_s)
@@ -404,7 +404,7 @@ def test_an_irregular_stream_may_be_silent(bench: Bench, monkeypatch: pytest.Mon
     assert of(Failed, bench.run(3.0)[1]) == []
 
 
-def test_a_board_that_is_silent_while_nobody_listens_is_noticed_by_its_watchdog_replies(bench: Bench) -> None:
+def test_a_board_that_is_silent_without_a_subscriber_is_noticed_by_its_watchdog_replies(bench: Bench) -> None:
     bench.board.inject("silent", bench.host.t_s)
     (failed,) = of(Failed, bench.run(2.0)[1])
     assert "no reply to watchdog" in failed.reason

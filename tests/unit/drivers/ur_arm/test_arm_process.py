@@ -1,4 +1,4 @@
-"""The arm's process hears the program in every cycle, however long the client's calls take: in virtual time."""
+"""The arm's process takes commands in every cycle, however long the client's calls take: in virtual time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STUCK = 500
 
 
 class SlowClient:
-    """Every call takes longer than a cycle; the tool does at once what it is told."""
+    """Every call takes longer than a cycle; the tool obeys at once."""
 
     def __init__(self) -> None:
         self.twists: list[Pose] = []
@@ -97,12 +97,12 @@ class Program:
         def after() -> None:
             deeds.get(self.client.calls, lambda: None)()
             if self.client.calls == STUCK:
-                raise AssertionError("it never heard")
+                raise AssertionError("it never took a command")
 
         self.client.after = after
         self.process._obey(self.client)  # type: ignore[arg-type]
 
-    def heard(self) -> list[Status]:
+    def statuses(self) -> list[Status]:
         found = []
         while isinstance(message := self.pipe.receive(), Status):
             found.append(message)
@@ -136,9 +136,9 @@ def test_a_stop_is_obeyed_in_the_next_cycle_whatever_each_call_takes(program: Pr
             90: program.hang_up,
         }
     )
-    told = [any(twist) for twist in program.client.twists]
-    moved = told.index(False)
-    assert all(told[:moved]) and not any(told[moved:])
+    moving = [any(twist) for twist in program.client.twists]
+    moved = moving.index(False)
+    assert all(moving[:moved]) and not any(moving[moved:])
     assert 43 <= moved <= 46, "a call for each cycle from the fifth to the fiftieth, and then it brakes"
 
 
@@ -152,12 +152,12 @@ def test_a_stop_overtakes_what_waits_before_it(program: Program) -> None:
     move, stop = MoveAt("arm", 0.001, 0.04), Stop("arm")
     program.at({5: lambda: program.send(move, stop), 30: program.hang_up})
     assert not any(any(twist) for twist in program.client.twists), "it never set out"
-    refused, sent, *_ = program.heard()
+    refused, sent, *_ = program.statuses()
     assert isinstance(refused, Refused) and "a stop came" in refused.reason
     assert isinstance(sent, Sent) and isinstance(sent.command, Stop)
 
 
-def test_a_program_that_does_not_read_holds_nobody(program: Program) -> None:
+def test_a_program_that_does_not_read_blocks_nothing(program: Program) -> None:
     sent = 0
     while not program.process._outbox:
         program.process._send(program.process._row)
@@ -180,13 +180,13 @@ class BenchTime(VirtualClock):
 
 
 @pytest.mark.parametrize(("clock", "asked"), [(VirtualClock, [SETTINGS.realtime_priority]), (BenchTime, [])])
-def test_on_an_emulated_bench_it_asks_to_be_scheduled_before_nobody(
+def test_on_an_emulated_bench_it_asks_to_be_scheduled_before_no_other(
     clock: type[VirtualClock], asked: list[int], monkeypatch: pytest.MonkeyPatch, program: Program
 ) -> None:
     priorities: list[int] = []
 
     def unreachable(host: str) -> None:
-        raise BrokenError("port", "nobody listens", "")
+        raise BrokenError("port", "nothing listens", "")
 
     monkeypatch.setattr(child, "_ask_for_realtime", priorities.append)
     monkeypatch.setattr(child, "Dashboard", unreachable)

@@ -102,19 +102,19 @@ class Arm:
     def exit(self, code):
         raise EndError(code)
 
-    def heard(self):
+    def messages(self):
         found = []
         while (message := self.pipe.receive()) is not None:
             found.append(message)
         return found
 
     def listens(self, each):
-        """Listen until something ends the process; `each` acts at each rest. What it said."""
-        said = []
-        self.clock.each = lambda: (each(), said.extend(self.heard()))
+        """Listen until something ends the process; `each` acts at each rest. The messages."""
+        messages = []
+        self.clock.each = lambda: (each(), messages.extend(self.messages()))
         with pytest.raises(EndError, match="1"):
             self.process._listen(self.client)
-        return said + self.heard()
+        return messages + self.messages()
 
     def close(self):
         for end in self.ends:
@@ -231,13 +231,13 @@ def test_a_program_that_does_not_read_for_five_seconds_ends_the_process(arm):
     )
 
 
-def test_the_last_word_waits_for_room_in_the_pipe_and_nobody_need_hear_it(arm):
+def test_the_last_message_waits_for_room_in_the_pipe_and_need_not_be_read(arm):
     waits_s = []
     arm.process._pipe.drain = waits_s.append
     broken = Broken("port", "no", "do")
     with pytest.raises(EndError, match="1"):
         arm.process.end(broken)
-    assert arm.heard() == [broken]
+    assert arm.messages() == [broken]
     assert waits_s == [0.1]
     arm.ends[0].close()
     with pytest.raises(EndError, match="1"):
@@ -245,7 +245,7 @@ def test_the_last_word_waits_for_room_in_the_pipe_and_nobody_need_hear_it(arm):
 
 
 class Conducted:
-    """A conductor that notes what it is told and how patient the listener was meanwhile."""
+    """A conductor that notes its orders and how patient the listener was meanwhile."""
 
     def __init__(self, arm):
         self.arm, self.orders, self.passed, self.patience_s, self.took_s = arm, [], [], [], 0.0
@@ -293,7 +293,7 @@ def test_a_stop_that_comes_during_a_command_overtakes_what_waited_behind_it(arm)
 
 
 class Deaf:
-    """A client whose arm goes on whatever it is told."""
+    """A client whose arm goes on whatever it is sent."""
 
     def __init__(self):
         self.calls = []
@@ -336,9 +336,9 @@ def test_an_arm_whose_program_is_gone_is_stopped_seen_standing_and_its_program_e
         arm.clock.held_s
         and min(b - a for a, b in zip(arm.clock.held_s, arm.clock.held_s[1:], strict=False)) > 0
     )
-    said = [status for status in arm.heard() if isinstance(status, Sent | Standstill)]
-    assert isinstance(said[1].command, Stop)
-    assert any(isinstance(status, Standstill) for status in said) == stops
+    statuses = [status for status in arm.messages() if isinstance(status, Sent | Standstill)]
+    assert isinstance(statuses[1].command, Stop)
+    assert any(isinstance(status, Standstill) for status in statuses) == stops
 
 
 def test_a_controller_without_rows_ends_the_process_from_its_other_thread_too(arm):

@@ -17,8 +17,8 @@ from drivers.ur_arm.settings import UrArmSettings
 SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
 
 
-class Heard(VirtualClock):
-    """Bench time that notes who lets it wait, and who lets it go."""
+class NotedClock(VirtualClock):
+    """Bench time that notes its holds and releases."""
 
     def __init__(self, done: list[str]) -> None:
         super().__init__()
@@ -45,7 +45,7 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
     dashboard = SimpleNamespace(ask=lambda question: "true")
     row = ArmRow(0.0, 0.0, SETTINGS.start_pose, (0.0,) * 6, (0.0,) * 6, 1, PLAYING)
 
-    client = RtdeClient(SETTINGS, dashboard, Heard(done), lambda: row, RtdeSockets())
+    client = RtdeClient(SETTINGS, dashboard, NotedClock(done), lambda: row, RtdeSockets())
     assert done == ["hold", "setWatchdog"]
     done.clear()
     assert client.recover() == ""
@@ -68,7 +68,7 @@ def test_a_connection_that_was_made_again_is_another_link_however_quickly(
             controlling.close()
             assert not second.stands()
             with socket.create_connection(where) as again:
-                assert again.fileno() == number, "the number says nothing"
+                assert again.fileno() == number, "the number is the same"
                 assert first.stands() and not second.stands()
             receiving.close()
             assert not first.stands()

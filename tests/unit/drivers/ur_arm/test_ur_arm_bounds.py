@@ -1,4 +1,4 @@
-"""What an arm says of a command that it does not take, to the word; the bounds of its tool speeds, to the number."""
+"""The errors of commands that an arm does not take, in full; the bounds of its tool speeds, to the number."""
 
 import math
 
@@ -37,7 +37,7 @@ def pose(x=0.0, z=0.0, turn=0.0):
 
 
 @pytest.mark.parametrize(
-    ("command", "words"),
+    ("command", "message"),
     [
         (
             Tare("arm", "arm.pose"),
@@ -96,10 +96,10 @@ def pose(x=0.0, z=0.0, turn=0.0):
         ),
     ],
 )
-def test_what_is_refused_says_what_where_and_what_to_do(command, words):
+def test_a_refused_command_says_what_where_and_what_to_do(command, message):
     with pytest.raises(CommandError) as caught:
         checked(command)
-    assert str(caught.value) == words
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ class Desk:
         monkeypatch.setattr("drivers.ur_arm.driver.ArmHost", self.start)
         self.settings = UrArmSettings(host="10.0.0.9", start_pose=START, **changes)
         self.arm = UrArm("arm", self.settings, self.clock)
-        self.said, self.info = [], None
+        self.statuses, self.info = [], None
 
     def start(self, *args, **named):
         self.processes.append(Process(*args, **named))
@@ -94,9 +94,9 @@ class Desk:
             self.clock.rest(0.01)
             if rows:
                 self.process.inbox.append(self.row())
-            self.said += self.arm.poll()
-        said, self.said = self.said, []
-        return said
+            self.statuses += self.arm.poll()
+        statuses, self.statuses = self.statuses, []
+        return statuses
 
     def silent(self, seconds):
         return self.turn(seconds, rows=False)
@@ -117,7 +117,7 @@ def desk(make_desk):
     return make_desk()
 
 
-def test_open_starts_one_process_and_says_what_it_found(desk):
+def test_open_starts_one_process_and_reports_what_it_found(desk):
     (process,) = desk.processes
     assert process.started == ("arm", desk.settings, False)
     assert process.done == process.sent == []
@@ -166,11 +166,11 @@ def test_a_process_that_dies_while_opening_is_said_to(monkeypatch):
     assert desk.process.done == ["kill"]
 
 
-def test_a_controller_that_says_nothing_is_given_up_after_its_time(monkeypatch):
+def test_a_controller_that_sends_nothing_is_given_up_after_its_time(monkeypatch):
     desk = Desk(monkeypatch, open_timeout_s=2.0)
     desk.inbox = [desk.row()]
-    words = r"^arm: 10.0.0.9 accepts the connection and then sends nothing for 2 s while opening; is the controller up"
-    with pytest.raises(SilentError, match=words):
+    message = r"^arm: 10.0.0.9 accepts the connection and then sends nothing for 2 s while opening; is the controller"
+    with pytest.raises(SilentError, match=message):
         desk.arm.open()
     assert desk.clock.now() == pytest.approx(2.0, abs=0.006)
     assert desk.process.done == ["kill"]
@@ -187,7 +187,7 @@ def test_closing_lets_the_process_stop_the_arm_once_and_refuses_what_follows(des
     desk.inbox = [OPENED]
     desk.arm.open()
     desk.turn()
-    assert desk.arm.read() == [], "nobody listens any more"
+    assert desk.arm.read() == [], "it is unsubscribed"
     assert len(desk.processes) == 2
 
 
@@ -228,7 +228,7 @@ def test_each_turn_tells_the_process_and_gives_statuses_in_bench_time(desk):
     ]
 
 
-def test_a_row_that_is_missing_is_told(desk):
+def test_a_missing_row_is_reported(desk):
     desk.arm.apply(Listen("arm", frozenset({"arm.force"})))
     desk.turn(0.02)
     ((lost),) = [status for status in desk.turn(0.01) if isinstance(status, Lost)]
@@ -236,10 +236,10 @@ def test_a_row_that_is_missing_is_told(desk):
     assert desk.arm.account() == {"rows": 3, "rows_lost": 8, "links_lost": 0}
 
 
-@pytest.mark.parametrize("how", ["it says so", "it ends", "it hangs"])
+@pytest.mark.parametrize("how", ["it reports it", "it ends", "it hangs"])
 def test_a_link_that_is_lost_is_a_stall_and_another_process_is_started(desk, how):
     desk.turn(0.1)
-    if how == "it says so":
+    if how == "it reports it":
         desk.process.inbox, reason = [GONE], "the cable is out"
     elif how == "it ends":
         desk.process.ended = reason = "the arm's process died (SIGSEGV)"
@@ -249,7 +249,7 @@ def test_a_link_that_is_lost_is_a_stall_and_another_process_is_started(desk, how
     assert desk.silent(0.01) == [Stalled(desk.clock.now(), "arm", f"{reason}; connecting again")]
     first = desk.processes[0]
     assert first.done == ["kill"]
-    if how != "it says so":
+    if how != "it reports it":
         assert len(desk.processes) == 1
         desk.silent(0.01)
     assert [process.started for process in desk.processes[1:]] == [("arm", desk.settings, True)]
@@ -311,23 +311,25 @@ def test_a_lost_link_is_tried_again_every_half_second_and_then_the_arm_has_faile
     desk.process.inbox = [GONE]
     desk.silent(0.01)
     lost_s, begun_s = desk.clock.now(), []
-    said = []
+    statuses = []
     while desk.clock.now() < lost_s + 2.0:
         known = len(desk.processes)
         if desk.process.done == []:
-            desk.process.inbox = [Broken("port", "nobody listens", "-")]
-        said += desk.silent(0.01)
+            desk.process.inbox = [Broken("port", "nothing listens", "-")]
+        statuses += desk.silent(0.01)
         begun_s += [desk.clock.now() - lost_s] * (len(desk.processes) - known)
     assert begun_s == pytest.approx([0.51, 1.02], abs=0.021)
-    assert said == [
+    assert statuses == [
         Failed(
-            pytest.approx(lost_s + 1.2, abs=0.015), "arm", "nobody listens; is 10.0.0.9 up, and the cable in?"
+            pytest.approx(lost_s + 1.2, abs=0.015),
+            "arm",
+            "nothing listens; is 10.0.0.9 up, and the cable in?",
         )
     ]
     assert all("kill" in process.done for process in desk.processes)
     desk.arm.apply(STOP)
     (refused,) = desk.silent(0.01)
-    assert refused.reason == "nobody listens; is 10.0.0.9 up, and the cable in?"
+    assert refused.reason == "nothing listens; is 10.0.0.9 up, and the cable in?"
     count = len(desk.processes)
     desk.silent(1.0)
     assert len(desk.processes) == count
@@ -363,7 +365,7 @@ def test_a_program_that_was_away_does_not_blame_the_process(desk):
     assert [type(status) for status in desk.arm.poll()] == [Stalled], "the turn after that was in time"
 
 
-def test_a_turn_that_is_late_by_a_fifth_of_a_second_blames_nobody_either(desk):
+def test_a_turn_that_is_late_by_a_fifth_of_a_second_is_no_fault_either(desk):
     desk.turn(0.1)
     assert desk.silent(0.35) == []
     desk.clock.rest(0.2)

@@ -428,7 +428,7 @@ def test_an_arm_that_the_program_no_longer_looks_at_stops_and_says_why(rig, comm
     assert arm.kinds() == ["Sent", "Stalled"]
 
 
-def test_a_motion_that_waits_for_another_s_end_is_not_begun_when_nobody_looks(rig) -> None:
+def test_a_motion_that_waits_for_another_s_end_is_not_begun_without_supervision(rig) -> None:
     # Braking from 0.1 m/s takes 0.2 s: the program is missed before the arm stands.
     arm = rig(loop_timeout_s=0.05, stop_m_s2=0.5)
     arm.order(MoveAt("arm", 0.1, 0.04))
@@ -479,7 +479,7 @@ def test_a_move_that_ends_elsewhere_is_a_stall(rig) -> None:
     arm = rig()
     arm.order(MoveTo("arm", 0.04, 0.02))
     arm.run(0.5)
-    # Someone else's stop: the controller ends the move, and says nothing of it.
+    # Someone else's stop: the controller ends the move, and does not report it.
     arm.client.end_move(3.0)
     stalled = arm.run_until(Stalled)
     assert "from where it was sent" in stalled.reason
@@ -487,7 +487,7 @@ def test_a_move_that_ends_elsewhere_is_a_stall(rig) -> None:
     arm.run_until(Reached)
 
 
-def test_every_status_carries_the_time_at_which_it_was_said(rig) -> None:
+def test_every_status_carries_the_time_of_its_report(rig) -> None:
     arm = rig()
     arm.order(MoveAt("arm", 0.02, 0.01))
     began_s = arm.now()

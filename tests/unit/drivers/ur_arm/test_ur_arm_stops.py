@@ -54,15 +54,15 @@ class Client:
 
 
 class Arm:
-    """Time, the arm's latest row, and what was said since last asked."""
+    """Time, the arm's latest row, and calls and statuses since last taken."""
 
     def __init__(self):
         self.now_s, self.safety, self.runtime, self.speed_m_s = 100.0, 0, PLAYING, 0.0
         self.pose, self.still_since_s = START, 0.0
-        self.said, self.client = [], Client()
+        self.statuses, self.client = [], Client()
         settings = UrArmSettings(host="-", start_pose=START)
         self.conductor = Conductor(
-            "arm", settings, self.client, lambda: self.now_s, self.said.append, self.seen
+            "arm", settings, self.client, lambda: self.now_s, self.statuses.append, self.seen
         )
 
     @property
@@ -93,10 +93,10 @@ class Arm:
         return self.taken()
 
     def taken(self):
-        calls, said = self.client.calls[:], self.said[:]
+        calls, statuses = self.client.calls[:], self.statuses[:]
         self.client.calls.clear()
-        self.said.clear()
-        return calls, said
+        self.statuses.clear()
+        return calls, statuses
 
 
 def sent(arm, command):
@@ -198,9 +198,9 @@ def test_an_arm_that_does_not_stop_in_time_is_stopped_from_outside(state, kept, 
 def test_a_motion_that_waits_begins_when_the_last_has_come_to_rest(state):
     arm = brought(state)
     arm.stands()
-    calls, said = arm.step(0.03)
+    calls, statuses = arm.step(0.03)
     assert calls[-1][0] == "move" and calls[-1][2:] == (0.01, 0.5)
-    assert said == [sent(arm, MoveTo("arm", 0.0, 0.01, id=4))]
+    assert statuses == [sent(arm, MoveTo("arm", 0.0, 0.01, id=4))]
     assert arm.state is MotionState.TRAVELLING
 
 
@@ -221,8 +221,8 @@ def test_a_halt_refuses_what_waits_and_says_what_to_do(state):
     arm.client.ill = "it stays pressed"
     assert arm.order(home) == ([("recover",)], [Refused(arm.now_s, "arm", home, "it stays pressed")])
     arm.client.ill, arm.safety = "", 0
-    calls, said = arm.order(home)
-    assert (calls[0], said) == (("recover",), [sent(arm, home)])
+    calls, statuses = arm.order(home)
+    assert (calls[0], statuses) == (("recover",), [sent(arm, home)])
 
 
 def test_a_stop_under_way_is_answered_though_the_arm_halts():
@@ -267,12 +267,12 @@ def test_a_move_that_has_not_begun_after_50_ms_and_stands_elsewhere_is_a_stall()
     arm = Arm()
     arm.order(TO)
     assert arm.step(0.0495) == ([KICK], [])
-    words = "it stands 30.0 mm and 0.000 rad from where it was sent"
-    assert arm.step(0.001) == ([KICK], [Stalled(arm.now_s, "arm", words, command_id=3)])
+    reason = "it stands 30.0 mm and 0.000 rad from where it was sent"
+    assert arm.step(0.001) == ([KICK], [Stalled(arm.now_s, "arm", reason, command_id=3)])
 
 
 @pytest.mark.parametrize(("command", "kept"), [(AT, [BRAKE]), (TO, [END_MOVE, KICK])])
-def test_an_arm_that_nobody_looks_at_for_half_a_second_stops(command, kept):
+def test_an_arm_unsupervised_for_half_a_second_stops(command, kept):
     arm = Arm()
     arm.order(command)
     arm.moves()
@@ -286,8 +286,8 @@ def test_an_arm_that_nobody_looks_at_for_half_a_second_stops(command, kept):
     arm.stands()
     arm.now_s += 0.021
     arm.conductor.step(arm.seen)
-    words = "the program has not looked at it for 0.51 s; what held its loop up?"
-    assert arm.taken()[1] == [Stalled(arm.now_s, "arm", words, command_id=3)]
+    reason = "the program has not looked at it for 0.51 s; what held its loop up?"
+    assert arm.taken()[1] == [Stalled(arm.now_s, "arm", reason, command_id=3)]
 
 
 def beside(x_m=0.0, down_m=0.0):
@@ -307,21 +307,21 @@ BEGINNINGS = [
 
 
 @pytest.mark.parametrize(("command", "call"), BEGINNINGS)
-def test_a_command_is_said_to_the_controller_and_told(command, call):
+def test_a_command_is_sent_to_the_controller_and_reported(command, call):
     arm = Arm()
-    ((name, *details),), said = arm.order(command)
+    ((name, *details),), statuses = arm.order(command)
     assert name == call[0]
     assert details == [pytest.approx(each, abs=1e-12) for each in call[1:]]
-    assert said == [sent(arm, command)]
+    assert statuses == [sent(arm, command)]
 
 
 @pytest.mark.parametrize(("command", "call"), BEGINNINGS)
 def test_a_command_that_the_controller_does_not_take_is_refused(command, call):
     arm = Arm()
     arm.client.takes = False
-    calls, said = arm.order(command)
+    calls, statuses = arm.order(command)
     assert [called[0] for called in calls] == [call[0]] * (2 if call[0] == "speed" else 1)
-    assert said == [Refused(arm.now_s, "arm", command, "the controller does not take it")]
+    assert statuses == [Refused(arm.now_s, "arm", command, "the controller does not take it")]
 
 
 @pytest.mark.parametrize(
@@ -348,15 +348,15 @@ def test_a_twist_is_brought_up_kept_and_ends_at_the_leash():
     assert arm.step(0.5)[0] == [("speed", ASIDE.twist, 0.5)]
     slower = Twist("arm", (0.005, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, id=4)
     ((_, twist, _),), _ = arm.order(slower)
-    assert 0.005 < twist[0] < 0.01, "from what it has been told"
+    assert 0.005 < twist[0] < 0.01, "from the last twist that was sent"
     arm.pose = beside(0.2)
     x_twist = (0.02, 0.0, 0.0, 0.0, 0.0, 0.0)
     row = arm.seen.row._replace(twist=x_twist)
     arm.conductor.step(Seen(row, math.inf))
     assert arm.taken()[0] == [BRAKE]
     arm.stands()
-    words = "it is at the end of its leash of 0.2 m"
-    assert arm.step(0.021)[1] == [Stalled(arm.now_s, "arm", words, command_id=4)]
+    reason = "it is at the end of its leash of 0.2 m"
+    assert arm.step(0.021)[1] == [Stalled(arm.now_s, "arm", reason, command_id=4)]
 
 
 def test_an_arm_that_moves_is_not_tared_and_one_beyond_its_leash_not_sent_home():
@@ -366,8 +366,8 @@ def test_an_arm_that_moves_is_not_tared_and_one_beyond_its_leash_not_sent_home()
     arm = Arm()
     arm.pose = beside(0.3)
     arm.step()
-    home, words = Home("arm"), "the tool is 0.300 m from start_pose, its leash is 0.2 m"
-    assert arm.order(home) == ([], [Refused(arm.now_s, "arm", home, words)])
+    home, reason = Home("arm"), "the tool is 0.300 m from start_pose, its leash is 0.2 m"
+    assert arm.order(home) == ([], [Refused(arm.now_s, "arm", home, reason)])
 
 
 def test_a_command_that_a_stop_has_overtaken_is_refused():
@@ -376,13 +376,13 @@ def test_a_command_that_a_stop_has_overtaken_is_refused():
     assert arm.taken() == ([], [Refused(arm.now_s, "arm", AT, "a stop came before it was begun")])
 
 
-def test_what_waits_is_refused_where_nobody_looks():
+def test_what_waits_is_refused_without_supervision():
     arm = brought(MotionState.BRAKING)
     arm.moves()
     arm.conductor.lead()
     arm.now_s += 0.51
     arm.conductor.step(arm.seen)
-    words = "the program has not looked at it for 0.51 s; what held its loop up?"
-    assert arm.taken()[1] == [Refused(arm.now_s, "arm", MoveTo("arm", 0.0, 0.01, id=4), words)]
+    reason = "the program has not looked at it for 0.51 s; what held its loop up?"
+    assert arm.taken()[1] == [Refused(arm.now_s, "arm", MoveTo("arm", 0.0, 0.01, id=4), reason)]
     arm.stands()
     assert arm.step(0.021) == ([("end_speed",)], [])

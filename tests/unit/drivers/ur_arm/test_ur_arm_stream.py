@@ -44,7 +44,7 @@ def test_consecutive_rows_are_one_block_with_the_controller_s_time(streams: Stre
     assert block.arrival_s == pytest.approx(0.016)
 
 
-def test_a_row_that_was_skipped_is_a_jump_in_the_sequence_and_said(streams: Streams) -> None:
+def test_a_skipped_row_is_a_reported_jump_in_the_sequence(streams: Streams) -> None:
     lost = streams.take([row(1), row(2), row(5), row(6)])
     assert [(loss.stream, loss.samples) for loss in lost] == [(FORCE, 2)]
     first, second = streams.blocks()
@@ -66,7 +66,7 @@ def test_each_stream_that_is_listened_to_says_its_loss(streams: Streams) -> None
     assert {loss.stream for loss in lost} == {FORCE, POSITION}
 
 
-def test_what_nobody_listened_to_is_counted_and_not_lost(streams: Streams) -> None:
+def test_rows_without_a_subscriber_are_counted_and_not_lost(streams: Streams) -> None:
     streams.take([row(1)])
     (first,) = streams.blocks()
     streams.listening = frozenset()

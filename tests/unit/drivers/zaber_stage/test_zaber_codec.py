@@ -76,7 +76,7 @@ def test_a_request_without_a_number_has_none_on_the_wire() -> None:
     assert codec.encode_request(codec.StageRequest(2, 1, None, "stop"), checksum=False) == b"/2 1 stop\n"
 
 
-def test_a_line_of_the_greatest_length_is_heard_and_no_longer_one() -> None:
+def test_a_line_of_the_greatest_length_is_read_and_no_longer_one() -> None:
     buffer = codec.LineBuffer()
     assert buffer.feed(b"x" * codec.MAX_LINE) == []
     assert buffer.feed(b"\r\n") == [b"x" * codec.MAX_LINE]
@@ -86,17 +86,17 @@ def test_a_line_of_the_greatest_length_is_heard_and_no_longer_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
         (b"hello", "no Zaber ASCII line: b'hello'"),
         (b"@01 1 04 OK IDLE -- 24188:32", "wrong checksum: b'@01 1 04 OK IDLE -- 24188:32'"),
         (b"@01 1 04 OK IDLE -- 24188", "no checksum: b'@01 1 04 OK IDLE -- 24188'"),
     ],
 )
-def test_a_refused_line_is_quoted(line: bytes, words: str) -> None:
+def test_a_refused_line_is_quoted(line: bytes, message: str) -> None:
     with pytest.raises(CodecError) as error:
         codec.decode_message(line)
-    assert str(error.value) == words
+    assert str(error.value) == message
 
 
 def test_a_flag_without_a_meaning_is_a_fault() -> None:
@@ -148,7 +148,7 @@ def test_lines_are_the_same_wherever_the_bytes_are_split(cuts: list[int]) -> Non
     assert lines == [case["bytes"].encode().rstrip() for case in GOLDEN["reply"]]
 
 
-def test_bytes_without_an_end_of_line_do_not_pile_up_and_the_next_line_is_heard() -> None:
+def test_bytes_without_an_end_of_line_do_not_pile_up_and_the_next_line_is_read() -> None:
     buffer = codec.LineBuffer()
     for _ in range(1000):
         assert buffer.feed(b"\x02" * 100) == []

@@ -40,7 +40,7 @@ class Line:
         self.link = Link(self.clock)
         self.dialogue = StageDialogue(self.link, 3, self.clock, retry_s=0.125, timeout_s=0.5)
 
-    def hears(self, *replies, checksum=True):
+    def receives(self, *replies, checksum=True):
         data = b"".join(encode_message(reply, checksum=checksum) for reply in replies)
         self.link.waiting.append((self.clock.monotonic_s(), data))
         return self.dialogue.turn()
@@ -74,17 +74,17 @@ def test_an_answer_goes_to_its_question_with_both_times_once(line):
     first, second = line.dialogue.ask("stop"), line.dialogue.ask("get pos")
     line.clock.rest(0.01)
     late, early = reply(second.id, data="123"), reply(first.id)
-    assert line.hears(late, early) == [
+    assert line.receives(late, early) == [
         (second, StageAnswer(late, second.sent_s, line.clock.monotonic_s())),
         (first, StageAnswer(early, first.sent_s, line.clock.monotonic_s())),
     ]
-    assert line.hears(early) == []
+    assert line.receives(early) == []
 
 
 def test_answers_of_others_without_a_number_or_to_no_question_are_passed_over(line):
     line.dialogue.ask("stop")
-    assert line.hears(reply(0, device=4), reply(None), reply(7)) == []
-    assert len(line.hears(reply(0))) == 1
+    assert line.receives(reply(0, device=4), reply(None), reply(7)) == []
+    assert len(line.receives(reply(0))) == 1
 
 
 def test_a_line_that_came_in_two_pieces_has_the_time_of_its_end(line):
@@ -96,7 +96,7 @@ def test_a_line_that_came_in_two_pieces_has_the_time_of_its_end(line):
 def test_garbage_before_an_answer_is_no_matter(line):
     question = line.dialogue.ask("stop")
     line.link.waiting = [(1.0, b"\xff@@\n")]
-    ((answered, _),) = line.hears(reply(question.id))
+    ((answered, _),) = line.receives(reply(question.id))
     assert answered is question
     assert line.dialogue.garbage == b""
     assert line.dialogue.fault is None
@@ -106,7 +106,7 @@ def test_garbage_before_an_answer_is_no_matter(line):
 def test_a_reply_without_a_checksum_counts_until_checksums_are_due(line, due, count):
     line.dialogue.checksums_due = due
     line.dialogue.ask("stop")
-    assert len(line.hears(reply(0), checksum=False)) == count
+    assert len(line.receives(reply(0), checksum=False)) == count
 
 
 def test_a_question_without_an_answer_is_asked_again_under_a_new_number(line):
@@ -117,28 +117,29 @@ def test_a_question_without_an_answer_is_asked_again_under_a_new_number(line):
     assert line.ids == [0, 1]
     assert (question.id, question.attempts, question.first_s) == (1, 2, BEGIN_S)
     assert question.sent_s == line.clock.monotonic_s()
-    assert line.hears(reply(0)) == [], "what comes late"
+    assert line.receives(reply(0)) == [], "what comes late"
     line.turn(0.125)
     line.turn(0.001)
     assert question.attempts == 3
-    assert line.hears(reply(2))[0][0] is question
+    assert line.receives(reply(2))[0][0] is question
     line.turn(1.0)
     assert line.ids == [0, 1, 2]
     assert line.dialogue.fault is None
 
 
 @pytest.mark.parametrize(
-    ("heard", "said"), [(b"", "no reply"), (b"x" * 40, f"only {b'x' * 24!r}"), (b"\xff\n", r"only b'\xff\n'")]
+    ("received", "reported"),
+    [(b"", "no reply"), (b"x" * 40, f"only {b'x' * 24!r}"), (b"\xff\n", r"only b'\xff\n'")],
 )
-def test_a_question_that_is_never_answered_is_a_fault_that_says_what_came(line, heard, said):
+def test_a_question_that_is_never_answered_is_a_fault_that_says_what_came(line, received, reported):
     line.dialogue.ask("stop")
     line.clock.wait_until(BEGIN_S + 0.5)
     line.dialogue.turn()
     assert line.dialogue.fault is None
-    if heard:
-        line.link.waiting = [(line.clock.monotonic_s(), heard)]
+    if received:
+        line.link.waiting = [(line.clock.monotonic_s(), received)]
     line.turn(0.02)
-    assert line.dialogue.fault == f"{said} in 0.50 s"
+    assert line.dialogue.fault == f"{reported} in 0.50 s"
     asked = len(line.link.written)
     line.turn(0.2)
     assert len(line.link.written) == asked, "it is not asked any more"
@@ -161,11 +162,11 @@ def test_a_link_that_is_gone_is_seen_when_something_is_asked(line):
     assert question.sent_s == BEGIN_S
 
 
-def test_what_is_withdrawn_is_neither_asked_again_nor_heard(line):
+def test_what_is_withdrawn_is_neither_asked_again_nor_answered(line):
     question, other = line.dialogue.ask("move max"), line.dialogue.ask("stop")
     line.dialogue.withdraw(question)
     line.dialogue.withdraw(question)
-    assert [answered for answered, _ in line.hears(reply(0), reply(1))] == [other]
+    assert [answered for answered, _ in line.receives(reply(0), reply(1))] == [other]
     line.turn(1.0)
     assert line.ids == [0, 1]
     assert line.dialogue.fault is None

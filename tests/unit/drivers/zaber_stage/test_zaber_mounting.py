@@ -52,7 +52,7 @@ def test_the_approach_limit_of_a_stage_mounted_backwards_is_the_devices_lower_li
 
 
 @pytest.mark.parametrize(
-    ("wrong", "says"),
+    ("wrong", "message"),
     [
         ({"travel_min_m": 0.02, "travel_max_m": 0.01}, "is not below"),
         ({"forward": -1}, "beyond the home end"),
@@ -62,6 +62,6 @@ def test_the_approach_limit_of_a_stage_mounted_backwards_is_the_devices_lower_li
         ({"baud": "fast"}, "baud"),
     ],
 )
-def test_settings_that_no_stage_can_follow_are_refused(wrong: dict[str, object], says: str) -> None:
-    with pytest.raises(ValidationError, match=says):
+def test_settings_that_no_stage_can_follow_are_refused(wrong: dict[str, object], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
         ZaberStageSettings(port="-", **wrong)  # type: ignore[arg-type]

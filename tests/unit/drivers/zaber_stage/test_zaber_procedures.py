@@ -1,4 +1,4 @@
-"""What is said to the stage, and in which order, without a stage."""
+"""The lines that are sent to the stage, and their order, without a stage."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEP_M = SETTINGS.microstep_m
 
 
 class Script:
-    """Answers from a table of settings, and keeps what was said."""
+    """Answers from a table of settings, and keeps the lines."""
 
     def __init__(self, **settings: int) -> None:
         self.held = {"pos": 0, "accel": 200, "limit.min": 0, "limit.max": 51200, "maxspeed": 99}
@@ -26,10 +26,10 @@ class Script:
         self.flags = "00"
         self.rejects: dict[str, str] = {}
         self.obeys = True
-        self.said: list[str] = []
+        self.lines: list[str] = []
 
     def reply(self, line: StageLine) -> StageReply:
-        self.said.append(line.text)
+        self.lines.append(line.text)
         data = "0"
         match line.text.split():
             case ["get", name]:
@@ -55,7 +55,7 @@ class Script:
 def opened(script: Script) -> Procedures:
     procedures = Procedures(SETTINGS, Mounting(SETTINGS))
     script.play(procedures.identify())
-    script.said.clear()
+    script.lines.clear()
     return procedures
 
 
@@ -64,14 +64,14 @@ def test_opening_sets_travel_and_speed_in_the_device_and_moves_nothing() -> None
     script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
     assert script.held["limit.max"] == 51200
     assert script.held["maxspeed"] == round(0.025 / STEP_M * 1.6384)
-    assert not [line for line in script.said if line.split()[:1] in (["move"], ["home"])]
+    assert not [line for line in script.lines if line.split()[:1] in (["move"], ["home"])]
 
 
 def test_an_approach_sets_its_limit_in_the_device_reads_it_back_and_only_then_moves_there() -> None:
     script = Script()
     target = opened(script).carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M))
     assert script.play(target) == StageWay(target=10000, bound=4031, speed=8389, blind_travel_m=0.002)
-    assert script.said == [
+    assert script.lines == [
         "warnings clear",
         "set limit.max 10000",
         "get limit.max",
@@ -86,7 +86,7 @@ def test_a_limit_that_the_device_does_not_hold_ends_the_approach_before_it_begin
     script.obeys = False
     with pytest.raises(RejectedError, match=r"sent limit.max = 10000 and holds 51200"):
         script.play(procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)))
-    assert not [line for line in script.said if line.startswith("move")]
+    assert not [line for line in script.lines if line.startswith("move")]
 
 
 def test_a_limit_that_is_held_already_is_not_written_again() -> None:
@@ -94,7 +94,7 @@ def test_a_limit_that_is_held_already_is_not_written_again() -> None:
     procedures = opened(script)
     for _ in range(2):
         script.play(procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)))
-    assert script.said.count("set limit.max 10000") == 1
+    assert script.lines.count("set limit.max 10000") == 1
 
 
 def test_a_limit_whose_writing_was_cut_short_is_written_again() -> None:
@@ -102,7 +102,7 @@ def test_a_limit_whose_writing_was_cut_short_is_written_again() -> None:
     procedures = opened(script)
     script.play(
         procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)), lines=1
-    )  # 'set' said, not heard
+    )  # 'set' sent, without effect
     script.held["limit.max"] = 10000
     script.play(procedures.carry_out(MoveTo("stage", 51200 * STEP_M, 0.01)))
     assert script.held["limit.max"] == 51200
@@ -113,9 +113,9 @@ def test_the_wider_end_of_the_travel_is_set_before_the_narrower_one() -> None:
     procedures = opened(script)
     script.held["pos"] = 20000
     script.play(procedures.carry_out(MoveAt("stage", -0.01, 10000 * STEP_M)))
-    script.said.clear()
+    script.lines.clear()
     script.play(procedures.carry_out(MoveAt("stage", 0.01, 25000 * STEP_M)))
-    assert [line for line in script.said if line.startswith("set")] == [
+    assert [line for line in script.lines if line.startswith("set")] == [
         "set limit.min 0",
         "set limit.max 25000",
     ]
@@ -126,7 +126,7 @@ def test_a_stage_that_is_beyond_the_limit_is_not_moved_back_to_it() -> None:
     procedures = opened(script)
     with pytest.raises(RejectedError, match="beyond the limit already"):
         script.play(procedures.carry_out(MoveAt("stage", 0.01, 10000 * STEP_M)))
-    assert not [line for line in script.said if line.startswith("move")]
+    assert not [line for line in script.lines if line.startswith("move")]
 
 
 def test_a_stage_is_sent_on_from_where_it_is_and_no_farther_than_its_target() -> None:
@@ -156,7 +156,7 @@ def test_a_move_before_homing_says_to_home_first() -> None:
     with pytest.raises(RejectedError, match="send Home first"):
         script.play(procedures.carry_out(MoveTo("stage", 0.01, 0.01)))
     script.play(procedures.carry_out(Home("stage")))
-    assert script.said[-1] == "home"
+    assert script.lines[-1] == "home"
 
 
 def test_a_rejection_names_the_line_and_what_the_reason_means() -> None:
@@ -167,7 +167,7 @@ def test_a_rejection_names_the_line_and_what_the_reason_means() -> None:
         script.play(procedures.carry_out(Home("stage")))
 
 
-def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_told() -> None:
+def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_reported() -> None:
     script = Script()
     procedures = opened(script)
     script.rejects["home"] = "ODD"
@@ -221,7 +221,7 @@ def test_a_stage_that_brakes_harder_needs_less_blind_travel(acceleration_m_s2: f
 
 
 @pytest.mark.parametrize(
-    ("command", "words"),
+    ("command", "text"),
     [
         (MoveTo("stage", 0.01, 0.02), "moving to 0.01 m"),
         (MoveAt("stage", 0.02, 0.01), "moving to 0.01 m"),
@@ -229,8 +229,8 @@ def test_a_stage_that_brakes_harder_needs_less_blind_travel(acceleration_m_s2: f
         (None, "standing"),
     ],
 )
-def test_what_a_stage_does_is_said_in_words(command: Command | None, words: str) -> None:
-    assert doing(command) == words
+def test_what_a_stage_does_has_a_text(command: Command | None, text: str) -> None:
+    assert doing(command) == text
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The driver on the emulated stage, in virtual time: what it says, what it makes of the answers, how it stops."""
+"""The driver on the emulated stage, in virtual time: what it sends, what it makes of the answers, how it stops."""
 
 from __future__ import annotations
 
@@ -51,19 +51,19 @@ class Wire:
     def __init__(self, **settings: Any) -> None:
         self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
         self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
-        self.heard = b""
+        self.received = b""
         self.deaf_to = b"\0"
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        self.heard += data
+        self.received += data
         return b"" if self.deaf_to in data else self.device.receive(data, t_s)
 
     def step(self, t_s: float) -> bytes:
         return self.device.step(t_s)
 
     def lines(self) -> list[str]:
-        """What was said to it, without device, axis, id and checksum."""
-        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.heard.splitlines()]
+        """The lines that it received, without device, axis, id and checksum."""
+        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.received.splitlines()]
 
 
 def driver(line: MemoryLine, **settings: Any) -> ZaberStage:
@@ -90,9 +90,11 @@ class Bench:
         while not condition():
             assert self.clock.monotonic_s() < until_s, f"not within 8 s; statuses: {self.statuses}"
             self.blocks += self.stage.read()
-            told = self.stage.poll()
-            assert all(status.device == "stage" and 0.0 <= status.t_s <= self.clock.now() for status in told)
-            self.statuses += told
+            statuses = self.stage.poll()
+            assert all(
+                status.device == "stage" and 0.0 <= status.t_s <= self.clock.now() for status in statuses
+            )
+            self.statuses += statuses
             self.clock.rest(0.001)
 
     def expect(self, kind: type[S]) -> S:
@@ -109,9 +111,9 @@ class Bench:
         return sum(line.startswith("move abs") for line in self.wire.lines())
 
     def turn_for_lines(self, count: int) -> None:
-        """Turn until so many more lines were said."""
-        target = self.wire.heard.count(b"\n") + count
-        self.turn_until(lambda: self.wire.heard.count(b"\n") >= target)
+        """Turn until so many more lines were sent."""
+        target = self.wire.received.count(b"\n") + count
+        self.turn_until(lambda: self.wire.received.count(b"\n") >= target)
 
     def begin(self, command: Command) -> Sent:
         """Apply a motion and wait until it is on the wire."""
@@ -229,9 +231,9 @@ def test_an_approach_ends_at_its_limit_which_the_device_holds_itself() -> None:
     b = Bench()
     b.begin(MoveAt("stage", 0.01, 0.002))
     reached = b.expect(Reached)
-    said = b.wire.lines()
-    begun = said.index("warnings clear", said.index("set limit.max 4031") - 1)
-    assert said[begun : begun + 5] == [
+    lines = b.wire.lines()
+    begun = lines.index("warnings clear", lines.index("set limit.max 4031") - 1)
+    assert lines[begun : begun + 5] == [
         "warnings clear",
         "set limit.max 4031",
         "get limit.max",
@@ -245,7 +247,7 @@ def test_a_host_that_dies_leaves_a_stage_that_halts_within_its_blind_travel() ->
     b = Bench()
     b.begin(MoveAt("stage", 0.01, 0.003))
     b.clock.rest(0.1)
-    plan = b.wire.axis.pieces(b.clock.monotonic_s())  # nobody says anything from here on
+    plan = b.wire.axis.pieces(b.clock.monotonic_s())  # nothing is sent from here on
     assert plan[-1].position_m == pytest.approx(0.002, abs=STEP_M)
     assert plan[-1].velocity_m_s == plan[-1].acceleration_m_s2 == 0.0
 
@@ -256,10 +258,10 @@ def test_a_stop_is_on_the_wire_without_waiting_for_an_answer() -> None:
     b.begin(MoveAt("stage", 0.01, 0.02))
     b.wire.deaf_to = b"get pos"  # from here on each question for the position hangs
     b.turn_for_lines(1)
-    asked = b.wire.heard.count(b"get pos")
+    asked = b.wire.received.count(b"get pos")
     b.stage.apply(Stop("stage"))
     b.turn_until(lambda: "stop" in b.wire.lines())
-    assert b.wire.heard.count(b"get pos") == asked
+    assert b.wire.received.count(b"get pos") == asked
     b.wire.deaf_to = b"\0"
     assert b.wire.axis.target_m < 0.02
 
@@ -297,7 +299,7 @@ def test_a_newer_stop_takes_the_place_of_one_that_is_not_answered() -> None:
     b.stage.apply(Stop("stage", id=1))
     b.stage.apply(Stop("stage", id=2))
     b.turn_until(lambda: b.clock.now() > 0.35)
-    assert b.wire.lines().count("stop") == 2 + 3, "the second alone is said again"
+    assert b.wire.lines().count("stop") == 2 + 3, "the second alone is repeated"
     b.wire.deaf_to = b"\0"
     assert b.expect(Standstill).command_id == 2
 
@@ -312,7 +314,7 @@ def test_a_place_from_before_a_stop_is_no_standstill() -> None:
 
 
 @pytest.mark.parametrize("seen", [True, False], ids=["seen before", "seen by the stop"])
-def test_a_stop_that_nobody_can_see_end_is_a_failure(seen: bool) -> None:
+def test_a_stop_whose_end_cannot_be_seen_is_a_failure(seen: bool) -> None:
     b = Bench()
     reason = b.line.fault = "the port was taken away"
     if seen:
@@ -391,7 +393,7 @@ def test_a_stage_mounted_backwards_is_held_by_its_lower_limit() -> None:
 # the position
 
 
-def test_an_unanswered_question_is_a_jump_in_the_sequence_and_said() -> None:
+def test_an_unanswered_question_is_a_reported_jump_in_the_sequence() -> None:
     b = Bench()
     b.stage.apply(Listen("stage", EVERYTHING))
     b.turn_until(lambda: len(b.blocks) > 2)
@@ -437,9 +439,9 @@ def test_a_position_has_the_time_at_which_it_was_asked_for_and_is_counted() -> N
     account = b.stage.account()
     assert account == {"positions": len(b.blocks), "sent_on": b.moves - 1, "halted_unseen": 1}
     b.stage.apply(Listen("stage", frozenset()))
-    heard = len(b.blocks)
+    before = len(b.blocks)
     b.turn_for_lines(5)
-    assert len(b.blocks) == heard
+    assert len(b.blocks) == before
 
 
 @pytest.mark.parametrize(
@@ -471,7 +473,7 @@ def test_a_place_on_the_other_side_of_the_home_end_is_negative() -> None:
     assert b.blocks[0].values.tolist() == [[-10]]
 
 
-def test_nothing_is_sent_up_when_nobody_listens() -> None:
+def test_nothing_is_sent_up_without_a_subscriber() -> None:
     b = Bench()
     b.begin(MoveTo("stage", 0.002, 0.02))
     b.expect(Reached)
@@ -481,7 +483,7 @@ def test_nothing_is_sent_up_when_nobody_listens() -> None:
 # what goes wrong
 
 
-def test_a_stall_is_told() -> None:
+def test_a_stall_is_reported() -> None:
     b = Bench()
     b.begin(MoveAt("stage", 0.005, 0.02))
     b.inject("stall")
@@ -506,7 +508,7 @@ def test_a_rejected_movement_is_refused_with_the_devices_reason() -> None:
     assert refused.command == MoveTo("stage", 0.002, 0.005)
 
 
-def test_a_driver_that_is_switched_off_is_told() -> None:
+def test_a_driver_that_is_switched_off_is_reported() -> None:
     b = Bench()
     b.begin(MoveTo("stage", 0.02, 0.005))
     b.inject("disable")
