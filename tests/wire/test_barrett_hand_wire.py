@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.errors import ProtocolError, SilentError
+from drivers.errors import SilentError
 from drivers.messages import Failed, Lost
 from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings
 from drivers.mock.devices.slcan import EmulatedSlcan
@@ -100,16 +100,3 @@ def test_a_finger_that_is_not_there_is_named(serve: Any) -> None:
     wire = Wire(serve, fingers=(11, 15), answer_timeout_s=0.05)
     with pytest.raises(SilentError, match=r"^hand: no answer in 0.5 s while asking finger 15"):
         wire.driver.open()
-
-
-def test_a_device_of_another_protocol_is_no_hand(serve: Any) -> None:
-    class Other:
-        def receive(self, data: bytes, t_s: float) -> bytes:
-            return b"t0780\r"
-
-        def step(self, t_s: float) -> bytes:
-            return b""
-
-    driver = BarrettHand("hand", BarrettHandSettings(port=serve(Other())), serve.clock)
-    with pytest.raises(ProtocolError, match="is a BarrettHand on this bus"):
-        driver.open()

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.clock import WallClock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
-from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.messages import Failed, Lost
 from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
 from drivers.mock.physics.fingertip_settings import Matrix
@@ -85,38 +83,3 @@ def test_a_pulled_plug_has_failed_once(serve: Any, wire: Wire, bench: MatrixBenc
     bench.turn(0.4)
     (failed,) = bench.of(Failed)
     assert "the port" in failed.reason
-
-
-class Other:
-    """A device of another protocol: it answers everything with a line of text."""
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        return b"@01 0 RJ IDLE -- BADCOMMAND\r\n"
-
-    def step(self, t_s: float) -> bytes:
-        return b""
-
-
-class Silent(Other):
-    """A port at which nothing answers."""
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        return b""
-
-
-@pytest.mark.parametrize(
-    ("device", "error", "message"),
-    [(Other(), ProtocolError, "BADCOMMAND"), (Silent(), SilentError, "no answer in 0.3 s")],
-)
-def test_what_is_no_controller_is_not_opened(
-    serve: Any, device: Any, error: type[Exception], message: str
-) -> None:
-    port = serve(device)
-    settings = DsaMatrixSettings(port=port, reply_timeout_s=0.1, power_up_s=0.3)
-    with pytest.raises(error, match=f"{message}.* while asking who is at {port}"):
-        DsaMatrix("dsa", settings, serve.clock).open()
-
-
-def test_an_absent_port_is_said_to_be_absent() -> None:
-    with pytest.raises(PortError, match="/dev/ttyNONE0 does not exist"):
-        DsaMatrix("dsa", DsaMatrixSettings(port="/dev/ttyNONE0"), WallClock()).open()

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
-from drivers.clock import WallClock
-from drivers.errors import PortError, SilentError
 from drivers.messages import Ask, Failed, Listen, Loaded, LoadWeight, Refused, Sent
 from drivers.mock.devices.operator import EmulatedPerson
 from drivers.mock.physics.weight_set import HandSettings
@@ -26,16 +22,6 @@ class Bench:
 
     def load(self, bridge, force_n):
         self.loads[bridge] = force_n
-
-
-class Deaf:
-    """Reads everything and sends nothing."""
-
-    def receive(self, data, t_s):
-        return b""
-
-    def step(self, t_s):
-        return b""
 
 
 def until(person, kind, clock, seconds=5.0):
@@ -119,19 +105,3 @@ def test_a_line_that_is_pulled_is_a_failure_told_once(line):
     person.apply(LoadWeight("operator", "x", 1.0))
     clock.rest(0.05)
     assert not [status for status in person.poll() if isinstance(status, Failed)]
-
-
-def test_a_line_without_a_hello_is_silent_and_says_what_to_do(serve):
-    port = serve(Deaf())
-    person = Person("operator", PersonSettings(port=port, hello_timeout_s=0.2), serve.clock)
-    with pytest.raises(SilentError) as error:
-        person.open()
-    assert str(error.value) == (
-        "operator: no answer in 0.2 s while saying hello; is their program running?"
-        ' for a person at this terminal write port = "console"'
-    )
-
-
-def test_a_port_that_is_absent_is_one_line(tmp_path):
-    with pytest.raises(PortError, match="does not exist"):
-        Person("operator", PersonSettings(port=os.fspath(tmp_path / "tty")), WallClock()).open()

@@ -4,108 +4,38 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import pytest
 
-from drivers.bench_clock import BenchClock
-from drivers.clock import WallClock
-from drivers.errors import PortError, SilentError
+from drivers.errors import SilentError
 from drivers.messages import (
-    Command,
     Failed,
     Listen,
     MoveAt,
     Reached,
-    SampleBlock,
-    Sent,
     Standstill,
-    Status,
     Stop,
 )
-from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
-from drivers.mock.physics.stage_axis import StageAxis
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
-
-S = TypeVar("S", bound=Status)
-STEP_M = 0.49609375e-6
-EVERYTHING = frozenset({"stage.position"})
+from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
 
 
-class Serve(Protocol):
-    """The fixture `serve` of conftest.py."""
+class Bench(StageBench):
+    """A stage, opened, on a pty."""
 
-    clock: BenchClock
-
-    def __call__(self, device: Any) -> str: ...
-
-    def lock(self, port: str) -> Any: ...
-
-    def unplug(self, port: str) -> None: ...
-
-
-class Wire:
-    """The emulated stage with an ear on its line."""
-
-    def __init__(self, **settings: Any) -> None:
-        self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
-        self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
-        self.received = b""
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        self.received += data
-        return self.device.receive(data, t_s)
-
-    def step(self, t_s: float) -> bytes:
-        return self.device.step(t_s)
-
-    def lines(self) -> list[str]:
-        """The lines that it received, without device, axis, id and checksum."""
-        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.received.splitlines()]
-
-
-class Bench:
-    """A stage, opened, and its wire."""
-
-    def __init__(self, serve: Serve, *, homed: bool = True, **settings: Any) -> None:
-        self.wire = Wire(homed=homed)
-        self.serve = serve
-        self.clock = serve.clock
-        self.port = serve(self.wire)
+    def __init__(self, serve: Any, *, homed: bool = True, **settings: Any) -> None:
+        wire = Wire(homed=homed)
+        self.serve, self.port = serve, serve(wire)
         # Patient, for a machine with other work: a reply that is late by half a second is no loss here.
         patient = {"retry_s": 0.5, "reply_timeout_s": 5.0}
-        self.stage = ZaberStage(
-            "stage", ZaberStageSettings(port=self.port, **patient | settings), serve.clock
-        )
-        self.info = self.stage.open()
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
-
-    def turn_until(self, condition: Callable[[], bool]) -> None:
-        until_s = self.clock.monotonic_s() + 8.0
-        while not condition():
-            assert self.clock.monotonic_s() < until_s, f"not within 8 s; statuses: {self.statuses}"
-            self.blocks += self.stage.read()
-            self.statuses += self.stage.poll()
-            self.clock.rest(0.001)
-
-    def expect(self, kind: type[S]) -> S:
-        """The next status of a kind; those before it are forgotten."""
-        self.turn_until(lambda: any(isinstance(status, kind) for status in self.statuses))
-        while True:
-            status = self.statuses.pop(0)
-            if isinstance(status, kind):
-                return status
-
-    def begin(self, command: Command) -> Sent:
-        """Apply a motion and wait until it is on the wire."""
-        self.stage.apply(command)
-        return self.expect(Sent)
+        stage = ZaberStage("stage", ZaberStageSettings(port=self.port, **patient | settings), serve.clock)
+        super().__init__(stage, serve.clock, wire)
 
 
 @pytest.fixture
-def bench(serve: Serve) -> Iterator[Callable[..., Bench]]:
+def bench(serve: Any) -> Iterator[Callable[..., Bench]]:
     opened: list[Bench] = []
 
     def make(**settings: Any) -> Bench:
@@ -117,7 +47,7 @@ def bench(serve: Serve) -> Iterator[Callable[..., Bench]]:
         each.stage.close()
 
 
-def test_after_a_failed_opening_the_port_is_free_again(serve: Serve) -> None:
+def test_after_a_failed_opening_the_port_is_free_again(serve: Any) -> None:
     wire = Wire()
     wire.device.inject("silent", 0.0)
     port = serve(wire)
@@ -129,11 +59,6 @@ def test_after_a_failed_opening_the_port_is_free_again(serve: Serve) -> None:
     assert stage.open().mover
     stage.close()
     stage.close()
-
-
-def test_an_absent_port_is_a_port_error() -> None:
-    with pytest.raises(PortError, match="does not exist"):
-        ZaberStage("stage", ZaberStageSettings(port="/dev/ttyNONE"), WallClock()).open()
 
 
 def test_an_approach_ends_at_its_limit_which_the_device_holds_itself(bench: Callable[..., Bench]) -> None:

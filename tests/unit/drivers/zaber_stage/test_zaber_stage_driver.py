@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,85 +24,34 @@ from drivers.messages import (
     MoveTo,
     Reached,
     Refused,
-    SampleBlock,
     Sent,
     Stalled,
     Standstill,
-    Status,
     Stop,
     StreamInfo,
 )
 from drivers.mock.devices.memory_line import MemoryLine
-from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
-from drivers.mock.physics.stage_axis import StageAxis
+from drivers.mock.devices.zaber_stage import Fault
 from drivers.zaber_stage.codec import LONGEST_S, meaning
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
-
-S = TypeVar("S", bound=Status)
-STEP_M = 0.49609375e-6
-EVERYTHING = frozenset({"stage.position"})
-
-
-class Wire:
-    """The emulated stage with an ear on its line."""
-
-    def __init__(self, **settings: Any) -> None:
-        self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
-        self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
-        self.received = b""
-        self.deaf_to = b"\0"
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        self.received += data
-        return b"" if self.deaf_to in data else self.device.receive(data, t_s)
-
-    def step(self, t_s: float) -> bytes:
-        return self.device.step(t_s)
-
-    def lines(self) -> list[str]:
-        """The lines that it received, without device, axis, id and checksum."""
-        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.received.splitlines()]
+from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
 
 
 def driver(line: MemoryLine, **settings: Any) -> ZaberStage:
     return ZaberStage("stage", ZaberStageSettings(port="/dev/stage", **settings), line._clock, line.connect)
 
 
-class Bench:
+class Bench(StageBench):
     """A stage, opened, and its line."""
 
     def __init__(self, *, homed: bool = True, **settings: Any) -> None:
-        self.wire = Wire(homed=homed)
-        self.clock = VirtualClock()
-        self.line = MemoryLine(self.wire, self.clock)
-        self.stage = driver(self.line, **settings)
-        self.info = self.stage.open()
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
+        wire, clock = Wire(homed=homed), VirtualClock()
+        self.line = MemoryLine(wire, clock)
+        super().__init__(driver(self.line, **settings), clock, wire)
 
     def inject(self, kind: Fault) -> None:
         self.wire.device.inject(kind, self.clock.now())
-
-    def turn_until(self, condition: Callable[[], bool]) -> None:
-        until_s = self.clock.monotonic_s() + 8.0
-        while not condition():
-            assert self.clock.monotonic_s() < until_s, f"not within 8 s; statuses: {self.statuses}"
-            self.blocks += self.stage.read()
-            statuses = self.stage.poll()
-            assert all(
-                status.device == "stage" and 0.0 <= status.t_s <= self.clock.now() for status in statuses
-            )
-            self.statuses += statuses
-            self.clock.rest(0.001)
-
-    def expect(self, kind: type[S]) -> S:
-        """The next status of a kind; those before it are forgotten."""
-        self.turn_until(lambda: any(isinstance(status, kind) for status in self.statuses))
-        while True:
-            status = self.statuses.pop(0)
-            if isinstance(status, kind):
-                return status
 
     @property
     def moves(self) -> int:
@@ -114,11 +62,6 @@ class Bench:
         """Turn until so many more lines were sent."""
         target = self.wire.received.count(b"\n") + count
         self.turn_until(lambda: self.wire.received.count(b"\n") >= target)
-
-    def begin(self, command: Command) -> Sent:
-        """Apply a motion and wait until it is on the wire."""
-        self.stage.apply(command)
-        return self.expect(Sent)
 
 
 # opening

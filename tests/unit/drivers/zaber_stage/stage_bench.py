@@ -1,0 +1,69 @@
+"""A driver of a stage on the emulated one, with its line recorded: in virtual time, or on a pty (tests/wire)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from drivers.messages import Command, SampleBlock, Sent, Status
+from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from drivers.mock.physics.stage_axis import StageAxis
+from drivers.zaber_stage.driver import ZaberStage
+
+S = TypeVar("S", bound=Status)
+STEP_M = 0.49609375e-6
+EVERYTHING = frozenset({"stage.position"})
+
+
+class Wire:
+    """The emulated stage; records what it receives."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
+        self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
+        self.received = b""
+        self.deaf_to = b"\0"
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        self.received += data
+        return b"" if self.deaf_to in data else self.device.receive(data, t_s)
+
+    def step(self, t_s: float) -> bytes:
+        return self.device.step(t_s)
+
+    def lines(self) -> list[str]:
+        """The lines that it received, without device, axis, id and checksum."""
+        return [line.partition(b":")[0].decode().split(" ", 3)[-1] for line in self.received.splitlines()]
+
+
+class StageBench:
+    """A stage, opened, and its wire."""
+
+    def __init__(self, stage: ZaberStage, clock: Any, wire: Wire) -> None:
+        self.stage, self.clock, self.wire = stage, clock, wire
+        self.info = stage.open()
+        self.blocks: list[SampleBlock] = []
+        self.statuses: list[Status] = []
+
+    def turn_until(self, condition: Callable[[], bool]) -> None:
+        until_s = self.clock.monotonic_s() + 8.0
+        while not condition():
+            assert self.clock.monotonic_s() < until_s, f"not within 8 s; statuses: {self.statuses}"
+            self.blocks += self.stage.read()
+            statuses = self.stage.poll()
+            assert all(one.device == "stage" and 0.0 <= one.t_s <= self.clock.now() for one in statuses)
+            self.statuses += statuses
+            self.clock.rest(0.001)
+
+    def expect(self, kind: type[S]) -> S:
+        """The next status of a kind; those before it are forgotten."""
+        self.turn_until(lambda: any(isinstance(status, kind) for status in self.statuses))
+        while True:
+            status = self.statuses.pop(0)
+            if isinstance(status, kind):
+                return status
+
+    def begin(self, command: Command) -> Sent:
+        """Apply a motion and wait until it is on the wire."""
+        self.stage.apply(command)
+        return self.expect(Sent)
