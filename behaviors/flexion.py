@@ -25,7 +25,7 @@ class FlexionSettings(TransientSettings):
     """How far the tendon goes. Assumption: half of the board's 20 mm."""
 
     rest_s: float = Field(default=3.0, ge=0.0, le=60.0)
-    """How long the finger stays extended before the tendon sweeps: what knows no tendon learns in this time, s."""
+    """How long the finger stays extended before the tendon sweeps: detectors without it learn in this time, s."""
 
     sweep_m_s: float = Field(default=0.001, gt=0.0, le=0.1)
     """Speed of the one sweep to `flexed_m` and back in which the free resonance is learned."""

@@ -90,7 +90,7 @@ class Gripping(SonicBehavior):
         self.conclude("no_contact", f"no contact felt within {self.settings.confirm_s:.6g} s of the grip")
 
     def conclude_broken_off(self) -> None:
-        """A pause came between the jaws and what they were to hold."""
+        """A pause interrupted the grip."""
         self.conclude("no_contact", "a pause broke the grip off")
 
     # what is commanded on entry

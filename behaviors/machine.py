@@ -86,8 +86,8 @@ class Behavior:
     """In the order of the table, the final ones last."""
     final: ClassVar[frozenset[str]]
     range_streams: frozenset[str] = frozenset()
-    """Streams that must stay in their range in every motion of this trial, beside `limits.range_streams`: for what a
-    trial's factor puts on the mover. Its states name them where they measure them."""
+    """Streams that must stay in their range in every motion of this trial, beside `limits.range_streams`: for the
+    sensor that a trial's factor puts on the mover. Its states name them where they measure them."""
 
     def __init_subclass__(cls) -> None:
         if "table" in cls.__dict__:
@@ -250,7 +250,7 @@ def _machine(kind: type[Behavior]) -> Machine:
 def with_failures(*rows: Row) -> Sequence[Row]:
     """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
 
-    A device, the baseline of a detector that it acts on or the guard that gives up fails the trial. So does a deadline
+    A failed device, a refused baseline of an acting detector or a guard stop fails the trial. So does a deadline
     in a state that has no unconditional row for it: a device did not do its part.
 
     Args:

@@ -43,9 +43,9 @@ class SearchSettings(SonicSettings):
     a little on how long the way was; with this both ways that count are as long as the room between the places."""
 
     blind_m: float = Field(default=0.0045, ge=0.0, le=0.1)
-    """For so long a way after a motion of the search begins, contact is not heeded: a mover that has just been stopped
-    or sets out changes the level as a touch does. Chosen on simulated searches (benchmarks/centering): of these false
-    alarms none came after more than 3.5 mm. What the guard limits holds nevertheless."""
+    """Contact is ignored over this distance after a motion of the search begins: a mover that starts or has just
+    stopped changes the level as a touch does. Chosen on simulated searches (benchmarks/centering): of these false
+    alarms none came after more than 3.5 mm. The guard's limits apply nevertheless."""
 
     @property
     def envelopes(self) -> frozenset[str]:
@@ -66,7 +66,7 @@ class SearchFactors(Settings):
     """What is between the fingers."""
 
     object_x_m: float = Field(default=0.0, ge=-0.1, le=0.1)
-    """Where its middle really is on the mover's axis, measured by hand on a real bench. The behavior does not look at
+    """True position of its middle on the mover's axis, measured by hand on a real bench. The behavior does not use
     it."""
 
 

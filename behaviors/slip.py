@@ -37,7 +37,7 @@ def _following(source: str, trigger: str, steps: Sequence[str]) -> Sequence[Mapp
 
 
 class RollSlip(TipTrial):
-    """Touch, press, then roll, slide and hold as the sensor's steps say; lift and go home.
+    """Touch, press, then roll, slide and hold by the sensor's steps; lift and go home.
 
     Args:
         detectors: Names of all detectors there are; only the trial's sensor's are armed.

@@ -43,7 +43,7 @@ class SensorRunSettings(Settings):
     """What it sends."""
 
     channel: int | None = Field(default=None, ge=0, le=4095)
-    """Which of its channels slip is looked for in; None takes the one that decides in each block."""
+    """Channel in which slip is looked for; None takes the one that decides in each block."""
 
     forces_stream: StreamName | None = None
     """Its calibrated forces, where there are such; recorded, and watched for overload in every motion."""

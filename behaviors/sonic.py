@@ -37,7 +37,7 @@ class SonicSettings(Settings):
     """Amplitude of the drive as a share of full scale. Assumption: 18 Vrms at half of it."""
 
     clear_m: float = Field(default=0.10, gt=0.0, le=1.0)
-    """How far above its place the gripper is let find its ends: there is nothing between the jaws there."""
+    """How far above its place the gripper is calibrated: there is nothing between the jaws there."""
 
     handling_speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
     """Speed of coming and going."""

@@ -1,7 +1,7 @@
 """The trials of a simulated campaign on several cores or machines, in parts that come back in order.
 
 A part is run as a campaign of its own, so that nothing in it knows that there are others. Nothing heavy is imported
-here: it is the first that a worker loads.
+here: it is the first module that a worker loads.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ END_S = 5.0
 """How long a worker is given to end, s; assumption: the system ends a process in far less."""
 
 DEATHS = 3
-"""How often workers may die in a row before any trial of theirs is done: by then it is the trial's doing."""
+"""How often workers may die in a row before any trial of theirs is done: by then the trial is the cause."""
 
 
 class JobsError(RuntimeError):

@@ -26,7 +26,7 @@ COMMIT_TRIALS = 100
 
 
 def merged(names: Sequence[str], out: Path) -> RunFolder:
-    """Write the run that shards are of, as far as one run would have come: what a shard did beyond is left out.
+    """Write the run that the shards make up, as far as one run would have come; later trials of a shard are left out.
 
     Args:
         names: Their run folders.

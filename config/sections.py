@@ -60,7 +60,7 @@ _NAMED_ABOVE = ("driver", "port", "kind")
 class Sections:
     """Reads a source section by section.
 
-    A section that is wrong comes back without what is wrong; `problems` has grown by a line for each mistake.
+    A section with mistakes comes back without them; `problems` has grown by a line for each mistake.
 
     Args:
         source: The profile's files, joined.
@@ -200,7 +200,7 @@ class Sections:
         signals: Mapping[str, Entry],
         detectors: Mapping[str, Entry],
     ) -> None:
-        """What demodulates the drive must have its frequency: at another one there is no signal."""
+        """A demodulator must have the frequency of the drive: at another one there is no signal."""
         driven_hz = getattr(behavior, DRIVE, None)
         listeners = [(SIGNALS, name, entry.settings) for name, entry in signals.items()]
         listeners += [("detectors", name, entry.settings) for name, entry in detectors.items()]
@@ -219,7 +219,7 @@ class Sections:
         signals: Mapping[str, Entry],
         detectors: Mapping[str, Entry],
     ) -> None:
-        """What learns at rest must have had enough samples when the rest is over, also of a signal that begins late."""
+        """A detector that learns at rest needs enough samples before its end, also of a signal that begins late."""
         baseline_s = getattr(behavior, REST, None)
         for name, entry in detectors.items():
             _, _, signal = str(getattr(entry.settings, "input", "")).partition(f"{SIGNALS}.")
@@ -235,7 +235,7 @@ class Sections:
             self._complain(("behavior",), REST, mistake)
 
     def check_home(self, devices: Mapping[str, DeviceEntry], limits: Settings | None) -> None:
-        """Limits are of movers that there are; `Home` must not be faster than the guard lets its other motions be."""
+        """Limits must be of existing movers; `Home` must not be faster than the guard lets other motions be."""
         movers = getattr(limits, "movers", {})
         for name in movers.keys() - devices.keys():
             self._complain(

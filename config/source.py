@@ -27,7 +27,7 @@ KeyPath = tuple[str, ...]
 TOO_DEEP = "tables and lists are nested too deep; a profile has four levels"
 
 ABSENT = "none"
-"""What a device is that a bench does not have, though one that it extends has it."""
+"""Driver of a device that the extended bench has and this one does not."""
 
 _VARIANTS = {("devices",): "driver", ("detectors",): "kind", (): "kind"}
 """Where a table's settings belong to a driver or kind that a key in it names: those tables start afresh when

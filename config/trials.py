@@ -1,7 +1,7 @@
 """Trials: what an experiment varies, listed, crossed, repeated, shuffled or read from a file.
 
-A factor is the experiment's own (`speed_m_s`, `location`) or, with a dotted name, lays itself over the
-profile for that trial (`plant.noise_scale`, `detectors.contact.sample_hz`).
+A factor is the experiment's own (`speed_m_s`, `location`) or, with a dotted name, overrides the profile for that
+trial (`plant.noise_scale`, `detectors.contact.sample_hz`).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Trial:
 
     Attributes:
         id: Number in the listed order, from 1: the key of the trial's noise and of its row in the results.
-        factors: Flat, with dotted names where they lay themselves over the profile.
+        factors: Flat, with dotted names where they override the profile.
         repeat: Which repetition of these factors this is, from 1.
     """
 
@@ -83,7 +83,7 @@ class Trial:
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """The factors that lay themselves over the profile, dotted."""
+        """The factors that override the profile, dotted."""
         return {name: value for name, value in self.factors.items() if "." in name}
 
 

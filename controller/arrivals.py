@@ -48,7 +48,7 @@ class Arrivals:
         self._urgent = urgent
 
     def expect(self, streams: frozenset[str], t_s: float) -> None:
-        """Subscribe to these from now on, and to no others; those that stay are as old as they were."""
+        """Subscribe to these from now on, and to no others; those that stay keep their age."""
         self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(streams)}
         self._held = {stream: held for stream, held in self._held.items() if stream in streams}
 
@@ -80,7 +80,7 @@ class Arrivals:
         return self._silent(t_s, late_s) or stuck
 
     def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
-        """Until when nothing is silent in turns that are seen as one: as far as `t_s` where that is infinite.
+        """Until when no stream is silent, in turns that are processed as one; infinite: beyond `t_s`.
 
         A sample reaches its turn a little later than it is taken: half of what is allowed is left for that.
 

@@ -151,7 +151,7 @@ class Outcome:
         exit_code: As in the reference of the command line.
         folder: Where everything is.
         line: One line for the person at the bench.
-        error: A fault of the program itself, which ended the run; to be raised once what there is has been reported.
+        error: A fault of the program itself, which ended the run; to be raised after the report.
     """
 
     exit_code: int
@@ -381,10 +381,10 @@ class Campaign:
             outcome: str = verdict or trial.behavior.outcome
             row: dict[str, Any] = {}
             try:
-                if not loop.account.missing:  # there is nothing to be measured of what did not arrive
+                if not loop.account.missing:  # without its samples there is nothing to measure
                     outcome, row = trial.measure(evidence, outcome)
             except MissingDataError as error:
-                # What ended the trial otherwise stands; a row with numbers there is not either way.
+                # Another cause of the trial's end stands; there is no row with numbers either way.
                 if outcome not in _EXIT_OF_OUTCOME:
                     outcome, reason = "fault", str(error)
             finally:
@@ -430,8 +430,8 @@ class Campaign:
                 self._warm.add(kind)
 
     def _settle_memory(self) -> None:
-        """Collect garbage now, and look no more at what is left: a full collection in the middle of a trial stood still
-        for 0.11 s (measured, in a trial with sound), longer than the guard takes for granted. Virtual time waits."""
+        """Collect garbage now and exempt what is left: a full collection in the middle of a trial took 0.11 s
+        (measured, in a trial with sound), longer than the guard tolerates. Virtual time waits."""
         if not self._rig.clock.virtual:
             gc.collect()
             gc.freeze()
@@ -550,7 +550,7 @@ def program(packages: Collection[str] | None = None) -> dict[str, Any]:
 def _commit() -> str:
     """The program's own commit, with "+" where files were changed since; "" where that is not known.
 
-    Asked once: what is committed while a run goes on is not what runs.
+    Queried once: a commit made during the run is not what runs.
     """
     here = Path(__file__).resolve().parent.parent
     try:

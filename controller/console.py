@@ -51,7 +51,7 @@ class ConsoleOperator:
     Use as a context manager; the handlers from before are put back at its end.
 
     Args:
-        keyboard: Where Enter is pressed; standard input unless a test says otherwise.
+        keyboard: Where Enter is pressed; standard input unless a test gives another.
         asking: Devices that ask the person at this keyboard.
     """
 

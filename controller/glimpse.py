@@ -29,9 +29,9 @@ PANELS = 6
 class Glimpse:
     """A trial from what was recorded of it so far.
 
-    It is asked a few times a second, by the loop's thread between two turns and by the page's, which changes nothing
-    and reads what only grows: lists of blocks and events. What a detector of the user's own raises is
-    shown, and ends no trial.
+    It is read a few times a second, by the loop's thread between two turns and by the page's thread, which changes
+    nothing and reads growing lists of blocks and events. An exception of a user's own detector is shown, and ends no
+    trial.
 
     Args:
         recording: Of the trial, as it grows.

@@ -34,9 +34,9 @@ above a force sensor's noise."""
 class Guard:
     """Watches force, travel, streams that do not arrive and a late loop; knows nothing of the experiment.
 
-    A trial may begin in contact: an earlier run died there. What presses beyond the limit from its first samples on may
-    not grow, the limit follows it down as it goes, and until then nothing but `Home` and motions back along the axis is
-    let through: so there is a way out, and none farther in.
+    A trial may begin in contact, where an earlier run died. A force beyond the limit from the first samples on must
+    not grow; the limit follows it down, and meanwhile only `Home` and motions back along the axis are admitted: there
+    is a way out, and none farther in.
 
     Args:
         settings: The limits.
@@ -164,7 +164,7 @@ class Guard:
             )
 
     def _bounds_of(self, what: str, device: str) -> Bounds:
-        """A mover's own limits: another one's hold nothing of it."""
+        """A mover's own limits; another mover's do not apply to it."""
         if device in self._others:
             return self._others[device]
         self._carrier = self._carrier or device
@@ -216,7 +216,7 @@ class Guard:
         return 0.0 < self._borne_n < math.inf
 
     def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
-        """Until when nothing is missing in turns that are seen as one, as `Arrivals.whole_until_s` does."""
+        """Until when nothing is missing, in turns that are processed as one, as `Arrivals.whole_until_s` does."""
         return self._arrivals.whole_until_s(t_s, blocks)
 
     def missing(

@@ -38,8 +38,8 @@ class MoverLimits(Settings):
     """Nearest position on the approach axis. Assumption: half a millimetre behind zero for overshoot."""
 
     blind_travel_m: float = Field(default=BLIND_TRAVEL_M, gt=0.0, le=2.0)
-    """How far it may go unsupervised: its device itself holds it to that, where the program dies or is
-    stopped. A mover whose controller has a watchdog is held by that (`drivers.messages.BLIND_TRAVEL_M`)."""
+    """How far it may go unsupervised: its device enforces that, where the program dies or is stopped. A controller
+    with a watchdog enforces it by that (`drivers.messages.BLIND_TRAVEL_M`)."""
 
     position_stream: StreamName | None = None
     """Where its position comes from (m); None where travel is held by commands and device alone."""
@@ -54,11 +54,11 @@ class MoverLimits(Settings):
     """Where the tool's pose comes from (x, y, z in m first); needed for the box."""
 
     reach_m: float = Field(default=0.0, ge=0.0, le=2.0)
-    """Farthest that a free motion (`Twist`, `MovePose`) may lead from where it begins, or from the start pose. None may
-    be made unless this is given, one that only turns included."""
+    """Farthest that a free motion (`Twist`, `MovePose`) may lead from where it begins, or from the start pose. Refused
+    unless this is given, even if they only turn."""
 
     reach_rad: float = Field(default=0.0, ge=0.0, le=math.tau)
-    """Farthest that a free motion may turn the tool, likewise. None may turn it unless this is given."""
+    """Farthest that a free motion may turn the tool, likewise. Turns are refused unless this is given."""
 
     speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
     """Fastest motion that may be asked for; a device's own `home_speed_m_s` is held against it in the profile."""
@@ -79,8 +79,8 @@ class MoverLimits(Settings):
 class GuardSettings(MoverLimits):
     """Limits of the bench. The devices' own limits are set as well: this is never the last layer.
 
-    What is a mover's own is here that of the mover whose position or pose is watched, of the first one that moves where
-    neither is. Others that travel have theirs in `movers`.
+    A mover's own limits are here those of the mover whose position or pose is watched, or else of the first mover.
+    Further movers have theirs in `movers`.
     """
 
     position_stream: StreamName | None = "stage.position"
@@ -182,7 +182,7 @@ class Bounds:
             )
 
     def position(self, block: SampleBlock) -> Sequence[str]:
-        """Why the positions of a block are not to be borne."""
+        """Why the positions of a block exceed the limits."""
         least_m, most_m = self.limits.travel_min_m, self.limits.travel_m
         position_m = first_outside((block.values * block.scale).ravel().tolist(), least_m, most_m)
         if position_m is None:
@@ -193,7 +193,7 @@ class Bounds:
         )
 
     def pose(self, block: SampleBlock) -> Sequence[str]:
-        """Likewise, of the poses."""
+        """Likewise for poses."""
         least_m, most_m = self.limits.workspace_min_m, self.limits.workspace_max_m
         assert least_m is not None
         assert most_m is not None
@@ -246,7 +246,7 @@ class Bounds:
 
 
 def first_outside(values: Iterable[float], least: float, most: float) -> float | None:
-    """The first value that is not inside, NaN included; a turn's few samples are sooner seen here than by numpy."""
+    """The first value that is not inside, NaN included; for a turn's few samples this is faster than numpy."""
     for value in values:
         if not least <= value <= most:
             return value

@@ -57,7 +57,7 @@ class UnkeptError(Exception):
 
 
 class Snapshot:
-    """What some objects are now, down to the last array; they are put back in place.
+    """The state of some objects, down to the last array, to be restored in place.
 
     Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which never change;
     nor does a read-only array. A class names in `lasting` what need not be put back: a ring of the

@@ -56,7 +56,7 @@ class LoopSettings(Settings):
 
 
 class Witness(Protocol):
-    """Sees all, steers nothing, never waits: the recorder's side of the loop."""
+    """Keeps everything, controls nothing, never waits: the recorder's side of the loop."""
 
     @property
     def failure(self) -> Exception | None:

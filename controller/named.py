@@ -22,7 +22,7 @@ _PARTS = {
     "driver": ("open", "close", "apply", "read", "poll", "account"),
     "experiment": ("begin", "handle", "table", "states"),
 }
-"""What a class of each role has; `controller.detectors.protocol` and its like say more."""
+"""What a class of each role has; see `controller.detectors.protocol` and its like."""
 
 _folders: dict[str, Path] = {}
 """Top-level modules of the user's own that are loaded, what they import of their folder included, and that folder."""

@@ -266,7 +266,7 @@ def read_blocks(
         rate_hz: Sample rate of a file without times, or in place of them. Otherwise regular times give it, with a
             jump in `seq` where rows are missing; times that wander are resampled; those of events give none.
         trial: Of a run folder; None is its first.
-        notes: A line is added about the input: samples, rate, duration, gaps, unit, where the times are from,
+        notes: A line is added on the input: samples, rate, duration, gaps, unit, where the times are from,
             how many samples are no finite numbers.
 
     Raises:

@@ -45,7 +45,7 @@ def draw(
     """Draw a detector's input and its events.
 
     Args:
-        path: Of the picture; its end says the kind.
+        path: Of the picture; its suffix is the format.
         blocks: The input, all streams.
         detector: Its number is drawn where it has one (`Statistic`) and the recording is regular.
         events: Of the detector.

@@ -117,7 +117,7 @@ def format_cell(value: object) -> str:
         return str(value).lower()
     if isinstance(value, int | str):
         return str(value)
-    number = float(value)  # type: ignore[arg-type]  # a NumPy scalar, or an error that says what it is
+    number = float(value)  # type: ignore[arg-type]  # a NumPy scalar, or an error that names it
     return "" if math.isnan(number) else f"{number + 0.0:.{DIGITS}g}"  # + 0.0: no minus before zero
 
 

@@ -152,9 +152,8 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
 
 @contextmanager
 def _reading(what: object) -> Iterator[None]:
-    """What comes from the disk may be anything, and passes through CSV, JSON, MCAP, zstd, protobuf and NumPy.
-
-    Each has errors of its own: here all of them become the one that callers know.
+    """Data from the disk may be anything, and passes through CSV, JSON, MCAP, zstd, protobuf and NumPy. Each has
+    errors of its own; here all of them become the one that callers handle.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The recorder: it stands at the side, sees all and steers nothing."""
+"""The recorder: keeps everything, controls nothing."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def test_the_threshold_alarms_as_often_on_the_recording_as_was_asked_for(verb, r
     assert len({int(alarm["t_s"]) for alarm in alarms}) == 9
 
 
-def test_a_recording_too_short_for_its_interval_is_extrapolated_and_says_so(verb, rolling):
+def test_a_recording_too_short_for_its_interval_is_reported_as_extrapolated(verb, rolling):
     code, out, _ = verb(
         "calibrate",
         rolling,

@@ -105,7 +105,7 @@ def test_a_trial_that_ended_the_run_is_run_again(verb, whole, tmp_path):
     assert int(number) in {event["trial"] for event in torn}
 
 
-def test_a_run_that_is_done_says_so(verb, whole):
+def test_a_run_that_is_done_reports_it(verb, whole):
     before = (whole / "manifest.json").read_bytes()
     code, out, _ = verb("resume", whole)
     assert code == 0

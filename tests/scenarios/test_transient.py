@@ -97,7 +97,7 @@ def test_a_false_contact_is_counted_against_the_truth(run_profile):
     assert bench.outcome.exit_code == 0
 
 
-def test_an_approach_that_meets_nothing_says_so(run_profile):
+def test_an_approach_that_meets_nothing_reports_it(run_profile):
     bench = run_profile(trials=(1,), plant__surface_m="0.05", detectors__contact__threshold_sigma="50.0")
     row = row_of(bench)
     assert row["outcome"] == "no_contact"

@@ -32,7 +32,7 @@ def run(tmp_path, script):
     return run
 
 
-def test_a_signal_that_cannot_hear_its_stream_ends_the_run_in_one_line(run):
+def test_a_signal_that_cannot_use_its_stream_ends_the_run_in_one_line(run):
     outcome, kept, rig = run("mock/pretouch", signals__right__channel="5")
     assert (outcome.exit_code, outcome.error) == (EXIT_USAGE, None)
     assert outcome.line.startswith("audio.fingers: 4 channels where signals.right needs 12")

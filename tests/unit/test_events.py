@@ -1,4 +1,4 @@
-"""Detectors say of recordings that are kept what they have always detected."""
+"""Detectors report on kept recordings what they have always detected."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def event(t_s, name="Contact", value=1.0):
     return {"t_s": t_s, "event": name, "value": value, "threshold": 0.5}
 
 
-def test_a_change_is_told_with_its_size_and_what_is_allowed():
+def test_a_change_is_shown_with_its_size_and_what_is_allowed():
     before = [event(1.0), event(2.0, "ContactLost"), event(3.0)]
     after = [event(1.0 + TIME_S / 2), event(3.002, value=1.1), event(4.0, "ContactHeld")]
     assert list(changes(before, before)) == []

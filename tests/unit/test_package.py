@@ -1,4 +1,4 @@
-"""What `pip install .` takes along, and what the project says of itself."""
+"""What `pip install .` takes along, and what the project states about itself."""
 
 import fnmatch
 import re
@@ -42,10 +42,10 @@ def test_what_is_installed_needs_what_the_program_needs():
     assert not any(line.startswith("-") for line in (ROOT / file).read_text("utf-8").splitlines())
 
 
-def test_the_version_is_the_projects_and_so_says_the_citation():
-    said = CliRunner().invoke(cli, ["--version"], standalone_mode=False)
+def test_the_version_is_the_projects_and_the_citations():
+    printed = CliRunner().invoke(cli, ["--version"], standalone_mode=False)
     version = PROJECT["project"]["version"]
-    assert said.output == f"touchbench {version}\n"
+    assert printed.output == f"touchbench {version}\n"
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text("utf-8")
     assert f"\n## {version}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
 

@@ -58,7 +58,7 @@ def to(state):
 ALIVE = [state for state in Transient.states if state not in Transient.final]
 
 
-def test_a_trial_goes_from_homing_to_done_and_commands_what_it_says():
+def test_a_trial_goes_from_homing_to_done_with_its_commands():
     behavior = transient()
     assert behavior.begin(0.0) == [Excite("board", True), Home("stage")]
     assert behavior.handle(Reached(0.5, "stage", 0.0)) == [MoveTo("stage", 0.0, 0.01)]
@@ -197,7 +197,7 @@ def test_a_baseline_that_is_refused_ends_the_trial_of_a_detector_that_it_acts_on
         assert behavior.done == (detector in ACTING[name]), (state, detector)
 
 
-def test_a_behavior_that_does_not_say_what_it_acts_on_acts_on_all_that_it_arms():
+def test_a_behavior_that_does_not_name_what_it_acts_on_acts_on_all_that_it_arms():
     class Mine(Behavior):
         table = with_failures(on("deadline", "LISTENING", "DONE"))
 
@@ -207,7 +207,7 @@ def test_a_behavior_that_does_not_say_what_it_acts_on_acts_on_all_that_it_arms()
     assert behavior.outcome == "fault"
 
 
-def test_the_deciding_detectors_refused_baseline_ends_the_trial_and_says_why():
+def test_the_deciding_detectors_refused_baseline_ends_the_trial_with_the_reason():
     behavior = to("BASELINE")
     assert Stop("stage") in behavior.handle(refused(93.0, "contact"))
     assert (behavior.outcome, behavior.reason) == ("fault", "contact baseline refused: no variance")
@@ -220,7 +220,7 @@ def test_an_approach_without_contact_ends_at_its_limit():
     assert behavior.outcome == "no_contact"
 
 
-def test_a_state_that_outlives_its_deadline_ends_the_trial_and_says_which():
+def test_a_state_that_outlives_its_deadline_ends_the_trial_and_is_named():
     behavior = to("STOPPING")
     assert behavior.handle(Tick(94.0 + 30.0)) == [Stop("stage"), Excite("board", False)]
     late = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
@@ -280,7 +280,7 @@ def test_what_no_state_listens_to_is_named_by_none():
 
 
 @pytest.mark.parametrize(("condition", "position_m"), [("none", 0.0), ("light", 0.003), ("full", 0.0045)])
-def test_static_places_the_probe_where_the_condition_says(condition, position_m):
+def test_static_places_the_probe_by_its_condition(condition, position_m):
     settings = StaticSettings(light_m=0.003, full_m=0.0045)
     behavior: Behavior = Static(settings, StaticFactors(condition=condition), frozenset())
     behavior.begin(0.0)

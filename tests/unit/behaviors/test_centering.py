@@ -96,7 +96,7 @@ def test_it_searches_one_way_then_the_other_and_goes_to_the_middle():
     assert (behavior.done, behavior.outcome) == (True, "contact")
 
 
-def test_a_finger_that_does_not_say_where_is_taken_to_be_where_the_arm_came_to_stand():
+def test_a_finger_that_reports_no_place_is_taken_to_be_where_the_arm_came_to_stand():
     behavior, _ = to("SEEKING_FORWARD")
     for event in (seen(6.5, "left_ours"), Standstill(6.6, "arm", 0.006), seen(8.0, "right_ours")):
         behavior.handle(event)
@@ -109,7 +109,7 @@ def test_the_finger_behind_the_motion_is_not_heeded():
     assert behavior.state == "SEEKING_FORWARD"
 
 
-def test_a_sweep_that_sees_nothing_leaves_and_says_which_finger():
+def test_a_sweep_that_sees_nothing_leaves_and_names_the_finger():
     behavior, _ = to("SEEKING_BACKWARD")
     assert behavior.handle(arm(9.0, -0.017)) == [MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)]
     behavior.handle(arm(10.0))
@@ -135,7 +135,7 @@ def test_a_grip_that_one_finger_alone_feels_is_not_confirmed():
     assert "no contact felt" in behavior.reason
 
 
-def test_fingers_that_feel_it_before_the_gripper_says_so_confirm_at_once():
+def test_fingers_that_feel_it_before_the_gripper_reports_it_confirm_at_once():
     behavior, _ = to("CLOSING")
     behavior.handle(touch(11.5, "left_contact"))
     behavior.handle(touch(11.6, "right_contact"))
@@ -303,7 +303,7 @@ def test_an_event_that_was_on_its_way_when_its_detector_was_disarmed_confirms_no
     assert behavior.state == "CONFIRMING"
 
 
-def test_a_grip_that_a_pause_broke_off_says_so():
+def test_a_grip_that_a_pause_broke_off_reports_it():
     behavior, _ = to("CLOSING")
     assert behavior.handle(Resumed(12.0)) == [Release("gripper", 0.02)]
     behavior.handle(jaws(13.0))

@@ -259,7 +259,7 @@ def test_the_forces_of_the_trials_own_sensor_are_watched_in_every_motion():
     assert trial({"forces_stream": None}).range_streams == frozenset()
 
 
-def test_a_refused_baseline_is_a_fault_that_says_why():
+def test_a_refused_baseline_is_a_fault_with_its_reason():
     behavior = led_to("RESTING")
     behavior.handle(BaselineRefused(3.0, "touch", float("nan"), 0.3, "a value is not finite"))
     assert (behavior.done, behavior.outcome) == (True, "fault")
@@ -275,7 +275,7 @@ def test_a_refused_baseline_of_a_slip_detector_is_a_fault_only_where_it_stops_th
     assert behavior.outcome == outcome
 
 
-def test_a_motion_that_never_ends_is_a_fault_that_says_where():
+def test_a_motion_that_never_ends_is_a_fault_with_its_state():
     behavior = led_to("ROLLING")
     assert behavior.handle(Tick(5.9 + 2.0 + 29.9)) == []
     assert behavior.handle(Tick(5.9 + 2.0 + 30.0)) == [Stop("arm")]

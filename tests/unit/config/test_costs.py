@@ -27,7 +27,7 @@ def test_what_was_never_measured_is_reported_as_such():
     assert duration("mine.toml", "mine:Own", "mock", 3) == "not measured"
 
 
-def test_a_plan_says_time_disk_motion_force_and_what_each_state_computes():
+def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
     plan = "\n".join(lines_of("mock/transient"))
     assert "42 trials of transient on the mock bench" in plan
     assert "of bench time, computed in" in plan

@@ -27,7 +27,7 @@ def test_an_unknown_key_is_answered_with_what_was_probably_meant(key, value, kno
     assert unknown_key(key, value, known) == hint
 
 
-def test_nothing_near_says_nothing():
+def test_nothing_near_gives_no_hint():
     assert did_you_mean("zzz", ["alpha", "beta"]) == ""
 
 

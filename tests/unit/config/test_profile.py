@@ -143,7 +143,7 @@ def test_none_is_text_where_a_setting_can_be_none_and_survives_the_manifest(writ
         ({"trials.order": "random"}, "--set: [trials] order = \"random\": must be 'listed' or 'shuffled'"),
     ],
 )
-def test_a_mistake_is_one_line_that_says_where_what_and_what_was_meant(write, table, overrides, line):
+def test_a_mistake_is_one_line_with_place_mistake_and_remedy(write, table, overrides, line):
     first = refusal(table, overrides=overrides)[0]
     assert first.startswith(line) or first.endswith(line)
     assert "\n" not in first
@@ -311,7 +311,7 @@ def test_a_mistake_in_rows_from_elsewhere_is_named_with_their_label(write, table
     assert first == "row 1: [plant] noise_scale = -1: must be >= 0"
 
 
-def test_a_detector_may_hear_a_signal(write, table):
+def test_a_detector_may_use_a_signal(write, table):
     write(
         "armed.toml",
         """

@@ -47,7 +47,7 @@ def test_it_is_valid_and_its_bench_is_that_of_its_folder(name):
 
 
 @pytest.mark.parametrize("name", [name for name in profile_names() if "bench" in name])
-def test_a_bench_is_there_to_be_extended_and_says_so(name):
+def test_a_bench_is_there_to_be_extended_and_reports_it(name):
     with pytest.raises(ProfileError, match="experiment is missing"):
         loaded(name)
 

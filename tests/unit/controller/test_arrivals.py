@@ -40,7 +40,7 @@ def test_at_rest_a_stream_may_be_silent_four_times_as_long_as_a_motion_would_bea
     assert "check PROFILE --connect" in failed.reason
 
 
-def test_a_motion_bears_the_silence_of_what_it_depends_on_no_longer_than_it_says():
+def test_a_motion_bears_the_silence_of_what_it_depends_on_no_longer_than_its_limit():
     arrivals = watching("board.load", urgent=["board.load"])
     assert arrivals.watch(0.05, [block("board.load", 0.05)], moving=True) is None
     assert arrivals.watch(0.15, [], moving=True) is None

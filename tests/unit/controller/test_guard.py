@@ -64,7 +64,7 @@ def test_a_spike_shorter_than_half_the_median_stops_nothing():
     assert guard().watch(0.04, [force(values), position([0.0])], moving=True) is None
 
 
-def test_a_lasting_force_stops_the_bench_and_says_which_limit():
+def test_a_lasting_force_stops_the_bench_and_names_the_limit():
     reason = guard().watch(0.02, [force(np.full(20, 2.5)), position([0.0])], moving=True)
     assert reason is not None
     assert "2.500 N" in reason
@@ -122,7 +122,7 @@ def test_what_the_guard_watches_must_arrive_while_anything_moves():
     assert failed.reason.startswith("signals.tip is silent")
 
 
-def test_what_an_armed_detector_hears_must_arrive_while_anything_moves_and_no_longer_when_it_is_disarmed():
+def test_the_inputs_of_an_armed_detector_must_arrive_while_anything_moves_and_not_when_it_is_disarmed():
     watched = guard()
     watched.expect(frozenset({"board.period"}), 0.0)
     watched.arm(frozenset({"board.period"}))
@@ -465,7 +465,7 @@ def test_a_second_mover_is_not_admitted_under_the_first_ones_limits():
         guard().admit(MoveTo("lift", 0.01, 0.01))
 
 
-def test_where_no_stream_says_whose_the_limits_are_they_are_the_first_ones_that_moves():
+def test_where_no_stream_shows_whose_the_limits_are_they_are_the_first_ones_that_moves():
     limits = guard(position_stream=None)
     limits.admit(MoveTo("stage", 0.01, 0.01))
     with pytest.raises(GuardRefusal, match=r"those of stage"):
@@ -602,7 +602,7 @@ def test_a_free_motion_may_go_exactly_as_far_as_its_reach():
         assert limits.admit(command) is command
 
 
-def test_a_bench_without_some_streams_fits_and_says_what_it_has_where_it_does_not():
+def test_a_bench_without_some_streams_fits_and_lists_what_it_has_where_it_does_not():
     guard(force_n=None, force_stream=None, position_stream=None).check_streams({})
     with pytest.raises(GuardRefusal, match=r"no such stream; it has a.b, c.d$"):
         guard().check_streams({name: StreamInfo(name, ("x",), "m") for name in ("c.d", "a.b")})

@@ -587,7 +587,7 @@ def test_a_detector_is_reset_when_it_is_armed_and_not_in_the_states_that_follow(
     assert bench.detector.resets == [0]
 
 
-def test_a_detector_hears_its_own_streams_alone_and_only_while_it_is_armed(bench):
+def test_a_detector_receives_its_own_streams_alone_and_only_while_it_is_armed(bench):
     bench.behavior = Approach(resting=frozenset({"board.force"}))
     bench.detector.above = 0.15
     bench.run()
@@ -596,14 +596,14 @@ def test_a_detector_hears_its_own_streams_alone_and_only_while_it_is_armed(bench
     assert bench.detector.received[-1].t0_s <= 0.16
 
 
-def test_a_detector_that_cannot_hear_what_it_is_given_is_named(bench):
+def test_a_detector_that_cannot_use_its_input_is_named(bench):
     bench.detector.error = ValueError("two channels are one too many")
     with pytest.raises(UnfitStreamError, match="contact: two channels"):
         bench.run()
     assert len(bench.stops) == 2
 
 
-def test_a_signal_that_cannot_hear_what_it_is_given_ends_the_trial(bench):
+def test_a_signal_that_cannot_use_its_input_ends_the_trial(bench):
     double = Doubled()
     double.error = ValueError("double: no")
     bench.signals, bench.detector = (double,), LevelDetector("signals.double")

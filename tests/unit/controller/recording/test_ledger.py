@@ -120,7 +120,7 @@ def test_no_file_is_no_trial(tmp_path):
     assert read_ledger(tmp_path / "trials.csv") == ([], False)
 
 
-def test_a_full_disk_is_one_line_that_says_what_to_do(tmp_path):
+def test_a_full_disk_is_one_line_with_the_remedy(tmp_path):
     path = tmp_path / "trials.csv"
     path.symlink_to("/dev/full")
     with pytest.raises(

@@ -242,7 +242,7 @@ def test_a_recorder_that_is_never_closed_leaves_all_that_was_flushed(folder):
     recorder.close()
 
 
-def test_a_run_cut_off_in_every_file_is_read_and_says_so(folder):
+def test_a_run_cut_off_in_every_file_is_read_and_reported_as_such(folder):
     recorder = recorder_in(folder)
     record_two_trials(recorder)
     recorder.close()
