@@ -33,7 +33,7 @@ PREPARING_S = 20.0
 
 ABSENCE_S = 5.0
 """How long time stands still for an emulator that is away: one that is dead must not hold the loop for ever, one that
-makes a plant anew (1 s, measured) has lost no time."""
+rebuilds a plant (1 s, measured) has lost no time."""
 
 FORGOTTEN_S = 10.0
 """A place whose thread has been silent for so long is given to another (assumption)."""

@@ -11,7 +11,7 @@ from typing import Protocol
 class Clock(Protocol):
     """Time on a bench. Everything that waits, times out or time-stamps an arrival is given the bench's clock.
 
-    It counts twice: bench time begins anew with every trial, monotonic time never does. Drivers and their threads keep
+    It counts twice: bench time restarts with every trial, monotonic time never does. Drivers and their threads keep
     monotonic times, which outlive a trial, and turn them into bench time where they hand samples and statuses out.
     """
 
@@ -25,7 +25,7 @@ class Clock(Protocol):
         """Bench time: seconds since the present trial began."""
 
     def monotonic_s(self) -> float:
-        """Seconds since some instant before everything, whatever trials begin meanwhile."""
+        """Seconds since some instant before the first trial."""
 
     def from_monotonic(self, monotonic_s: float) -> float:
         """Bench time of a monotonic time."""

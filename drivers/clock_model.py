@@ -26,7 +26,7 @@ WINDOW_S: Final = 60.0
 """Arrivals older than this are forgotten, half a window at a time. Assumption: a drift is steady for a minute."""
 
 FIT_S: Final = 0.1
-"""The line is fitted anew this often, and whenever an arrival lies below it (assumption)."""
+"""The line is fitted this often, and whenever an arrival lies below it (assumption)."""
 
 SETTLING_S: Final = 1.0
 """For so long the line has few arrivals to rest on; times may step to follow it (assumption)."""
@@ -42,7 +42,7 @@ GAP: Final = 0.1
 """Of a period stays between two samples, however late the line finds the first of them to have been (assumption)."""
 
 DELAY_S: Final = 0.01
-"""What the delays are taken for before they are known, as one arrival's (assumption)."""
+"""Delay assumed before any is known, with the weight of one arrival (assumption)."""
 
 LATE_S: Final = 1e-3
 LATE_DELAYS: Final = 8.0
@@ -50,7 +50,7 @@ LATE_DELAYS: Final = 8.0
 used. Assumptions: one in 3,000 exponential delays is as long; a clock of milliseconds alone makes 1 ms."""
 
 PATIENCE_S: Final = 10.0
-"""Where all arrivals are late for so long, the least delay has changed: the line begins anew (assumption)."""
+"""Where all arrivals are late for so long, the least delay has changed: the line restarts (assumption)."""
 
 DRIFT_SIGMAS: Final = 3.0
 """Standard deviations of a drift that the bound on it is taken for (assumption)."""

@@ -54,7 +54,7 @@ _KNOWN_BY_NAME = frozenset({"builtins", "math", "numpy", "numba"})
 
 
 def dispatcher(function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
-    """What numba makes of a function, with its compiled code kept; the function itself with NUMBA_DISABLE_JIT."""
+    """numba's dispatcher of a function, with its compiled code kept; the function itself with NUMBA_DISABLE_JIT."""
     kernel: Any = numba.njit(**options)(function)
     if kernel is not function:
         kernel._cache = _Kept(kernel)
@@ -93,7 +93,7 @@ class _Kept(_Cache):
         target_context.refresh()
         path = self._path(signature, target_context.codegen())
         kept = b""
-        # a file that is not there, or is damaged, is made anew
+        # a file that is missing or damaged is compiled again
         with suppress(OSError):
             kept = path.read_bytes()
             if time.time() - path.stat().st_mtime > DAY_S:

@@ -322,13 +322,13 @@ ANSWERED = (*MOTION, Stop, Chirp, Ask, LoadWeight)
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What a driver made of a command: the command as clamped and queued, and when."""
+    """A command as a driver has clamped and queued it, and when."""
 
     command: Command
     t_s: float
 
 
-# --- statuses: what became of commands -----------------------------------------------------------
+# --- statuses: outcomes of commands, and reports --------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ class _Host(ClockModel):
     """The model of a clock that is the host's own: nothing is to be learnt."""
 
     def observe(self, device_s: float, arrival_s: float) -> None:
-        """What it shows is the host's time, whatever arrives when."""
+        """Nothing to observe: it shows the host's time."""
 
     def host_s(self, device_s: float) -> float:
         """What it shows."""
@@ -89,7 +89,7 @@ class Placed(NamedTuple):
         t0_s: Its monotonic host time in seconds.
         device_s: Its extended device time in seconds.
         lost: How many are missing before it; 0 where its counter or clock restarted and the number is unknown;
-            None where it follows on the one before, or begins because it was asked for.
+            None where it follows on the one before, or begins with a subscription.
     """
 
     seq: int
@@ -124,7 +124,7 @@ class StreamTrack:
         self._due_s = self._host_s = 0.0
 
     def begin(self) -> None:
-        """The stream goes on after a silence that was asked for: what is missing is not lost."""
+        """The stream was subscribed again: what is missing before the next sample is not lost."""
         self._begins = True
 
     def place(
@@ -264,7 +264,7 @@ class SampleStream(Generic[T]):
         self._runs = Runs[T]()
 
     def begin(self) -> None:
-        """It goes on after a silence that was asked for: what is missing is not lost."""
+        """See `StreamTrack.begin`."""
         self._track.begin()
 
     def push(

@@ -28,7 +28,7 @@ class Device(Protocol):
         """Stop what moves, close the port. Never raises; may be called twice."""
 
     def apply(self, command: Command) -> Applied:
-        """Queue a command, within a millisecond; what becomes of it comes from `poll`, under the command's id.
+        """Queue a command, within a millisecond; its outcome comes from `poll`, under the command's id.
 
         Raises:
             CommandError: not for this device, not finite or out of range. Nothing was sent.

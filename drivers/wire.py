@@ -67,7 +67,7 @@ class Driver:
         return {}
 
     def apply(self, command: Command) -> Applied:
-        """Queue a command; what becomes of it comes from `poll`.
+        """Queue a command; its outcome comes from `poll`.
 
         Raises:
             CommandError: not for this device, not finite or out of range. Nothing was sent.

@@ -11,7 +11,7 @@ from drivers.numbering import DeviceClock, StreamTrack
 
 
 class CounterError(ValueError):
-    """The converter's counter went backwards: it has begun anew, and with it the drive's phase."""
+    """The converter's counter went backwards: it has restarted, and with it the drive's phase."""
 
 
 class SoundFrames:
@@ -46,7 +46,7 @@ class SoundFrames:
         self._last = -1
 
     def begin(self) -> None:
-        """What comes next was asked for anew: what is missing before it is not lost."""
+        """The stream was subscribed again: what is missing before the next packet is not lost."""
         self._track.begin()
 
     def learn(self, packet: SoundPacket) -> None:

@@ -45,7 +45,7 @@ class Greeting(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
     recorder: str
-    """What it is."""
+    """Its model."""
     serial: str = ""
     """Its serial number."""
     version: str = ""
@@ -307,7 +307,7 @@ class _Link:
 
 
 def _gone(error: OSError) -> str:
-    """What became of the connection; a recorder that closes before it has read all resets it."""
+    """Why the connection ended; a recorder that closes before it has read all resets it."""
     if isinstance(error, ConnectionResetError | BrokenPipeError):
         return HUNG_UP
     return f"the connection is gone ({error.strerror or error})"

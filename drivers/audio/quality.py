@@ -70,7 +70,7 @@ class Excursions:
         self.begin()
 
     def begin(self) -> None:
-        """Listening begins anew."""
+        """The stream is subscribed again."""
         self._since = [self._clear] * len(FINGERS)
 
     def push(self, full: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -104,7 +104,7 @@ class Stillness:
         self.begin()
 
     def begin(self) -> None:
-        """Listening begins anew."""
+        """The stream is subscribed again."""
         self._frames = [0] * len(FINGERS)
         self._lows = [0] * len(FINGERS)
         self._highs = [0] * len(FINGERS)

@@ -224,7 +224,7 @@ class _Callback:
             self._asked = command
 
     def take(self) -> list[SoundPacket]:
-        """What came since the last call."""
+        """Packets since the last call."""
         taken = []
         while self._packets:
             taken.append(self._packets.popleft())

@@ -43,7 +43,7 @@ SAFE_COUNTS: Final = (667, 3460)
 
 
 class Property(IntEnum):
-    """What a node has (docs/reference/barrett_hand.md)."""
+    """Properties of a node (docs/reference/barrett_hand.md)."""
 
     MODE = 8
     STRAIN = 25
@@ -89,7 +89,7 @@ def encode_request(request: Get | Set) -> CanFrame:
 
 
 def decode_request(frame: CanFrame) -> Get | Set:
-    """What a node makes of a frame.
+    """Decode a frame to a node.
 
     Raises:
         CodecError: neither a query nor a setting.
@@ -115,7 +115,7 @@ def encode_reply(reply: HandReply) -> CanFrame:
 
 
 def decode_reply(frame: CanFrame) -> HandReply:
-    """What a host makes of a frame.
+    """Decode a frame to the host.
 
     Raises:
         CodecError: no reply.

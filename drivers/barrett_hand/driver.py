@@ -21,7 +21,7 @@ OPEN_ATTEMPTS = 10
 
 
 class _Answer(NamedTuple):
-    """What a finger answered in a cycle."""
+    """A finger's answer in a cycle."""
 
     cycle: int
     due_s: float

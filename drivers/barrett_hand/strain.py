@@ -17,12 +17,12 @@ TARE_SAMPLES = 50
 
 
 class FingerStrainSettings(Settings):
-    """What a strain gauge reads."""
+    """Scale and zero of a strain gauge."""
 
     newton_per_count: float = Field(default=codec.NEWTON_PER_COUNT, gt=0.0, le=1.0)
     """Force at the fingertip for each count; roughly, until it is calibrated."""
     zero_counts: int = Field(default=codec.UNLOADED_COUNTS, ge=0, le=codec.COUNTS_MAX)
-    """What an unloaded finger reads, until it is tared."""
+    """Reading of an unloaded finger, until it is tared."""
 
 
 class FingerStrain:
@@ -50,7 +50,7 @@ class FingerStrain:
         self._saturated = False
 
     def forget(self) -> None:
-        """What comes next has nothing to do with what came before."""
+        """Forget earlier readings: they are of another subscription."""
         self._recent.clear()
         self._saturated = False
 

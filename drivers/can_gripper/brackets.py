@@ -45,7 +45,7 @@ class CanGripperSettings(CanPort):
     force_n_per_ma: float = Field(default=units.FORCE_N_PER_MA, gt=0.0, le=1.0)
     """Force of the jaws in N for each mA of motor current."""
     watchdog_s: float = Field(default=1.0, ge=0.2, le=60.0)
-    """The gripper opens its grip when the host is silent for this long (assumption: twice the silence that we bear)."""
+    """The gripper opens its grip when the host is silent for this long (assumption: twice the tolerated silence)."""
     poll_interval_s: float = Field(default=0.01, ge=0.002, le=0.1)
     """Time between two questions while it moves, holds or is subscribed (data sheet: 50 Hz or faster)."""
     idle_interval_s: float = Field(default=0.1, ge=0.002, le=5.0)

@@ -95,5 +95,5 @@ def _answer(
 
 
 def _fits(order: Order, answer: object) -> bool:
-    """Whether an answer fits an order: numbers bear the code that was queried."""
+    """Whether an answer fits an order: numbers carry the code that was queried."""
     return not (isinstance(order, AskState) and isinstance(answer, Number)) or answer.code is order.code

@@ -39,7 +39,7 @@ ASKED: Final = frozenset(
         GripperCode.ENCODER,
     }
 )
-"""What a remote frame can ask for; the answer bears the same number."""
+"""What a remote frame can ask for; the answer has the same number."""
 
 PLAIN: Final = frozenset(
     {GripperCode.ESTOP, GripperCode.CLEAR_ERROR, GripperCode.IDLE, GripperCode.CALIBRATE}
@@ -112,7 +112,7 @@ Order = Plain | AskState | Poll | DriveOrder | Watchdog | HeartbeatPeriod
 
 
 class GripFinding(IntEnum):
-    """What the firmware makes of a motion; on the wire with its bits exchanged."""
+    """The firmware's finding on a motion; on the wire with its bits exchanged."""
 
     MOVING = 0
     OBJECT_CLOSING = 1

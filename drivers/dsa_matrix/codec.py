@@ -24,7 +24,7 @@ VOLT_PER_COUNT: Final = 1e-3
 """Texels are read in millivolts, roughly (the maker's public library; the paper's figures are in mV)."""
 
 TIME_MODULUS: Final = 2**32
-"""Frames bear a u32 of milliseconds (docs/reference/dsa_matrix.md)."""
+"""Frames carry a u32 of milliseconds (docs/reference/dsa_matrix.md)."""
 
 POWER_UP_NOISE: Final = b"\x1b[5n"
 """Sent three times at power-up (docs/reference/dsa_matrix.md)."""
@@ -198,7 +198,7 @@ def encode_request(request: Request) -> MatrixPacket:
 
 
 def decode_request(packet: MatrixPacket) -> Request:
-    """What the controller makes of a packet.
+    """Decode a packet to the controller.
 
     Raises:
         CodecError: no request of this protocol.
@@ -241,7 +241,7 @@ def encode_answer(answer: Answer) -> MatrixPacket:
 
 
 def decode_answer(packet: MatrixPacket) -> Answer:
-    """What the host makes of a packet.
+    """Decode a packet to the host.
 
     Raises:
         CodecError: no answer of this protocol.

@@ -147,7 +147,7 @@ class DsaMatrix(WireDriver[SerialLink]):
         return self._settings.baud / BITS_PER_BYTE / (OVERHEAD_BYTES + 2 * cells)
 
     def _stream_info(self, found: MatrixIdentity) -> StreamInfo:
-        """What the texels' stream is.
+        """The stream of the texels.
 
         Raises:
             RefusedError: there is no cell, or the line cannot carry raw frames at the rate that is asked for.

@@ -42,7 +42,7 @@ class MatrixFrames:
         self._statuses: list[Status] = []
 
     def begin(self) -> None:
-        """What comes next was asked for anew: what is missing before it is not lost."""
+        """The stream was subscribed again: what is missing before the next frame is not lost."""
         self._stream.begin()
         self._saturated = False
 

@@ -21,7 +21,7 @@ T = TypeVar("T", bound=codec.Answer)
 
 @dataclass(frozen=True, slots=True)
 class MatrixIdentity:
-    """What there is.
+    """The controller and what is connected to it.
 
     Attributes:
         controller: Its identity.

@@ -1,6 +1,6 @@
 """Packets of the DSACON32-M: `AA AA AA`, id, length, payload, CRC. No I/O.
 
-Source: docs/reference/dsa_matrix.md, and the command set as the maker's public library speaks it. Numbers are
+Source: docs/reference/dsa_matrix.md, and the command set as the maker's public library implements it. Numbers are
 little-endian; a packet without a payload has no CRC.
 """
 
@@ -77,12 +77,12 @@ class PacketCounts:
 class PacketDecoder:
     """Cuts a stream of bytes into packets, in whatever pieces they come.
 
-    What is not a packet is passed over byte by byte, so that a packet that begins within the ruins of another is
-    found. Memory is bounded by `MAX_PAYLOAD_BYTES`.
+    Bytes that are no packet are skipped one by one, so that a packet that begins within a broken one is found.
+    Memory is bounded by `MAX_PAYLOAD_BYTES`.
 
     Attributes:
         counts: Of the bytes so far.
-        noise: The latest bytes that were passed over, for error messages.
+        noise: The latest skipped bytes, for error messages.
     """
 
     counts: PacketCounts = field(default_factory=PacketCounts)

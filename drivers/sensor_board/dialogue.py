@@ -53,7 +53,7 @@ class BoardOrder:
 
     @property
     def subject(self) -> tuple[BoardCode, int | None]:
-        """What it is about: of two orders on one thing the later one holds."""
+        """Its subject: of two orders on the same one, the later holds."""
         if self.code is BoardCode.TARE:
             return self.code, self.argument
         return (BoardCode.START if self.code is BoardCode.STOP else self.code), None

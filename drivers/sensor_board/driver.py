@@ -139,7 +139,7 @@ class SensorBoard(WireDriver[SerialLink]):
         self._statuses.clear()
 
     def _settled(self, link: SerialLink, limit_s: float) -> str | None:
-        """Let every order have its reply, at most for `limit_s`; what went wrong meanwhile."""
+        """Wait for the replies to all orders, at most `limit_s`; returns a fault, or None."""
         until_s = self._clock.monotonic_s() + limit_s
         fault = link.fault
         while fault is None and not self._dialogue.idle and self._clock.monotonic_s() < until_s:
@@ -204,7 +204,7 @@ class SensorBoard(WireDriver[SerialLink]):
             or self._dialogue.turn(self._watch_s)
             or self._silent()
         )
-        # A feed that awaits its reply is not sent anew: it is repeated, and then fails.
+        # A feed that awaits its reply is not sent again here: the dialogue repeats it, and then fails.
         due = now_s - self._fed_s >= self._settings.watchdog_s / FEEDS
         if fault is None and due and not self._dialogue.awaits(BoardCode.WATCHDOG):
             self._feed(now_s)

@@ -62,7 +62,7 @@ class BoardStreams:
         self._tracks = {number: StreamTrack(self.clock, info.rate_hz) for number, info in infos.items()}
 
     def begin(self, numbers: Iterable[int]) -> None:
-        """These streams go on after a silence that was asked for: what is missing is not lost."""
+        """These streams were subscribed again: what is missing before their next samples is not lost."""
         for number in numbers:
             self._tracks[number].begin()
 

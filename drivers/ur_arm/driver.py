@@ -217,7 +217,7 @@ class UrArm(Driver):
                 self._lose("the arm's process hangs")
 
     def _lose(self, reason: str) -> None:
-        """The link is gone: end what is left of the process, and begin anew."""
+        """The link is gone: end what is left of the process, and connect again."""
         now_s = self._clock.monotonic_s()
         if self._host is not None:
             self._host.kill()

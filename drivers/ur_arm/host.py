@@ -75,7 +75,7 @@ class ArmHost:
         os.eventfd_write(self._turns, 1)
 
     def receive(self) -> list[object]:
-        """What has come since the last call, in order; see `drivers.ur_arm.pipe`."""
+        """Messages since the last call, in order; see `drivers.ur_arm.pipe`."""
         messages = []
         try:
             while (message := self._pipe.receive()) is not None:

@@ -1,6 +1,6 @@
 """What the arm does with a command, cycle by cycle. Client and clock are passed in.
 
-One thing moves the arm at a time. A `MoveAt` and a `Twist` are tool speeds, sent anew in every cycle; a `MoveTo`, a
+One thing moves the arm at a time. A `MoveAt` and a `Twist` are tool speeds, sent in every cycle; a `MoveTo`, a
 `MovePose` and `Home` are moves that the controller plans. Whatever comes next waits until the last has come to rest,
 because a second mover ends the controller's program.
 """
@@ -38,7 +38,7 @@ START_S = 0.05
 """How long a move may take to begin (assumption: several times what its command takes)."""
 
 GRACE_S = 2.0
-"""What a motion may take beyond distance and speed before it has failed (assumption)."""
+"""Time that a motion may take beyond distance and speed before it has failed (assumption)."""
 
 HALT_S = 0.5
 """How long an arm may go on after its program was ended from outside, before that is done again (assumption: ten
@@ -202,7 +202,7 @@ class Conductor:
             return
         self.state = MotionState.TRAVELLING
         self._report(Sent(self._now(), self._name, command))
-        # How fast the controller turns a tool is its own affair: a radian may take what a metre takes.
+        # The controller chooses the speed of a turn: a radian may take as long as a metre.
         length = sum(way(self._seen.row.pose, pose))
         self._deadline_s = self._now() + length / speed_m_s + 2.0 * speed_m_s / acceleration + GRACE_S
 

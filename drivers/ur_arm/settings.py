@@ -54,7 +54,7 @@ class UrArmSettings(Settings):
     """How long the controller's time may stand still before the link counts as lost (measured: 50-100 ms)."""
     loop_timeout_s: float = Field(0.5, ge=0.05, le=5.0)
     """How long the program may not look at an arm that moves before the arm's process stops it. Assumption: more than
-    the guard bears of a late loop (`limits.late_s`, at most 0.3 s in the profiles), so that the guard acts first."""
+    the guard's bound on a late loop (`limits.late_s`, at most 0.3 s in the profiles), so that the guard acts first."""
     open_timeout_s: float = Field(12.0, ge=1.0, le=60.0)
     """Longest connection; the client itself waits 5 s for its script to run."""
     reconnect_s: float = Field(6.0, ge=0.0, le=60.0)

@@ -93,7 +93,7 @@ class Streams:
         return lost
 
     def blocks(self) -> list[SampleBlock]:
-        """What has been taken since the last call, in blocks without gaps."""
+        """The rows since the last call, in blocks without gaps."""
         runs, bench_s = self._runs.take(), self._bench.from_monotonic(0.0)
         return [
             self.info[stream].block(

@@ -1,6 +1,6 @@
 """Zaber ASCII: lines of bytes ⇄ messages, and microsteps ⇄ metres. No I/O.
 
-Source: the Zaber ASCII protocol, as the vendor's own library speaks it.
+Source: the Zaber ASCII protocol, as the vendor's own library implements it.
 A command is `/device axis [id] text[:LRC]`; a reply is
 `@dd a [id] OK|RJ BUSY|IDLE WW data[:LRC]`; an alert `!dd a BUSY|IDLE WW [data]` and an info line
 `#dd a [id] text` are unsolicited.
@@ -141,7 +141,7 @@ def encode_request(request: StageRequest, *, checksum: bool = True) -> bytes:
 
 
 def decode_request(line: bytes) -> StageRequest:
-    """What a device makes of a line.
+    """Decode a line to a device.
 
     Raises:
         ChecksumError: the line's checksum is wrong.
@@ -169,7 +169,7 @@ def encode_message(message: Message, *, checksum: bool = True) -> bytes:
 
 
 def decode_message(line: bytes, *, checksum: bool = True) -> Message:
-    """What a host makes of a line.
+    """Decode a line to the host.
 
     Args:
         line: Without its end.
@@ -241,7 +241,7 @@ def _frame(lead: str, body: str, checksum: bool, end: str) -> bytes:
 
 
 def _body(line: bytes, lead: bytes, *, checksum: bool) -> str:
-    """What stands between the lead character and the checksum, once that is verified."""
+    """The text between the lead character and the checksum, which is verified."""
     if not line.startswith(lead):
         raise CodecError(f"no Zaber ASCII line: {line!r}")
     body = line[1:]

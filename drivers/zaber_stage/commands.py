@@ -72,7 +72,7 @@ def refusal(mounting: Mounting, command: MoveAt | MoveTo, here: int, acceleratio
 
 
 def doing(command: Command | None) -> str:
-    """What goes on while a command is carried out, for people."""
+    """What the stage does while a command is carried out, for error messages."""
     match command:
         case MoveAt(limit_m=target_m) | MoveTo(position_m=target_m):
             return f"moving to {target_m:g} m"
