@@ -55,7 +55,7 @@ class Program(click.Group):
             complain("interrupted")
             code = INTERRUPTED
         except BrokenPipeError:
-            # Who read the output has gone, `run.py list | head` for one.
+            # The reader of the output has gone, `run.py list | head` for one.
             _discard(sys.stdout)
             code = FAILED
         sys.exit(code)

@@ -253,7 +253,7 @@ def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reporte
 def _crew(
     loaded: Profile, plan: CampaignPlan, jobs: int | None, scheduler: str | None
 ) -> AbstractContextManager[Crew | None]:
-    """Who runs the trials; None is this process."""
+    """The workers that run the trials; None is this process."""
     from config.jobs import Crew, cluster, cores, jobs_for
 
     kept = click.get_current_context().find_object(Crew)  # of a campaign of parts

@@ -98,7 +98,7 @@ class PageProcess:
 
 
 class _Guarded(RequestHandler):
-    """Answers those alone who have the link, by the name that is in it: no other site, no other host."""
+    """Answers only requests with the link, by the name that is in it: no other site, no other host."""
 
     def initialize(self, door: Door, folder: Path) -> None:
         self.door, self.folder = door, folder

@@ -1,4 +1,4 @@
-"""The loop and the answers of devices that are slow to speak, in virtual time."""
+"""The loop and the answers of slow devices, in virtual time."""
 
 from types import SimpleNamespace
 
