@@ -39,7 +39,7 @@ def trial(sensor="fingertip", outcome="contact", slips=1, **more):
     return sensor, outcome, {**row, **more}
 
 
-UNTOLD = {"detected": 0, "delay_s": None}
+UNDETECTED = {"detected": 0, "delay_s": None}
 
 
 def of(method, **what):
@@ -79,7 +79,7 @@ def scores_of(*runs):
 
 
 def test_slips_that_were_called_early_are_neither_detected_nor_missed(tmp_path):
-    early = [trial(**of("paper", early=1, **UNTOLD))] * 5
+    early = [trial(**of("paper", early=1, **UNDETECTED))] * 5
     score = scores_of(write(tmp_path, [trial(), *early]))["fingertip", TABLE_1, "paper"]
     assert (score.slips, score.scored, score.early, score.cut_short) == (6, 1, 5, 0)
     assert score.verdict == NOT_JUDGED, "one slip of six is no evidence"
@@ -88,8 +88,8 @@ def test_slips_that_were_called_early_are_neither_detected_nor_missed(tmp_path):
 def test_a_share_missed_is_one_of_those_detected_or_missed(tmp_path, undrawn):
     rows = [
         *[trial()] * 4,
-        trial(**of("paper", missed=1, **UNTOLD)),
-        *[trial(**of("paper", early=1, **UNTOLD))] * 5,
+        trial(**of("paper", missed=1, **UNDETECTED)),
+        *[trial(**of("paper", early=1, **UNDETECTED))] * 5,
     ]
     run = write(tmp_path, rows)
     # one of five is regular, one of ten would be regular too, but of the ten five were never there to be missed
@@ -100,7 +100,7 @@ def test_a_share_missed_is_one_of_those_detected_or_missed(tmp_path, undrawn):
 
 
 def test_a_detector_that_was_never_given_its_time_is_not_judged(tmp_path, undrawn):
-    cut = [trial(**of("paper", **UNTOLD))] * 3
+    cut = [trial(**of("paper", **UNDETECTED))] * 3
     run = write(tmp_path, cut)
     assert scores_of(run)["fingertip", TABLE_1, "paper"].cut_short == 3
     text = text_of(build_report([run]))
@@ -124,7 +124,7 @@ def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_detected(
 
 @pytest.mark.parametrize("outcome", ["guard", "fault", "aborted", "no_contact"])
 def test_trials_that_did_not_run_to_their_end_are_left_out(tmp_path, outcome):
-    cut = trial(outcome=outcome, **of("paper", missed=1, **UNTOLD))
+    cut = trial(outcome=outcome, **of("paper", missed=1, **UNDETECTED))
     score = scores_of(write(tmp_path, [*[trial()] * 3, cut]))["fingertip", TABLE_1, "paper"]
     assert (score.slips, score.missed, score.verdict) == (3, 0, "good")
 
@@ -196,7 +196,7 @@ def test_without_an_alarm_the_interval_has_a_lower_end():
 
 
 def test_a_detector_that_cannot_be_in_time_is_reported(tmp_path, undrawn):
-    late = trial("dsa", ours_least_delay_s=2.35, **of("ours", missed=1, **UNTOLD))
+    late = trial("dsa", ours_least_delay_s=2.35, **of("ours", missed=1, **UNDETECTED))
     settings = {
         "behavior": {"sensors": {"dsa": {"ours": "dsa_ours"}}},
         "detectors": {"dsa_ours": {"threshold": 800.0}},
@@ -204,7 +204,7 @@ def test_a_detector_that_cannot_be_in_time_is_reported(tmp_path, undrawn):
     text = text_of(build_report([write(tmp_path, [late] * 3, **settings)]))
     assert "bad (too slow)" in text
     assert "B5: at its threshold (800 nats) ours takes at least 2.35 s" in text
-    in_time = [trial("dsa", ours_least_delay_s=0.2, **of("ours", missed=1, **UNTOLD))] * 3
+    in_time = [trial("dsa", ours_least_delay_s=0.2, **of("ours", missed=1, **UNDETECTED))] * 3
     assert "too slow" not in text_of(build_report([write(tmp_path, in_time)]))
 
 

@@ -7,7 +7,7 @@ from drivers.mock.physics.pad_part import GraspBenchSettings
 from drivers.mock.wiring import benches
 
 ABOVE_M = 0.07
-HEARD = frozenset({"pad"})
+SUBSCRIBED = frozenset({"pad"})
 WEIGHT_N = 0.2 * 9.80665
 LIFT_M = 0.02
 
@@ -37,7 +37,7 @@ def begun(**about):
     return bench
 
 
-def gripped(current_ma=152.0, observe=HEARD, **about):
+def gripped(current_ma=152.0, observe=SUBSCRIBED, **about):
     bench = begun(**about)
     bench.advance(10.0, observe)
     bench.jaws.go(1.0, 20_000.0, current_ma)
@@ -108,6 +108,6 @@ def test_neither_turns_nor_an_earlier_listener_change_what_the_pad_shows():
     assert np.array_equal(fine, coarse)
     late = gripped(observe=frozenset())
     assert late.account()["pad_samples"] == 0, "without a subscriber nothing is computed"
-    late.advance(11.91, HEARD)
+    late.advance(11.91, SUBSCRIBED)
     samples = volts(late, 13.0)
     assert np.allclose(samples, fine[-len(samples) :], atol=0.02), "but for the hysteresis"
