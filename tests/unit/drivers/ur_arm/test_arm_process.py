@@ -155,6 +155,7 @@ def test_a_stop_overtakes_what_waits_before_it(program: Program) -> None:
     refused, sent, *_ = program.statuses()
     assert isinstance(refused, Refused) and "a stop came" in refused.reason
     assert isinstance(sent, Sent) and isinstance(sent.command, Stop)
+    assert refused.device == sent.device == "arm"
 
 
 def test_a_program_that_does_not_read_blocks_nothing(program: Program) -> None:

@@ -3,123 +3,21 @@
 from __future__ import annotations
 
 import math
-import os
-import socket
-from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from drivers.clock import VirtualClock
 from drivers.messages import Home, MoveAt, Sent, Standstill, Stop
-from drivers.ur_arm.child import BACKLOG, LEAVE_S, ArmProcess
+from drivers.ur_arm.child import BACKLOG, LEAVE_S
+from drivers.ur_arm.client import CALLS_S
 from drivers.ur_arm.controller import PLAYING, Seen
 from drivers.ur_arm.guidance import CYCLE_S
 from drivers.ur_arm.motion import Conductor
-from drivers.ur_arm.pipe import ArmRow, Broken, BrokenError, Pipe
-from drivers.ur_arm.settings import UrArmSettings
+from drivers.ur_arm.pipe import ArmRow, Broken, BrokenError
+from tests.unit.drivers.ur_arm.arm_process_bench import BEGIN_S, REST, SETTINGS, START, Arm, EndError
 
-START = (0.3, 0.0, 0.3, 0.0, 3.14, 0.0)
-REST = (0.0,) * 6
 MOVING = (0.0, 0.0, -0.01, 0.0, 0.0, 0.0)
-SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=START, recover_s=4.0)
-BEGIN_S = 100.0
 CABLE = "is the cable in, and the controller up?"
-
-
-class EndError(BaseException):
-    """What `os._exit` does here."""
-
-
-class Receive:
-    """The client's receive interface: the controller's latest row, and its time."""
-
-    def __init__(self):
-        self.device_s, self.twist, self.connected, self.torn = 7.0, REST, True, False
-
-    def getTimestamp(self):  # noqa: N802
-        return self.device_s
-
-    def getActualTCPPose(self):  # noqa: N802
-        return list(START)
-
-    def getActualTCPSpeed(self):  # noqa: N802
-        return list(self.twist)
-
-    def getActualTCPForce(self):  # noqa: N802
-        if self.torn:
-            self.device_s += 0.002
-        return [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
-
-    def getSafetyStatusBits(self):  # noqa: N802
-        return 5
-
-    def getRuntimeState(self):  # noqa: N802
-        return PLAYING
-
-    def isConnected(self):  # noqa: N802
-        return self.connected
-
-
-class Clock(VirtualClock):
-    """Notes how far time may go, and that it may go on alone; lets the test act at each rest."""
-
-    def __init__(self):
-        super().__init__()
-        self.held_s, self.left = [], 0
-        self.each: Callable[[], object] = lambda: None
-        self.rest(BEGIN_S)
-
-    def hold(self, t_s):
-        self.held_s.append(t_s)
-
-    def leave(self):
-        self.left += 1
-
-    def rest(self, seconds):
-        super().rest(seconds)
-        getattr(self, "each", lambda: None)()
-
-
-class Arm:
-    """The process, and both of its ends."""
-
-    def __init__(self, monkeypatch):
-        self.clock, self.receive = Clock(), Receive()
-        ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-        self.ends, self.pipe = (ours, theirs), Pipe(ours)
-        self.turns = os.eventfd(0, os.EFD_NONBLOCK)
-        self.link = self.control = True
-        self.process = ArmProcess(Pipe(theirs), self.turns, "arm", SETTINGS, self.clock)
-        self.process._receive = self.receive
-        links: Any = SimpleNamespace(stands=lambda: self.link)
-        self.process._link = links
-        self.client = SimpleNamespace(connected=lambda: self.control)
-        monkeypatch.setattr("drivers.ur_arm.child.rest", self.clock.rest)
-        monkeypatch.setattr("drivers.ur_arm.child.os._exit", self.exit)
-
-    def exit(self, code):
-        raise EndError(code)
-
-    def messages(self):
-        found = []
-        while (message := self.pipe.receive()) is not None:
-            found.append(message)
-        return found
-
-    def listens(self, each):
-        """Listen until something ends the process; `each` acts at each rest. The messages."""
-        messages = []
-        self.clock.each = lambda: (each(), messages.extend(self.messages()))
-        with pytest.raises(EndError, match="1"):
-            self.process._listen(self.client)
-        return messages + self.messages()
-
-    def close(self):
-        for end in self.ends:
-            end.close()
-        os.close(self.turns)
 
 
 @pytest.fixture
@@ -333,11 +231,11 @@ def test_an_arm_whose_program_is_gone_is_stopped_seen_standing_and_its_program_e
     assert client.calls[-1] == "leave"
     assert max(beats_s) == pytest.approx(CYCLE_S), "the listener sees it alive"
     assert (
-        arm.clock.held_s
+        arm.clock.held_s[0] == pytest.approx(now_s + CALLS_S)
         and min(b - a for a, b in zip(arm.clock.held_s, arm.clock.held_s[1:], strict=False)) > 0
     )
     statuses = [status for status in arm.messages() if isinstance(status, Sent | Standstill)]
-    assert isinstance(statuses[1].command, Stop)
+    assert statuses[1].command == Stop("arm")
     assert any(isinstance(status, Standstill) for status in statuses) == stops
 
 
@@ -349,3 +247,50 @@ def test_a_controller_without_rows_ends_the_process_from_its_other_thread_too(ar
         arm.process._obey(Deaf())
     assert caught.value.broken == Broken("silent", "no rows come through", "is the program still listening?")
     assert arm.clock.monotonic_s() - BEGIN_S == pytest.approx(0.2, abs=2 * CYCLE_S)
+
+
+class Wait:
+    """A wait at the pipe takes virtual time; at one time a message arrives."""
+
+    def __init__(self, arm, comes_s=math.inf, comes=lambda: None):
+        self.arm, self.comes_s, self.comes, self.waits_s = arm, comes_s, comes, []
+
+    def __call__(self, seconds):
+        self.waits_s.append(seconds)
+        assert len(self.waits_s) < 100, "it waits for ever"
+        left_s = max(0.0, self.comes_s - self.arm.clock.monotonic_s())
+        self.arm.clock.rest(min(seconds, left_s))
+        if left_s > seconds:
+            return False
+        self.comes_s = math.inf
+        self.comes()
+        return True
+
+
+@pytest.mark.parametrize(("comes_s", "waited_s"), [(math.inf, 0.008), (0.003, 0.003), (0.0, 0.0)])
+def test_a_cycle_waits_for_the_program_until_it_is_due_and_bench_time_may_go_on(arm, comes_s, waited_s):
+    wait = arm.process._pipe.wait = Wait(arm, BEGIN_S + comes_s)
+    assert arm.process._await_command(BEGIN_S + 0.008) == (comes_s < math.inf)
+    assert arm.clock.monotonic_s() == pytest.approx(BEGIN_S + waited_s)
+    assert wait.waits_s == [pytest.approx(0.008)]
+    assert arm.clock.held_s == [pytest.approx(BEGIN_S + 0.008 + CALLS_S)]
+
+
+def test_a_cycle_that_is_due_or_late_waits_for_nobody(arm):
+    wait = arm.process._pipe.wait = Wait(arm, BEGIN_S)
+    assert not arm.process._await_command(BEGIN_S - 0.001)
+    assert not arm.process._await_command(BEGIN_S)
+    assert wait.waits_s == []
+
+
+def test_what_comes_between_two_cycles_is_begun_before_the_next(arm):
+    begun_s, ages_s = [], []
+    client: Any = Deaf()
+    client.speed = lambda *_: begun_s.append(arm.clock.monotonic_s()) or True
+    arm.process._row = ArmRow(BEGIN_S, 7.0, START, REST, REST, 0, PLAYING)
+    arm.process._pipe.wait = Wait(arm, BEGIN_S + 0.011, lambda: arm.pipe.send(MoveAt("arm", 0.01, 0.04)))
+    arm.clock.each = lambda: ages_s.append(arm.clock.monotonic_s() - arm.process._heartbeat_s)
+    with pytest.raises(BrokenError):
+        arm.process._obey(client)
+    assert begun_s[:3] == [pytest.approx(BEGIN_S + after_s) for after_s in (0.011, 0.016, 0.024)]
+    assert max(ages_s) <= CYCLE_S + 1e-9, "the listener sees it alive"

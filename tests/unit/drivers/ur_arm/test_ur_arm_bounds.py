@@ -127,6 +127,20 @@ def test_a_place_beyond_the_travel_by_more_than_rounding_is_refused(z):
         checked(pose(z=z))
 
 
+@pytest.mark.parametrize("axis", range(6))
+def test_a_twist_is_clamped_about_each_axis_by_the_limit_of_its_kind(axis):
+    asked, clamped = [0.0] * 6, [0.0] * 6
+    asked[axis], clamped[axis] = -3.0, -0.05 if axis < 3 else -0.5
+    assert checked(Twist("arm", tuple(asked), 1.0)).twist == pytest.approx(tuple(clamped))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_move_that_turns_about_any_axis_may_turn_as_fast_as_the_arm_may(axis):
+    offset = [0.0] * 6
+    offset[3 + axis] = 0.1
+    assert checked(MovePose("arm", tuple(offset), 1.0)).speed_m_s == 0.5
+
+
 def row(z=0.2, twist=REST, x=0.4):
     return ArmRow(NOW_S, 1.0, (x, 0.0, z, 0.0, 3.0, 0.0), twist, REST, 0, 2)
 
@@ -177,6 +191,15 @@ def test_the_fence_is_seen_in_time_to_brake_and_named():
     assert fence(0.1651 + 0.1 * CYCLE_S, going(z=-0.1), later_s=0.0) == ""
 
 
+def test_the_way_to_brake_is_as_long_as_the_deceleration_makes_it_and_no_turn_adds_to_it():
+    """0.1 m/s at 2 m/s2 takes a quarter of 0.1 s at full speed: 2.5 mm."""
+    guidance = Guidance(SETTINGS.model_copy(update={"stop_m_s2": 2.0}))
+    for turn_rad_s in (0.0, 3.0):
+        twist = (0.0, 0.0, -0.1, turn_rad_s, 0.0, 0.0)
+        assert guidance.fence(row(0.1626, twist), NOW_S - CYCLE_S) == ""
+        assert "travel" in guidance.fence(row(0.1624, twist), NOW_S - CYCLE_S)
+
+
 def test_a_turn_alone_brakes_no_way():
     assert fence(0.1601, (0.0, 0.0, 0.0, 3.0, 3.0, 3.0)) == ""
 
@@ -201,6 +224,25 @@ def test_a_free_motion_takes_the_longer_of_the_two_times_up_and_down():
     assert free.twist(NOW_S + 2.75) == pytest.approx((0.005, 0.0, 0.0, 0.075, 0.0, 0.1))
     assert free.twist(NOW_S + 3.0) is None
     assert free.twist(NOW_S + 9.0) is None
+
+
+def test_a_free_motion_that_turns_back_passes_through_rest_on_its_way():
+    """From 0.02 to -0.02 m/s at 0.5 m/s2: 0.08 s."""
+    free = FreeMotion(going(x=0.02), going(x=-0.02), NOW_S, 1.0, 0.5)
+    assert free.twist(NOW_S + 0.02) == pytest.approx(going(x=0.01))
+    assert free.twist(NOW_S + 0.04) == pytest.approx(REST)
+    assert free.twist(NOW_S + 0.06) == pytest.approx(going(x=-0.01))
+    assert free.twist(NOW_S + 0.081) == going(x=-0.02)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_free_motion_ramps_translation_and_turn_apart_about_any_axis(axis):
+    """0.4 rad/s at 0.5 rad/s2 takes 0.8 s; 0.3 m/s beside it takes less."""
+    goal = [0.3, 0.0, 0.0, 0.0, 0.0, 0.0]
+    goal[3 + axis] = 0.4
+    free = FreeMotion(REST, tuple(goal), NOW_S, 2.0, 0.5)
+    assert free.twist(NOW_S + 0.4) == pytest.approx([0.5 * part for part in goal])
+    assert free.twist(NOW_S + 0.81) == tuple(goal)
 
 
 def test_a_free_motion_shorter_than_its_ramp_comes_down_from_where_it_got_to():
