@@ -9,6 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from drivers.dsa_matrix import codec
+from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
 from drivers.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
 from drivers.messages import Command, Failed, Home, Listen, Lost, Saturated
 from drivers.mock.physics.fingertip_settings import Matrix
@@ -18,7 +20,15 @@ TEXELS = "dsa.taxels"
 ALL = Listen("dsa", frozenset({TEXELS}))
 NONE = Listen("dsa", frozenset())
 
+SENSOR_SERIAL = 3210
+"""As the emulated controller says it."""
+
 Make = Callable[..., Bench]
+
+
+def order(run: bool, frame_hz: int) -> bytes:
+    """To send raw frames, or none."""
+    return encode_packet(codec.encode_request(codec.Acquire(run, False, frame_hz)))
 
 
 def test_cells_come_from_what_the_matrices_say(make_bench: Make) -> None:
@@ -36,6 +46,20 @@ def test_cells_come_from_what_the_matrices_say(make_bench: Make) -> None:
     bench.driver.apply(ALL)
     bench.turn(0.5)
     assert bench.blocks[-1].values[-1, 1:].tolist() == list(range(1, 10))
+
+
+def test_who_the_controller_is_and_what_its_line_carries_stands_in_the_manifest(make_bench: Make) -> None:
+    bench = make_bench([Matrix(2, 3, 0.0034)], emulated={"serial": 17, "software": 301}, baud=57_600)
+    info = bench.driver.open()
+    assert (info.device, info.serial, info.version) == ("dsa", "17", "301")
+    assert info.details == {
+        "port": "/dev/dsa",
+        "sensor_serial": SENSOR_SERIAL,
+        "matrices": [
+            {"rows": 2, "columns": 3, "texel_m": pytest.approx((0.0034, 0.0034)), "uid": "000000000000"}
+        ],
+        "raw_limit_hz": pytest.approx(57_600 / 10 / (13 + 2 * 6)),
+    }
 
 
 def test_nothing_comes_without_a_subscriber(bench: Bench) -> None:
@@ -83,10 +107,12 @@ def test_times_are_the_controllers_and_not_those_of_arrival(bench: Bench) -> Non
 
 def test_a_line_that_is_too_slow_for_raw_frames_is_refused_with_what_to_do(make_bench: Make) -> None:
     bench = make_bench(frame_hz=100, rle=False)
-    with pytest.raises(
-        RefusedError, match=r"70 cells at 100 frames/s do not fit 115200 baud .*frame_hz to 75"
-    ):
+    with pytest.raises(RefusedError) as caught:
         bench.driver.open()
+    assert str(caught.value) == (
+        "dsa: 70 cells at 100 frames/s do not fit 115200 baud while opening; "
+        "set rle = true, or frame_hz to 75 at the most"
+    )
     assert bench.host.closed
 
 
@@ -149,7 +175,8 @@ def test_a_texel_at_its_end_is_told_once(bench: Bench) -> None:
     bench.turn(0.5)
     (saturated,) = bench.take(Saturated)
     assert isinstance(saturated, Saturated)
-    assert (saturated.stream, saturated.value) == (TEXELS, pytest.approx(4.095))
+    assert (saturated.device, saturated.stream) == ("dsa", TEXELS)
+    assert saturated.value == pytest.approx(4.095)
 
 
 def test_a_controller_that_powers_up_is_waited_for(make_bench: Make) -> None:
@@ -190,6 +217,61 @@ def test_an_order_that_is_lost_is_said_again(bench: Bench) -> None:
     assert bench.take(Failed) == []
 
 
+def test_an_order_that_is_never_answered_is_said_twice_and_then_the_matrices_have_failed(
+    bench: Bench,
+) -> None:
+    before, began_s = len(bench.host.written), bench.clock.now()
+    bench.host.cut = lambda data: b""
+    bench.driver.apply(ALL)
+    bench.turn(0.4)
+    assert len(bench.host.written) == before + 1
+    bench.turn(1.6)
+    first, again = bench.host.written[before:]
+    assert first == again == order(run=True, frame_hz=50)
+    (failed,) = bench.take(Failed)
+    assert isinstance(failed, Failed)
+    assert failed.reason == "no answer to an order, said twice in 1 s"
+    assert failed.t_s - began_s == pytest.approx(1.0, abs=0.02)
+
+
+def test_frames_are_asked_for_at_their_rate_and_stopped_without_one(bench: Bench) -> None:
+    before = len(bench.host.written)
+    bench.driver.apply(ALL)
+    bench.turn(0.1)
+    bench.driver.apply(NONE)
+    bench.turn(0.1)
+    bench.driver.close()
+    stop = order(run=False, frame_hz=0)
+    assert bench.host.written[before:] == [order(run=True, frame_hz=50), stop, stop]
+
+
+def test_what_comes_while_statuses_are_asked_for_is_kept(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    for _ in range(5):
+        bench.host.advance(0.1)
+        bench.driver.poll()
+    bench.turn(0.1)
+    assert bench.blocks[-1].seq + len(bench.blocks[-1]) - bench.blocks[0].seq == bench.frames()
+    assert bench.frames() == pytest.approx(54, abs=2)
+
+
+def test_answers_that_cannot_be_read_are_counted_and_the_frames_beside_them_taken(bench: Bench) -> None:
+    bench.driver.apply(ALL)
+    bench.turn(0.5)
+    frames = bench.frames()
+    bench.host._arrive(encode_packet(MatrixPacket(codec.Id.FRAME, b"\0")) * 2)
+    bench.host.matrices.inject("flip", bench.host.now_s)
+    bench.turn(0.5)
+    assert bench.frames() - frames == pytest.approx(24, abs=2)
+    account = bench.driver.account()
+    assert account["frames_wrong"] == 2
+    assert account["bad_crc"] == 1
+    lost = sum(status.samples for status in bench.take(Lost) if isinstance(status, Lost))
+    assert account["frames_lost"] == lost > 0
+    assert account["packets"] == bench.frames() + 2 + 5, "five answers: stop, three questions, start"
+
+
 def test_a_controller_that_falls_silent_has_failed_once(bench: Bench) -> None:
     bench.driver.apply(ALL)
     bench.turn(0.5)
@@ -226,7 +308,7 @@ def test_a_port_that_is_gone_is_a_failure_once(bench: Bench) -> None:
 def test_silence_and_other_protocols_are_told_apart(make_bench: Make) -> None:
     bench = make_bench(power_up_s=1.0)
     bench.host.matrices.inject("silent", bench.host.now_s)
-    with pytest.raises(SilentError, match=r"^dsa: no answer in 1.5 s"):
+    with pytest.raises(SilentError, match=r"^dsa: no answer in 1.5 s while .*/dev/dsa"):
         bench.driver.open()
     bench.host.send = lambda data: bench.host._arrive(b"@01 0 OK IDLE\r\n") or 0.0  # type: ignore[func-returns-value,method-assign]
     with pytest.raises(ProtocolError, match="is another device at this port"):
@@ -237,15 +319,28 @@ def test_silence_and_other_protocols_are_told_apart(make_bench: Make) -> None:
 
 
 def test_a_controller_without_a_matrix_is_refused(make_bench: Make) -> None:
-    with pytest.raises(RefusedError, match="it has no matrix"):
+    with pytest.raises(RefusedError) as caught:
         make_bench([]).driver.open()
+    line = "dsa: it has no matrix while opening; is the sensor plugged into it?"
+    assert str(caught.value) == line
 
 
-@pytest.mark.parametrize("command", [Home("dsa"), Listen("dsa", frozenset({"dsa.force"}))])
-def test_a_command_that_makes_no_sense_is_refused_in_one_line(bench: Bench, command: Command) -> None:
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (Home("dsa"), "dsa: it has no such command while applying Home; matrices can Listen"),
+        (
+            Listen("dsa", frozenset({"dsa.force"})),
+            "dsa: it has no stream dsa.force while applying Listen; it has: dsa.taxels",
+        ),
+    ],
+)
+def test_a_command_that_makes_no_sense_is_refused_in_one_line(
+    bench: Bench, command: Command, line: str
+) -> None:
     with pytest.raises(CommandError) as error:
         bench.driver.apply(command)
-    assert "\n" not in str(error.value)
+    assert str(error.value) == line
 
 
 def test_close_stops_the_frames(bench: Bench) -> None:
