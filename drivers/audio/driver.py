@@ -114,6 +114,10 @@ class Audio(WireDriver[SoundSource]):
         if isinstance(command, Listen):
             self._listen(bool(command.streams), self._link)
         elif isinstance(command, Tone | Chirp | Excite):
+            self._turn()  # a chirp whose end has come by now is the one before
+            if self._failure is not None and not isinstance(command, Excite):
+                self._refuse(command, self._failure)
+                return
             self._link.drive(command)
             self._driven = command.id
         self._sent(command)
