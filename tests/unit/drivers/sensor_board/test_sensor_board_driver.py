@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import CommandError, ProtocolError, SilentError
+from drivers.errors import CommandError, PortError, ProtocolError, SilentError
 from drivers.messages import (
     Excite,
     Failed,
@@ -25,7 +25,7 @@ from drivers.messages import (
     SetTendon,
     Tare,
 )
-from drivers.sensor_board.codec import BoardCode, CommandFrame, decode
+from drivers.sensor_board.codec import BoardCode, BoardReply, CommandFrame, Samples, decode, encode
 from drivers.sensor_board.framing import BoardFrameDecoder
 from tests.unit.drivers.sensor_board.board_bench import PERIOD_S, Bench, Source
 
@@ -54,6 +54,19 @@ def orders(bench: Bench) -> list[CommandFrame]:
     return [message for message in map(decode, bodies) if isinstance(message, CommandFrame)]
 
 
+def answer(bench: Bench, code: BoardCode, status: int) -> None:
+    """The next order of a kind is answered so."""
+
+    def answered(data: bytes) -> bytes:
+        last = orders(bench)[-1:]
+        if not data or not last or last[0].code != code:
+            return data
+        bench.host.hush = bytes
+        return encode(BoardReply(code, last[0].tag, status))
+
+    bench.host.hush = answered
+
+
 # --- opening and closing -------------------------------------------------------------------------
 
 
@@ -74,6 +87,8 @@ def test_what_the_board_has_comes_from_its_hello(make_bench: MakeBench) -> None:
         1000.0,
     )
     assert info.streams[PERIOD].rate_hz is None
+    assert info.clock == "board microseconds"
+    assert info.details == {"port": "/dev/board", "watchdog_s": 1.0}
 
 
 def test_opening_stops_what_an_earlier_host_has_left_on(make_bench: MakeBench) -> None:
@@ -138,6 +153,60 @@ def test_a_board_that_will_have_no_watchdog_is_not_opened(make_bench: MakeBench)
     assert bench.host.closed
 
 
+def test_a_board_that_refuses_its_watchdog_is_not_opened(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    answer(bench, BoardCode.WATCHDOG, 2)
+    with pytest.raises(ProtocolError) as caught:
+        bench.driver.open()
+    assert str(caught.value) == (
+        "board: the board refuses it: watchdog while setting it up; "
+        "does the board's firmware fit this version of the program?"
+    )
+    assert bench.host.closed
+
+
+def test_a_port_that_goes_while_the_board_is_set_up_is_a_port_error(make_bench: MakeBench) -> None:
+    bench = make_bench()
+
+    def taken(data: bytes) -> bytes:
+        if orders(bench)[-1:] and orders(bench)[-1].code == BoardCode.WATCHDOG:
+            bench.host.fault = "the port was taken away"
+            return b""
+        return data
+
+    bench.host.hush = taken
+    with pytest.raises(PortError, match=r"^board: the port was taken away while setting it up; "):
+        bench.driver.open()
+
+
+def test_what_a_board_sent_before_it_was_set_up_is_not_handed_out(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    bench.driver.open()
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    bench.driver._link = None  # the program was killed
+    before = len(bench.host.written)
+    bench.host.cut = lambda data: b"" if len(bench.host.written) == before + 2 else data  # STOP, after HELLO
+    bench.driver.open()
+    assert bench.driver.read() == bench.driver.poll() == []
+    sent = [order.code for order in orders(bench)[before:]]
+    assert sent[:2] == [BoardCode.HELLO, BoardCode.STOP]
+    assert BoardCode.STOP in sent[2:], "once more"
+
+
+@pytest.mark.parametrize(("hushed", "waits_s"), [(False, 0.0), (True, 0.25)])
+def test_closing_switches_all_off_and_waits_a_moment_for_the_replies(
+    bench: Bench, hushed: bool, waits_s: float
+) -> None:
+    if hushed:
+        bench.host.hush = lambda data: b""
+    began_s = bench.host.t_s
+    bench.driver.close()
+    assert bench.host.t_s - began_s == pytest.approx(waits_s, abs=0.005)
+    last = [(order.code, order.argument) for order in orders(bench)[-2:]]
+    assert last == [(BoardCode.EXCITE, 0), (BoardCode.STOP, None)]
+
+
 def test_closing_switches_excitation_and_streams_off(bench: Bench) -> None:
     bench.driver.apply(Excite("board", True))
     bench.driver.apply(listen(FORCE))
@@ -157,8 +226,10 @@ def test_closing_a_board_that_has_failed_still_switches_off(bench: Bench) -> Non
     bench.run(0.1)
     bench.host.hush = lambda data: b""
     assert of(Failed, bench.run(0.7)[1])
+    began_s = bench.host.t_s
     bench.driver.close()
     assert not bench.source.excited
+    assert bench.host.t_s == began_s, "it waits for no reply"
 
 
 def test_a_board_that_is_not_open_says_so(make_bench: MakeBench) -> None:
@@ -212,15 +283,51 @@ def test_a_command_that_makes_no_sense_is_not_written(bench: Bench, command: Any
     assert len(bench.host.written) == written
 
 
-@pytest.mark.parametrize(("kind", "message"), [("refuse", "refuses it"), ("busy", "is busy")])
-def test_a_refusal_of_the_board_is_reported(bench: Bench, kind: Any, message: str) -> None:
-    bench.board.inject(kind, bench.host.t_s)
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [
+        (1, "the board does not know this command"),
+        (2, "the board refuses it"),
+        (3, "the board is busy"),
+        (9, "the board replies 9"),
+    ],
+)
+def test_a_refusal_of_the_board_is_reported(bench: Bench, status: int, reason: str) -> None:
+    answer(bench, BoardCode.EXCITE, status)
     command = Excite("board", True)
-    bench.driver.apply(command)
+    applied = bench.driver.apply(command)
     _, statuses = bench.run(0.05)
     (refused,) = of(Refused, statuses)
-    assert refused.command == command
-    assert message in refused.reason
+    assert refused == Refused(pytest.approx(applied.t_s, abs=0.003), "board", command, reason)
+    assert of(Failed, statuses) == []
+    bench.host.until(bench.host.t_s + 3.0)
+    assert of(Failed, bench.run(0.1)[1]) == [], "it counts as off"
+
+
+def test_a_watchdog_that_the_board_refuses_is_a_failure_unless_it_is_busy(bench: Bench) -> None:
+    answer(bench, BoardCode.WATCHDOG, 3)
+    assert of(Failed, bench.run(0.6)[1]) == []
+    answer(bench, BoardCode.WATCHDOG, 1)
+    (failed,) = of(Failed, bench.run(0.3)[1])
+    assert failed.reason == "the board does not know this command: watchdog"
+
+
+def test_a_command_on_a_port_that_is_gone_is_refused_and_the_board_has_failed(bench: Bench) -> None:
+    bench.host.fault = "the port was taken away"
+    command = Excite("board", True)
+    bench.driver.apply(command)
+    statuses = bench.driver.poll()
+    assert [failed.reason for failed in of(Failed, statuses)] == ["the port was taken away"]
+    assert [(one.command, one.reason) for one in of(Refused, statuses)] == [
+        (command, "the port was taken away")
+    ]
+    assert of(Sent, statuses) == []
+
+
+def test_a_command_on_a_port_that_was_closed_is_refused(bench: Bench) -> None:
+    bench.host.closed = True
+    bench.driver.apply(Excite("board", True))
+    assert [refused.reason for refused in of(Refused, bench.driver.poll())] == ["the port is closed"]
 
 
 def test_a_command_whose_reply_is_lost_is_written_once_more_under_its_tag(bench: Bench) -> None:
@@ -426,6 +533,15 @@ def test_the_watchdog_is_fed_as_long_as_the_loop_turns(bench: Bench) -> None:
     assert of(Failed, statuses) == []
 
 
+def test_the_watchdog_is_fed_four_times_in_its_period(make_bench: MakeBench) -> None:
+    bench = make_bench(driver={"watchdog_s": 2.0})
+    bench.driver.open()
+    bench.run(10.0)
+    fed = [order.argument for order in orders(bench) if order.code == BoardCode.WATCHDOG]
+    assert fed == [2000] * len(fed)
+    assert len(fed) == pytest.approx(1 + 10.0 / 0.5, abs=1)
+
+
 def test_a_host_that_dies_loses_the_excitation(bench: Bench) -> None:
     bench.driver.apply(Excite("board", True))
     bench.driver.apply(listen(FORCE))
@@ -442,7 +558,25 @@ def test_a_host_that_was_away_too_long_fails_rather_than_go_on_unexcited(bench: 
     bench.run(0.5)
     bench.host.until(bench.host.t_s + 3.0)
     (failed,) = of(Failed, bench.run(0.5)[1])
-    assert "the host was away for" in failed.reason
+    assert failed.reason == "the host was away for 3.25 s, so the board's watchdog switched it off"
+
+
+def test_a_host_that_was_away_after_the_excitation_went_off_goes_on(bench: Bench) -> None:
+    bench.driver.apply(Excite("board", True))
+    bench.driver.apply(Excite("board", False))
+    bench.run(0.1)
+    bench.host.until(bench.host.t_s + 3.0)
+    assert of(Failed, bench.run(0.5)[1]) == []
+
+
+@pytest.mark.parametrize("command", [Excite("board", True), listen(FORCE)])
+def test_what_is_switched_on_after_the_host_was_away_is_not_taken_for_starved(
+    bench: Bench, command: Any
+) -> None:
+    bench.run(0.1)
+    bench.host.until(bench.host.t_s + 30.0)
+    bench.driver.apply(command)
+    assert of(Failed, bench.run(0.5)[1]) == []
 
 
 def test_a_host_that_was_away_while_nothing_was_on_goes_on(bench: Bench) -> None:
@@ -470,6 +604,28 @@ def test_a_late_turn_does_not_blame_the_board(make_bench: MakeBench) -> None:
     blocks, statuses = bench.run(0.2)
     assert of(Failed, statuses) == of(Lost, statuses) == []
     assert sum(map(len, blocks)) == pytest.approx(700, abs=30)
+
+
+def test_frames_that_fit_no_stream_are_counted_and_those_beside_them_taken(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    assert bench.driver.account() == {}
+    bench.driver.open()
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    for _ in range(2):
+        bench.host.arrived.append((bench.host.t_s, encode(Samples(31, 0, 0, np.zeros(4, np.int32)))))
+    blocks, statuses = bench.run(0.1)
+    assert bench.driver.account()["malformed"] == 2
+    assert len(blocks) == pytest.approx(10, abs=1)
+    assert of(Lost, statuses) == []
+    assert set(bench.driver.account()) == {
+        "good",
+        "bad_cobs",
+        "bad_crc",
+        "overlong",
+        "malformed",
+        "drift_ppm",
+    }
 
 
 def test_the_account_tells_what_came_of_the_frames(bench: Bench) -> None:
