@@ -21,7 +21,7 @@ ALL = Listen("dsa", frozenset({TEXELS}))
 NONE = Listen("dsa", frozenset())
 
 SENSOR_SERIAL = 3210
-"""As the emulated controller says it."""
+"""Of the emulated controller."""
 
 Make = Callable[..., Bench]
 
@@ -48,7 +48,9 @@ def test_cells_come_from_what_the_matrices_say(make_bench: Make) -> None:
     assert bench.blocks[-1].values[-1, 1:].tolist() == list(range(1, 10))
 
 
-def test_who_the_controller_is_and_what_its_line_carries_stands_in_the_manifest(make_bench: Make) -> None:
+def test_the_controller_s_identity_and_the_rate_that_its_line_carries_stand_in_the_manifest(
+    make_bench: Make,
+) -> None:
     bench = make_bench([Matrix(2, 3, 0.0034)], emulated={"serial": 17, "software": 301}, baud=57_600)
     info = bench.driver.open()
     assert (info.device, info.serial, info.version) == ("dsa", "17", "301")
@@ -217,7 +219,7 @@ def test_an_order_that_is_lost_is_said_again(bench: Bench) -> None:
     assert bench.take(Failed) == []
 
 
-def test_an_order_that_is_never_answered_is_said_twice_and_then_the_matrices_have_failed(
+def test_an_order_without_an_answer_is_sent_twice_and_then_the_matrices_have_failed(
     bench: Bench,
 ) -> None:
     before, began_s = len(bench.host.written), bench.clock.now()
@@ -230,7 +232,7 @@ def test_an_order_that_is_never_answered_is_said_twice_and_then_the_matrices_hav
     assert first == again == order(run=True, frame_hz=50)
     (failed,) = bench.take(Failed)
     assert isinstance(failed, Failed)
-    assert failed.reason == "no answer to an order, said twice in 1 s"
+    assert failed.reason == "no answer to an order, sent twice in 1 s"
     assert failed.t_s - began_s == pytest.approx(1.0, abs=0.02)
 
 
@@ -243,6 +245,15 @@ def test_frames_are_asked_for_at_their_rate_and_stopped_without_one(bench: Bench
     bench.driver.close()
     stop = order(run=False, frame_hz=0)
     assert bench.host.written[before:] == [order(run=True, frame_hz=50), stop, stop]
+
+
+def test_what_is_so_already_is_not_ordered_again(bench: Bench) -> None:
+    before = len(bench.host.written)
+    bench.driver.apply(NONE)
+    assert len(bench.host.written) == before
+    bench.driver.apply(ALL)
+    bench.driver.apply(ALL)
+    assert len(bench.host.written) == before + 1
 
 
 def test_what_comes_while_statuses_are_asked_for_is_kept(bench: Bench) -> None:
