@@ -21,6 +21,10 @@ PERIOD_S = 1.0 / 28.0
 """Of the events that the source makes."""
 
 
+RESTS_MAX = 5000
+"""Of a driver that waits for the board, 1 ms each: a test waits for less than a second."""
+
+
 class Spec(NamedTuple):
     name: str
     channels: tuple[str, ...]
@@ -137,6 +141,7 @@ class HostClock(WallClock):
 
     def __init__(self, host: Host) -> None:
         self._host = host
+        self.rests = 0
         self.restart()
 
     def now(self) -> float:
@@ -146,6 +151,8 @@ class HostClock(WallClock):
         return self._host.t_s
 
     def rest(self, seconds: float) -> None:
+        self.rests += 1
+        assert self.rests < RESTS_MAX, "it waits for ever"
         self._host.until(self._host.t_s + seconds)
 
     def restart(self) -> None:

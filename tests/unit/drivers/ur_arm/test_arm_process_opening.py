@@ -119,6 +119,7 @@ class Opening(Arm):
         return self.messages()[0]
 
     def refuses(self, again=False):
+        self.ends[0].shutdown(socket.SHUT_WR)  # a process that opens all the same ends
         with pytest.raises(BrokenError) as caught:
             self.process.run(again)
         assert self.uploads == self.threads == self.messages() == []
