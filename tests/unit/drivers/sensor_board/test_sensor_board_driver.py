@@ -561,6 +561,27 @@ def test_a_host_that_was_away_too_long_fails_rather_than_go_on_unexcited(bench: 
     assert failed.reason == "the host was away for 3.25 s, so the board's watchdog switched it off"
 
 
+def test_a_command_after_the_host_was_away_does_not_hide_that_the_excitation_is_off(bench: Bench) -> None:
+    bench.driver.apply(Excite("board", True))
+    bench.run(0.5)
+    bench.host.until(bench.host.t_s + 3.0)
+    bench.driver.apply(SetTendon("board", 0.001))
+    (failed,) = of(Failed, bench.run(0.1)[1])
+    assert "the host was away for" in failed.reason
+
+
+def test_a_stream_s_silence_counts_on_when_another_is_subscribed(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.2)
+    began_s, step = bench.clock.now(), bench.board.step
+    bench.board.step = lambda t_s: step(t_s)[:0]  # type: ignore[method-assign]
+    bench.run(0.3)
+    bench.driver.apply(listen(FORCE, PERIOD))
+    (failed,) = of(Failed, bench.run(1.0)[1])
+    assert failed.reason == "nothing of board.load_cell in 0.5 s; is the board powered?"
+    assert failed.t_s - began_s == pytest.approx(0.5, abs=0.02)
+
+
 def test_a_host_that_was_away_after_the_excitation_went_off_goes_on(bench: Bench) -> None:
     bench.driver.apply(Excite("board", True))
     bench.driver.apply(Excite("board", False))
