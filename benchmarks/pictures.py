@@ -126,7 +126,7 @@ def _approach(axes: Axes, trace: Trace) -> None:
     axes.set_ylim(low, high + 0.14 * (high - low))
     axes.text(-0.02, high, "touch", ha="right", va="bottom")
     stop_ms = 1e3 * ((approach.standstill_s or detect_s) - detect_s)
-    note = f"felt {approach.delay_s:.2f} s later;\nstands still after {stop_ms:.0f} ms"
+    note = f"detected {approach.delay_s:.2f} s later;\nstands still after {stop_ms:.0f} ms"
     axes.text(detect_s - onset_s + 0.25, low + 0.25 * (high - low), note, va="center", color=TRUTH)
     axes.set_xlim(-1.2, detect_s - onset_s + 1.0)
     axes.set_xlabel("time since the touch (s)")

@@ -222,6 +222,13 @@ def test_a_trial_of_a_file_is_refused(verb, approach, name):
     assert "a.csv is a file, only a run folder has trials; leave it out" in message
 
 
+@pytest.mark.parametrize("name", ["replay", "calibrate"])
+def test_a_rate_of_a_run_folder_is_refused(verb, slipped, name):
+    more = ["--false-alarm-interval", "60"] if name == "calibrate" else []
+    message = refused(verb, name, slipped.folder.path, "--detector", "slip", "--rate", "500", *more)
+    assert "is a run folder and has its own times; leave it out" in message
+
+
 def test_more_columns_than_streams_are_refused(verb, approach):
     columns = ["--column", "i", "--column", "q"]
     message = refused(verb, "replay", approach / "a.csv", "--detector", "level", *columns)
