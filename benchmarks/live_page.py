@@ -128,7 +128,7 @@ def main(quick: bool = False) -> None:
 
         try:
             rest(READY_S)
-            lateness("nobody watches")
+            lateness("no client")
             ms = 1e3 * np.array(clicks(known, loop, count))
             p50, p99 = np.percentile(ms, [50, 99])
             result["click to loop"] = {
@@ -138,7 +138,7 @@ def main(quick: bool = False) -> None:
                 "n": len(ms),
             }
             deaf = connected(known.host, known.token)
-            lateness("one who does not read")
+            lateness("a client that does not read")
             os.kill(page.pid, signal.SIGSTOP)
             lateness("page process stopped")
             os.kill(page.pid, signal.SIGKILL)

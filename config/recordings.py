@@ -75,7 +75,9 @@ def load(
             f"--trial {trial}: {recording} is a file, only a run folder has trials; leave it out"
         )
     if rate_hz is not None and recording.is_dir():
-        raise ReplayError(f"--rate {rate_hz:g}: {recording} is a run folder and has its own times; leave it out")
+        raise ReplayError(
+            f"--rate {rate_hz:g}: {recording} is a run folder and has its own times; leave it out"
+        )
     kind, own = _in_run(recording, asked, overrides, trial) if recording.is_dir() else (asked, {})
     made = make_detector(kind, {**own, **overrides}, baseline, _folders(recording))
     notes: list[str] = []

@@ -72,5 +72,5 @@ def held(name: str, count: int) -> dict[str, float]:
         "held": float(np.mean(np.asarray(gaps) <= 0.1)),
         "longest_gap_s": float(max(0.0, *gaps)),
         "end_median_s": float(np.median(ends)),
-        "end_told": float(np.mean(np.asarray(ends) <= 1.0)),
+        "end_detected": float(np.mean(np.asarray(ends) <= 1.0)),
     }

@@ -38,7 +38,7 @@ TURNS = (2, 3)
 OURS = "pretouch"
 OWN = {
     OURS: PreTouchSettings(),
-    "pretouch, told that the room is empty": PreTouchSettings(background_fs=0.0, obliquity=(1.0,)),
+    "pretouch, set for an empty room": PreTouchSettings(background_fs=0.0, obliquity=(1.0,)),
 }
 AS_IT_IS = "pretouch, own threshold"
 EVERY = 10

@@ -108,10 +108,12 @@ def on_tribometer(name: str, judge: Rival) -> Iterator[dict[str, Any]]:
                 "threshold": threshold,
                 "before_touch_s": float(_between(slipping, RESTS_S[1], TOUCH_S).sum() / TRIBOMETER_HZ),
                 "loaded_s": float(_between(slipping, *LOADED_S).sum() / TRIBOMETER_HZ),
-                "told_s": MOVES_S + first_above(moving.astype(float), 0.5) / TRIBOMETER_HZ,
+                "reported_s": MOVES_S + first_above(moving.astype(float), 0.5) / TRIBOMETER_HZ,
                 "share_of_slip": float(_between(slipping, LETS_GO_S, STANDS_S).mean()),
                 "off_s": MOVES_S + float(np.max(np.flatnonzero(moving), initial=-1) + 1) / TRIBOMETER_HZ,
-                "said": [f"{'on' if slipping[i] else 'off'} {i / TRIBOMETER_HZ:.3f}" for i in turns.tolist()]
+                "reported": [
+                    f"{'on' if slipping[i] else 'off'} {i / TRIBOMETER_HZ:.3f}" for i in turns.tolist()
+                ]
                 if name == OURS
                 else None,
             }
@@ -194,8 +196,8 @@ def at_reset(name: str, judge: Rival, threshold: float) -> Iterator[dict[str, An
         "detector": name,
         "stored": False,
         "slips": len(chosen),
-        "told": detected,
-        "told_95": wilson(detected, len(chosen)),
+        "detected": detected,
+        "detected_95": wilson(detected, len(chosen)),
     }
     if name == OURS:
         quiet = [drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :] for drag in chosen]

@@ -126,8 +126,13 @@ def refusals(quiet: Sequence[Floats], slipping: Sequence[Floats], rate_hz: float
         events = _pushed(each, rate_hz, quiet_rms=_pushed(calm, rate_hz)[0].value)
         detected += any(isinstance(event, BaselineRefused | SlipStarted) for event in events)
         something += bool(events)
-    row = {"stored": True, "slips": len(quiet), "told": detected, "told_95": wilson(detected, len(quiet))}
-    return {**row, "something_said": something}
+    row = {
+        "stored": True,
+        "slips": len(quiet),
+        "detected": detected,
+        "detected_95": wilson(detected, len(quiet)),
+    }
+    return {**row, "something_reported": something}
 
 
 def called(name: str, values: Floats, statistic: Floats, rate_hz: float, threshold: float) -> Bools:

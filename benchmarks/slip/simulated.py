@@ -116,7 +116,7 @@ def at_simulated_reset(sensor: str, thresholds: Thresholds) -> Iterator[dict[str
             math.isfinite(first_above(judge(each, settings.rate_hz), thresholds[name]["clean"]))
             for each in slipping
         )
-        row = {"slips": len(slipping), "told": detected, "told_95": wilson(detected, len(slipping))}
+        row = {"slips": len(slipping), "detected": detected, "detected_95": wilson(detected, len(slipping))}
         yield {"sensor": sensor, "detector": name, "stored": False, **row}
     yield {"sensor": sensor, "detector": OURS, **refusals(quiet, slipping, settings.rate_hz)}
 

@@ -70,7 +70,7 @@ def test_what_a_cusum_was_sure_of_long_ago_does_not_delay_its_end():
 def test_a_slip_at_reset_is_refused_where_the_quiet_is_known():
     quiet = np.random.default_rng(1).normal(0.0, 1.0, (2, 3000))
     found = refusals(list(quiet), [quiet[0], 30.0 * quiet[1]], 1000.0)
-    assert (found["slips"], found["told"], found["something_said"]) == (2, 1, 2)
+    assert (found["slips"], found["detected"], found["something_reported"]) == (2, 1, 2)
 
 
 def test_the_known_structure_rings_as_a_tip_that_holds_and_rolls_as_printed():

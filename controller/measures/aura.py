@@ -34,11 +34,11 @@ OURS_AND_PAPERS = (
     "false",
     "held",
     "ended",
-    "said",
-    "said_held",
-    "said_ended",
-    "words",
-    "said_of_nothing",
+    "reported",
+    "reported_held",
+    "reported_ended",
+    "reports",
+    "reported_of_nothing",
 )
 HIGHLIGHTS = ("seen_ours", "distance_m_ours", "felt_ours")
 """Columns shown during a run."""
@@ -72,9 +72,9 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
         approaches to an object with pre-touch in time; `distance_m`, its median distance; `felt`, detected touches;
         `delay_s`, median delay; `false`, approaches with a false contact; `held`, touches reported to persist and not
         revoked too soon; `ended`, touches whose end was reported in time. These five are unknown where `touches` is.
-        The reports are known on every bench: `said`, approaches with a reported contact; `said_held` and
-        `said_ended`, those whose persistence and end were then reported; `words`, number of contacts reported in them;
-        `said_of_nothing`, approaches with a contact where nothing can touch (in the rest before, or without an object).
+        The reports are known on every bench: `reported`, approaches with a reported contact; `reported_held` and
+        `reported_ended`, those whose persistence and end were then reported; `reports`, contacts reported in them;
+        `reported_of_nothing`, approaches with a contact where nothing can touch (before, in the rest, or no object).
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     passages = _passages(evidence)
@@ -202,11 +202,11 @@ def _reported_columns(
         held += any(isinstance(event, ContactHeld) and event.t_s > begins[0] for event in own)
         ended += any(isinstance(event, ContactLost) and event.t_s > begins[0] for event in own)
     return {
-        f"said_{method}": approaches,
-        f"said_held_{method}": held,
-        f"said_ended_{method}": ended,
-        f"words_{method}": contacts,
-        f"said_of_nothing_{method}": of_nothing,
+        f"reported_{method}": approaches,
+        f"reported_held_{method}": held,
+        f"reported_ended_{method}": ended,
+        f"reports_{method}": contacts,
+        f"reported_of_nothing_{method}": of_nothing,
     }
 
 

@@ -24,7 +24,7 @@ COLUMNS = (
     *transient.COLUMNS,
     "flexed_s",
     "free_rise_hz",
-    *(f"{name}_{what}" for name in LISTENERS for what in ("false", "share", "blind", "told_s")),
+    *(f"{name}_{what}" for name in LISTENERS for what in ("false", "share", "blind", "event_s")),
 )
 
 
@@ -35,7 +35,7 @@ def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) ->
         As `measures.transient`, and: `flexed_s`, how long the tendon moved with nothing touched after the baseline;
         `free_rise_hz`, how much higher the free finger oscillates fully flexed than extended. For each detector:
         `…_false`, contacts reported in that time; `…_share` of it in contact by the detector; `…_blind`, 1 where it was
-        in contact already when the probe touched; `…_told_s`, from the touch to its event.
+        in contact already when the probe touched; `…_event_s`, from the touch to its event.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
     row |= dict.fromkeys(COLUMNS[len(transient.COLUMNS) :])
@@ -73,7 +73,7 @@ def _scores(
         ("false", float(sum(made for _, made in inside))),
         ("share", contact_s / (until_s - begun_s)),
         ("blind", float(edges[-2][1]) if touch_s is not None else None),
-        ("told_s", after[0] - touch_s if after and touch_s is not None else None),
+        ("event_s", after[0] - touch_s if after and touch_s is not None else None),
     ]
 
 

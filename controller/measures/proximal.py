@@ -11,10 +11,10 @@ from behaviors.transient import TransientSettings
 from controller.measures import transient
 from controller.measures.trial import TrialEvidence
 
-HIGHLIGHTS = ("told", "ratio_db", "delay_s")
+HIGHLIGHTS = ("identified", "ratio_db", "delay_s")
 """Columns shown during a run."""
 
-COLUMNS = (*transient.COLUMNS, "told", "ratio_db")
+COLUMNS = (*transient.COLUMNS, "identified", "ratio_db")
 
 LISTENS_S = 0.3
 """Time after the detection over which the two swings are compared, eight periods. Assumption: from 0.07 to 0.3 s after
@@ -29,11 +29,11 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     fitted.
 
     Returns:
-        As `measures.transient`, and: `told`, "proximal" or "distal"; `ratio_db`, by how much the ratio of the distal to
-        the proximal accelerometer's standard deviation has grown, dB. Both are empty where no contact was detected.
+        As `measures.transient`, and: `identified`, "proximal" or "distal"; `ratio_db`, growth of the ratio of the
+        distal to the proximal accelerometer's standard deviation, dB. Both are empty where no contact was detected.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
-    row |= {"told": None, "ratio_db": None}
+    row |= {"identified": None, "ratio_db": None}
     detect_s, begun_s = row["detect_s"], evidence.entered_s.get("APPROACH")
     if outcome != "contact" or detect_s is None or begun_s is None:
         return outcome, row
@@ -43,5 +43,5 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         _, held = evidence.series(stream, detect_s, detect_s + LISTENS_S)
         levels.append(math.log10(float(np.std(held)) / float(np.std(free))))
     row["ratio_db"] = 20.0 * (levels[1] - levels[0])
-    row["told"] = "distal" if row["ratio_db"] > 0.0 else "proximal"
+    row["identified"] = "distal" if row["ratio_db"] > 0.0 else "proximal"
     return outcome, row

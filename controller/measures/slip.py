@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 DETECTORS = ("paper", "ours")
 
 _EACH = (
-    *("detected", "missed", "early", "delay_s", "first_delay_s", "told_s"),
+    *("detected", "missed", "early", "delay_s", "first_delay_s", "event_s"),
     *("false_alarms", "touch_alarms", "quiet_s"),
 )
 
@@ -57,7 +57,7 @@ COLUMNS = (
     "stop_travel_m",
 )
 """`clock_s` is where the paper's time axis begins. `reference` is the origin of the delays: true slip on a simulated
-bench, or the command to slide. `slide_s` is the first such command, `slip_s` the first true slip, `told_s` a
+bench, or the command to slide. `slide_s` is the first such command, `slip_s` the first true slip, `event_s` a
 detector's first event after `slide_s`. `early` counts slips reported between the arm's start and the true slip, or that
 began while the detector reported slip already: neither detected nor missed. A slip cut short before it could be
 detected is none of the three. `listen_s` is when the slip detectors were subscribed; `touch_alarms` are the false
@@ -126,7 +126,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
         alarms = _alarms(events, slipping, descent)
         if commanded:
             after = [w.t_s for w in events if isinstance(w, SlipStarted) and w.t_s >= commanded[0].begin_s]
-            row[f"{detector}_told_s"] = after[0] if after else None
+            row[f"{detector}_event_s"] = after[0] if after else None
         row.update({f"{detector}_{what}": value for what, value in {**scored, **alarms}.items()})
     row["press_n"] = _press(evidence, settings)
     row.update(_spectrum(evidence, run, slips, listen_s))

@@ -194,7 +194,15 @@ def _by_method(members: Sequence[Any]) -> Iterator[dict[str, Any]]:
     touches, approaches = total(members, "touches"), total(members, "approaches")
     for method in METHODS:
         false = total(members, f"false_{method}")
-        names = ("held", "ended", "said", "words", "said_held", "said_ended", "said_of_nothing")
+        names = (
+            "held",
+            "ended",
+            "reported",
+            "reports",
+            "reported_held",
+            "reported_ended",
+            "reported_of_nothing",
+        )
         yield {name: total(members, f"{name}_{method}") for name in names} | {
             "detector": METHOD_NAMES[method],
             "touches": touches,
@@ -232,7 +240,7 @@ def _summary(
     kind = Kind.ASSUMED if simulated else Kind.MEASURED
     results = [*_of_sides(there, kind), *_of_objects(_papers(there), kind), *_of_touches(there, kind)]
     for method in METHODS if unknown else ():
-        found, n = total(unknown, f"said_{method}"), total(unknown, "approaches")
+        found, n = total(unknown, f"reported_{method}"), total(unknown, "approaches")
         results.append(
             Result(None, TEXTS.sentence("reported_summary", method=METHOD_NAMES[method], found=found, n=n))
         )

@@ -72,7 +72,7 @@ def _by_speed(rows: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         own = [row for row in rows if row["tendon_m_s"] == speed_m_s]
         minutes = sum(values(own, "flexed_s")) / 60.0
         for name in LISTENERS:
-            detected = mean_of(values(own, f"{name}_told_s"))
+            detected = mean_of(values(own, f"{name}_event_s"))
             blind = values(own, f"{name}_blind")
             yield {
                 "tendon_m_s": speed_m_s,

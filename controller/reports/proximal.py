@@ -23,8 +23,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     rows: list[dict[str, Any]] = [dict(row) for run in runs for row in run.trials]
     for row in rows:
         row["link"] = "proximal" if row.get("location") == "p" else "distal"
-    named = [row for row in rows if row.get("told")]
-    right = sum(row["told"] == row["link"] for row in named)
+    named = [row for row in rows if row.get("identified")]
+    right = sum(row["identified"] == row["link"] for row in named)
     near = [row for row in rows if row["link"] == "proximal"]
     kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
     felt = sum(row.get("outcome") == "contact" for row in near)
@@ -47,7 +47,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 def _row(link: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     own = [row for row in rows if row["link"] == link]
-    named = [row.get("told") for row in own]
+    named = [row.get("identified") for row in own]
     means = {name: mean_of(values(own, name)) for name in ("delay_s", "force_n", "ratio_db")}
     return means | {
         "link": link,

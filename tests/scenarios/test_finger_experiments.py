@@ -25,13 +25,13 @@ def test_the_fixed_threshold_calls_flexion_a_contact_and_the_one_that_follows_fi
     assert row["contact_share"] > 0.5
     assert row["following_share"] < 0.3
     assert row["following_blind"] == 0
-    assert 0.0 < row["following_told_s"] < 0.7
+    assert 0.0 < row["following_event_s"] < 0.7
 
 
 def test_the_link_that_was_touched_is_identified(tmp_path):
     trials = [{"location": location, "speed_m_s": 0.006435} for location in ("p", "f")]
     rows = row_of("mock/proximal", tmp_path, trials, {"plant.noise_scale": "1.0"})
-    assert {row["location"]: row["told"] for row in rows} == {"p": "proximal", "f": "distal"}
+    assert {row["location"]: row["identified"] for row in rows} == {"p": "proximal", "f": "distal"}
 
 
 def test_every_threshold_is_judged_on_an_approach_that_was_not_stopped(tmp_path):

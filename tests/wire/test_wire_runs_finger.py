@@ -33,7 +33,7 @@ def test_the_tendon_is_moved_and_recorded_over_the_wire(tmp_path):
 def test_the_link_that_was_touched_is_identified_over_the_wire(tmp_path):
     calm = QUICK | {"detectors.contact.baseline_s": "1.5", "detectors.contact.threshold_sigma": "8.0"}
     row, recording = row_of("proximal", tmp_path, {"location": "f", "speed_m_s": 0.006435}, calm)
-    assert (row["outcome"], row["told"]) == ("contact", "distal")
+    assert (row["outcome"], row["identified"]) == ("contact", "distal")
     assert not recording.stream("board.distal").gaps
 
 

@@ -14,7 +14,7 @@ TIME_MODULUS = 1 << 32
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What it answers to `id`; one count is `newton_per_count`."""
+    """Its answer to `id`; one count is `newton_per_count`."""
 
     serial: str
     rate_hz: float
@@ -23,9 +23,9 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """It has done what it was told: `go` or `halt`."""
+    """It has carried out `go` or `halt`."""
 
-    word: str
+    command: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,18 +46,18 @@ def encode(text: str) -> bytes:
 
 
 def encode_message(message: Message) -> bytes:
-    """What the sensor says."""
+    """A line from the sensor."""
     match message:
         case Identity(serial, rate_hz, newton_per_count):
             return encode(f"id FS1 {serial} {rate_hz:g} {newton_per_count:g}")
-        case Done(word):
-            return encode(f"ok {word}")
+        case Done(command):
+            return encode(f"ok {command}")
         case Sample(counter, time_ms, counts):
             return encode(f"s {counter} {time_ms} {counts}")
 
 
 def text_of(line: bytes) -> str:
-    """What a line says; raises `CodecError` where its check fails."""
+    """The text of a line; raises `CodecError` where its check fails."""
     text, star, _ = line.decode("ascii", "replace").partition(" *")
     if not star or encode(text) != line + b"\n":
         raise CodecError(f"{line[:24]!r} has no sound check")
@@ -65,19 +65,19 @@ def text_of(line: bytes) -> str:
 
 
 def decode(line: bytes) -> Message:
-    """What the sensor says in a line; raises `CodecError`."""
+    """The message in a line from the sensor; raises `CodecError`."""
     match text_of(line).split():
         case ["id", "FS1", serial, rate_hz, newton_per_count]:
             return Identity(serial, float(rate_hz), float(newton_per_count))
-        case ["ok", word]:
-            return Done(word)
+        case ["ok", command]:
+            return Done(command)
         case ["s", *numbers] if len(numbers) == 3 and all(n.lstrip("-").isdecimal() for n in numbers):
             return Sample(*map(int, numbers))
-    raise CodecError(f"{line[:24]!r} is nothing that the sensor says")
+    raise CodecError(f"{line[:24]!r} is no message of the sensor")
 
 
 class Lines:
-    """Cuts what arrives into lines."""
+    """Splits received bytes into lines."""
 
     def __init__(self) -> None:
         self._rest = b""

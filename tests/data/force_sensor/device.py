@@ -24,34 +24,34 @@ class EmulatedForceSensor:
 
     @property
     def due_s(self) -> float:
-        """When it speaks next by itself."""
+        """When its next sample is due."""
         return math.inf if self._next is None else self._next / RATE_HZ
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes from the host at `t_s`; returns what it answers at once."""
-        said = self.step(t_s)
+        """Take bytes from the host at `t_s`; returns its answers."""
+        sent = self.step(t_s)
         for line in self._lines.feed(data):
-            word = codec.text_of(line)
-            if word == "id":
-                said += codec.encode_message(codec.Identity("0042", RATE_HZ, NEWTON_PER_COUNT))
+            command = codec.text_of(line)
+            if command == "id":
+                sent += codec.encode_message(codec.Identity("0042", RATE_HZ, NEWTON_PER_COUNT))
             else:
-                self._next = math.floor(t_s * RATE_HZ) + 1 if word == "go" else None
-                said += codec.encode_message(codec.Done(word))
-        return said
+                self._next = math.floor(t_s * RATE_HZ) + 1 if command == "go" else None
+                sent += codec.encode_message(codec.Done(command))
+        return sent
 
     def step(self, t_s: float) -> bytes:
-        """What it says by `t_s` without being asked."""
-        said = b""
+        """Samples sent by `t_s`."""
+        sent = b""
         while self._next is not None and self.due_s <= t_s:
             counts = round(self._bench.force_n / NEWTON_PER_COUNT)
             sample = codec.Sample(self._next % 65536, round(self._next * 1e3 / RATE_HZ), counts)
-            said += codec.encode_message(sample)
+            sent += codec.encode_message(sample)
             self._next += 1
-        return said
+        return sent
 
     def inject(self, kind: str, t_s: float) -> None:
-        """It cannot break in any way of its own."""
-        raise ValueError(f"a force sensor knows no fault {kind}")
+        """It simulates no faults."""
+        raise ValueError(f"a force sensor has no fault {kind}")
 
 
 class MockForceSensorSettings(ForceSensorSettings):

@@ -39,7 +39,7 @@ class ForceSensor(WireDriver[SerialLink]):
         self._lines = codec.Lines()
         self._malformed = 0
         self._listening = False
-        self._heard_s = 0.0
+        self._received_s = 0.0
 
     def _identify(self, link: SerialLink) -> DeviceInfo:
         s = self._settings
@@ -49,11 +49,13 @@ class ForceSensor(WireDriver[SerialLink]):
             link,
             self._clock,
             s.reply_timeout_s,
-            strange=lambda: f"{self._malformed} lines came that are none of its" if self._malformed else "",
+            strange=lambda: (
+                f"{self._malformed} lines arrived that are not its own" if self._malformed else ""
+            ),
             stranger="is another device at this port, or the baud rate wrong?",
             silent="is it powered, and is this its port?",
         )
-        link.send(codec.encode("halt"))  # what an earlier host has left on
+        link.send(codec.encode("halt"))  # an earlier host may have left it on
         found: codec.Identity = inquiry.ask(lambda: link.send(codec.encode("id")), self._identity, 3)
         info = StreamInfo(self._name, ("force",), "N", found.newton_per_count, found.rate_hz, noisy=True)
         clock = DeviceClock(max_drift_ppm=200.0, wrap_s=codec.TIME_MODULUS * 1e-3)
@@ -78,27 +80,28 @@ class ForceSensor(WireDriver[SerialLink]):
     def _carry_out(self, command: Command) -> None:
         wanted = isinstance(command, Listen) and bool(command.streams)
         if wanted != self._listening and self._link is not None:
-            self._listening, self._heard_s = wanted, self._clock.monotonic_s()
+            self._listening, self._received_s = wanted, self._clock.monotonic_s()
             self._stream.begin()
             self._sent(command, self._link.send(codec.encode("go" if wanted else "halt")))
 
     def _update(self, link: SerialLink) -> str | None:
         for arrival_s, message in self._messages(link.receive()):
             if isinstance(message, codec.Sample) and self._listening:
-                self._heard_s = arrival_s
+                self._received_s = arrival_s
                 sample, shown_s = (message.counts,), message.time_ms * 1e-3
                 t_s, lost = self._stream.push(sample, shown_s, arrival_s, message.counter)
                 if lost is not None:
                     self._lost(t_s, self._name, lost)
         self._blocks += self._stream.take()
         silent = (
-            self._listening and self._clock.monotonic_s() - self._heard_s > self._settings.silence_timeout_s
+            self._listening
+            and self._clock.monotonic_s() - self._received_s > self._settings.silence_timeout_s
         )
         return f"no sample in {self._settings.silence_timeout_s:g} s; is it powered?" if silent else None
 
     def _identity(self, arrived: tuple[float, bytes]) -> codec.Identity | None:
-        heard = [message for _, message in self._messages([arrived])]
-        return next((message for message in heard if isinstance(message, codec.Identity)), None)
+        messages = (message for _, message in self._messages([arrived]))
+        return next((message for message in messages if isinstance(message, codec.Identity)), None)
 
     def _messages(self, arrived: list[tuple[float, bytes]]) -> list[tuple[float, Any]]:
         messages = []

@@ -125,7 +125,7 @@ def test_contact_where_nothing_touches_is_false():
     assert (late["felt_ours"], late["false_ours"]) == (0, 0), "late, yet true"
 
 
-REPORTED = ("said", "said_held", "said_ended", "words", "said_of_nothing")
+REPORTED = ("reported", "reported_held", "reported_ended", "reports", "reported_of_nothing")
 
 
 def reported(row, method="ours"):

@@ -147,7 +147,7 @@ def test_an_event_between_the_arms_start_and_the_slip_is_early_and_not_false():
         0,
         0,
     )
-    assert (row["slide_s"], row["slip_s"], row["ours_told_s"]) == (5.0, 5.02, 5.01)
+    assert (row["slide_s"], row["slip_s"], row["ours_event_s"]) == (5.0, 5.02, 5.01)
 
 
 def test_alarms_of_the_descent_are_counted_separately():

@@ -90,8 +90,8 @@ def approached(**cells):
     for method, felt in (("paper", 0), ("ours", 1)):
         row |= {f"alarms_{method}": 0, f"seen_{method}": 1, f"distance_m_{method}": 0.02}
         row |= {f"felt_{method}": felt, f"false_{method}": 0, f"held_{method}": felt, f"ended_{method}": felt}
-        row |= {f"said_{method}": felt, f"said_held_{method}": felt, f"said_ended_{method}": felt}
-        row |= {f"words_{method}": felt, f"said_of_nothing_{method}": 0}
+        row |= {f"reported_{method}": felt, f"reported_held_{method}": felt, f"reported_ended_{method}": felt}
+        row |= {f"reports_{method}": felt, f"reported_of_nothing_{method}": 0}
     return row | {"delay_s_ours": 0.1} | cells
 
 
@@ -109,9 +109,9 @@ def unknown(**cells):
 @pytest.mark.parametrize("bench", ["hardware", "emulated"])
 def test_contact_on_a_bench_without_truth_is_counted_as_it_was_reported(tmp_path, bench):
     rows = [
-        unknown(words_ours=3, said_of_nothing_paper=1),
-        unknown(said_ended_ours=0, outcome="contact"),
-        unknown(said_ours=0, said_held_ours=0, said_ended_ours=0, words_ours=0),
+        unknown(reports_ours=3, reported_of_nothing_paper=1),
+        unknown(reported_ended_ours=0, outcome="contact"),
+        unknown(reported_ours=0, reported_held_ours=0, reported_ended_ours=0, reports_ours=0),
         unknown(side="top"),
     ]
     section = section_of(aura, write(tmp_path, "aura", rows, bench=bench, behavior={"touch": True}))
