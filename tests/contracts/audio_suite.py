@@ -180,7 +180,7 @@ class AudioContract:
         trial.record(9600)
         assert np.abs(np.concatenate([block.values for block in trial.blocks])).max() <= 50
 
-    def test_a_chirp_is_told_when_it_is_over(self, trial: AudioTrial) -> None:
+    def test_a_chirp_is_reported_when_it_is_over(self, trial: AudioTrial) -> None:
         trial.listen(FINGERS)
         trial.turn(0.05)
         trial.device.apply(Chirp("audio", 20_000.0, 46_000.0, 0.3, 0.5))
@@ -195,7 +195,7 @@ class AudioContract:
         trial.turn(0.3)
         assert trial.of(Reached) == []
 
-    def test_a_clipped_finger_is_told_once(self, trial: AudioTrial) -> None:
+    def test_a_clipped_finger_is_reported_once(self, trial: AudioTrial) -> None:
         trial.device.apply(Tone("audio", 40_000.0, 1.0))
         trial.listen(FINGERS)
         trial.record(28_800)

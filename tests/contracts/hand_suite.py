@@ -90,7 +90,7 @@ class HandContract:
         pause = 0.2 * bench.info.streams[F1].rate_hz
         assert sum(lost.samples for lost in bench.of(Lost)) < 0.6 * pause, "the pause itself is not lost"
 
-    def test_a_finger_beyond_its_range_is_told_once(self, bench: HandBench) -> None:
+    def test_a_finger_beyond_its_range_is_reported_once(self, bench: HandBench) -> None:
         bench.listen(F1, F3)
         bench.turn(0.3)
         (saturated,) = bench.of(Saturated)

@@ -75,7 +75,7 @@ class MatrixContract:
         bench.turn(0.2)
         assert bench.blocks[0].seq >= last.seq + len(last)
 
-    def test_a_texel_at_its_end_is_told_once(self, bench: MatrixBench) -> None:
+    def test_a_texel_at_its_end_is_reported_once(self, bench: MatrixBench) -> None:
         bench.listen(TEXELS)
         bench.turn(0.3)
         (saturated,) = bench.of(Saturated)

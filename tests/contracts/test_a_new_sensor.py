@@ -54,7 +54,7 @@ def test_golden_lines(line: bytes, message: codec.Message) -> None:
     assert codec.encode_message(message) == line + b"\n"
 
 
-def test_it_says_who_it_is_and_what_it_sends(bench: Crank) -> None:
+def test_it_identifies_itself_and_what_it_sends(bench: Crank) -> None:
     assert (bench.info.model, bench.info.serial) == ("FS1", "0042")
     assert bench.info.streams[FORCE].unit == "N"
 
@@ -101,7 +101,7 @@ def test_one_that_falls_silent_fails_once() -> None:
     assert failed.reason == "no sample in 0.5 s; is it powered?"
 
 
-def test_one_that_is_not_there_is_said_to_be_silent() -> None:
+def test_one_that_is_not_there_is_reported_as_silent() -> None:
     device = sensor(Fault(device="scale", kind="silent", at_s=0.0))
     with pytest.raises(
         SilentError, match=r"^scale: no answer in 0.6 s while asking who is at mock; is it powered"

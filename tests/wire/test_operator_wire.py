@@ -96,7 +96,7 @@ def test_no_comes_back_with_its_reason(line):
     assert refused.reason == "that cannot be done"
 
 
-def test_a_line_that_is_pulled_is_a_failure_told_once(line):
+def test_a_line_that_is_pulled_is_a_failure_reported_once(line):
     person, _, _, serve, port, _, clock = line
     person.apply(LoadWeight("operator", "x", 1.0))
     serve.unplug(port)

@@ -39,9 +39,9 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
         [sys.executable, "-c", RECORD_FOR_EVER, tmp_path], stdout=subprocess.PIPE, cwd=root
     )
     try:
-        told_s = 0.0
-        while told_s < lived_s:
-            told_s = float(child.stdout.readline())
+        reported_s = 0.0
+        while reported_s < lived_s:
+            reported_s = float(child.stdout.readline())
         child.send_signal(signal.SIGKILL)
         child.wait(10)
     finally:
@@ -51,7 +51,7 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
     assert run.cut_off
     assert [row["trial"] for row in run.trials] == [0]
     last_s = run.trial(1).stream("board.load_cell").times_s[-1]
-    assert last_s > told_s - 1.0
+    assert last_s > reported_s - 1.0
     if lived_s < 2.0:
         return
     (path,) = run.folder.recordings

@@ -36,7 +36,7 @@ class Source:
         self.begin_s = begin_s
         self.sampled = {spec.name: 0 for spec in self.streams()}
         self.excited = False
-        self._told_s = self._t_s = 0.0
+        self._reported_s = self._t_s = 0.0
 
     def streams(self) -> Sequence[Spec]:
         return (
@@ -54,8 +54,8 @@ class Source:
 
     def events(self, stream: str) -> tuple[Floats, Floats]:
         """30 a second."""
-        times_s = np.arange(np.floor(self._told_s * 30) + 1, np.floor(self._t_s * 30) + 1) / 30
-        self._told_s = self._t_s
+        times_s = np.arange(np.floor(self._reported_s * 30) + 1, np.floor(self._t_s * 30) + 1) / 30
+        self._reported_s = self._t_s
         return times_s + self.begin_s, times_s
 
     def excite(self, on: bool) -> None:

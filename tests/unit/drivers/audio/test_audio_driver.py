@@ -355,7 +355,7 @@ def test_a_source_that_sends_nothing_while_it_is_listened_to_has_failed(bench):
     assert failed.t_s - began_s == pytest.approx(2.0, abs=2 * TURN_S)
 
 
-def test_a_source_that_nobody_listens_to_may_be_silent_and_a_pause_does_not_count(bench):
+def test_a_source_without_a_subscriber_may_be_silent_and_a_pause_does_not_count(bench):
     bench.turn(0.9)
     bench.device.apply(OFF)
     bench.turn(5.0)

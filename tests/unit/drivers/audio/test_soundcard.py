@@ -316,7 +316,7 @@ def test_lost_input_turns_nothing_where_the_card_knows_how_much_it_was() -> None
 
 
 @pytest.mark.usefixtures("portaudio")
-def test_a_chirp_is_told_when_it_is_over() -> None:
+def test_a_chirp_is_reported_when_it_is_over() -> None:
     device, stream = listening()
     device.apply(Chirp("audio", 20_000.0, 46_000.0, 0.01, 1.0))
     first = stream.buffer(sound(480))
@@ -352,7 +352,7 @@ def test_a_chirp_ends_with_the_frame_at_which_its_end_arrives(missing: int) -> N
 
 
 @pytest.mark.usefixtures("portaudio")
-def test_a_drive_that_follows_a_chirp_is_not_told_of_its_end() -> None:
+def test_a_drive_that_follows_a_chirp_is_not_notified_of_its_end() -> None:
     device, stream = listening()
     device.apply(Chirp("audio", 20_000.0, 46_000.0, 0.005, 1.0))
     stream.buffer(sound(480))
@@ -421,7 +421,7 @@ def test_a_card_that_is_not_to_be_had_gets_one_clear_line(name: str, line: str) 
     assert str(error.value) == line
 
 
-def test_no_card_at_all_is_said_to_be_none(portaudio: Any) -> None:
+def test_no_card_at_all_is_reported_as_none(portaudio: Any) -> None:
     portaudio.query_devices = list
     with pytest.raises(PortError, match=r"no input is called USB .*; there are: none$"):
         audio("USB").open()

@@ -246,7 +246,7 @@ def test_listening_after_a_pause_is_no_silence(timed: BarrettHand, clock: Virtua
     assert timed.poll() == []
 
 
-def test_a_finger_beyond_what_is_safe_is_told_beside_its_block(hand: BarrettHand, link: Link) -> None:
+def test_a_finger_beyond_what_is_safe_is_reported_beside_its_block(hand: BarrettHand, link: Link) -> None:
     listen(hand, F1)
     link.waiting = [
         answer(11, counts, cycle) for cycle, counts in enumerate((2000, codec.SAFE_COUNTS[1] + 1))

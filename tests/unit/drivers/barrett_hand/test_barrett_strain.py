@@ -48,7 +48,7 @@ def test_the_range_is_that_of_the_interface_page(strain: FingerStrain, counts: i
     assert len(strain.saturation(block(strain, 2000, counts))) == saturated
 
 
-def test_each_excursion_is_told_once_with_its_time_and_force(strain: FingerStrain) -> None:
+def test_each_excursion_is_reported_once_with_its_time_and_force(strain: FingerStrain) -> None:
     assert strain.saturation(block(strain, 2000, 3500, 3600)) == [
         Saturated(pytest.approx(1.001), "hand", "hand.strain_11", pytest.approx(15.0))
     ]

@@ -45,7 +45,7 @@ def hold_the_mug(bench: Bench) -> Gripped:
     return gripped
 
 
-def test_open_says_who_it_is_and_moves_nothing(make_bench: Make) -> None:
+def test_open_identifies_itself_and_moves_nothing(make_bench: Make) -> None:
     bench = make_bench(calibrated=False)
     before_m = bench.drive.jaws.width_m
     info = bench.open()

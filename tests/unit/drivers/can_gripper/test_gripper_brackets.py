@@ -102,7 +102,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(command: Command, reason: st
         ),
     ],
 )
-def test_a_refusal_says_who_what_why_and_what_to_do(command: Command, line: str) -> None:
+def test_a_refusal_names_device_reason_and_remedy(command: Command, line: str) -> None:
     with pytest.raises(CommandError) as error:
         checked(command)
     assert str(error.value) == f"gripper: {line}"

@@ -65,7 +65,7 @@ def test_a_state_from_before_the_command_says_nothing_of_it(watch: Watch) -> Non
     assert len(pushed(watch, THERE, begin_s=1.001)) == 1
 
 
-def test_an_object_that_moves_within_the_grip_is_told_when_it_is_gone_alone(watch: Watch) -> None:
+def test_an_object_that_moves_within_the_grip_is_reported_when_it_is_gone_alone(watch: Watch) -> None:
     pushed(watch, *[CLOSING] * 5)
     assert watch.resting
     assert pushed(watch, MOVING, MOVING, begin_s=1.1) == []
@@ -99,7 +99,7 @@ def test_nothing_is_left_to_stop_after_a_fault(watch: Watch) -> None:
     assert watch.resting
 
 
-def test_a_fault_is_told_once_and_ends_the_command(watch: Watch) -> None:
+def test_a_fault_is_reported_once_and_ends_the_command(watch: Watch) -> None:
     late = replace(MOVING, watchdog=True)
     (stalled,) = pushed(watch, late, late, late, fault=True)
     assert isinstance(stalled, Stalled)

@@ -100,8 +100,8 @@ def test_times_are_the_controllers_and_not_those_of_arrival(bench: Bench) -> Non
     bench.driver.apply(ALL)
     bench.turn(8.0)
     host_s = np.concatenate([block.times for block in bench.blocks[100:]]) - bench.clock.from_monotonic(0.0)
-    told_s = np.concatenate([block.physical[:, 0] for block in bench.blocks[100:]]) * 10.0
-    late_s = (host_s - told_s + 20.0) % 40.0 - 20.0
+    reported_s = np.concatenate([block.physical[:, 0] for block in bench.blocks[100:]]) * 10.0
+    late_s = (host_s - reported_s + 20.0) % 40.0 - 20.0
     assert np.mean(late_s) == pytest.approx(0.0138, abs=0.002)
     assert np.std(late_s) < 0.005
     assert bench.driver.account()["drift_ppm"] == pytest.approx(-53.0, abs=140.0), "1 ms in 8 s is 125 ppm"
@@ -128,7 +128,7 @@ def test_run_length_encoding_brings_quiet_matrices_to_100_frames_a_second(make_b
     assert bench.blocks[-1].values[-1, 59:62].tolist() == [0, 60, 61]
 
 
-def test_frames_that_the_controller_drops_are_told_as_lost(make_bench: Make) -> None:
+def test_frames_that_the_controller_drops_are_reported_as_lost(make_bench: Make) -> None:
     """All cells different: runs of one, as long as raw, 75 frames/s on the line."""
     bench = make_bench(frame_hz=100, rle=True)
     bench.driver.open()
@@ -168,7 +168,7 @@ def test_a_pause_that_was_asked_for_is_not_lost(bench: Bench) -> None:
     assert bench.take(Failed) == []
 
 
-def test_a_texel_at_its_end_is_told_once(bench: Bench) -> None:
+def test_a_texel_at_its_end_is_reported_once(bench: Bench) -> None:
     bench.driver.apply(ALL)
     bench.turn(0.5)
     bench.source.full = True
@@ -210,7 +210,7 @@ def test_a_threshold_is_set_and_read_back(make_bench: Make) -> None:
     assert bench.blocks[-1].values[-1, 48:52].tolist() == [0, 0, 50, 51]
 
 
-def test_an_order_that_is_lost_is_said_again(bench: Bench) -> None:
+def test_an_order_that_is_lost_is_sent_again(bench: Bench) -> None:
     spoilt = iter([True])
     bench.host.cut = lambda data: b"" if next(spoilt, False) else data
     bench.driver.apply(ALL)
@@ -316,7 +316,7 @@ def test_a_port_that_is_gone_is_a_failure_once(bench: Bench) -> None:
     assert len(bench.take(Failed)) == 1
 
 
-def test_silence_and_other_protocols_are_told_apart(make_bench: Make) -> None:
+def test_silence_and_other_protocols_are_distinguished(make_bench: Make) -> None:
     bench = make_bench(power_up_s=1.0)
     bench.host.matrices.inject("silent", bench.host.now_s)
     with pytest.raises(SilentError, match=r"^dsa: no answer in 1.5 s while .*/dev/dsa"):

@@ -135,7 +135,7 @@ def test_irregular_samples_keep_each_its_own_time(board: Board) -> None:
     assert arrival.block.values.shape == (3, 1)
 
 
-def test_lost_irregular_samples_are_told_by_the_counter(board: Board) -> None:
+def test_lost_irregular_samples_are_detected_by_the_counter(board: Board) -> None:
     board.periods(65_530, [0.1, 0.2])
     arrival = board.periods(65_540, [0.9])
     assert (arrival.lost, arrival.block.seq) == (8, 65_540)

@@ -110,7 +110,7 @@ def test_a_board_whose_first_answer_is_lost_is_asked_again(make_bench: MakeBench
     assert bench.driver.open().serial == "E1"
 
 
-def test_a_silent_port_is_said_to_be_silent(make_bench: MakeBench) -> None:
+def test_a_silent_port_is_reported_as_silent(make_bench: MakeBench) -> None:
     bench = make_bench()
     bench.host.hush = lambda data: b""
     begin_s = bench.host.t_s

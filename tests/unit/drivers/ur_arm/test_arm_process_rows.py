@@ -276,7 +276,7 @@ def test_a_cycle_waits_for_the_program_until_it_is_due_and_bench_time_may_go_on(
     assert arm.clock.held_s == [pytest.approx(BEGIN_S + 0.008 + CALLS_S)]
 
 
-def test_a_cycle_that_is_due_or_late_waits_for_nobody(arm):
+def test_a_cycle_that_is_due_or_late_waits_for_no_one(arm):
     wait = arm.process._pipe.wait = Wait(arm, BEGIN_S)
     assert not arm.process._await_command(BEGIN_S - 0.001)
     assert not arm.process._await_command(BEGIN_S)

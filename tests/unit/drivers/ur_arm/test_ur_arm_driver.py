@@ -155,7 +155,7 @@ def test_a_process_that_cannot_open_says_why_and_is_killed(monkeypatch, kind, er
     assert desk.arm.poll() == [Refused(0.0, "arm", STOP, "it is not open")]
 
 
-def test_a_process_that_dies_while_opening_is_said_to(monkeypatch):
+def test_a_process_that_dies_while_opening_is_reported(monkeypatch):
     desk = Desk(monkeypatch)
     desk.inbox = []
     monkeypatch.setattr(Process, "fate", lambda self: "the arm's process ended with 3")
@@ -275,7 +275,7 @@ def test_a_motion_while_connecting_again_is_refused_and_a_stop_waits_for_the_lin
     assert desk.process.sent == [STOP]
 
 
-def test_a_stop_that_has_no_standstill_yet_is_said_again_to_the_next_process(desk):
+def test_a_stop_that_has_no_standstill_yet_is_sent_again_to_the_next_process(desk):
     desk.arm.apply(STOP)
     desk.turn(0.1)
     desk.process.ended = "it died"

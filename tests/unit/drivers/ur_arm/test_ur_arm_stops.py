@@ -328,7 +328,7 @@ def test_a_command_that_the_controller_does_not_take_is_refused(command, call):
     ("command", "end", "after_s"),
     [(AT, beside(down_m=0.04), 0.0), (TO, beside(down_m=0.03), 0.1), (ASIDE, beside(0.01), 1.03)],
 )
-def test_a_motion_that_has_come_to_its_end_is_told_under_its_number(command, end, after_s):
+def test_a_motion_that_has_come_to_its_end_is_reported_under_its_number(command, end, after_s):
     arm = Arm()
     arm.order(command)
     arm.moves()

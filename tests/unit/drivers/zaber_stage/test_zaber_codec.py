@@ -35,7 +35,7 @@ def test_a_reply_has_the_bytes_of_the_page(case: dict[str, Any]) -> None:
     assert codec.decode_message(case["bytes"].encode().rstrip()) == reply
 
 
-def test_alerts_and_info_lines_are_told_from_replies() -> None:
+def test_alerts_and_info_lines_are_distinguished_from_replies() -> None:
     assert codec.decode_message(b"!01 1 IDLE FS:57") == codec.Alert(1, 1, busy=False, flag="FS", data="")
     assert codec.decode_message(b"#01 0 09 hello:92") == codec.StageInfo(1, 0, 9, "hello")
 

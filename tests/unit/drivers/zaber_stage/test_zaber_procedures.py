@@ -199,7 +199,7 @@ def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_
         ),
     ],
 )
-def test_a_refusal_says_who_what_why_and_what_to_do(command: Command, line: str) -> None:
+def test_a_refusal_names_device_reason_and_remedy(command: Command, line: str) -> None:
     with pytest.raises(CommandError) as error:
         valid("stage", SETTINGS, command)
     assert str(error.value) == f"stage: {line}"

@@ -99,7 +99,7 @@ def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing() -> Non
     assert b.stage.account() == {"positions": 0, "sent_on": 0, "halted_unseen": 0}
 
 
-def test_a_stage_that_does_not_know_where_it_is_says_so_at_opening() -> None:
+def test_a_stage_without_a_position_reports_it_at_opening() -> None:
     info = Bench(homed=False).info
     assert (info.details["homed"], info.details["flags"]) == (False, ("WR",))
 
@@ -112,7 +112,7 @@ def test_a_stage_that_a_dead_host_left_moving_is_stopped_at_opening() -> None:
     assert wire.axis.target_m < 0.0254
 
 
-def test_silence_is_told_with_what_to_check() -> None:
+def test_silence_is_reported_with_what_to_check() -> None:
     wire = Wire()
     wire.device.inject("silent", 0.0)
     with pytest.raises(SilentError, match=r"^stage: no reply in 0.20 s .*powered.*device 1 on its line\?$"):
@@ -145,7 +145,7 @@ class Echo:
 
 
 @pytest.mark.parametrize("other", [Board(), Echo()], ids=["board", "echo"])
-def test_another_protocol_is_told_from_silence(other: object) -> None:
+def test_another_protocol_is_distinguished_from_silence(other: object) -> None:
     with pytest.raises(
         ProtocolError, match=r"which is no Zaber ASCII while opening; is another device there"
     ):
@@ -219,7 +219,7 @@ def test_a_stop_ends_in_a_standstill_where_the_stage_is() -> None:
     assert still.position_m == pytest.approx(b.wire.axis.target_m, abs=STEP_M)
 
 
-def test_a_stop_is_told_when_it_is_written_and_when_the_stage_stands_under_its_number() -> None:
+def test_a_stop_is_reported_when_it_is_written_and_when_the_stage_stands_under_its_number() -> None:
     b = Bench()
     b.begin(MoveAt("stage", 0.01, 0.02, id=8))
     b.clock.rest(0.1)
@@ -299,7 +299,7 @@ def test_a_stop_while_the_limits_are_being_set_lets_no_move_follow() -> None:
     assert not [line for line in b.wire.lines() if line.startswith("move")]
 
 
-def test_a_stop_whose_answer_is_lost_is_said_again() -> None:
+def test_a_stop_whose_answer_is_lost_is_sent_again() -> None:
     b = Bench()
     b.begin(MoveAt("stage", 0.005, 0.02))
     # Else the answer to another question is the one that is lost.
