@@ -470,6 +470,8 @@ def test_a_board_that_restarts_under_way_is_reported_and_begins_a_segment(bench:
     assert len(lost) == 2
     for stream in (FORCE, PERIOD):
         last, first = on(stream, before)[-1], on(stream, after)[0]
+        (noticed_s,) = (status.t_s for status in lost if status.stream == stream)
+        assert last.times[-1] < noticed_s < on(stream, after)[-1].times[-1]
         assert first.seq > last.seq + len(last)
         assert first.times[0] >= last.times[-1]
     assert of(Failed, statuses) == []
