@@ -96,7 +96,7 @@ def _bench(axes: Axes) -> None:
     axes.set_ylim(0.0, 10.0)
     axes.set_aspect("equal")
     axes.axis("off")
-    axes.set_title("a finger that oscillates, a probe that approaches")
+    axes.set_title("an oscillating finger and a probe")
     axes.add_patch(Rectangle((0.3, 1.2), 4.4, 0.7, color=FAINT))
     axes.text(2.5, 0.5, "linear stage", ha="center")
     axes.add_patch(Rectangle((1.2, 1.9), 1.4, 3.6, facecolor="white", edgecolor=INK))
@@ -110,7 +110,7 @@ def _bench(axes: Axes) -> None:
     for side in (-1.0, 1.0):
         axes.add_patch(Arc((6.4 + 0.55 * side, 8.0), 0.9, 1.2, theta1=40, theta2=140, color=OURS))
     axes.text(6.4, 9.0, "28 Hz", ha="center", color=OURS)
-    axes.text(7.1, 5.4, "touch stiffens\nthe finger:\nits frequency\nrises", va="center", color=OURS)
+    axes.text(7.1, 5.4, "touch\nstiffens it:\nfrequency\nrises", va="center", color=OURS)
 
 
 def _approach(axes: Axes, trace: Trace) -> None:
@@ -127,8 +127,8 @@ def _approach(axes: Axes, trace: Trace) -> None:
     axes.text(-0.02, high, "touch", ha="right", va="bottom")
     stop_ms = 1e3 * ((approach.standstill_s or detect_s) - detect_s)
     note = f"detected {approach.delay_s:.2f} s later;\nstands still after {stop_ms:.0f} ms"
-    axes.text(detect_s - onset_s + 0.25, low + 0.25 * (high - low), note, va="center", color=TRUTH)
-    axes.set_xlim(-1.2, detect_s - onset_s + 1.0)
+    axes.text(detect_s - onset_s + 0.2, low + 0.25 * (high - low), note, va="center", color=TRUTH)
+    axes.set_xlim(-1.2, detect_s - onset_s + 1.4)
     axes.set_xlabel("time since the touch (s)")
     axes.set_ylabel("filtered frequency (Hz)")
     axes.set_title("one approach, simulated, and its stop")
