@@ -4,14 +4,22 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test browser mutants check format bench recordings soak-test fuzz lerobot lock diagrams clean
+.PHONY: run test lines browser mutants check format bench recordings soak-test fuzz lerobot lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
 
-test: .venv/dev.stamp browser   ## the tests; what they need is compiled before
+SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_answers loop_together)) \
+	$(addprefix tests/unit/drivers/,arm barrett_hand can_gripper sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
+
+test: .venv/dev.stamp browser   ## the tests; what they need is compiled before; guard, limits, loop and stop paths: every line
 	$(BIN)/python -m config.precompile
-	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations=15
+	$(MAKE) -s lines
+	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
+
+lines: .venv/dev.stamp          ## the unit tests of guard, limits, loop and stop paths, which leave no line of these out
+	$(BIN)/python -m coverage run -m pytest $(SAFETY)
+	$(BIN)/python -m coverage report
 
 browser:                        ## the report is tested in one
 	@for b in chromium chromium-browser google-chrome; do command -v $$b && exit; done >/dev/null; { test "$$(id -u)" = 0 && apt-get update -qq && \
@@ -28,7 +36,7 @@ check: .venv/dev.stamp          ## format, lint, types, import layers; about a m
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'benchmarks|config|controller|behaviors|drivers|tests|mutants' \
+	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'touchbench|benchmarks|config|simulator|controller|behaviors|drivers|tests|mutants' \
 		|| { echo "a new package: give it a place in the layers in pyproject.toml, and here"; exit 1; }
 
 format: .venv/dev.stamp         ## put code into its format
@@ -67,10 +75,10 @@ diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behavio
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
 	touch $@
 
-lock:                           ## new pins from requirements/*.in (needs uv)
-	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -o requirements/run.txt requirements/run.in
-	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -c requirements/run.txt -o requirements/dev.txt requirements/dev.in
-	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header -c requirements/run.txt -o requirements/sound.txt requirements/sound.in
+COMPILE = uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
+lock:                           ## new pins from pyproject.toml and requirements/dev.in (needs uv)
+	$(COMPILE) --extra ur --extra can --extra sound -o requirements/run.txt pyproject.toml
+	$(COMPILE) --all-extras -c requirements/run.txt -o requirements/dev.txt pyproject.toml requirements/dev.in
 
 clean:                          ## all that was made here, runs excepted
 	rm -rf .venv .mypy_cache .ruff_cache build mutants

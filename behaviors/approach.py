@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from behaviors.events import Contact
 from behaviors.machine import Behavior, Row, StatePlan, on
-from drivers.messages import MoveAt, Stop
+from drivers.core.messages import MoveAt, Stop
 
 
 def approaching(approach: str, *, stopped: str, missed: str) -> Sequence[Row]:

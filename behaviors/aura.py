@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 from pydantic import Field, Strict
 
 from behaviors.events import Detected
-from behaviors.machine import StatePlan, on, with_failures
+from behaviors.machine import StatePlan, on
 from behaviors.sonic import COMING_IN, GOING_OUT, Place, SonicBehavior, SonicSettings
-from drivers.messages import Stop
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import Stop
+from drivers.core.settings import Settings, StreamName
 
 
 class PathSettings(Settings):
@@ -78,7 +78,7 @@ class Aura(SonicBehavior):
     pause are not handled, so after one the detectors begin anew before the next approach.
     """
 
-    table = with_failures(
+    table = (
         *COMING_IN,
         on("deadline", "BASELINE", "APPROACHING"),
         on("contact", "APPROACHING", "STOPPING", "acting", label="where it is to touch"),
@@ -93,7 +93,7 @@ class Aura(SonicBehavior):
             label="again, after a pause",
         ),
         on("reached", "RETRACTING", "BASELINE", ["from_mover", "again"], label="again"),
-        on("reached", "RETRACTING", "LEAVING", "from_mover"),
+        on("reached", "RETRACTING", "LEAVING", "from_mover", do="conclude_approached"),
         on("resumed", "BASELINE", "ENTERING"),
         on("resumed", "APPROACHING", "RETRACTING", do=["note_pause", "repeat_approach"]),
         on(
@@ -155,6 +155,17 @@ class Aura(SonicBehavior):
         """A pause broke the approach off: it is made once more."""
         self._left_to_do += 1
 
+    # before transitions
+
+    def conclude_approached(self) -> None:
+        """Every approach came to its end, and no contact stopped it."""
+        self.conclude("no_contact" if self._touches else "approached")
+
+    @property
+    def _touches(self) -> bool:
+        """Whether there is something to touch, and it is to be touched."""
+        return self.settings.touch and self.factors.object != "none"
+
     # what is commanded on entry
 
     def enter_BASELINE(self) -> None:
@@ -168,7 +179,7 @@ class Aura(SonicBehavior):
 
     def enter_STOPPING(self) -> None:
         """Stop at once."""
-        self.conclude("contact")
+        self.conclude("contact" if self._touches else "false_contact")
         self.command(Stop(self.settings.mover))
 
     def enter_RETRACTING(self) -> None:

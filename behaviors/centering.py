@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from behaviors.grip import Gripping, GripSettings, gripping, gripping_plans
-from behaviors.machine import on, with_failures
+from behaviors.machine import on
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
 from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT
 
@@ -26,11 +26,11 @@ class Centering(Search, Gripping):
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
     """
 
-    table = with_failures(
+    table = (
         *COMING_IN,
         *SEARCHING,
         on("reached", "CENTERING", "RESTING", ["from_mover", "grasping"], label="to grasp"),
-        on("reached", "CENTERING", "LEAVING", "from_mover"),
+        on("reached", "CENTERING", "LEAVING", "from_mover", do="conclude_centered"),
         *gripping(felt="HOLDING"),
         on("deadline", "HOLDING", "RELEASING"),
         on("resumed", "HOLDING", "RELEASING"),
@@ -48,6 +48,10 @@ class Centering(Search, Gripping):
         """Whether the object is to be grasped."""
         return self.settings.grasp
 
+    def conclude_centered(self) -> None:
+        """The middle was found, and nothing is to be done there."""
+        self.conclude("centered")
+
     def enter_HOLDING(self) -> None:
         """Contact is confirmed."""
-        self.conclude("contact")
+        self.conclude_centered()

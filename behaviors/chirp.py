@@ -6,9 +6,9 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, on, with_failures
-from drivers.messages import Chirp, Excite
-from drivers.settings import DeviceName, Settings, StreamName
+from behaviors.machine import Behavior, StatePlan, on
+from drivers.core.messages import Chirp, Excite
+from drivers.core.settings import DeviceName, Settings, StreamName
 
 
 class ChirpSettings(Settings):
@@ -49,7 +49,7 @@ class ChirpFactors(Settings):
 class ChirpSweep(Behavior):
     """Listen to silence, sweep, listen on."""
 
-    table = with_failures(
+    table = (
         on("deadline", "SILENT", "SWEEPING"),
         on("reached", "SWEEPING", "RINGING", "from_exciter", label="sweep over"),
         on("deadline", "RINGING", "DONE"),
@@ -83,8 +83,8 @@ class ChirpSweep(Behavior):
         )
 
     def enter_DONE(self) -> None:
-        """Nothing was to be touched."""
-        self.conclude("no_contact")
+        """The whole sweep was heard."""
+        self.conclude("swept")
 
     def enter_FAILED(self) -> None:
         """Silence after an error."""

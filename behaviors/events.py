@@ -1,6 +1,6 @@
 """The events that a behavior handles.
 
-Statuses of devices (`drivers.messages.Status`) are events too; detectors and the loop add those below.
+Statuses of devices (`drivers.core.messages.Status`) are events too; detectors and the loop add those below.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from drivers.messages import Status
+from drivers.core.messages import Status
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from behaviors.machine import Behavior
-from drivers.messages import Excite, Home, Stop
-from drivers.settings import DeviceName, Settings, StreamName
+from drivers.core.messages import Excite, Home, Stop
+from drivers.core.settings import DeviceName, Settings, StreamName
 
 
 class FingerTrialSettings(Settings):

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pydantic import Field
 
 from behaviors.events import Event, Tick
-from behaviors.machine import StatePlan, on, with_failures
+from behaviors.machine import StatePlan, on
 from behaviors.transient import Transient, TransientFactors, TransientSettings, approaches
-from drivers.messages import Command, SetTendon
-from drivers.settings import StreamName
+from drivers.core.messages import Command, SetTendon
+from drivers.core.settings import StreamName
 
 
 class FlexionSettings(TransientSettings):
@@ -51,9 +51,7 @@ class Flexion(Transient):
         detectors: Names of all detectors that listen, the acting one among them.
     """
 
-    table = with_failures(
-        *approaches("FLEXING", on("deadline", "FLEXING", "APPROACH"), on("resumed", "FLEXING", "STARTING"))
-    )
+    table = approaches("FLEXING", on("deadline", "FLEXING", "APPROACH"), on("resumed", "FLEXING", "STARTING"))
 
     settings: FlexionSettings
     factors: FlexionFactors

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from behaviors.grip import gripping, gripping_plans
 from behaviors.lift import LIFTING, Lifting, LiftSettings, lifting_plans
-from behaviors.machine import on, with_failures
+from behaviors.machine import on
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
 from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT, Place
 
@@ -24,7 +24,7 @@ class Grasp(Search, Lifting):
         detectors: As of `Search`, and those of slip that the settings name.
     """
 
-    table = with_failures(
+    table = (
         *COMING_IN,
         *SEARCHING,
         on("reached", "CENTERING", "RESTING", "from_mover"),
@@ -37,7 +37,7 @@ class Grasp(Search, Lifting):
     def __init__(self, settings: GraspSettings, factors: GraspFactors, detectors: frozenset[str]) -> None:
         feeling = detectors & CONTACTS | frozenset(settings.slip)  # from the rest on, where they learn
         plans = {
-            **gripping_plans(settings, feeling, settings.envelopes),
+            **gripping_plans(settings, feeling, settings.envelopes | {settings.force_stream}),
             **lifting_plans(settings, feeling, settings.envelopes),
         }
         super().__init__(settings, factors, detectors, plans, frozenset(settings.slip))

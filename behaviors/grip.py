@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from pydantic import Field
 
 from behaviors.machine import Row, StatePlan, on
 from behaviors.sonic import CONTACTS, SonicBehavior, SonicSettings
-from drivers.messages import Grip, Gripped, Release
-from drivers.settings import StreamName
+from drivers.core.messages import Grip, Gripped, Release
+from drivers.core.settings import StreamName
+
+WIDER_M = 0.001
+"""By how much jaws may hold wider than the object can be. Assumption: what their width and the mover's position are
+uncertain by together."""
 
 
 class GripSettings(SonicSettings):
@@ -35,10 +40,12 @@ class GripSettings(SonicSettings):
 
 
 def gripping(felt: str) -> Sequence[Row]:
-    """Rows from the rest at the object: close, go on to `felt` once both fingers feel it; else release and leave."""
+    """Rows from the rest at the object: close, go on to `felt` once both fingers feel it; else release and leave. Jaws
+    that are held wider than the object can be have it not: something is wrong with them."""
     both = "both fingers touch"
     return (
         on("deadline", "RESTING", "CLOSING"),
+        on("gripped", "CLOSING", "FAILED", "too_wide", do="conclude_jammed", label="too wide"),
         on("gripped", "CLOSING", felt, ["on_object", "both_touch"], label=both),
         on("gripped", "CLOSING", "CONFIRMING", "on_object", label="object"),
         on("gripped", "CLOSING", "RELEASING", do="conclude_empty", label="nothing there"),
@@ -71,7 +78,16 @@ class Gripping(SonicBehavior):
 
     settings: GripSettings
 
+    @property
+    def widest_m(self) -> float:
+        """Widest that the object can be, as far as is known."""
+        return math.inf
+
     # conditions
+
+    def too_wide(self) -> bool:
+        """Whether what holds the jaws cannot be the object."""
+        return self.on_object() and self.event.width_m > self.widest_m + WIDER_M  # type: ignore[union-attr]
 
     def on_object(self) -> bool:
         """Whether the jaws hold something."""
@@ -81,17 +97,26 @@ class Gripping(SonicBehavior):
         """Whether both fingers feel contact."""
         return self._touching >= CONTACTS
 
+    def conclude_jammed(self) -> None:
+        """Something else than the object holds the jaws."""
+        assert isinstance(self.event, Gripped)
+        self.outcome = "fault"
+        self.reason = (
+            f"{self.settings.gripper}: something holds the jaws at {self.event.width_m * 1e3:.1f} mm, but the object is"
+            f" at most {self.widest_m * 1e3:.1f} mm wide; look at the jaws"
+        )
+
     def conclude_empty(self) -> None:
         """The jaws closed on nothing."""
-        self.conclude("no_contact", "the jaws closed on nothing")
+        self.conclude("not_gripped", "the jaws closed on nothing")
 
     def conclude_unfelt(self) -> None:
         """The jaws hold something that the fingers do not feel."""
-        self.conclude("no_contact", f"no contact felt within {self.settings.confirm_s:.6g} s of the grip")
+        self.conclude("not_gripped", f"no contact felt within {self.settings.confirm_s:.6g} s of the grip")
 
     def conclude_broken_off(self) -> None:
         """A pause interrupted the grip."""
-        self.conclude("no_contact", "a pause broke the grip off")
+        self.conclude("not_gripped", "a pause broke the grip off")
 
     # what is commanded on entry
 

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 from transitions import Machine
 
-from behaviors.events import Event, Tick
-from drivers.messages import Command
+from behaviors.events import Event, GuardStopped, Tick
+from drivers.core.messages import Command
 
 UNDECIDED = "aborted"
 """The outcome of a trial that no transition concluded."""
@@ -68,9 +68,10 @@ class Behavior:
 
     A subclass has a transition table (trigger, source, destination, with conditions where needed) and one
     `enter_<STATE>` method for each state that commands something. States are names; those that it has are those of its
-    table: it begins in the first row's, and the trial is over in those from which no row leads. A trigger is the
-    event's class name in lower case with underscores (`Contact` → `contact`); an event that the present state has no
-    transition for is ignored. Callbacks call `self.command(...)`, never a trigger.
+    table, and `FAILED`: it begins in the first row's, and the trial is over in those from which no row leads. A trigger
+    is the event's class name in lower case with underscores (`Contact` → `contact`). What ends a trial that cannot go
+    on leads to `FAILED` where the table has no row for it (`ending_rows`); any other event that the present state has
+    no transition for is ignored. Callbacks call `self.command(...)`, never a trigger.
 
     What a profile names is made of the experiment's `settings`, the trial's `factors` and the names of all `detectors`.
 
@@ -82,6 +83,8 @@ class Behavior:
     """
 
     table: ClassVar[Sequence[Row]]
+    rows: ClassVar[Sequence[Row]]
+    """The table's, then those that end a trial which cannot go on."""
     states: ClassVar[Sequence[str]]
     """In the order of the table, the final ones last."""
     final: ClassVar[frozenset[str]]
@@ -91,8 +94,9 @@ class Behavior:
 
     def __init_subclass__(cls) -> None:
         if "table" in cls.__dict__:
-            left = dict.fromkeys(state for row in cls.table for state in sources(row))
-            ends = dict.fromkeys(row["dest"] for row in cls.table if row["dest"] not in {None, *left})
+            cls.rows = (*cls.table, *ending_rows(cls.table))
+            left = dict.fromkeys(state for row in cls.rows for state in sources(row))
+            ends = dict.fromkeys(row["dest"] for row in cls.rows if row["dest"] not in {None, *left})
             cls.states, cls.final = (*left, *ends), frozenset(ends)
 
     def __init__(
@@ -101,6 +105,7 @@ class Behavior:
         wrong = set(plans) ^ (set(self.states) - self.final)
         assert not wrong, f"states without a deadline, or none of the table's: {wrong}"
         self.plans = dict(plans)
+        self.check_plans()
         self._mover = mover
         armed = (plan.detectors for plan in plans.values())
         self._acting = frozenset().union(*armed) if acting is None else acting
@@ -112,6 +117,18 @@ class Behavior:
         self._commands: list[Command] = []
         self._event: Event = Tick(0.0)
         self._machine = _machine(type(self))  # type: ignore[arg-type]  # mypy takes no class for hashable
+
+    def check_plans(self) -> None:
+        """See that each state's deadline can come; whoever makes a behavior asks once more when it is made.
+
+        Raises:
+            ValueError: one cannot, with the state's name.
+        """
+        for state, plan in self.plans.items():
+            if not plan.deadline_s >= 0.0:
+                raise ValueError(
+                    f"{type(self).__name__}: the deadline_s of {state} is {plan.deadline_s}; give seconds, 0 or more"
+                )
 
     @property
     def event(self) -> Event:
@@ -127,6 +144,17 @@ class Behavior:
     def plan(self) -> StatePlan:
         """What the present state needs."""
         return self.plans.get(self.state, StatePlan(math.inf))
+
+    @property
+    def foreseen(self) -> Mapping[str, Sequence[StatePlan]]:
+        """The plans that each state may have in this trial; several, or others later on, for kinds that change them."""
+        return {state: (plan,) for state, plan in self.plans.items()}
+
+    @property
+    def deciding(self) -> Sequence[str]:
+        """Detectors whose events end the present state, the foremost first; where it arms none of those that the trial
+        acts on, all of these. What a person is shown first."""
+        return sorted(self._acting & self.plan.detectors) or sorted(self._acting)
 
     @property
     def wake_s(self) -> float:
@@ -161,7 +189,16 @@ class Behavior:
         return self._taken()
 
     def command(self, command: Command) -> None:
-        """Queue a command; for callbacks."""
+        """Queue a command; for callbacks.
+
+        Raises:
+            TypeError: it is none.
+        """
+        if not isinstance(command, Command):
+            raise TypeError(
+                f"{type(self).__name__} commanded {command!r} in {self.state}; a command is one of "
+                f"drivers.core.messages"
+            )
         self._commands.append(command)
 
     def conclude(self, outcome: str, reason: str = "") -> None:
@@ -178,16 +215,8 @@ class Behavior:
         return getattr(self.event, "detector", "") in self._acting
 
     def conclude_fault(self) -> None:
-        """Before a transition on a failure: a device or detector could not go on."""
-        self.outcome = "fault"
-        source = getattr(self.event, "device", getattr(self.event, "detector", ""))
-        self.reason = (
-            f"{source} {trigger_of(self.event).replace('_', ' ')}: {getattr(self.event, 'reason', '')}"
-        )
-
-    def conclude_guard(self) -> None:
-        """Before a transition on the guard's stop."""
-        self.outcome, self.reason = "guard", getattr(self.event, "reason", "")
+        """Before a transition that ends the trial: the guard stopped it, or a device or detector could not go on."""
+        self.outcome, self.reason = verdict_of(self.event)
 
     def conclude_late(self) -> None:
         """Before a transition on a deadline: the awaited event did not come, and nothing is wrong with the bench."""
@@ -201,7 +230,7 @@ class Behavior:
     def _awaited(self) -> str:
         """The events that would have ended the present state in time, and their sources."""
         events: dict[str, None] = {}
-        for row in self.table:
+        for row in self.rows:
             if self.state in sources(row) and row["trigger"] not in _NOT_AWAITED:
                 events[row["trigger"].replace("_", " ")] = None
         awaited = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
@@ -235,7 +264,7 @@ def _machine(kind: type[Behavior]) -> Machine:
         {key: value for key, value in row.items() if key != "label"}
         | {"source": sources(row)}
         | ({} if row["dest"] is None else {"after": "_entered"})
-        for row in kind.table
+        for row in kind.rows
     ]
     return Machine(
         model=None,
@@ -247,28 +276,39 @@ def _machine(kind: type[Behavior]) -> Machine:
     )
 
 
-def with_failures(*rows: Row) -> Sequence[Row]:
-    """The table of a whole behavior: its rows, and from each state to `FAILED` what ends a trial that cannot go on.
+def ending_rows(table: Sequence[Row]) -> Sequence[Row]:
+    """From each state of a table to `FAILED`: what ends a trial that cannot go on, unless a row of the table does.
 
     A failed device, a refused baseline of an acting detector or a guard stop fails the trial. So does a deadline
     in a state that has no unconditional row for it: a device did not do its part.
-
-    Args:
-        rows: What happens otherwise; the trial is over in `DONE` and `FAILED`.
     """
     failed = "FAILED"
-    alive = list(dict.fromkeys(state for row in rows for state in sources(row)))
+    alive = list(dict.fromkeys(state for row in table for state in sources(row)))
     resting = {
         state
-        for row in rows
+        for row in table
         if row["trigger"] == "deadline" and "conditions" not in row
         for state in sources(row)
     }
-    given_up = [on(trigger, alive, failed, do="conclude_fault") for trigger in _BROKEN]
-    given_up.append(on(_UNLEARNT, alive, failed, "decisive", do="conclude_fault", label="decisive"))
+    rows = [on(trigger, alive, failed, do="conclude_fault") for trigger in _BROKEN]
+    rows.append(on(_UNLEARNT, alive, failed, "decisive", do="conclude_fault", label="decisive"))
+    rows.append(on("guard_stopped", alive, failed, do="conclude_fault"))
     waiting = [state for state in alive if state not in resting]
-    stuck = [on("deadline", waiting, failed, do="conclude_stuck")] if waiting else []
-    return (*rows, *given_up, on("guard_stopped", alive, failed, do="conclude_guard"), *stuck)
+    return (*rows, *([on("deadline", waiting, failed, do="conclude_stuck")] if waiting else []))
+
+
+def with_failures(*rows: Row) -> Sequence[Row]:
+    """The rows as they are, for tables from before every behavior had its `ending_rows`."""
+    return rows
+
+
+def verdict_of(event: Event) -> tuple[str, str]:
+    """Outcome and reason of a trial that an event ended: "guard" of the guard's stop, "fault" of all else."""
+    reason = getattr(event, "reason", "")
+    if isinstance(event, GuardStopped):
+        return "guard", reason
+    source = getattr(event, "device", getattr(event, "detector", ""))
+    return "fault", f"{source} {trigger_of(event).replace('_', ' ')}: {reason}"
 
 
 def sources(row: Row) -> Sequence[str]:
@@ -306,7 +346,7 @@ def mermaid(behavior: type[Behavior]) -> str:
     lines = ["stateDiagram-v2", f"    [*] --> {behavior.states[0]}"]
     notes: dict[tuple[str, str], list[str]] = {}
     alive = [state for state in behavior.states if state not in behavior.final]
-    for row in behavior.table:
+    for row in behavior.rows:
         label = row["trigger"] + (f" [{row['label']}]" if "label" in row else "")
         if len(sources(row)) > 2 and row["dest"] is not None:
             named = "any state" if sources(row) == alive else ", ".join(sources(row))

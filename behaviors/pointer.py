@@ -10,10 +10,10 @@ from pydantic import Field, model_validator
 
 from behaviors.approach import Approach, approaching
 from behaviors.events import BaselineReady
-from behaviors.machine import StatePlan, on, with_failures
+from behaviors.machine import StatePlan, on
 from behaviors.tip import TipTrial, TipTrialSettings
-from drivers.messages import Home, Stop
-from drivers.settings import DetectorName, Settings, StreamName
+from drivers.core.messages import Home, Stop
+from drivers.core.settings import DetectorName, Settings, StreamName
 
 Angle = Annotated[float, Field(ge=-1.57, le=1.57)]
 """The tip is a half cylinder: what touches beyond a quarter turn touches something else (section 2)."""
@@ -71,7 +71,7 @@ class Pointer(TipTrial):
         detectors: Names of all detectors there are; the touch's alone is armed.
     """
 
-    table = with_failures(
+    table = (
         on("reached", "HOMING", "ZEROING", "from_mover"),
         on("deadline", "ZEROING", "TURNING"),
         on("reached", "TURNING", "WAITING", "from_mover"),

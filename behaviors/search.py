@@ -11,8 +11,8 @@ from pydantic import Field
 from behaviors.events import Detected, PreTouch
 from behaviors.machine import Row, StatePlan, on
 from behaviors.sonic import CONTACTS, Place, SonicBehavior, SonicSettings
-from drivers.messages import MoveAt, MoveTo, Standstill, Stop
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import MoveAt, MoveTo, Standstill, Stop
+from drivers.core.settings import Settings, StreamName
 
 NOWHERE: Place = (0.0, 0.0, 0.0)
 """The start pose: no displacement from it."""
@@ -148,9 +148,20 @@ class Search(SonicBehavior):
         super().__init__(settings, NOWHERE, contact, own | dict(plans), acting | seeking)
 
     @property
+    def deciding(self) -> Sequence[str]:
+        """The finger ahead of the motion first."""
+        ahead = self._left if self.state == "SEEKING_FORWARD" else self._right
+        return sorted(super().deciding, key=lambda name: name != ahead)
+
+    @property
     def middle_m(self) -> float:
         """Middle of the two places at which a finger saw the object."""
         return 0.5 * (self._saw[self._left] + self._saw[self._right])
+
+    @property
+    def widest_m(self) -> float:
+        """Widest that the object can be: each finger came so far without touching it."""
+        return self._opening_m - (self._saw[self._left] - self._saw[self._right])
 
     # conditions
 
@@ -173,11 +184,11 @@ class Search(SonicBehavior):
     def conclude_unseen(self) -> None:
         """The sweep ended before the finger ahead saw anything."""
         finger = "left" if self.state == "SEEKING_FORWARD" else "right"
-        self.conclude("no_contact", f"the {finger} finger saw nothing within {self.settings.sweep_m:.6g} m")
+        self.conclude("not_found", f"the {finger} finger saw nothing within {self.settings.sweep_m:.6g} m")
 
     def conclude_touched(self) -> None:
         """The search touched what it should have seen."""
-        self.conclude("contact", "touched during the search")
+        self.conclude("touched", "touched during the search")
 
     # what is commanded on entry
 

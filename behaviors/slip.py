@@ -10,10 +10,10 @@ from typing import Any
 
 from behaviors.approach import Approach, approaching
 from behaviors.events import Detected
-from behaviors.machine import StatePlan, on, with_failures
+from behaviors.machine import StatePlan, on
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from behaviors.tip import TipTrial
-from drivers.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
+from drivers.core.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
 
 _STATES = {"hold": "HOLDING", "load": "LOADING", "roll": "ROLLING", "slip": "SLIPPING"}
 """In which state the arm does a step."""
@@ -44,7 +44,7 @@ class RollSlip(TipTrial):
     """
 
     _pressed = tuple(_STATES.values())
-    table = with_failures(
+    table = (
         on("reached", "HOMING", "ZEROING", "from_mover"),
         on("deadline", "ZEROING", "TILTING", "tilted", label="tilted touch"),
         on("deadline", "ZEROING", "RESTING"),
@@ -113,7 +113,6 @@ class RollSlip(TipTrial):
         self._step = -1
         self._turned_rad = 0.0
         self._anew = False
-        self._listening = self.run.listen == "rest"
 
     def _planned(self) -> Mapping[str, StatePlan]:
         settings, run = self.settings, self.run
@@ -130,7 +129,7 @@ class RollSlip(TipTrial):
             )
             if stream is not None
         )
-        listening = StatePlan(motion, self._armed(), measured)
+        listening = StatePlan(motion, self._armed(-1), measured)
         quiet = replace(listening, prompt=False)
         return {
             "HOMING": StatePlan(settings.home_timeout_s),
@@ -151,10 +150,33 @@ class RollSlip(TipTrial):
             "RETURNING": StatePlan(settings.home_timeout_s),
         }
 
-    def _armed(self) -> frozenset[str]:
-        """The detectors armed from now on."""
+    def _armed(self, step: int) -> frozenset[str]:
+        """The detectors armed in a step, -1 before the first one: those of slip from the first that is no hold."""
         run = self.run
-        return frozenset((run.touch, run.paper, run.ours) if self._listening else (run.touch,))
+        begun = run.listen == "rest" or any(each.do != "hold" for each in run.steps[: step + 1])
+        return frozenset((run.touch, run.paper, run.ours) if begun else (run.touch,))
+
+    def _step_plan(self, number: int) -> StatePlan:
+        """What the state of a step needs: it ends with it."""
+        step = self.run.steps[number]
+        more_s = 0.0 if step.do == "hold" else self.settings.motion_timeout_s
+        return replace(
+            self.plans[_STATES[step.do]], deadline_s=step.duration_s + more_s, detectors=self._armed(number)
+        )
+
+    @property
+    def foreseen(self) -> Mapping[str, Sequence[StatePlan]]:
+        """See `Behavior.foreseen`: a state of steps has the plan of each of them."""
+        found: dict[str, Sequence[StatePlan]] = {**super().foreseen, **dict.fromkeys(self._pressed, ())}
+        for number, step in enumerate(self.run.steps):
+            found[_STATES[step.do]] = (*found[_STATES[step.do]], self._step_plan(number))
+        return found
+
+    @property
+    def deciding(self) -> Sequence[str]:
+        """Until contact the touch's; then the one that stops the arm on slip, or would."""
+        before = self.state in ("HOMING", "ZEROING", "TILTING", "RESTING", "DESCENDING", "STOPPING")
+        return (self.run.touch,) if before else (self._reflex,)
 
     # conditions
 
@@ -190,13 +212,7 @@ class RollSlip(TipTrial):
     def take_step(self) -> None:
         """The next step is the present one; its state ends with it."""
         self._step += 1
-        step = self.run.steps[self._step]
-        state = _STATES[step.do]
-        more_s = 0.0 if step.do == "hold" else self.settings.motion_timeout_s
-        self._listening = self._listening or step.do != "hold"
-        self.plans[state] = replace(
-            self.plans[state], deadline_s=step.duration_s + more_s, detectors=self._armed()
-        )
+        self.plans[_STATES[self.run.steps[self._step].do]] = self._step_plan(self._step)
 
     def cut_step(self) -> None:
         """A roll that is stopped has turned the tip by a part of its angle."""

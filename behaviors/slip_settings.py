@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, Strict, model_validator
 
 from behaviors.tip import TipTrialSettings
-from drivers.settings import DetectorName, Settings, StreamName
+from drivers.core.settings import DetectorName, Settings, StreamName
 
 SensorName = Literal["fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa"]
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 
 from pydantic import Field
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, Event
 from behaviors.machine import Behavior, Row, StatePlan, on
-from drivers.messages import Command, Excite, Home, MovePose, Release, Stop, Tone
-from drivers.settings import DeviceName, Settings
+from drivers.core.messages import Command, Excite, Home, MovePose, Reached, Release, Stop, Tone
+from drivers.core.settings import DeviceName, DriveHz, Mismatch, Settings
 
 CONTACTS = frozenset({"left_contact", "right_contact"})
 """Detectors that feel a touch, one at each of two fingers."""
@@ -30,7 +31,7 @@ class SonicSettings(Settings):
     exciter: DeviceName = "audio"
     """Device that drives the fingers' transducers."""
 
-    drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)
+    drive_hz: DriveHz = Field(default=40_000.0, gt=0.0, le=1e6)
     """Frequency of the aura (III.A: 40 kHz)."""
 
     drive_level: float = Field(default=0.5, gt=0.0, le=1.0)
@@ -51,11 +52,23 @@ class SonicSettings(Settings):
     motion_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
     """Longest stay in any state that waits for a motion."""
 
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """Who listens expects the frequency of the drive: at another one there is no signal."""
+        for place, settings in profile.items():
+            for key in settings.keys_of("drive"):
+                if (heard_hz := getattr(settings, key)) != self.drive_hz:
+                    mistake = (
+                        f" = {heard_hz}: [behavior] has drive_hz = {self.drive_hz}; write the same in both"
+                    )
+                    yield Mismatch(place, key, mistake)
+
 
 COMING_IN: Sequence[Row] = (
     on("reached", "CLEARING", "CALIBRATING", "from_mover"),
     on("reached", "CALIBRATING", "OPENING", "from_gripper"),
-    on("reached", "OPENING", "ENTERING", "from_gripper"),
+    on("reached", "OPENING", "ENTERING", "from_gripper", do="note_opening"),
     on("reached", "ENTERING", "BASELINE", "from_mover"),
     on("resumed", ["CLEARING", "CALIBRATING", "OPENING", "ENTERING"], "CLEARING"),
     *(
@@ -99,6 +112,7 @@ class SonicBehavior(Behavior):
         self._contacts = contacts
         self._touching: set[str] = set()
         self._held: set[str] = set()
+        self._opening_m = math.inf
         waiting = dict.fromkeys(
             [state for state in self.states if state not in self.final], StatePlan(settings.motion_timeout_s)
         )
@@ -139,10 +153,15 @@ class SonicBehavior(Behavior):
 
     # before transitions
 
+    def note_opening(self) -> None:
+        """How wide open the jaws come to the object."""
+        assert isinstance(self.event, Reached)
+        self._opening_m = self.event.position_m
+
     def conclude_touched_at_rest(self) -> None:
         """There is a touch where there should be none."""
         touching = ", ".join(sorted(self._touching))
-        self.outcome = "contact"
+        self.outcome = "touched"
         self.reason = (
             f"{touching} reported a touch at rest and not its end, so that it could stop no motion: "
             "is something at the finger, or is the finger's level not quiet?"

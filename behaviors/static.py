@@ -7,9 +7,9 @@ from typing import Literal
 from pydantic import Field
 
 from behaviors.finger import FingerTrial, FingerTrialSettings
-from behaviors.machine import StatePlan, on, with_failures
-from drivers.messages import MoveTo
-from drivers.settings import Settings, StreamName
+from behaviors.machine import StatePlan, on
+from drivers.core.messages import MoveTo
+from drivers.core.settings import Settings, StreamName
 
 Condition = Literal["none", "light", "full"]
 
@@ -52,7 +52,7 @@ class StaticFactors(Settings):
 class Static(FingerTrial):
     """Place the probe, wait for equilibrium, record."""
 
-    table = with_failures(
+    table = (
         on("reached", "HOMING", "STARTING", "from_mover"),
         on("reached", "STARTING", "SETTLING", "from_mover"),
         on("deadline", "SETTLING", "PLACING"),
@@ -101,5 +101,5 @@ class Static(FingerTrial):
 
     def enter_RETRACTING(self) -> None:
         """Take it away."""
-        self.conclude("no_contact" if self.factors.condition == "none" else "contact")
+        self.conclude("recorded")
         self.command(MoveTo(self.settings.mover, self.settings.none_m, self.settings.speed_m_s))

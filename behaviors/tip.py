@@ -7,8 +7,8 @@ import math
 from pydantic import Field
 
 from behaviors.approach import Approaching
-from drivers.messages import Home, MoveAt, Stop, Twist
-from drivers.settings import DeviceName, Settings, StreamName
+from drivers.core.messages import Home, MoveAt, Stop, Twist
+from drivers.core.settings import DeviceName, Settings, StreamName
 
 
 class TipTrialSettings(Settings):

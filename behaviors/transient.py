@@ -11,9 +11,9 @@ from pydantic import Field
 from behaviors.approach import Approach, Approaching, approaching
 from behaviors.events import Detected
 from behaviors.finger import FingerTrial, FingerTrialSettings
-from behaviors.machine import Row, StatePlan, on, with_failures
-from drivers.messages import MoveTo
-from drivers.settings import DetectorName, Settings, StreamName
+from behaviors.machine import Row, StatePlan, on
+from drivers.core.messages import MoveTo
+from drivers.core.settings import DetectorName, Settings, StreamName
 
 
 class TransientSettings(FingerTrialSettings):
@@ -95,7 +95,7 @@ class Transient(FingerTrial, Approaching):
         detectors: Names of all detectors that listen, the acting one among them.
     """
 
-    table = with_failures(*approaches("APPROACH"))
+    table = approaches("APPROACH")
 
     settings: TransientSettings
 

@@ -8,9 +8,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, on, with_failures
-from drivers.messages import Ask, Loaded, LoadWeight
-from drivers.settings import DeviceName, Settings, StreamName
+from behaviors.machine import Behavior, StatePlan, on
+from drivers.core.messages import Ask, Loaded, LoadWeight
+from drivers.core.settings import DeviceName, Settings, StreamName
 
 Bridge = Literal["x", "y", "t"]
 Force = Annotated[float, Field(gt=0.0, le=1000.0)]
@@ -99,7 +99,7 @@ class WeightsFactors(Settings):
 class Weights(Behavior):
     """Load after load: ask for it, let it hang still, record."""
 
-    table = with_failures(
+    table = (
         on("answered", "SETTING_UP", "HANGING", "from_operator"),
         on("loaded", "HANGING", "DONE", ["as_asked", "finished"], label="all taken off at the end"),
         on("loaded", "HANGING", "SWINGING", "as_asked"),
@@ -157,7 +157,7 @@ class Weights(Behavior):
         """One load more is on record."""
         self._recorded += 1
         if self.finished():
-            self.conclude("contact")
+            self.conclude("calibrated")
 
     def conclude_unanswered(self) -> None:
         """The person did not answer."""

@@ -3,25 +3,9 @@
 import sys
 from importlib import import_module
 
-BENCHMARKS = {
-    "loop": "benchmarks.loop",
-    "stop": "benchmarks.stop_latency",
-    "page": "benchmarks.live_page",
-    "watched_run": "benchmarks.watched_run",
-    "readers": "benchmarks.readers",
-    "left_alone": "benchmarks.left_alone",
-    "physics": "benchmarks.physics.run",
-    "chain": "benchmarks.chain",
-    "slip": "benchmarks.slip.study",
-    "slip_thresholds": "benchmarks.slip_thresholds",
-    "pretouch": "benchmarks.pretouch.run",
-    "pretouch_rooms": "benchmarks.pretouch.rooms_study",
-    "centering": "benchmarks.centering.run",
-    "centering_rooms": "benchmarks.centering.rooms",
-    "contact": "benchmarks.contact.run",
-    "campaigns": "benchmarks.campaigns",
-    "costs": "benchmarks.costs",
-}
+STUDIES = "physics chain slip slip_thresholds pretouch pretouch_rooms centering centering_rooms contact campaigns costs"
+MODULES = {"stop": "stop_latency", "page": "live_page"}
+BENCHMARKS = ("loop", "stop", "page", "left_alone", *STUDIES.split())
 
 
 def main(names: list[str]) -> int:
@@ -34,7 +18,7 @@ def main(names: list[str]) -> int:
         return 2
     for name in chosen:
         print(f"=== {name}", flush=True)
-        import_module(BENCHMARKS[name]).main(quick=quick)
+        import_module(f"benchmarks.{MODULES.get(name, name)}").main(quick=quick)
     return 0
 
 

@@ -8,15 +8,15 @@ frames (chain_rivals.json).
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from benchmarks.results import save
+from benchmarks.results import save, side_by_side_s
 from controller.signals.demodulation import Cic, Fused
 from controller.signals.lowpass import cic_taps, cosine_taps
 from controller.signals.oscillator import Oscillator
@@ -40,8 +40,8 @@ OFFSET, HUM = 0.01, (0.01, 50.0)
 CUTOFF_HZ = 100.0
 """Of the Butterworth rival: undulations have frequencies below it (Rupavatharam et al., III.C)."""
 
-SOSFILT = "sosfilt, Butterworth of order 6 at 100 Hz"
-"""The rival that the goal names."""
+SOSFILT, FIRWIN = "sosfilt, Butterworth of order 6 at 100 Hz", "firwin of 577 taps + upfirdn"
+"""The rivals; the goal names the first."""
 
 FIR_TAPS = 577
 """Of firwin: as long as ours, and odd, so that its delay is a whole number of frames."""
@@ -49,6 +49,7 @@ FIR_TAPS = 577
 SETTLED_S = 0.2
 """Outputs before are not scored: filters ring in, at both ends of a sound."""
 
+Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 
@@ -76,11 +77,16 @@ def envelope(finger: int, t_s: NDArray[np.float64]) -> Complexes:
     return np.asarray(mean + np.sum(turns, axis=0))
 
 
+def _drive(frames: int) -> Complexes:
+    """The drive's wave from the first frame on; its phase is zero at frame 0."""
+    numbers = np.arange(FRAME, FRAME + frames, dtype=np.int64)
+    return Oscillator(DRIVE_HZ, float(RATE_HZ)).wave(numbers)
+
+
 def sound(seconds: float) -> NDArray[np.uint8]:
-    """Both fingers' sound as a converter of 24 bits packs it, shape (n, 6); the drive's phase is zero at frame 0."""
+    """Both fingers' sound as a converter of 24 bits packs it, shape (n, 6)."""
     n = round(seconds * RATE_HZ)
-    wave = Oscillator(DRIVE_HZ, float(RATE_HZ)).wave(np.arange(FRAME, FRAME + n, dtype=np.int64))
-    t_s = np.arange(n) / RATE_HZ
+    wave, t_s = _drive(n), np.arange(n) / RATE_HZ
     stray = OFFSET + HUM[0] * np.sin(2.0 * np.pi * HUM[1] * t_s)
     signal = np.column_stack([(envelope(finger, t_s) * wave).real + stray for finger in range(FINGERS)])
     counts = np.rint(signal * 2.0**23).astype(np.int32)
@@ -91,10 +97,9 @@ def ours(name: str, demodulators: Sequence[Fused | Cic], taps: int) -> Chain:
     """One of the program's chains; its tables are built once."""
 
     def run(packed: NDArray[np.uint8]) -> Complexes:
-        parts = []
         for demodulator in demodulators:
             demodulator.reset()
-            parts.append(demodulator.push(packed, FRAME).values)
+        parts = [demodulator.push(packed, FRAME).values for demodulator in demodulators]
         values = parts[0] if len(parts) == 1 else np.hstack(parts)
         return (values * (demodulators[0].scale * 2.0**-23)).view(np.complex128)
 
@@ -106,34 +111,22 @@ def theirs(frames: int) -> list[Chain]:
     """The two strongest chains from scipy, for a sound of so many frames."""
     sos = signal.butter(6, CUTOFF_HZ, fs=RATE_HZ, output="sos")
     fir = signal.firwin(FIR_TAPS, 0.5 * OUTPUT_HZ, fs=RATE_HZ, window=("kaiser", 8.0))
-    wave = (
-        Oscillator(DRIVE_HZ, float(RATE_HZ)).wave(np.arange(FRAME, FRAME + frames, dtype=np.int64)) * 2.0**-22
-    )
+    wave = _drive(frames) * 2.0**-22
     cosine, minus_sine = wave.real.copy(), -wave.imag
 
-    def chain(
-        name: str, delay_s: float, low_pass: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    ) -> Chain:
+    def chain(name: str, delay_s: float, low_pass: Callable[[Floats], Floats]) -> Chain:
         def run(packed: NDArray[np.uint8]) -> Complexes:
             counts = unpack24(packed.reshape(-1)).reshape(-1, FINGERS).T
             return np.column_stack([low_pass(x * cosine) + 1j * low_pass(x * minus_sine) for x in counts])
 
         return Chain(name, run, -delay_s * RATE_HZ, delay_s)
 
-    _, near_zero = signal.sosfreqz(
-        sos, [0.1], fs=RATE_HZ
-    )  # the group delay at 0 Hz is the phase's slope there
+    _, near_zero = signal.sosfreqz(sos, [0.1], fs=RATE_HZ)
+    delay_s = float(-np.angle(near_zero[0]) / (2.0 * np.pi * 0.1))  # at 0 Hz the phase's slope
+    half_s = 0.5 * (FIR_TAPS - 1) / RATE_HZ
     return [
-        chain(
-            SOSFILT,
-            float(-np.angle(near_zero[0]) / (2.0 * np.pi * 0.1)),
-            lambda x: np.asarray(signal.sosfilt(sos, x))[::DECIMATION],
-        ),
-        chain(
-            "firwin of 577 taps + upfirdn",
-            0.5 * (FIR_TAPS - 1) / RATE_HZ,
-            lambda x: np.asarray(signal.upfirdn(fir, x, down=DECIMATION)),
-        ),
+        chain(SOSFILT, delay_s, lambda x: np.asarray(signal.sosfilt(sos, x))[::DECIMATION]),
+        chain(FIRWIN, half_s, lambda x: np.asarray(signal.upfirdn(fir, x, down=DECIMATION))),
     ]
 
 
@@ -143,17 +136,6 @@ def error_dbfs(chain: Chain, z: Complexes, seconds: float) -> float:
     scored = (t_s > SETTLED_S) & (t_s < seconds - SETTLED_S)
     worst = max(np.abs(z[scored, finger] - envelope(finger, t_s[scored])).max() for finger in range(FINGERS))
     return float(20.0 * np.log10(worst))
-
-
-def best_s(chains: list[Chain], packed: NDArray[np.uint8], rounds: int) -> list[float]:
-    """Shortest CPU time of each, s; they take turns, so that other load affects all of them."""
-    taken = np.full((rounds + 1, len(chains)), np.inf)
-    for turn in range(rounds + 1):  # the first compiles
-        for place, chain in enumerate(chains):
-            started = time.process_time()
-            chain.run(packed)
-            taken[turn, place] = time.process_time() - started
-    return [float(t) for t in taken[1:].min(axis=0)]
 
 
 def main(quick: bool = False) -> None:
@@ -167,7 +149,8 @@ def main(quick: bool = False) -> None:
         ours("ours, integer CIC", [Cic(k, drive, DECIMATION) for k in (0, 1)], len(cic_taps(DECIMATION))),
         *theirs(len(packed)),
     ]
-    taken = best_s(chains, packed, rounds)
+    works = [(lambda: None, partial(chain.run, packed)) for chain in chains]
+    taken = side_by_side_s(works, rounds).min(axis=0).tolist()
     rival_s = taken[[chain.name for chain in chains].index(SOSFILT)]
     rows = [
         {

@@ -16,12 +16,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from config.assemble import Table, build_rig, plan_campaign
+from config.assemble import build_rig, plan_campaign
 from config.costs import COSTS
 from config.jobs import Silent
 from config.profile import load_profile
 from config.source import ProfileError, profile_names, read_source
 from controller.campaign import Campaign
+from controller.recording.run_folder import RunFolder
 
 TRIALS = 3
 """How many trials are run; the first one warms up, and is not counted."""
@@ -30,9 +31,8 @@ TRIALS = 3
 def main(names: Sequence[str] = (), *, quick: bool = False) -> None:
     """Run some trials of each profile that has an experiment on a simulated bench, and write the table."""
     names = names or (("mock/transient",) if quick else ())
-    shipped = {
-        name: read_source(name).data for name in profile_names() if name.startswith(("mock/", "emulated/"))
-    }
+    simulated = (name for name in profile_names() if name.startswith(("mock/", "emulated/")))
+    shipped = {name: read_source(name).data for name in simulated}
     before = tomllib.loads(COSTS.read_text("utf-8"))
     table = {} if not names else dict(before)
     for name in names or [name for name, data in shipped.items() if "experiment" in data]:
@@ -59,25 +59,17 @@ def _write(table: dict[str, dict[str, Any]]) -> None:
 
 def _cost(name: str, devices: Iterable[str]) -> tuple[float, float, float]:
     """Of a profile's trials in virtual time, whichever bench it is for."""
-    profile = load_profile(name, {f"devices.{device}.port": "mock" for device in devices}, table=Table())
+    profile = load_profile(name, {f"devices.{device}.port": "mock" for device in devices})
     some = profile.trials(0)[:TRIALS]
-    found = []
     with tempfile.TemporaryDirectory() as folder:
-        for part in (some[:1], some[1:] or some):
+        for part in (some[:1], some[1:] or some):  # the first warms up
             with closing(build_rig(profile)) as rig:
                 begun_s = time.process_time()
                 outcome = Campaign(plan_campaign(profile, part, 0), rig, Silent(), Path(folder)).run()
                 computing_s = time.process_time() - begun_s
-                bench_s = rig.clock.now() if len(part) == 1 else _bench_s(outcome.folder)
-            size = sum(path.stat().st_size for path in outcome.folder.iterdir())
-            found.append([each / len(part) for each in (bench_s, computing_s, size)])
-    return found[-1][0], found[-1][1], found[-1][2]
-
-
-def _bench_s(folder: Path) -> float:
-    from controller.recording.run_folder import RunFolder
-
-    return float(RunFolder(folder).read_manifest()["loop"]["bench_s"])
+        size = sum(path.stat().st_size for path in outcome.folder.iterdir())
+        bench_s = float(RunFolder(outcome.folder).read_manifest()["loop"]["bench_s"])
+    return bench_s / len(part), computing_s / len(part), size / len(part)
 
 
 if __name__ == "__main__":

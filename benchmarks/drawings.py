@@ -1,33 +1,43 @@
 """The figures on the benchmarks' pages, from results/*.json and a few passages: `python -m benchmarks.drawings`.
 
+`python -m benchmarks.drawings pictures` draws the README's.
+
 Colours and markers are the reports': ours, the paper's, rivals, the truth or a bound (`controller.reports.figures`).
 """
 
 from __future__ import annotations
 
 import json
+import os
+import pty
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
+from subprocess import Popen
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Arc, FancyArrowPatch, Rectangle
+from rich.console import Console
+from rich.text import Text
 
-from benchmarks.pretouch.scenes import SPEEDS_M_S, Event, PassageRecord, passage, template
-from benchmarks.results import FOLDER
-from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
+from benchmarks.pretouch import SPEEDS_M_S, Event, PassageRecord, passage, template
+from benchmarks.results import FOLDER, ROOT
+from controller.recording.reader import open_run
+from controller.reports.approaches import read_approaches
 from controller.reports.figures import FAINT, INK, LOOKS, OURS, PAPER, RIVAL, TRUTH, Drawing, Figures
-from drivers.mock.physics.aura_objects import OBJECTS, SIDES, SIX
+from controller.reports.transient_figures import Trace, representative, trace_of
+from simulator.physics.aura_objects import OBJECTS, SIDES
 
-OUT = FOLDER.parent / "figures"
+OUT, PICTURES = FOLDER.parent / "figures", ROOT / "docs" / "pictures"
+COLUMNS, LINES = 100, 40
 
 FLOOR = 2e-16
 """Errors below this are drawn here: the spacing of doubles at 1."""
-
-SEEN = {"pretouch": LOOKS["ours"], "pretouch.paper, 0.5 s": LOOKS["paper"]}
-"""Detectors of pre-touch, and how each is drawn."""
 
 SEED = 7
 """Of the passages that are shown."""
@@ -35,18 +45,15 @@ SEED = 7
 
 def main(names: Sequence[str]) -> None:
     """Draw those of these names, or all."""
-    for figure in (physics, objects, strengths, centering, sides, undulations, touch, campaigns):
+    if "pictures" in names:
+        pictures()
+    for figure in (physics, sides, undulations):
         if names and figure.__name__ not in names:
             continue
         with TemporaryDirectory() as folder:
-            figures = Figures(Path(folder), simulated=figure not in (physics, campaigns), also=("png",))
+            figures = Figures(Path(folder), simulated="" if figure is physics else "simulated", also=("png",))
             name = figure(figures)
             (OUT / f"{name}.png").write_bytes((Path(folder) / f"{name}.png").read_bytes())
-
-
-def results(name: str) -> Any:
-    """A benchmark's saved figures."""
-    return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def saved(drawing: Drawing, name: str) -> str:
@@ -57,7 +64,8 @@ def saved(drawing: Drawing, name: str) -> str:
 
 def physics(figures: Figures) -> str:
     """Run time against error, loop closed, a panel a scene; hollow where an event was missed or invented."""
-    points = [point for point in results("physics")["points"] if point["closed"]]
+    saved_points = json.loads((FOLDER / "physics.json").read_text(encoding="utf-8"))["points"]
+    points = [point for point in saved_points if point["closed"]]
     rivals = sorted({point["solver"] for point in points} - {"exact pieces"})
     shades = np.linspace(0.0, 0.75, len(rivals))
     with figures.figure(3.6, columns=3, sharex=True, sharey=True) as drawing:
@@ -92,100 +100,6 @@ def below(drawing: Drawing, columns: int) -> None:
     """One legend for all panels."""
     handles, names = drawing.axes[0].get_legend_handles_labels()
     drawing.figure.legend(handles, names, loc="outside lower center", ncols=columns)
-
-
-def objects(figures: Figures) -> str:
-    """Of each object: share seen with its 95 % interval, and from how far."""
-    study = results("pretouch")
-    found = study["matched"]["objects"]
-    with figures.figure(2.9, columns=2, sharey=True) as drawing:
-        for place, name in enumerate(reversed(SIX)):
-            scores(drawing.axes, place, found[name]["pretouch"], across=True)
-        n = {score["tpr"]["of"] for each in found.values() for score in each["pretouch"].values()}
-        drawing.axes[0].set_yticks(range(len(SIX)), [name.replace("_", " ") for name in reversed(SIX)])
-        drawing.axes[0].set_xlabel(f"seen (%), 95 % interval, n = {', '.join(map(str, sorted(n)))} each")
-        drawing.axes[1].set_xlabel("distance of those seen (cm): median, p10 to p90")
-        drawing.axes[1].set_xlim(left=0.0)
-        below(drawing, 2)
-        return saved(drawing, "pretouch_distance")
-
-
-def strengths(figures: Figures) -> str:
-    """The same against the strength of the echo."""
-    study = results("pretouch")
-    with figures.figure(2.9, columns=2) as drawing:
-        for weaker_db, found in study["sweep"].items():
-            scores(drawing.axes, float(weaker_db), found, across=False)
-        n = {score["tpr"]["of"] for found in study["sweep"].values() for score in found.values()}
-        for axes in drawing.axes:
-            axes.axvline(study["weaker_db"], color=FAINT, lw=0.8, ls=(0, (1, 2)))
-            axes.set_xlabel("echo below the plant's (dB)")
-            axes.set_ylim(bottom=0.0)
-        drawing.axes[0].set_ylabel(f"seen (%), 95 % interval, n = {', '.join(map(str, sorted(n)))} each")
-        drawing.axes[1].set_ylabel("distance (cm): median, p10 to p90")
-        below(drawing, 2)
-        return saved(drawing, "pretouch_strength")
-
-
-def scores(panels: Sequence[Axes], place: float, found: Mapping[str, Any], *, across: bool) -> None:
-    """Rate and distance of each detector at a place, slightly offset."""
-    step = 0.12 if across else 0.5
-    for shift, (name, look) in zip((step, -step), SEEN.items(), strict=True):
-        rate, far = found[name]["tpr"], found[name]["distance_m"]
-        shown = ((rate, ("share", "low", "high")), (far, ("median", "p10", "p90")))
-        for axes, (score, keys) in zip(panels, shown, strict=True):
-            middle, low, high = (100.0 * (score[key] if score[key] is not None else np.nan) for key in keys)
-            spread = [[middle - low], [high - middle]]
-            label = name if place == 0 else None
-            if across:
-                axes.errorbar(middle, place + shift, xerr=spread, ls="", label=label, clip_on=False, **look)
-            else:
-                axes.errorbar(place + shift, middle, yerr=spread, ls="", label=label, clip_on=False, **look)
-
-
-def centering(figures: Figures) -> str:
-    """Mean with standard deviation, and the worst of 85 with its 95 % interval, of each way at each speed."""
-    rows = results("centering")["eighty_five"]
-    with figures.figure(2.9, columns=2, sharey=True) as drawing:
-        mean, worst = drawing.axes
-        names = [
-            f"{row['method']}, {row['mismatch_db']:g} dB, {100.0 * row['speed_m_s']:g} cm/s" for row in rows
-        ]
-        for place, row in enumerate(rows):
-            look = LOOKS["paper" if row["method"] == "paper" else "ours"]
-            mean.errorbar(1e3 * row["mean_m"], place, xerr=1e3 * row["sd_m"], **look)
-            spread = [[row["worst_m"] - row["worst_lo_m"]], [row["worst_hi_m"] - row["worst_m"]]]
-            worst.errorbar(1e3 * row["worst_m"], place, xerr=1e3 * np.array(spread), **look)
-        mean.axvline(0.0, color=FAINT, lw=0.7)
-        mean.set_yticks(range(len(rows)), names)
-        mean.invert_yaxis()
-        n = rows[0]["searches"]
-        mean.set_xlabel(f"error (mm), mean ± σ, n = {n} each")
-        worst.set_xlabel(f"worst of 85 (mm), mean of {n // 85}, 95 % interval")
-        worst.set_xlim(left=0.0)
-        return saved(drawing, "centering")
-
-
-def campaigns(figures: Figures) -> str:
-    """Trials a second of wall time, and the writer's largest memory, against the number of trials."""
-    found = results("campaigns")
-    with figures.figure(2.9, columns=2, sharex=True) as drawing:
-        rate, memory = drawing.axes
-        looks = {1: LOOKS["paper"], 2: LOOKS["ours"], 4: LOOKS["rival"]}
-        for workers, look in looks.items():
-            rows = sorted((row["trials"], row) for row in found["runs"] if row["workers"] == workers)
-            sizes = [trials for trials, _ in rows]
-            label = f"{workers} worker{'s' * (workers > 1)}"
-            rate.plot(sizes, [trials / row["wall_s"] for trials, row in rows], label=label, **look)
-        alone = [(row["asked"], row["writer_peak_mb"]) for row in found["writer_alone"]]
-        memory.plot(*zip(*sorted(alone), strict=True), **LOOKS["truth"], label="writer alone")
-        rate.set(xscale="log", xlabel="trials", ylabel="trials a second")
-        memory.set(xlabel="trials", ylabel="writer's largest memory (MB)")
-        for axes in drawing.axes:
-            axes.set_ylim(0.0, 1.2 * axes.get_ylim()[1])
-        memory.legend()
-        rate.legend()
-        return saved(drawing, "campaigns")
 
 
 def change(record: PassageRecord) -> Any:
@@ -232,15 +146,8 @@ def undulations(figures: Figures) -> str:
             style = {"color": mixed(FAINT, place / len(OBJECTS)), "marker": "o^v<>sDPXhd"[place], "ms": 3.0}
             soft = {"ls": (0, (2, 2))} if OBJECTS[name].absorption > 0.5 else {}
             size = 1e3 * np.abs(echo[way])
-            echoes.semilogy(
-                1e3 * record.gap_m[way],
-                size,
-                markevery=40,
-                lw=0.8,
-                label=name.replace("_", " "),
-                **style,
-                **soft,
-            )
+            about = {"markevery": 40, "lw": 0.8, "label": name.replace("_", " "), **style, **soft}
+            echoes.semilogy(1e3 * record.gap_m[way], size, **about)
         speeds.set_ylabel("change in phase (1e-3 FS), one 4 lower")
         echoes.set_ylabel("sent back (1e-3 FS)")
         for axes in drawing.axes:
@@ -250,50 +157,105 @@ def undulations(figures: Figures) -> str:
         return saved(drawing, "aura_speeds")
 
 
-def touch(figures: Figures) -> str:
-    """One touch: the envelope, the paper's z-score at two windows, and our detector's events."""
-    record = passage(Event(SEED, 1, "touch", "mug", "normal", 0.01))
-    values, t = np.column_stack([record.z.real, record.z.imag]), record.times_s
-    with figures.figure(4.2, rows=2, sharex=True) as drawing:
-        envelope, z_scores = drawing.axes
-        few = slice(None, None, 8)
-        for column, name, style in (
-            (0, "in phase", {"color": INK}),
-            (1, "in quadrature", {"color": PAPER, "ls": (0, (3, 1))}),
-        ):
-            envelope.plot(t[few], 100.0 * values[few, column], lw=0.8, label=name, **style)
-        for window_s, colour in ((1.0, PAPER), (5.0, FAINT)):
-            trace = LevelPaperDetector("paper", LevelPaperSettings(window_s=window_s)).statistic(
-                values, 1000.0
-            )
-            z_scores.plot(
-                t[few], trace[few], color=colour, lw=0.8, label=f"the paper's, window of {window_s:g} s"
-            )
-        for axes in drawing.axes:
-            axes.axvspan(
-                t[record.touched or 0],
-                t[(record.released or 1) - 1],
-                color=TRUTH,
-                alpha=0.2,
-                lw=0,
-                label="touch (truth)",
-            )
-        for event in LevelDetector("ours", LevelSettings()).push(record.block):
-            for axes in drawing.axes:
-                axes.axvline(event.t_s, color=OURS, ls="--", lw=0.9)
-            placed: Any = {
-                "xycoords": ("data", "axes fraction"),
-                "rotation": 90,
-                "va": "top",
-                "ha": "right",
-                "fontsize": 8,
-            }
-            z_scores.annotate(f"ours: {type(event).__name__}", (event.t_s, 0.97), color=OURS, **placed)
-        envelope.set_ylabel("envelope (% of full scale)")
-        z_scores.set(ylabel="|z|", xlabel="time (s)")
-        for axes in drawing.axes:
-            axes.legend(loc="upper left")
-        return saved(drawing, "pretouch_contact")
+# --- the README's pictures: the bench, and a session in the terminal ---------------------------------
+
+
+def pictures() -> None:
+    """Run mock/transient in a terminal, and draw the session and one of its approaches."""
+    with TemporaryDirectory() as folder:
+        draw_session(_session(Path(folder)), PICTURES / "terminal.svg")
+        approach = representative(read_approaches([open_run("latest", Path(folder))]))
+        trace = trace_of(approach) if approach else None
+        if trace is None:
+            raise SystemExit("no approach was recorded")
+        draw_bench(trace, PICTURES / "bench.svg")
+
+
+def _session(folder: Path) -> str:
+    """Output of the campaign to a terminal of `COLUMNS`."""
+    command = [sys.executable, str(ROOT / "run.py"), "run", "mock/transient", "--out", str(folder)]
+    ours, theirs = pty.openpty()
+    environment = os.environ | {"COLUMNS": str(COLUMNS), "LINES": str(LINES), "TERM": "xterm-256color"}
+    with Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, cwd=ROOT, env=environment):
+        os.close(theirs)
+        output = bytearray()
+        try:
+            while chunk := os.read(ours, 65_536):
+                output += chunk
+        except OSError:  # how a terminal of Linux ends
+            pass
+    os.close(ours)
+    return output.decode("utf-8", "replace").replace("\r\n", "\n").replace(str(folder), "runs")
+
+
+def draw_session(output: str, path: Path) -> None:
+    """The command, the live view in mid-campaign, and the end of the output."""
+    frames = re.split(r"(?:\x1b\[2K|\x1b\[1A|\r)+", output)
+    live = [frame for frame in frames if "━" in frame and "board.period" in frame]
+    live = [frame for frame in live if "APPROACH" in frame and re.search(r"Hz +contact", frame)] or live
+    end = output[output.rindex("Stop at first contact") :]
+    middle = live[2 * len(live) // 3].rstrip().splitlines()
+    lines = ["$ run.py run mock/transient", "", *middle, "", "…", "", *end.rstrip().splitlines()]
+    terminal = Console(record=True, width=COLUMNS, file=StringIO())
+    for line in lines:
+        terminal.print(Text.from_ansi(line), overflow="fold")
+    svg = terminal.export_svg(title="run.py run mock/transient")
+    svg = re.sub(r"@font-face \{.*?\}", "", svg, flags=re.DOTALL)  # no font is loaded
+    path.write_text(re.sub(r"[ \t]+$", "", svg, flags=re.MULTILINE), "utf-8")
+
+
+def draw_bench(trace: Trace, path: Path) -> None:
+    """The bench on the left; on the right the signal of one approach, and where it stops."""
+    figures = Figures(path.parent, simulated="simulated")
+    layout: Any = {"width_ratios": [1.0, 1.7]}
+    with figures.figure(3.0, rows=1, columns=2, **layout) as drawing:
+        _bench(drawing.axes[0])
+        _approach(drawing.axes[1], trace)
+        drawing.figure.savefig(path, format="svg", metadata={"Date": None})
+    path.write_text(re.sub(r"[ \t]+$", "", path.read_text("utf-8"), flags=re.MULTILINE), "utf-8")
+
+
+def _bench(axes: Axes) -> None:
+    axes.set_xlim(0.0, 10.0)
+    axes.set_ylim(0.0, 10.0)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.set_title("an oscillating finger and a probe")
+    axes.add_patch(Rectangle((0.3, 1.2), 4.4, 0.7, color=FAINT))
+    axes.text(2.5, 0.5, "linear stage", ha="center")
+    axes.add_patch(Rectangle((1.2, 1.9), 1.4, 3.6, facecolor="white", edgecolor=INK))
+    axes.add_patch(Rectangle((2.6, 4.4), 1.0, 0.8, facecolor="white", edgecolor=PAPER))
+    axes.text(2.8, 5.6, "load cell", color=PAPER)
+    axes.plot([3.6, 5.6], [4.8, 4.8], color=INK, lw=2.0)
+    axes.add_patch(FancyArrowPatch((3.9, 3.6), (5.6, 3.6), arrowstyle="->", mutation_scale=10.0, color=INK))
+    axes.text(4.7, 2.9, "approach", ha="center")
+    axes.plot([6.4, 6.4], [1.9, 7.9], color=OURS, lw=5.0, solid_capstyle="round")
+    axes.plot([6.4, 6.9], [1.9, 1.2], color=OURS, lw=5.0, solid_capstyle="round")
+    for side in (-1.0, 1.0):
+        axes.add_patch(Arc((6.4 + 0.55 * side, 8.0), 0.9, 1.2, theta1=40, theta2=140, color=OURS))
+    axes.text(6.4, 9.0, "28 Hz", ha="center", color=OURS)
+    axes.text(7.1, 5.4, "touch\nstiffens it:\nfrequency\nrises", va="center", color=OURS)
+
+
+def _approach(axes: Axes, trace: Trace) -> None:
+    approach = trace.approach
+    onset_s, detect_s = approach.onset_s or 0.0, approach.detect_s or 0.0
+    held = trace.statistic.between(onset_s - 1.2, detect_s + 0.2)
+    axes.plot(held.times_s - onset_s, held.values[:, 0], "o-", ms=3.0, color=OURS, drawstyle="steps-post")
+    axes.axhline(approach.threshold_hz or 0.0, color=TRUTH, ls=(0, (5, 2)), lw=0.9)
+    axes.text(-1.15, approach.threshold_hz or 0.0, "threshold", color=TRUTH, va="bottom")
+    axes.axvline(0.0, color=INK, lw=0.7, ls=(0, (4, 2)))
+    axes.axvline(detect_s - onset_s, color=TRUTH, lw=1.0)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.14 * (high - low))
+    axes.text(-0.02, high, "touch", ha="right", va="bottom")
+    stop_ms = 1e3 * ((approach.standstill_s or detect_s) - detect_s)
+    note = f"detected {approach.delay_s:.2f} s later;\nstands still after {stop_ms:.0f} ms"
+    axes.text(detect_s - onset_s + 0.2, low + 0.25 * (high - low), note, va="center", color=TRUTH)
+    axes.set_xlim(-1.2, detect_s - onset_s + 1.0)
+    axes.set_xlabel("time since the touch (s)")
+    axes.set_ylabel("averaged frequency (Hz)")
+    axes.set_title("one approach, simulated, and its stop")
 
 
 if __name__ == "__main__":

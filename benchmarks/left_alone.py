@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +22,10 @@ import numpy as np
 from benchmarks.results import save
 from config import assemble
 from config.profile import Profile, load_profile
-from drivers.messages import Command, Home, MoveAt, Reached, Release
-from drivers.mock.wiring.emulator_process import EmulatorProcess
+from drivers.core.messages import Command, Home, MoveAt, Reached, Release
+from simulator.wiring.emulator_process import EmulatorProcess
 
-REPEATS = 4
-QUICK_REPEATS = 1
+REPEATS, QUICK_REPEATS = 4, 1
 
 SETTLED_S = 1.5
 """Time without motion after which the bench counts as still: longer than any watchdog here."""
@@ -35,15 +35,8 @@ GIVE_UP_S = 20.0
 
 
 class MoverMotion(NamedTuple):
-    """What a mover is doing when its program ends.
-
-    Attributes:
-        profile: Its bench.
-        shown: Which of the scene's numbers is its position.
-        command: The last command.
-        speed_m_s: How fast it moves then.
-        way_m: How far it has gone when the program ends.
-    """
+    """What a mover is doing when its program ends: its bench, which of the scene's numbers is its position, the last
+    command, and how fast and how far it has gone then."""
 
     profile: str
     shown: str
@@ -59,22 +52,17 @@ MOTIONS = {
 }
 
 ENDS = (
-    ("stage", "program", signal.SIGKILL),
-    ("stage", "program", signal.SIGSTOP),
-    ("arm", "program", signal.SIGKILL),
-    ("arm", "program", signal.SIGSTOP),
-    ("arm", "arm's process", signal.SIGKILL),
-    ("arm", "arm's process", signal.SIGSTOP),
+    *product(("stage",), ("program",), (signal.SIGKILL, signal.SIGSTOP)),
+    *product(("arm",), ("program", "arm's process"), (signal.SIGKILL, signal.SIGSTOP)),
     ("arm", "program and of the arm's process", signal.SIGSTOP),
-    ("gripper", "program", signal.SIGKILL),
-    ("gripper", "program", signal.SIGSTOP),
+    *product(("gripper",), ("program",), (signal.SIGKILL, signal.SIGSTOP)),
 )
 
 
 def profile_of(mover: str) -> Profile:
     """A mover's bench without its finger in the way: only the program's end stops the motion."""
     far = {} if mover == "gripper" else {"plant.surface_m": "0.09"}
-    return load_profile(MOTIONS[mover].profile, far, table=assemble.Table())
+    return load_profile(MOTIONS[mover].profile, far)
 
 
 def drive(mover: str, endpoints: Mapping[str, Any]) -> None:
@@ -104,11 +92,8 @@ def measured(mover: str, victim: str, ending: signal.Signals) -> tuple[float, fl
     scene = assemble.emulator_scene(profile_of(mover))
     scene["devices"] = {mover: scene["devices"][mover]}
     emulator = EmulatorProcess(scene)
-    program = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.left_alone", mover, json.dumps(emulator.endpoints)],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-m", "benchmarks.left_alone", mover, json.dumps(emulator.endpoints)]
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert program.stdout is not None
         if program.stdout.readline() != "moves\n":
@@ -116,10 +101,8 @@ def measured(mover: str, victim: str, ending: signal.Signals) -> tuple[float, fl
         from_m = emulator.scene()[motion.shown]
         while abs(emulator.scene()[motion.shown] - from_m) < motion.way_m:
             time.sleep(0.001)
-        processes = {"program": program.pid}
-        if mover == "arm":
-            processes["arm's process"] = child_of(program.pid)
-        for name, pid in processes.items():
+        arm = {"arm's process": child_of(program.pid)} if mover == "arm" else {}
+        for name, pid in {"program": program.pid, **arm}.items():
             if name in victim:
                 os.kill(pid, ending)
         return gone_on(emulator, motion)
@@ -148,18 +131,10 @@ def main(quick: bool = False) -> None:
     for mover, victim, ending in ENDS:
         found = np.array([measured(mover, victim, ending) for _ in range(repeats)])
         way_mm = 1e3 * found[:, 0]
-        cases.append(
-            {
-                "mover": mover,
-                "victim": victim,
-                "signal": ending.name,
-                "speed_mm_s": 1e3 * MOTIONS[mover].speed_m_s,
-                "median_mm": float(np.median(way_mm)),
-                "longest_mm": float(way_mm.max()),
-                "way_mm": way_mm.tolist(),
-                "wall_s": found[:, 1].tolist(),
-            }
-        )
+        about: dict[str, Any] = {"mover": mover, "victim": victim, "signal": ending.name}
+        about |= {"speed_mm_s": 1e3 * MOTIONS[mover].speed_m_s}
+        ways = {"median_mm": float(np.median(way_mm)), "longest_mm": float(way_mm.max())}
+        cases.append({**about, **ways, "way_mm": way_mm.tolist(), "wall_s": found[:, 1].tolist()})
         print(cases[-1], flush=True)
     save("left_alone", {"repeats": repeats, "cases": cases}, quick=quick)
 

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import socket
-import sys
 import tempfile
 from pathlib import Path
 from queue import Queue
@@ -23,8 +22,8 @@ from controller.limits import GuardSettings
 from controller.recording.series import TrialRecording
 from controller.watching.feed import Watched
 from controller.watching.page import Door, PageProcess
-from drivers.clock import monotonic_s, rest
-from drivers.messages import SampleBlock
+from drivers.core.clock import monotonic_s, rest
+from drivers.core.messages import SampleBlock
 
 RATE_HZ = 200.0
 """The loop's, while something moves."""
@@ -78,14 +77,8 @@ def connected(host: str, token: str) -> socket.socket:
     name, port = host.split(":")
     wire = socket.create_connection((name, int(port)), 10.0)
     wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as browsers do
-    asked = {
-        "Host": host,
-        "Origin": f"http://{host}",
-        "Upgrade": "websocket",
-        "Connection": "Upgrade",
-        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
-        "Sec-WebSocket-Version": "13",
-    }
+    asked = {"Host": host, "Origin": f"http://{host}", "Upgrade": "websocket", "Connection": "Upgrade"}
+    asked |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version": "13"}
     head = "".join(f"{name}: {value}\r\n" for name, value in asked.items())
     wire.sendall(f"GET /wire?token={token} HTTP/1.1\r\n{head}\r\n".encode())
     assert b"101" in wire.recv(64)
@@ -119,24 +112,16 @@ def main(quick: bool = False) -> None:
             loop.late_s.clear()
             rest(seconds)
             late_ms = 1e3 * np.array(loop.late_s)
-            result[name] = {
-                "p99_ms": float(np.percentile(late_ms, 99)),
-                "max_ms": float(late_ms.max()),
-                "overruns": int((late_ms > 1e3 / RATE_HZ).sum()),
-                "turns": len(late_ms),
-            }
+            most = {"p99_ms": float(np.percentile(late_ms, 99)), "max_ms": float(late_ms.max())}
+            overruns = int((late_ms > 1e3 / RATE_HZ).sum())
+            result[name] = {**most, "overruns": overruns, "turns": len(late_ms)}
 
         try:
             rest(READY_S)
             lateness("no client")
             ms = 1e3 * np.array(clicks(known, loop, count))
             p50, p99 = np.percentile(ms, [50, 99])
-            result["click to loop"] = {
-                "p50_ms": p50,
-                "p99_ms": p99,
-                "max_ms": float(ms.max()),
-                "n": len(ms),
-            }
+            result["click to loop"] = {"p50_ms": p50, "p99_ms": p99, "max_ms": float(ms.max()), "n": len(ms)}
             deaf = connected(known.host, known.token)
             lateness("a client that does not read")
             os.kill(page.pid, signal.SIGSTOP)
@@ -149,7 +134,3 @@ def main(quick: bool = False) -> None:
             loop.thread.join()
             page.close()
     save("live_page", result, quick=quick)
-
-
-if __name__ == "__main__":
-    main("--quick" in sys.argv)

@@ -21,18 +21,18 @@ from config.jobs import Silent
 from config.profile import load_profile
 from controller.campaign import Campaign
 from controller.guard import Guard
-from controller.look_ahead import Snapshot
 from controller.loop import Loop
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
 from controller.reports.report import build_report
 from controller.signals.protocol import Signals
-from drivers.mock.drivers.base import MockDriver
-from drivers.mock.physics.aura_part import AuraPart
-from drivers.mock.physics.bench import Bench
-from drivers.mock.physics.finger_part import FingerPart
-from drivers.mock.physics.fingertip_part import FingertipPart
+from simulator.look_ahead import Snapshot
+from simulator.mocks.base import MockDriver
+from simulator.physics.aura_part import AuraPart
+from simulator.physics.bench import Bench
+from simulator.physics.finger_part import FingerPart
+from simulator.physics.fingertip_part import FingertipPart
 
 CAMPAIGNS = {
     "transient": (42, 3000),
@@ -61,7 +61,7 @@ PARTS: tuple[tuple[str, type[Any], tuple[str, ...]], ...] = (
     ("guard", Guard, ("watch", "missing", "whole_until_s")),
     ("keeping", Snapshot, ("__init__", "restore")),
     ("behavior", Loop, ("_handle",)),
-    ("recorder", Recorder, ("record", "reading", "event", "begin_trial", "end_trial", "flush", "close")),
+    ("recorder", Recorder, ("record", "readings", "event", "begin_trial", "end_trial", "flush", "close")),
     ("loop", Loop, ("run",)),
     ("campaign", Campaign, ("run",)),
 )
@@ -99,15 +99,9 @@ def watched() -> Iterator[Stopwatch]:
     """Watch every part."""
     stopwatch = Stopwatch()
     kinds: list[type[Any]] = [MockDriver, *_heirs(MockDriver)]
-    drivers = [
-        ("drivers", kind, tuple(name for name in ("read", "poll", "apply") if name in vars(kind)))
-        for kind in kinds
-    ]
-    undo = [
-        stopwatch.watch(owner, method, part)
-        for part, owner, methods in (*PARTS, *drivers)
-        for method in methods
-    ]
+    own = [(kind, tuple(name for name in ("read", "poll", "apply") if name in vars(kind))) for kind in kinds]
+    parts = (*PARTS, *(("drivers", *each) for each in own))
+    undo = [stopwatch.watch(owner, method, part) for part, owner, methods in parts for method in methods]
     try:
         yield stopwatch
     finally:
@@ -124,7 +118,7 @@ def _heirs(kind: type[Any]) -> Iterator[type[Any]]:
 def campaign(name: str, trials: int, *, report: bool = False) -> tuple[float, float, dict[str, Any]]:
     """Run some trials of a mock profile; returns processor time of the run and of its report, s, and what the loop
     did."""
-    profile = load_profile(f"mock/{name}", {}, table=assemble.Table())
+    profile = load_profile(f"mock/{name}", {})
     with tempfile.TemporaryDirectory() as folder:
         plan = assemble.plan_campaign(profile, profile.trials(1)[:trials], 1)
         begun_s = time.process_time()
@@ -143,18 +137,13 @@ def measured(name: str, trials: int, goal: float, repeats: int) -> dict[str, Any
     with watched() as stopwatch:
         _, _, loop = campaign(name, trials)
     virtual_s, spent_s = loop["bench_s"], sum(stopwatch.spent_s.values())
+    about = {"trials": trials, "virtual_s": virtual_s, "turns": loop["turns"], "processor_s": plain_s}
     return {
-        "trials": trials,
-        "virtual_s": virtual_s,
-        "turns": loop["turns"],
-        "processor_s": plain_s,
+        **about,
         "virtual_s_per_s": virtual_s / plain_s,
         "goal": goal,
         "report_s": report_s,
-        **{
-            part: stopwatch.spent_s[part] / spent_s
-            for part in dict.fromkeys(("drivers", *(p[0] for p in PARTS)))
-        },
+        **{part: stopwatch.spent_s[part] / spent_s for part in ("drivers", *(p[0] for p in PARTS))},
     }
 
 

@@ -1,21 +1,37 @@
-"""Public recordings with truth: `make recordings`, or `python -m benchmarks.recordings [NAME=GIT_DIR ...]`.
+"""Public recordings with truth, and the slip detectors on them.
 
-They are fetched by git into build/recordings and never committed: none of the repositories states a licence. A local
-copy of a repository may be given instead, as in `biotac=/data/BioTac_slide_20_50`. Studies run
-without them and report the missing rows.
+`make recordings`, or `python -m benchmarks.recordings [NAME=GIT_DIR ...]`, fetches them by git into build/recordings.
+They are never committed: none of the repositories states a licence. A local copy may be given instead, as in
+`biotac=/data/BioTac_slide_20_50`. Studies run without them and report the missing rows.
 """
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from io import BytesIO, StringIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from benchmarks.slip import (
+    LEARN_S,
+    MISSED_S,
+    OURS,
+    THRESHOLDS,
+    Rival,
+    called,
+    first_above,
+    refusals,
+    share_of,
+)
+from controller.detectors.calibration import calibrate_pieces, courses_of, poisson_interval, span_maxima
+from controller.detectors.slip import SlipDetector, SlipSettings
+from drivers.core.messages import SampleBlock
 
 Floats = NDArray[np.float64]
 
@@ -29,20 +45,6 @@ PULSES = 22
 
 BIOTAC_HZ = 2200.0
 TRIBOMETER_HZ = 10_000.0
-
-
-class RecordingSource(NamedTuple):
-    """Where recordings are from.
-
-    Attributes:
-        repository: On GitHub.
-        commit: The commit.
-        read: From a function that returns a file's bytes to the arrays to keep.
-    """
-
-    repository: str
-    commit: str
-    read: Callable[[Callable[[str], bytes]], dict[str, Floats]]
 
 
 def biotac(show: Callable[[str], bytes]) -> dict[str, Floats]:
@@ -89,19 +91,20 @@ def blows(show: Callable[[str], bytes]) -> dict[str, Floats]:
     return found
 
 
-SOURCES = {
-    "biotac": RecordingSource("dexrob/BioTac_slide_20_50", "c19638b", biotac),
-    "tribometer": RecordingSource(
+SOURCES: Mapping[str, tuple[str, str, Callable[[Callable[[str], bytes]], dict[str, Floats]]]] = {
+    "biotac": ("dexrob/BioTac_slide_20_50", "c19638b", biotac),
+    "tribometer": (
         "romangrigorii/data-driven-playback-of-natural-tactile-texture",
         "58cd7fcdec94f82f504bb17b2e547ee64c70bde9",
         tribometer,
     ),
-    "blows": RecordingSource(
+    "blows": (
         "romangrigorii/comparison-of-wideband-viborotactile-and-friction-modulation-surface-gratings",
         "e19fed0d9dae8c0034e8eb1b8b3374c9d34ce561",
         blows,
     ),
 }
+"""Repository on GitHub, commit, and what reads the arrays to keep by a function that returns a file's bytes."""
 
 
 def load(name: str) -> dict[str, Floats] | None:
@@ -119,31 +122,26 @@ def fetch(name: str, git_dir: str | None) -> Path:
     Raises:
         subprocess.CalledProcessError: git could not.
     """
-    source = SOURCES[name]
+    repository, commit, read = SOURCES[name]
     FOLDER.mkdir(parents=True, exist_ok=True)
     if git_dir is None:
         git_dir = str(FOLDER / f"{name}.git")
         if not Path(git_dir).exists():
-            url = f"https://github.com/{source.repository}"
-            subprocess.run(["git", "clone", "--bare", "--filter=blob:none", url, git_dir], check=True)
+            clone = ["git", "clone", "--bare", "--filter=blob:none"]
+            subprocess.run([*clone, f"https://github.com/{repository}", git_dir], check=True)
 
     def show(path: str) -> bytes:
-        command = ["git", "--git-dir", git_dir, "show", f"{source.commit}:{path}"]
+        command = ["git", "--git-dir", git_dir, "show", f"{commit}:{path}"]
         return subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
 
     target = FOLDER / f"{name}.npz"
-    np.savez_compressed(target, **source.read(show))  # type: ignore[arg-type] # names are no options
+    np.savez_compressed(target, **read(show))  # type: ignore[arg-type] # names are no options
     return target
 
 
 class Drag(NamedTuple):
-    """A BioTac drag, cut by its electrodes.
-
-    Attributes:
-        name: Material and number.
-        pressure: As recorded, rectified, shape (n,).
-        lost: Sample at which the finger has lost contact: slip before, quiet after.
-    """
+    """A BioTac drag of material and number: pressure, rectified, shape (n,), and the sample at which the finger has
+    lost contact by its electrodes: slip before, quiet after."""
 
     name: str
     pressure: Floats
@@ -175,6 +173,166 @@ def drags(half: str) -> list[Drag]:
         if len(pressure) - lost - MARGIN_S * BIOTAC_HZ >= QUIET_S * BIOTAC_HZ:
             found.append(Drag(name, pressure, lost))
     return found
+
+
+# --- detectors on them -------------------------------------------------------------------------
+
+
+class Splice(NamedTuple):
+    """A drag's own quiet, and then its slip, from a sample within the quiet's own range on, so that the cut makes no
+    step; and the drag played backwards, so that a slip that dies away becomes one that grows, from where its electrodes
+    show contact. Shapes (n,)."""
+
+    values: Floats
+    onset: int
+    reversed: Floats
+    reversed_onset: int
+
+
+def splice(drag: Drag) -> Splice:
+    """A recording's own quiet before its slip."""
+    quiet = drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :]
+    slip = drag.pressure[round(BIOTAC_HZ) : drag.lost - round(0.5 * BIOTAC_HZ)]
+    slip = slip[int(np.argmax(slip <= np.quantile(quiet, 0.9))) :][: round(BIOTAC_HZ)]
+    backwards = drag.pressure[::-1].copy()
+    return Splice(np.concatenate([quiet, slip]), len(quiet), backwards, len(drag.pressure) - drag.lost)
+
+
+def _maxima(statistic: Floats, rate_hz: float) -> Floats:
+    """Second by second; a rest of more than half a second is one."""
+    size = round(rate_hz)
+    rest = len(statistic) % size
+    padded = np.concatenate([statistic, np.full(size - rest if rest > size // 2 else 0, np.nan)])
+    return span_maxima(padded, rate_hz)
+
+
+def on_drags(judge: Rival) -> dict[str, Any]:
+    """The threshold from the choosing half's quiet, one false alarm a minute; delays on the judging half."""
+    quiet = [s.values[: s.onset] for s in map(splice, drags("choosing"))]
+    maxima = np.sort(np.concatenate([_maxima(judge(each, BIOTAC_HZ), BIOTAC_HZ) for each in quiet]))[::-1]
+    decided_s = sum(len(each) / BIOTAC_HZ - LEARN_S for each in quiet)
+    threshold = float(maxima[max(1, round(decided_s / 60.0))])
+    delays, early, alarms, judged_s = [], 0, 0, 0.0
+    for each in map(splice, drags("judging")):
+        found = judge(each.values, BIOTAC_HZ)
+        alarms += int(np.sum(_maxima(found[: each.onset], BIOTAC_HZ) > threshold))
+        judged_s += each.onset / BIOTAC_HZ - LEARN_S
+        delay_s = first_above(found[each.onset :], threshold) / BIOTAC_HZ
+        delays.append(delay_s if delay_s <= MISSED_S else math.inf)
+        first = first_above(judge(each.reversed, BIOTAC_HZ), threshold)
+        early += (first - each.reversed_onset) / BIOTAC_HZ < -MARGIN_S
+    counts = {"judged_min": judged_s / 60.0, "alarms": alarms, "early": int(early)}
+    return {"threshold": threshold, **counts, "delays_s": delays}
+
+
+RESTS_S, TOUCH_S, LOADED_S, MOVES_S, LETS_GO_S, STANDS_S = (1.0, 2.2), 3.207, (3.95, 4.48), 4.528, 4.573, 7.01
+LIFTS_S = 7.3
+"""On the tribometer: quiet in the air, before the servo hums; contact; quiet and loaded; the stage moves; the lateral
+force drops; the stage stands; shortly before the finger is lifted."""
+
+
+def on_tribometer(name: str, judge: Rival) -> Iterator[dict[str, Any]]:
+    """Results of a detector for the finger on a tribometer: at the largest value of its rest, and ours at thresholds
+    from elsewhere as well."""
+    recorded = load("tribometer")
+    for column, channel in ((0, "lateral force"), (2, "vibration")) if recorded else ():
+        assert recorded is not None
+        values = recorded["run"][:, column]
+        statistic = judge(values, TRIBOMETER_HZ)
+        rest = float(np.nanmax(_between(statistic, *RESTS_S)))
+        for threshold in (rest, *(THRESHOLDS if name == OURS else ())):
+            slipping = called(name, values, statistic, TRIBOMETER_HZ, threshold)
+            moving = _between(slipping, MOVES_S, LIFTS_S)
+            turns = np.flatnonzero(np.diff(slipping)) + 1
+            shown = [f"{'on' if slipping[i] else 'off'} {i / TRIBOMETER_HZ:.3f}" for i in turns.tolist()]
+            about = {"detector": name, "channel": channel, "threshold": threshold}
+            yield {
+                **about,
+                "before_touch_s": float(_between(slipping, RESTS_S[1], TOUCH_S).sum() / TRIBOMETER_HZ),
+                "loaded_s": float(_between(slipping, *LOADED_S).sum() / TRIBOMETER_HZ),
+                "reported_s": MOVES_S + first_above(moving.astype(float), 0.5) / TRIBOMETER_HZ,
+                "share_of_slip": float(_between(slipping, LETS_GO_S, STANDS_S).mean()),
+                "off_s": MOVES_S + float(np.max(np.flatnonzero(moving), initial=-1) + 1) / TRIBOMETER_HZ,
+                "reported": shown if name == OURS else None,
+            }
+
+
+def _between(values: NDArray[Any], begin_s: float, end_s: float) -> NDArray[Any]:
+    """A stretch of the tribometer's run."""
+    return values[round(begin_s * TRIBOMETER_HZ) : round(end_s * TRIBOMETER_HZ)]
+
+
+BLOW_V, APART_S, AFTER_S = 0.15, 0.3, 0.5
+"""A blow to the force sensor is beyond this, some 50 times its noise; the next is as far away at least; events in
+the time after it are attributed to the blow."""
+
+
+def on_blows(judge: Rival, thresholds: Sequence[float]) -> Iterator[dict[str, Any]]:
+    """How often single blows to a force sensor are called slip, and for how long: at thresholds as given, or without
+    any at the largest value in the quiet between the blows."""
+    pieces, quiet = [], []
+    for values in (load("blows") or {}).values():
+        statistic = judge(values, TRIBOMETER_HZ)
+        places = np.flatnonzero(np.abs(values - np.median(values)) > BLOW_V)
+        begins = places[np.diff(places, prepend=-(10**9)) > APART_S * TRIBOMETER_HZ]
+        resting = np.ones(len(values), dtype=bool)
+        for begin in begins:
+            after = slice(begin, begin + round(AFTER_S * TRIBOMETER_HZ))
+            pieces.append(np.nan_to_num(statistic[after]))
+            resting[begin - round(0.05 * TRIBOMETER_HZ) : after.stop] = False
+        quiet.append(float(np.nanmax(statistic[resting])))
+    for threshold in (thresholds or [max(quiet)]) if pieces else []:
+        yield {
+            "threshold": threshold,
+            "blows": len(pieces),
+            "called": sum(bool((piece > threshold).any()) for piece in pieces),
+            "lasting_s": float(np.median([np.sum(piece > threshold) for piece in pieces])) / TRIBOMETER_HZ,
+        }
+
+
+def on_quiet(interval_s: float) -> dict[str, Any]:
+    """False alarms of thresholds that `calibrate` sets for an interval, on other recordings: one half of
+    the drags for the other, and each material for the other five."""
+    found: dict[str, Any] = {"interval_s": interval_s}
+    kept = [drag for half in ("choosing", "judging") for drag in drags(half)]
+    cuts: Mapping[str, Callable[[Drag], str]] = {
+        "half": lambda drag: str(int(drag.name.split("_")[1]) % 4),
+        "material": lambda drag: drag.name.split("_")[0],
+    }
+    for name, cut in cuts.items():
+        alarms, decided_s = 0, 0.0
+        for left_out in sorted({cut(drag) for drag in kept}):
+            others = [_quiet(drag) for drag in kept if cut(drag) != left_out]
+            threshold = calibrate_pieces(others, interval_s).threshold
+            for drag in kept:
+                if cut(drag) == left_out:
+                    courses = courses_of(*_quiet(drag))
+                    maxima = np.concatenate([span_maxima(each.statistic, each.rate_hz) for each in courses])
+                    alarms += int(np.sum(maxima > threshold))
+                    decided_s += float(len(maxima))
+        expected = decided_s / interval_s
+        low, high = (end / expected for end in poisson_interval(alarms))
+        found[name] = {"alarms": alarms, "expected": expected, "ratio_low": low, "ratio_high": high}
+    return found
+
+
+def _quiet(drag: Drag) -> tuple[SlipDetector, list[SampleBlock]]:
+    """Ours, and the part of a drag for `calibrate`: its end, where the finger hangs in the air."""
+    values = drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :, None]
+    detector = SlipDetector("slip", SlipSettings())
+    return detector, [SampleBlock("board.tangential", 0, 0.0, values, rate_hz=BIOTAC_HZ)]
+
+
+def at_reset(name: str, judge: Rival, threshold: float) -> Iterator[dict[str, Any]]:
+    """Drags of the judging half that slip while a detector starts, and go on: how many it then detects. Ours as well
+    with the quiet level of their own end stored."""
+    chosen = drags("judging")
+    slipping = [drag.pressure[round(BIOTAC_HZ) : round(2.5 * BIOTAC_HZ)] for drag in chosen]
+    detected = sum(math.isfinite(first_above(judge(each, BIOTAC_HZ), threshold)) for each in slipping)
+    yield {"detector": name, "stored": False, **share_of(detected, len(chosen))}
+    if name == OURS:
+        quiet = [drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :] for drag in chosen]
+        yield {"detector": name, **refusals(quiet, slipping, BIOTAC_HZ)}
 
 
 def main(arguments: list[str]) -> None:

@@ -5,37 +5,107 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import pickle
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-FOLDER = Path(__file__).resolve().parent / "results"
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "benchmarks" / "results"
+KEPT = Path("build/benchmarks")
+"""Finished parts of studies, by the code that they depend on."""
+
+ROUNDS = 11
+"""Measurements of what is timed."""
+
+AT_LEAST_S = 0.004
+"""A measurement shorter than this is repeated inside: a thousand times what reading the clock costs."""
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def machine() -> dict[str, Any]:
     """The machine: ratios hold elsewhere, absolute times do not."""
-    model = ""
     cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        lines = cpuinfo.read_text(encoding="utf-8").splitlines()
-        model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
-    return {
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+    about = {
         "cpu": model or platform.processor(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
-        "date": datetime.now(UTC).date().isoformat(),
     }
+    return about | {"date": datetime.now(UTC).date().isoformat()}
 
 
 def workers() -> ProcessPoolExecutor:
     """A process per core, each a fresh interpreter: a fork after loading numba's threads may hang."""
     return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
+
+
+def in_parallel(function: Callable[[T], R], work: Iterable[T], pool: ProcessPoolExecutor) -> list[R]:
+    """Results in order, computed on all cores."""
+    listed = list(work)
+    return list(pool.map(function, listed, chunksize=max(1, min(50, len(listed) // 8))))
+
+
+def kept(name: str, compute: Callable[[], T]) -> T:
+    """A part of a study, from the cache where it is there: an interrupted study continues, unless code has changed."""
+    path = KEPT / _code() / f"{name}.pickle"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.with_suffix(".part").write_bytes(pickle.dumps(compute()))
+        path.with_suffix(".part").rename(path)
+    found: T = pickle.loads(path.read_bytes())
+    return found
+
+
+@cache
+def _code() -> str:
+    """Of studies, detectors, signals and plants, as they are."""
+    rooms = ("benchmarks", "controller/detectors", "controller/signals", "simulator/physics")
+    files = sorted(path for room in rooms for path in ROOT.glob(f"{room}/*.py"))
+    return sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
+
+
+def side_by_side_s(
+    works: Sequence[tuple[Callable[[], object], Callable[[], object]]], rounds: int = ROUNDS
+) -> NDArray[np.float64]:
+    """CPU time of each after a warm-up, s, shape (rounds, works): measured in turns, so that other load affects all.
+
+    Args:
+        works: What has to be done before each run and is not timed, and the run.
+        rounds: How often.
+    """
+
+    def once_s(before: Callable[[], object], run: Callable[[], object]) -> float:
+        before()
+        begun_s = time.process_time()
+        run()
+        return time.process_time() - begun_s
+
+    for work in works:
+        once_s(*work)  # compiles
+    inners = [max(1, min(100, int(AT_LEAST_S / max(once_s(*work), 1e-6)))) for work in works]
+    return np.array(
+        [
+            [
+                sum(once_s(*work) for _ in range(inner)) / inner
+                for work, inner in zip(works, inners, strict=True)
+            ]
+            for _ in range(rounds)
+        ]
+    )
 
 
 def progress(what: str) -> None:

@@ -1,6 +1,6 @@
 """Thresholds of the slip detectors on the slip bench's streams: for one false alarm in an hour without slip.
 
-    python -m benchmarks.slip_thresholds [--quick]
+    python -m benchmarks slip_thresholds [--quick]
 
 Everything here is simulated: what the devices of `mock/bench_slip` would send while the arm rolls the pressed tip to
 and fro, smoothly and with a bump a second. The thresholds of the profile `mock/slip` are from here, except the two
@@ -9,23 +9,21 @@ that the paper prints.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.results import save
-from benchmarks.slip.scenes import SETTLE_S
-from benchmarks.slip.scoring import first_maxima, fresh, per_reset
-from controller.detectors.calibration import Statistic, span_maxima, threshold_for
+from benchmarks.results import kept, save
+from benchmarks.slip import ARMED_S, SETTLE_S
+from controller.detectors.calibration import Statistic, poisson_interval, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.slip_verdicts import VERDICTS
-from drivers.mock.physics.fingertip_settings import CONVERTER_V, FINGER, Sensor, SlipBenchSettings
-from drivers.mock.physics.noise import gaussian_at
-from drivers.mock.wiring import benches
+from simulator.physics.fingertip_settings import CONVERTER_V, FINGER, Sensor, SlipBenchSettings
+from simulator.physics.noise import gaussian_at
+from simulator.wiring import benches
 
 Floats = NDArray[np.float64]
 
@@ -123,6 +121,24 @@ def recording(sensor: Sensor, number: int, bumps_hz: float) -> Floats:
     return np.concatenate(parts)
 
 
+RESETS_FROM_S = 2.5
+"""Where in a recording the detector is first reset; from there every `SETTLE_S`. The arm turns round every ten
+seconds: never where the pieces meet, in every other one of them."""
+
+
+def first_maxima(detector: Statistic, values: Floats, rate_hz: float) -> Floats:
+    """A detector that is reset repeatedly within a recording: the largest value of its statistic in each
+    second from `ARMED_S` to `SETTLE_S`, shape (resets, seconds)."""
+    armed, size = round(ARMED_S * rate_hz), round(SETTLE_S * rate_hz)
+    begins = range(round(RESETS_FROM_S * rate_hz), len(values) - size + 1, size)
+    return np.array(
+        [
+            span_maxima(detector.statistic(values[begin : begin + size], rate_hz)[armed:], rate_hz)
+            for begin in begins
+        ]
+    )
+
+
 def detectors(sensor: Sensor, bumps_hz: float) -> dict[str, Statistic]:
     """Detectors whose thresholds a profile takes from here."""
     block_s = 0.16 if sensor == "dsa" else 0.064
@@ -133,23 +149,28 @@ def detectors(sensor: Sensor, bumps_hz: float) -> dict[str, Statistic]:
     return {name: both[name] for name in both if (sensor, bumps_hz, name) in CARRIED.values()}
 
 
-def maxima_of(sensor: Sensor, bumps_hz: float, number: int, folder: Path) -> dict[str, tuple[Floats, Floats]]:
+def maxima_of(sensor: Sensor, bumps_hz: float, number: int) -> dict[str, tuple[Floats, Floats]]:
     """Each detector's maxima on a recording: second by second once it has settled, and those in its first seconds after
-    a reset. Cached in the folder, so that an interrupted run continues."""
-    kept = folder / f"{sensor}_{bumps_hz:g}_{number}.npz"
-    chosen = detectors(sensor, bumps_hz)
-    if not kept.exists():
-        values, rate_hz = recording(sensor, number, bumps_hz), RATES_HZ[sensor]
-        settled = round(SETTLE_S * rate_hz)
-        arrays = {}
-        for name, judge in chosen.items():
-            arrays[f"{name} settled"] = span_maxima(judge.statistic(values, rate_hz)[settled:], rate_hz)
-            arrays[f"{name} first"] = first_maxima(judge, values, rate_hz)
-        begun = kept.with_suffix(".begun.npz")
-        np.savez(begun, **arrays)  # type: ignore[arg-type] # names are no options
-        begun.rename(kept)
-    with np.load(kept) as found:
-        return {name: (found[f"{name} settled"], found[f"{name} first"]) for name in chosen}
+    a reset."""
+    values, rate_hz = recording(sensor, number, bumps_hz), RATES_HZ[sensor]
+    settled = round(SETTLE_S * rate_hz)
+    return {
+        name: (
+            span_maxima(judge.statistic(values, rate_hz)[settled:], rate_hz),
+            first_maxima(judge, values, rate_hz),
+        )
+        for name, judge in detectors(sensor, bumps_hz).items()
+    }
+
+
+def after_resets(first: Floats, threshold: float) -> dict[str, Any]:
+    """By what `first_maxima` found: false alarms in each second at the threshold of a settled detector, and of a reset
+    until it has settled, with their 95 % interval (Poisson); and the threshold for the same rate in these seconds."""
+    counts, resets = [int(count) for count in np.sum(first > threshold, axis=0)], len(first)
+    low, high = poisson_interval(sum(counts))
+    each = {"per_reset": sum(counts) / resets, "per_reset_low": low / resets, "per_reset_high": high / resets}
+    fresh = threshold_for(first.ravel(), VERDICTS["false_alarm_interval_s"]).threshold
+    return {"resets": resets, "alarms": counts, **each, "fresh_threshold": fresh}
 
 
 def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -160,54 +181,26 @@ def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Any]]
             np.concatenate(parts) for parts in zip(*(each[name] for each in pieces), strict=True)
         )
         found = threshold_for(settled, VERDICTS["false_alarm_interval_s"])
-        begun = fresh(first, found.threshold, VERDICTS["false_alarm_interval_s"])
-        mean, low, high = per_reset(begun)
-        rows.append(
-            {
-                "sensor": sensor,
-                "bumps_hz": bumps_hz,
-                "detector": name,
-                "carried_by": [key for key, what in CARRIED.items() if what == (sensor, bumps_hz, name)],
-                "threshold": found.threshold,
-                "threshold_low": found.low,
-                "threshold_high": found.high if np.isfinite(found.high) else None,
-                "extrapolated": found.extrapolated,
-                "recording_s": found.recording_s,
-                "resets": begun.resets,
-                "alarms": list(begun.alarms),
-                "per_reset": mean,
-                "per_reset_low": low,
-                "per_reset_high": high,
-                "fresh_threshold": begun.calibration.threshold,
-            }
-        )
+        row: dict[str, Any] = {"sensor": sensor, "bumps_hz": bumps_hz, "detector": name}
+        row["carried_by"] = [key for key, what in CARRIED.items() if what == (sensor, bumps_hz, name)]
+        row |= {"threshold": found.threshold, "threshold_low": found.low}
+        row |= {"threshold_high": found.high if np.isfinite(found.high) else None}
+        row |= {"extrapolated": found.extrapolated, "recording_s": found.recording_s}
+        rows.append(row | after_resets(first, found.threshold))
     return rows
 
 
 def main(quick: bool = False) -> None:
-    """Find all thresholds; writes results/slip_thresholds.json. The detectors' maxima are cached in
-    build/slip_thresholds: delete it after a change of a detector."""
+    """Find all thresholds; writes results/slip_thresholds.json. Maxima are kept: an interrupted run continues."""
     hours = QUICK_HOURS if quick else HOURS
     numbers = range(round(hours * 3600.0 / PIECE_S))
-    folder = Path("build/slip_thresholds")
-    folder.mkdir(parents=True, exist_ok=True)
-    combinations = dict.fromkeys((sensor, bumps_hz) for sensor, bumps_hz, _ in CARRIED.values())
-    study = {
-        "simulated": True,
-        "hours": hours,
-        "seed": SEED,
-        "recordings": len(numbers),
-        "false_alarm_interval_s": VERDICTS["false_alarm_interval_s"],
-        "thresholds": [
-            row
-            for sensor, bumps_hz in combinations
-            for row in figures(
-                sensor, bumps_hz, [maxima_of(sensor, bumps_hz, number, folder) for number in numbers]
-            )
-        ],
-    }
-    save("slip_thresholds", study, quick=quick)
-
-
-if __name__ == "__main__":
-    main(quick="--quick" in sys.argv[1:])
+    rows = []
+    for sensor, bumps_hz in dict.fromkeys((sensor, bumps_hz) for sensor, bumps_hz, _ in CARRIED.values()):
+        pieces = [
+            kept(f"thresholds_{sensor}_{bumps_hz:g}_{n}", partial(maxima_of, sensor, bumps_hz, n))
+            for n in numbers
+        ]
+        rows += figures(sensor, bumps_hz, pieces)
+    about = {"simulated": True, "hours": hours, "seed": SEED, "recordings": len(numbers)}
+    interval = {"false_alarm_interval_s": VERDICTS["false_alarm_interval_s"]}
+    save("slip_thresholds", {**about, **interval, "thresholds": rows}, quick=quick)

@@ -12,46 +12,38 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
-from benchmarks.results import save
+from benchmarks.results import ROOT, save
 
 PROFILES = ("emulated/slip", "emulated/transient_arm", "emulated/centering", "emulated/transient")
 BESIDE = {"idle": 0, "busy": 1}
 """How many processes burn a core beside it."""
 
-ROOT = Path(__file__).resolve().parents[1]
 LOOK_S = 0.2
 """Interval between readings of the processes' CPU time, s; the last reading may lack as much."""
 
-PARTS = {"emulator": "drivers.mock.wiring.emulator", "arm": "drivers.ur_arm.child"}
+PARTS = {"emulator": "simulator.wiring.emulator", "arm": "drivers.arm.process"}
 """Processes that a run starts, by their modules."""
 
 
-@dataclass(frozen=True)
-class Ended:
-    """Result of one run.
-
-    Attributes:
-        code: Exit code of the run.
-        said: Its last line.
-        wall_s: Wall time.
-        bench_s: Bench time of its trials.
-        late_s: The loop's latest turn in bench time; 0 where none was a whole period late.
-        cpu_s: CPU time of each process.
-    """
+class Ended(NamedTuple):
+    """Result of one run: exit code, last line, wall and bench time, the loop's latest turn (0 where none was a whole
+    period late), CPU time of each process."""
 
     code: int
     said: str
     wall_s: float
-    bench_s: float
-    late_s: float
-    cpu_s: dict[str, float]
+    bench_s: float = 0.0
+    late_s: float = 0.0
+    cpu_s: Mapping[str, float] = {}
 
 
 @contextmanager
@@ -81,13 +73,9 @@ def run(profile: str) -> Ended:
             last = (output.read().strip().splitlines() or [""])[-1]
         manifests = list(Path(out).glob("*/manifest.json"))
         loop = json.loads(manifests[0].read_text(encoding="utf-8"))["loop"] if manifests else {}
+    wall_s = time.monotonic() - began_s
     return Ended(
-        child.returncode,
-        last,
-        time.monotonic() - began_s,
-        loop.get("bench_s", 0.0),
-        loop.get("worst_late_s", 0.0),
-        cpu_s,
+        child.returncode, last, wall_s, loop.get("bench_s", 0.0), loop.get("worst_late_s", 0.0), cpu_s
     )
 
 
@@ -116,7 +104,7 @@ def suite() -> Ended:
     began_s = time.monotonic()
     done = subprocess.run(["make", "test"], cwd=ROOT, capture_output=True, text=True, check=False)
     last = (done.stdout.strip().splitlines() or [""])[-1]
-    return Ended(done.returncode, last, time.monotonic() - began_s, 0.0, 0.0, {})
+    return Ended(done.returncode, last, time.monotonic() - began_s)
 
 
 def row(name: str, beside: str, ended: Sequence[Ended]) -> dict[str, object]:
@@ -136,26 +124,22 @@ def row(name: str, beside: str, ended: Sequence[Ended]) -> dict[str, object]:
         "median_wall_s": wall_s[len(wall_s) // 2],
         "bench_s_a_wall_s": sum(one.bench_s for one in ended) / sum(wall_s),
         **{f"{part}_share": share(part) for part in PARTS},
-        "runs": [asdict(one) for one in ended],
+        "runs": [one._asdict() for one in ended],
     }
 
 
 @click.command()
 @click.argument("profiles", nargs=-1)
 @click.option("--runs", default=20, show_default=True, help="Of each profile, idle and busy.")
-@click.option(
-    "--tests", default=5, show_default=True, help="How often `make test` is run beside a busy process."
-)
+@click.option("--tests", default=5, show_default=True, help="How often `make test` runs, busy.")
 @click.option("--beside", type=click.Choice(tuple(BESIDE)), multiple=True, help="Idle or busy alone.")
 def main(profiles: Sequence[str], runs: int, tests: int, beside: Sequence[str]) -> None:
     """Run, count, print, save."""
     rows: list[dict[str, object]] = []
     failed = False
-    kinds = [
-        (profile, kind, runs, lambda profile=profile: run(profile))
-        for profile in profiles or PROFILES
-        for kind in beside or tuple(BESIDE)
-    ]
+    every = product(profiles or PROFILES, beside or BESIDE)
+    kinds: list[tuple[str, str, int, Callable[[], Ended]]] = []
+    kinds += [(profile, kind, runs, partial(run, profile)) for profile, kind in every]
     for name, kind, count, one in [*kinds, ("make test", "busy", tests, suite)]:
         ended: list[Ended] = []
         with burners(BESIDE[kind]):

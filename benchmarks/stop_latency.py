@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from behaviors.events import Contact, Detected, Event
-from behaviors.machine import Behavior, StatePlan, on, with_failures
+from behaviors.machine import Behavior, StatePlan, on
 from benchmarks.results import save
 from config import assemble
 from config.jobs import Silent
@@ -25,8 +25,8 @@ from controller.loop import Loop
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
 from controller.rig import TrialScene
-from drivers.clock import utc_now
-from drivers.messages import Home, MoveAt, Reached, SampleBlock, Sent, Standstill, Stop
+from drivers.core.clock import utc_now
+from drivers.core.messages import Home, MoveAt, Reached, SampleBlock, Sent, Standstill, Stop
 
 PROFILES = {"stage": "emulated/transient", "arm": "emulated/transient_arm"}
 """By the mover's name."""
@@ -71,7 +71,7 @@ class AtRandom:
 class BackAndForth(Behavior):
     """Moves, stops at a contact, moves the other way, some hundred times."""
 
-    table = with_failures(
+    table = (
         on("reached", "HOMING", "MOVING"),
         on("contact", "MOVING", "STOPPING"),
         on("standstill", "STOPPING", "DONE", "enough"),
@@ -81,10 +81,8 @@ class BackAndForth(Behavior):
     def __init__(self, mover: str, stops: int) -> None:
         listening = StatePlan(10.0, frozenset({"at_random"}))
         self._left = stops
-        super().__init__(
-            {"HOMING": StatePlan(60.0), "MOVING": listening, "STOPPING": StatePlan(10.0)},
-            mover=mover,
-        )
+        plans = {"HOMING": StatePlan(60.0), "MOVING": listening, "STOPPING": StatePlan(10.0)}
+        super().__init__(plans, mover=mover)
 
     def enough(self) -> bool:
         """Whether the last stop has been made."""
@@ -98,9 +96,8 @@ class BackAndForth(Behavior):
         """Towards the middle and beyond; a stop at standstill would show nothing."""
         assert isinstance(self.event, Reached | Standstill)
         forward = self.event.position_m < MIDDLE_M
-        self.command(
-            MoveAt(self._mover, SPEED_M_S if forward else -SPEED_M_S, 2.0 * MIDDLE_M if forward else 0.0)
-        )
+        speed_m_s, until_m = (SPEED_M_S, 2.0 * MIDDLE_M) if forward else (-SPEED_M_S, 0.0)
+        self.command(MoveAt(self._mover, speed_m_s, until_m))
 
     def enter_STOPPING(self) -> None:
         """Stop at once."""
@@ -115,14 +112,14 @@ class BackAndForth(Behavior):
 def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, list[float]], dict[str, Any]]:
     """Run the stops; returns seconds from the sample on, by part of the way, and the state of loop and link.
 
-    Times from a sample are too short by the least delay of the board's link (see `drivers.clock_model`).
+    Times from a sample are too short by the least delay of the board's link (see `drivers.core.clock_model`).
 
     Args:
         mover: Which.
         stops: How many.
         realtime: Whether bench time is wall time, so that the machine's own delays are measured.
     """
-    profile = load_profile(PROFILES[mover], {}, table=assemble.Table())
+    profile = load_profile(PROFILES[mover], {})
     rig = assemble.build_rig(profile, realtime=realtime)
     detector = AtRandom("at_random")
     behavior = BackAndForth(mover, stops)
@@ -134,7 +131,8 @@ def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, li
             recorder = Recorder(run, utc_now(), streams=streams, factors=(), measures=())
             recorder.begin_trial(1, {}, 0.0)
             rig.clock.restart()
-            rig.begin_trial(TrialScene(1, 1, {}, _plant(profile)))
+            plant: Any = profile.plant
+            rig.begin_trial(TrialScene(1, 1, {}, plant.settings.model_dump(mode="json")))
             loop = Loop(rig, infos, Guard(profile.limits), recorder, Silent(), profile.loop)  # type: ignore[arg-type]
             account = loop.run(behavior, {"at_random": detector})
             recorder.close()
@@ -154,21 +152,11 @@ def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, li
     return _latencies(loop.events, detector.arrivals_s), how
 
 
-def _plant(profile: Any) -> dict[str, Any]:
-    settings: dict[str, Any] = profile.plant.settings.model_dump(mode="json")
-    return settings
-
-
 def _latencies(events: Sequence[Event], arrivals_s: Sequence[float]) -> dict[str, list[float]]:
     decided: Event | None = None
     arrivals = iter(arrivals_s)
-    found: dict[str, list[float]] = {
-        "sample to host": [],
-        "host to wire": [],
-        "sample to wire": [],
-        "wire to standstill": [],
-        "sample to standstill": [],
-    }
+    ways = ("sample to host", "host to wire", "sample to wire", "wire to standstill", "sample to standstill")
+    found: dict[str, list[float]] = {way: [] for way in ways}
     for event in events:
         if isinstance(event, Contact):
             arrival_s = next(arrivals)

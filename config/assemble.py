@@ -1,15 +1,14 @@
-"""From the one table of names and classes (`kinds.toml`) to a bench; imports only what a profile uses."""
+"""From a profile to its bench, and to what is run on it; imports only what the profile uses."""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from controller.experiments import EXPERIMENTS, experiment_of
-from controller.named import NamedError, check_role, found, is_own, mock_of, own_files, settings_of
+from controller.named import NamedError, found, is_own, own_files
+from controller.registry import EXPERIMENTS, KINDS, experiment_of, find
 
 if TYPE_CHECKING:
     from behaviors.machine import Behavior
@@ -20,96 +19,9 @@ if TYPE_CHECKING:
     from controller.guard import GuardSettings
     from controller.rig import Rig
     from controller.signals.protocol import Signal
-    from drivers.clock import Clock
-    from drivers.mock.wiring.emulator_process import EmulatorProcess
-    from drivers.protocols import Device
-    from drivers.settings import Settings
-
-
-class DriverEntry(NamedTuple):
-    """A driver: its class, its mock, what makes its emulated twin, and the faults that these two can show."""
-
-    summary: str
-    wire: str
-    mock: str
-    emulated: str = ""
-    mock_faults: Sequence[str] = ()
-    emulated_faults: Sequence[str] = ()
-
-
-class KindEntry(NamedTuple):
-    """A class as `module:Class`, and its settings where its constructor's parameter does not name them."""
-
-    summary: str
-    made: str
-    settings: str = ""
-
-
-_KINDS = tomllib.loads(Path(__file__).with_name("kinds.toml").read_text("utf-8"))
-
-DRIVERS = {name: DriverEntry(**row) for name, row in _KINDS["driver"].items()}
-DETECTORS, SIGNALS, PLANTS = (
-    {name: KindEntry(**row) for name, row in _KINDS[kind].items()} for kind in ("detector", "signal", "plant")
-)
-
-
-_NAMES: Mapping[str, Mapping[str, Any]] = {
-    "driver": DRIVERS,
-    "detector": DETECTORS,
-    "signal": SIGNALS,
-    "plant": PLANTS,
-    "experiment": EXPERIMENTS,
-}
-_MODELS = {
-    "limits": "controller.guard:GuardSettings",
-    "loop": "controller.loop:LoopSettings",
-    "faults": "drivers.mock.devices.faults:Fault",
-}
-
-
-class Table:
-    """The settings' side of the table, as `config.profile` asks for it; see `config.entries.SettingsTable`."""
-
-    def names(self, part: str) -> Collection[str]:
-        """What there is."""
-        return _NAMES[part]
-
-    def settings(self, part: str, name: str = "", port: str = "") -> type[Settings]:
-        """Settings of a part, by name; of a driver the mock one's where the port is "mock"."""
-        if part in _MODELS:
-            return _model(_MODELS[part])
-        if part == "driver":
-            entry = _driver(name)
-            made = entry.mock if port == "mock" else entry.wire
-            return settings_of(found(made)) if is_own(name) else _model(f"{made}Settings")
-        if part in ("experiment", "factors"):
-            behavior = found(experiment_of(name).behavior)
-            return settings_of(behavior, "factors" if part == "factors" else "settings")
-        return _settings(_kind(_NAMES[part], name))
-
-    def faults_of(self, driver: str, port: str) -> Collection[str]:
-        """What a driver's mock, or its emulated twin, can show; a real device breaks by itself."""
-        entry = _driver(driver)
-        return {"mock": entry.mock_faults, "emulated": entry.emulated_faults}.get(port, ())
-
-
-def _driver(name: str) -> DriverEntry:
-    """A driver's row; one of the user's own stands beside its mock, `Scale` beside `MockScale`."""
-    return DriverEntry("", name, mock_of(name)) if is_own(name) else DRIVERS[name]
-
-
-def _kind(table: Mapping[str, KindEntry], kind: str) -> KindEntry:
-    """A kind's row; one of the user's own is its class."""
-    return KindEntry("", kind) if is_own(kind) else table[kind]
-
-
-def _settings(entry: KindEntry) -> type[Settings]:
-    return _model(entry.settings) if entry.settings else settings_of(found(entry.made))
-
-
-def _model(name: str) -> type[Settings]:
-    model: type[Settings] = found(name)
-    return model
+    from drivers.core.clock import Clock
+    from drivers.core.protocols import Device
+    from simulator.wiring.emulator_process import EmulatorProcess
 
 
 # --- the bench -----------------------------------------------------------------------------------
@@ -122,17 +34,21 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, real
         profile: Which devices, where.
         endpoints: What an emulator that runs already has printed; where there are none, an emulated bench starts
             its own, which ends with the rig.
-        realtime: Whether an emulated bench of its own follows the wall clock, even when this program is late.
+        realtime: Whether an emulated bench of its own follows the wall clock, even when this program is late; beside
+            a real port it does in any case.
+
+    Raises:
+        RefusedError: a real port beside an emulator that runs already and whose time may pause.
     """
     if profile.bench == "mock":
         return _mock_rig(profile)
     if profile.bench == "emulated":
         return _emulated_rig(profile, endpoints, realtime)
     from controller.rig import Rig
-    from drivers.clock import WallClock
+    from drivers.core.clock import WallClock
 
     clock = WallClock()
-    return Rig("hardware", _wire_devices(profile, clock, {}), clock)
+    return Rig("hardware", _wire_devices(profile, clock, {}), clock, time="wall")
 
 
 def _wire_devices(
@@ -143,15 +59,23 @@ def _wire_devices(
     for name, entry in profile.devices.items():
         there = dict(ports.get(name, {})) if entry.port == "emulated" else {}
         settings = entry.settings.model_copy(update=there)
-        devices[name] = found(_driver(entry.driver).wire)(name, settings, clock)
+        devices[name] = entry.made(name, settings, clock)
     return devices
 
 
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
     from controller.rig import Rig, TrialScene
-    from drivers.bench_clock import BenchClock, ClockPage
-    from drivers.mock.wiring.emulator_process import EmulatorControl
+    from drivers.core.bench_clock import BenchClock, ClockPage
+    from drivers.core.errors import RefusedError
+    from simulator.wiring.emulator_process import EmulatorControl
 
+    if endpoints and profile.real_ports and not endpoints.get("realtime"):
+        raise RefusedError(
+            "emulator",
+            "being joined",
+            f"its time may pause, and {next(iter(profile.real_ports))}, at a real port, would not",
+            f"start it in real time: run.py emulate {profile.name} --realtime",
+        )
     emulator = start_emulator(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
     clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
 
@@ -165,6 +89,7 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
         begin_trial=begin_trial,
         account=emulator.account,
         close=emulator.close,
+        time="wall" if emulator.endpoints.get("realtime") else "held",
     )
 
 
@@ -173,11 +98,12 @@ def start_emulator(profile: Profile, realtime: bool = False) -> EmulatorProcess:
 
     Args:
         profile: Which devices, on which plant.
-        realtime: Whether time follows the wall clock, even when this program is late.
+        realtime: Whether time follows the wall clock, even when this program is late; beside a real port it does in
+            any case, for that device's samples would be dated by a clock that pauses.
     """
-    from drivers.mock.wiring.emulator_process import EmulatorProcess
+    from simulator.wiring.emulator_process import EmulatorProcess
 
-    return EmulatorProcess({**emulator_scene(profile), "realtime": realtime})
+    return EmulatorProcess({**emulator_scene(profile), "realtime": realtime or bool(profile.real_ports)})
 
 
 def emulator_scene(profile: Profile) -> dict[str, Any]:
@@ -192,16 +118,16 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
         raise ProfileError(
             f'{profile.name}: no device has port = "emulated"; try emulated/{profile.experiment}'
         )
-    plant = PLANTS[profile.plant.kind]
     return {
         "plant": {
-            "made": plant.made,
-            "settings_class": plant.settings,
+            "made": _dotted(profile.plant.made),
+            "settings_class": _dotted(type(profile.plant.settings)),
+            "folders": [str(folder) for folder in profile.source.folders],
             "settings": profile.plant.settings.model_dump(mode="json"),
         },
         "devices": {
             name: {
-                "made": _driver(entry.driver).emulated,
+                "made": KINDS["driver"][entry.kind].emulated,
                 "settings": entry.settings.model_dump(mode="json"),
             }
             for name, entry in profile.devices.items()
@@ -211,22 +137,30 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
     }
 
 
+def _dotted(made: Any) -> str:
+    return f"{made.__module__}:{made.__name__}"
+
+
 def _mock_rig(profile: Profile) -> Rig:
     from controller.rig import Rig, TrialScene
-    from drivers.clock import VirtualClock
-    from drivers.mock.devices.faults import FaultSchedule
+    from drivers.core.clock import VirtualClock
+    from simulator.devices.faults import FaultSchedule
+    from simulator.look_ahead import LookAhead
 
     assert profile.plant is not None
     clock = VirtualClock()
-    bench = found(PLANTS[profile.plant.kind].made)(profile.plant.settings)
+    bench = profile.plant.made(profile.plant.settings)
     devices = {}
     schedules = []
     for name, entry in profile.devices.items():
         schedule = FaultSchedule([fault for fault in profile.faults if fault.device == name])
         schedules.append(schedule)
-        devices[name] = found(_driver(entry.driver).mock)(name, entry.settings, clock, bench, schedule)
+        devices[name] = entry.made(name, entry.settings, clock, bench, schedule)
+
+    ahead = LookAhead(clock, bench, list(devices.values()), schedules)
 
     def begin_trial(scene: TrialScene) -> None:
+        ahead.restart()
         bench.restart()
         bench.begin(0.0, scene.seed, scene.trial, scene.factors, scene.plant)
         for device in devices.values():
@@ -241,9 +175,9 @@ def _mock_rig(profile: Profile) -> Rig:
         begin_trial=begin_trial,
         truth=lambda: bench.contacts,
         slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
+        lifts=(lambda: bench.lifts) if hasattr(bench, "lifts") else None,
         account=bench.account,
-        # a fault acts on whole turns
-        plants=lambda: None if any(schedule.any for schedule in schedules) else (bench, *schedules),
+        ahead=ahead,
     )
 
 
@@ -270,18 +204,20 @@ def plan_campaign(
     Raises:
         ProfileError: a trial that its behavior cannot run, or a detector that it arms and the profile has not.
     """
+    from config.sections import referred
     from controller.campaign import CampaignPlan
 
     _check_behaviors(profile, trials)
-    measures = import_module(experiment_of(profile.experiment).measures)
+    experiment = experiment_of(profile.experiment)
+    measures = import_module(experiment.measures)
     names: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.id):
         names.update(dict.fromkeys(trial.factors))
     left = [trial for trial in trials if trial.id not in done]
     roles = {
         role: device
-        for role in ("mover", "exciter")
-        if isinstance(device := getattr(profile.behavior, role, None), str)
+        for role, field in type(profile.behavior).model_fields.items()
+        if "device" in referred(field) and isinstance(device := getattr(profile.behavior, role), str)
     }
     return CampaignPlan(
         profile=profile.name,
@@ -294,6 +230,7 @@ def plan_campaign(
         factors=tuple(names),
         columns=measures.COLUMNS,
         leading=getattr(measures, "HIGHLIGHTS", ()),
+        successes=experiment.successes,
         loop=profile.loop,  # type: ignore[arg-type]
         roles=roles,
         signals={signal.info.name: signal.info for signal in make_signals(profile)},
@@ -304,8 +241,9 @@ def plan_campaign(
 
 def own_modules(profile: Profile) -> Mapping[str, Mapping[str, str]]:
     """Folder and SHA-256 of each module of the user's own that a profile names."""
-    kinds = [entry.kind for entries in (profile.signals, profile.detectors) for entry in entries.values()]
-    return own_files([profile.experiment, *kinds, *(entry.driver for entry in profile.devices.values())])
+    chosen = [*profile.devices.values(), *profile.signals.values(), *profile.detectors.values()]
+    chosen += [profile.plant] if profile.plant else []
+    return own_files([profile.experiment, *(entry.kind for entry in chosen)])
 
 
 def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterator[TrialPlan]:
@@ -350,12 +288,13 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
     from config.hints import near_or_all
     from config.source import ProfileError
 
-    made = found(experiment_of(profile.experiment).behavior)
+    made = found(experiment_of(profile.experiment).made)
     try:
         behavior: Behavior = made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
+        behavior.check_plans()
     except ValueError as error:
         raise ProfileError(f"{profile.name}: trial {trial.id}: [behavior] {error}") from None
-    armed = {name for plan in behavior.plans.values() for name in plan.detectors}
+    armed = {name for plans in behavior.foreseen.values() for plan in plans for name in plan.detectors}
     for name in sorted(armed - profile.detectors.keys()):
         hint = near_or_all(name, profile.detectors)
         raise ProfileError(
@@ -375,18 +314,12 @@ def _check_behaviors(profile: Profile, trials: Sequence[Trial]) -> None:
 
 def make_signals(profile: Profile) -> Sequence[Signal]:
     """The profile's signals, fresh."""
-    return [
-        found(_kind(SIGNALS, entry.kind).made)(name, entry.settings)
-        for name, entry in profile.signals.items()
-    ]
+    return [entry.made(name, entry.settings) for name, entry in profile.signals.items()]
 
 
 def make_detectors(profile: Profile) -> dict[str, Detector]:
     """The profile's detectors, fresh, by name."""
-    return {
-        name: found(_kind(DETECTORS, entry.kind).made)(name, entry.settings)
-        for name, entry in profile.detectors.items()
-    }
+    return {name: entry.made(name, entry.settings) for name, entry in profile.detectors.items()}
 
 
 def make_detector(
@@ -410,15 +343,13 @@ def make_detector(
     from config.source import ProfileError, given_value
     from config.validation import validated
 
-    if is_own(kind):
-        try:
-            check_role("detector", kind, folders)
-        except NamedError as error:
-            raise ProfileError(f"--detector {kind}: {error}") from None
-    elif kind not in DETECTORS:
-        raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, DETECTORS)}")
+    if not is_own(kind) and kind not in KINDS["detector"]:
+        raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, KINDS['detector'])}")
+    try:
+        made, model, _ = find("detector", kind, folders)
+    except NamedError as error:
+        raise ProfileError(f"--detector {kind}: {error}") from None
     problems: list[str] = []
-    model = _settings(_kind(DETECTORS, kind))
     given = {key: given_value(f"--set {key}", text) for key, text in overrides.items()}
     if baseline is not None and "baseline_s" in model.model_fields:
         given["baseline_s"] = baseline[1] - baseline[0]
@@ -429,17 +360,17 @@ def make_detector(
     settings = validated(model, given, (), where, problems)
     if settings is None:
         raise ProfileError(problems)
-    detector: Detector = found(_kind(DETECTORS, kind).made)(kind, settings)
+    detector: Detector = made(kind, settings)
     return detector
 
 
 def calibratable() -> Sequence[str]:
     """Kinds of detectors that can show the number which they hold against their threshold."""
-    return [kind for kind, entry in DETECTORS.items() if hasattr(found(entry.made), "statistic")]
+    return [kind for kind, entry in KINDS["detector"].items() if hasattr(found(entry.made), "statistic")]
 
 
 def diagram(experiment: str) -> str:
     """An experiment's state diagram (Mermaid), from its own table."""
     from behaviors.machine import mermaid
 
-    return mermaid(found(EXPERIMENTS[experiment].behavior))
+    return mermaid(found(EXPERIMENTS[experiment].made))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -42,13 +42,15 @@ def cost(profile: str, experiment: str, trials: int) -> Cost | None:
     return Cost(*(trials * float(measured[name]) for name in Cost._fields))
 
 
-def planned(profile: Profile, trials: Sequence[Trial], first: TrialPlan, workers: int) -> Iterator[str]:
+def planned(
+    profile: Profile, trials: Sequence[Trial], plans: Iterable[TrialPlan], workers: int
+) -> Iterator[str]:
     """What `run` would do, a line each.
 
     Args:
         profile: What is planned.
         trials: All of them.
-        first: The first one, ready to run.
+        plans: Those of different factors (`config.trials.distinct`), ready to run.
         workers: In how many processes they would run.
     """
     yield f"{profile.name}: {counted(len(trials))} of {profile.experiment} on the {profile.bench} bench"
@@ -61,16 +63,53 @@ def planned(profile: Profile, trials: Sequence[Trial], first: TrialPlan, workers
     speed = f"at {speed_m_s:g} m/s" if speed_m_s else "no speed is set in m/s"
     yield f"motion    {travel}, {speed}; the guard stops beyond {limits.speed_m_s:g} m/s"
     yield f"force     {_force(profile, speed_m_s)}"
-    subscribed: set[str] = set()
-    for state in (state for state in first.behavior.states if state not in first.behavior.final):
-        plan = first.behavior.plans[state]
-        names = [f"{name} ({', '.join(first.detectors[name].inputs)})" for name in sorted(plan.detectors)]
-        names += [f"{name} (recorded)" for name in sorted(plan.measures)]
-        subscribed |= plan.detectors
-        yield f"{state:<20}{', '.join(names) or 'skipped: no subscriber'}"
-    idle = sorted(set(profile.detectors) - subscribed)
+    yield from _subscriptions(profile, trials, plans)
+
+
+def _subscriptions(profile: Profile, trials: Sequence[Trial], plans: Iterable[TrialPlan]) -> Iterator[str]:
+    """What each state subscribes to; trials that do alike together."""
+    from config.trials import alike  # `list` has no trial, and loads nothing that validates one
+
+    repeated = {same[0].id: [trial.id for trial in same] for same in alike(trials)}
+    groups: dict[str, list[int]] = {}
+    armed: set[str] = set()
+    for trial in plans:
+        armed |= {
+            name for each in trial.behavior.foreseen.values() for plan in each for name in plan.detectors
+        }
+        groups.setdefault("\n".join(_states(trial)), []).extend(repeated[trial.trial])
+    for lines, numbers in groups.items():
+        if len(groups) > 1:
+            yield f"trials    {_ranges(sorted(numbers))}"
+        yield lines
+    idle = sorted(set(profile.detectors) - armed)
     if idle:
         yield f"never     {', '.join(idle)}: no state subscribes"
+
+
+def _states(trial: TrialPlan) -> Iterator[str]:
+    """States that subscribe to the same, and to what."""
+    behavior = trial.behavior
+    guarded = sorted(trial.guard.inputs | behavior.range_streams)
+    if guarded:
+        yield f"guard     {', '.join(guarded)}: in every motion, and wherever a state subscribes"
+    together: dict[str, dict[str, None]] = {}
+    for state in behavior.states:
+        for plan in behavior.foreseen.get(state, ()):
+            names = [f"{name} ({', '.join(trial.detectors[name].inputs)})" for name in sorted(plan.detectors)]
+            names += [f"{name} (recorded)" for name in sorted(plan.measures)]
+            together.setdefault(", ".join(names) or "skipped: no subscriber", {})[state] = None
+    for subscribed, states in together.items():
+        yield f"{', '.join(states)}\n          {subscribed}"
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """`1-3, 7` of ascending numbers."""
+    begins = [number for number in numbers if number - 1 not in numbers]
+    ends = [number for number in numbers if number + 1 not in numbers]
+    return ", ".join(
+        f"{begin}-{end}" if end > begin else f"{begin}" for begin, end in zip(begins, ends, strict=True)
+    )
 
 
 def counted(trials: int) -> str:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from config.assemble import diagram
-from controller.experiments import EXPERIMENTS
+from controller.registry import EXPERIMENTS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "behaviors.md"
 

@@ -69,13 +69,6 @@ def unknown_key(key: str, value: object, known: Collection[str]) -> str:
     return near_or_all(key, known)
 
 
-def si_unit(key: str) -> str:
-    """The unit at the end of a name as people write it (`speed_m_s` → `m/s`), or ""."""
-    base, _, rest = _stem(key, _SI_UNITS)[1].partition("_")
-    written = {"hz": "Hz", "n": "N", "v": "V"}.get(base, base)
-    return f"{written}/{rest.replace('2', '²')}" if rest else written
-
-
 def _stem(key: str, units: Collection[str]) -> tuple[str, str]:
     for unit in sorted(units, key=len, reverse=True):
         if key.lower().endswith(f"_{unit}"):

@@ -14,13 +14,15 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from types import FrameType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from config.costs import cost
+from drivers.core.errors import lacking
 
 if TYPE_CHECKING:
     from config.profile import Profile
@@ -123,14 +125,18 @@ def run_part(order: Order, trials: Sequence[Trial]) -> RunPart:
     from config.assemble import build_rig, plan_campaign
     from controller.campaign import Campaign
     from controller.parts import RunPart
-    from drivers.clock import monotonic_s
+    from drivers.core.clock import monotonic_s
 
     begun_s = monotonic_s()
-    profile = _profile(order.name, order.resolved, order.folders, order.own)
-    plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
-    with tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder, closing(build_rig(profile)) as rig:
-        outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
-        return RunPart.of(outcome.folder, outcome.error, monotonic_s() - begun_s)
+    with _at_work():
+        profile = _profile(order.name, order.resolved, order.folders, order.own)
+        plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
+        with (
+            tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder,
+            closing(build_rig(profile)) as rig,
+        ):
+            outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
+            return RunPart.of(outcome.folder, outcome.error, monotonic_s() - begun_s)
 
 
 @lru_cache(maxsize=1)
@@ -138,12 +144,12 @@ def _profile(
     name: str, resolved: str, folders: tuple[Path, ...], own: tuple[tuple[str, str], ...]
 ) -> Profile:
     """The campaign's profile; a worker that lives longer than a campaign loads the user's own code anew."""
-    from config.assemble import Table, own_modules
+    from config.assemble import own_modules
     from config.profile import load_resolved
     from controller.named import forget_own
 
     forget_own()
-    profile = load_resolved(name, json.loads(resolved), table=Table(), folders=folders)
+    profile = load_resolved(name, json.loads(resolved), folders=folders)
     here = {top: entry["sha256"] for top, entry in own_modules(profile).items()}
     if other := [top for top, digest in own if here.get(top) != digest]:
         raise JobsError(f"{', '.join(other)} is another one at a worker than here; give all the same files")
@@ -229,6 +235,33 @@ def _in_a_worker() -> None:
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
     for library in ("OPENBLAS", "OMP", "MKL"):  # a worker is a core
         os.environ[f"{library}_NUM_THREADS"] = "1"
+    signal.signal(signal.SIGTERM, _leave)
+
+
+_WORKER = SimpleNamespace(working=False, leaving=False)
+"""What this process is at, where it is a worker."""
+
+
+@contextmanager
+def _at_work() -> Iterator[None]:
+    if _WORKER.leaving:
+        os._exit(0)
+    _WORKER.working = True
+    try:
+        yield
+    finally:
+        _WORKER.working = False
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End a worker at its work at once; one that hands over a result does that to its end, and begins nothing more.
+
+    The pool reads a result whole: cut off in the middle of one, it would wait for the rest for ever, and with it the
+    program's exit.
+    """
+    _WORKER.leaving = True
+    if _WORKER.working:
+        os._exit(0)
 
 
 def cluster(address: str) -> Crew:
@@ -240,7 +273,7 @@ def cluster(address: str) -> Crew:
     try:
         from distributed import Client, KilledWorker
     except ImportError:
-        raise JobsError("--scheduler needs Dask: pip install distributed") from None
+        raise JobsError(f"--scheduler: {'; '.join(lacking('Dask', 'cluster'))}") from None
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -345,7 +378,7 @@ def in_parts(
     """
     from controller.parts import CampaignInParts
     from controller.rig import Rig
-    from drivers.clock import VirtualClock
+    from drivers.core.clock import VirtualClock
 
     order = Order.of(profile, plan.left, plan.factors, plan.seed)
     rig = Rig("mock", {}, VirtualClock())

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from config.assemble import DETECTORS, DRIVERS, SIGNALS
 from config.costs import counted, duration
-from config.source import ProfileError, bench_of, profile_names, read_source
+from config.source import ProfileError, bench_of, flatten, profile_names, read_source
+from controller.registry import KINDS
 
 
 def listed_profiles() -> list[str]:
@@ -38,25 +38,15 @@ def listed_profiles() -> list[str]:
     return [*lines, "", f"Benches to extend: {', '.join(benches)}", "More of one: run.py check PROFILE"]
 
 
-def listed_detectors() -> list[str]:
-    """Every kind of detector."""
-    return [f"{kind:<20}{entry.summary}" for kind, entry in DETECTORS.items()]
-
-
-def listed_signals() -> list[str]:
-    """Every kind of signal."""
-    return [f"{kind:<20}{entry.summary}" for kind, entry in SIGNALS.items()]
-
-
-def listed_drivers() -> list[str]:
-    """Every driver."""
-    return [f"{name:<20}{entry.summary}" for name, entry in DRIVERS.items()]
+def listed_kinds(family: str) -> list[str]:
+    """Every driver, detector or signal."""
+    return [f"{name:<20}{kind.summary}" for name, kind in KINDS[family].items()]
 
 
 def _trials(data: Mapping[str, Any]) -> int:
     """How many a profile asks for."""
     asked = data.get("trials", {})
-    cells = math.prod(len(values) for values in asked.get("grid", {}).values())
+    cells = math.prod(len(values) for _, values in flatten(asked.get("grid", {})))
     return int(asked.get("repeats", 1)) * len(asked.get("list", [{}])) * cells
 
 

@@ -8,14 +8,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from config.assemble import Table
 from config.profile import load_resolved
 from config.resuming import differing
 from config.trials import chosen
 from controller.named import own_folders
+from controller.outcomes import UNMEASURED, exit_of
 from controller.parts import add_part
 from controller.recording.joining import Joiner, Parts
-from controller.recording.resuming import AGAIN
 from controller.recording.run_folder import RunFolder, RunFolderError
 
 SHOWN = 5
@@ -40,12 +39,15 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     manifest = _common(shards)
     kept = manifest["profile"]
     folders = own_folders(manifest)
-    profile = load_resolved(kept["name"], kept["resolved"], table=Table(), folders=folders)
+    profile = load_resolved(kept["name"], kept["resolved"], folders=folders)
     asked = manifest["profile"]["asked"]
     order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), asked.get("only", ()), None)]
     holders = _holders(shards)
     done, manifest["exit"] = _as_one_run(shards, holders, order)
     manifest["outcomes"] = dict(Counter(holders[trial].outcome(trial) for trial in done))
+    if manifest["exit"]["status"] == "done" or not manifest["exit"]["code"]:
+        code, reason = exit_of(manifest)
+        manifest["exit"] = {"status": "done", "code": code, "reason": reason}
     started = min(datetime.fromisoformat(shard.manifest["started_utc"]) for shard in shards)
     folder = RunFolder.create(out, manifest["profile"]["name"], started)
     manifest |= {"trials": len(order), "started_utc": started.isoformat()}
@@ -139,14 +141,13 @@ def _as_one_run(
         shard = holders[trial]
         return _ended(shard, trial), shard.manifest["exit"]["code"] or 0, shard.outcome(trial) == "aborted"
 
-    worst = holders[max(reversed(done), key=weight)].manifest["exit"]
-    return done, worst if worst["code"] else {"status": "done", "code": 0, "reason": ""}
+    return done, holders[max(reversed(done), key=weight)].manifest["exit"]
 
 
 def _ended(shard: Parts, trial: int) -> bool:
     """Whether a trial ended the run that it was in."""
     outcome = shard.outcome(trial)
-    return outcome in AGAIN and (outcome != "aborted" or shard.manifest["exit"]["status"] != "failed")
+    return outcome in UNMEASURED and (outcome != "aborted" or shard.manifest["exit"]["status"] != "failed")
 
 
 def _named(trials: Iterable[int]) -> str:

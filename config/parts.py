@@ -13,8 +13,8 @@ from config.jobs import Crew
 from config.source import KeyPath, ProfileError, read_source
 from config.validation import validated
 from controller.recording.run_folder import RunFolder
-from drivers.clock import utc_now
-from drivers.settings import Settings
+from drivers.core.clock import utc_now
+from drivers.core.settings import Settings
 
 
 class Shown(Settings):
@@ -168,9 +168,11 @@ def carry_on(
         show: Prints a line.
 
     Returns:
-        The exit code of the first part that did not end well; the parts behind it are not begun.
+        The exit code of the first part that broke off; the parts behind it are not begun. Else that of the first part
+        in which no trial succeeded.
     """
     parts, begun = folder.read_manifest()["parts"], folder.runs
+    failed = 0
     for number, arguments in enumerate(parts):
         show(f"[{number + 1}/{len(parts)}] {' '.join(arguments)}")
         verb, first = (resume, [str(begun[number].path)]) if number < len(begun) else (run, arguments)
@@ -180,6 +182,13 @@ def carry_on(
             standalone_mode=False,
             obj=crew,
         )
-        if code:
+        if code and not _ended(folder, number):
             return int(code)
-    return 0
+        failed = failed or int(code)
+    return failed
+
+
+def _ended(folder: RunFolder, number: int) -> bool:
+    """Whether a part came to its end, with or without success."""
+    runs = folder.runs
+    return number < len(runs) and runs[number].read_manifest()["exit"]["status"] == "done"

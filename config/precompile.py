@@ -4,11 +4,10 @@ from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
-from config.assemble import PLANTS, Table, build_rig, make_detectors, make_signals
+from config.assemble import build_rig, make_detectors, make_signals
 from config.profile import load_profile
 from config.source import profile_names, read_source
 from controller.detectors.protocol import Compiled
-from controller.named import found
 
 
 def parts() -> Iterator[Any]:
@@ -17,13 +16,11 @@ def parts() -> Iterator[Any]:
     for name in profile_names():
         if not name.startswith("mock/") or "experiment" not in read_source(name).data:
             continue
-        profile = load_profile(name, table=Table())
+        profile = load_profile(name)
         with closing(build_rig(profile)):
             pass  # which loads the drivers and their kinematics
         assert profile.plant is not None
-        made: list[tuple[Any, Any]] = [
-            (profile.plant, found(PLANTS[profile.plant.kind].made)(profile.plant.settings))
-        ]
+        made: list[tuple[Any, Any]] = [(profile.plant, profile.plant.made(profile.plant.settings))]
         made += zip(profile.signals.values(), make_signals(profile), strict=True)
         made += zip(profile.detectors.values(), make_detectors(profile).values(), strict=True)
         for entry, part in made:

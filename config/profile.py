@@ -11,13 +11,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from config.entries import DeviceEntry, Entry, SettingsTable
 from config.hints import did_you_mean, near_or_all
-from config.sections import ADDRESS, Sections
+from config.sections import Entry, Sections
 from config.source import Bench, KeyPath, ProfileError, Source, Table, nest, read_source
 from config.trials import Trial, TrialsSettings, combinations, in_order, trials_from
 from config.validation import as_table, validated
-from drivers.settings import Settings
+from controller.registry import find, settings_of
+from drivers.core.settings import Settings
 
 TRIAL_SECTIONS = ("signals", "detectors", "behavior", "limits", "plant")
 """What a trial's dotted factors may change: devices and loop are set up once for all trials."""
@@ -42,6 +42,7 @@ class Profile:
         plant: The physics, None on hardware.
         faults: What goes wrong on purpose, each of the table's class for it.
         trial_settings: Which trials.
+        unverified: Streams that no device has until it is open: where each is named, and its name.
         source: The files and their joined content.
     """
 
@@ -50,7 +51,7 @@ class Profile:
     description: str
     experiment: str
     bench: Bench
-    devices: Mapping[str, DeviceEntry]
+    devices: Mapping[str, Entry]
     signals: Mapping[str, Entry]
     detectors: Mapping[str, Entry]
     behavior: Settings
@@ -59,8 +60,16 @@ class Profile:
     plant: Entry | None
     faults: tuple[Any, ...]
     trial_settings: TrialsSettings
+    unverified: Sequence[tuple[str, str]] = field(repr=False, compare=False)
     source: Source = field(repr=False, compare=False)
-    table: SettingsTable = field(repr=False, compare=False)
+
+    @property
+    def real_ports(self) -> Mapping[str, str]:
+        """On an emulated bench: devices at a port of their own, and which. Beside them its time may not pause."""
+        emulated = self.bench == "emulated"
+        return {
+            name: entry.port for name, entry in self.devices.items() if emulated and entry.port != "emulated"
+        }
 
     @cached_property
     def resolved(self) -> Table:
@@ -71,7 +80,7 @@ class Profile:
             "description": self.description,
             "experiment": self.experiment,
             "devices": {
-                name: {"driver": entry.driver, "port": entry.port, **_own(entry.settings)}
+                name: {"driver": entry.kind, "port": entry.port, **_own(entry.settings)}
                 for name, entry in self.devices.items()
             },
             "signals": {
@@ -111,16 +120,21 @@ class Profile:
         for name in trial.overrides:
             self._check_overridable(trial, name)
         source = self.source.joined(nest(trial.overrides.items()), self._where(trial))
-        sections = Sections(source, self.table)
+        sections = Sections(source)
         signals, detectors = sections.signals(), sections.detectors()
         behavior = sections.behavior(self.experiment)
         limits, plant = sections.part("limits"), sections.plant(self.bench)
-        sections.check_drive(behavior, signals, detectors)
-        sections.check_home(self.devices, limits)
+        sections.check_together(self.devices)
         if sections.problems or behavior is None or limits is None:
             raise ProfileError(sections.problems)
         return replace(
-            self, signals=signals, detectors=detectors, behavior=behavior, limits=limits, plant=plant
+            self,
+            signals=signals,
+            detectors=detectors,
+            behavior=behavior,
+            limits=limits,
+            plant=plant,
+            unverified=tuple(sections.unverified),
         )
 
     def factors_of(self, trial: Trial) -> Settings:
@@ -134,7 +148,8 @@ class Profile:
         def where(_: KeyPath, location: KeyPath) -> str:
             return self._where(trial, ".".join(location))
 
-        factors = validated(self.table.settings("factors", self.experiment), trial.own, (), where, problems)
+        model = settings_of(find("experiment", self.experiment, self.source.folders).made, "factors")
+        factors = validated(model, trial.own, (), where, problems)
         if factors is None:
             raise ProfileError(problems)
         return factors
@@ -170,14 +185,13 @@ class Profile:
 
 def _own(settings: Settings) -> Table:
     """A driver's settings, without the address that its port is."""
-    return {key: value for key, value in as_table(settings).items() if key != ADDRESS}
+    return {key: value for key, value in as_table(settings).items() if key not in settings.keys_of("address")}
 
 
 def load_profile(
     name_or_path: str | Path,
     overrides: Mapping[str, str] | None = None,
     *,
-    table: SettingsTable,
     rows: Sequence[Mapping[str, Any]] | None = None,
     labels: Sequence[str] | None = None,
 ) -> Profile:
@@ -186,7 +200,6 @@ def load_profile(
     Args:
         name_or_path: A name under config/profiles (`mock/transient`), or the path of a TOML file.
         overrides: `{"limits.force_n": "1.5"}`: TOML values, or plain text; applied last.
-        table: Which settings class validates what.
         rows: Trials from elsewhere, in place of the profile's list and grid; nested or dotted factors.
         labels: Where each of these rows stands, for errors.
 
@@ -196,28 +209,25 @@ def load_profile(
     source = read_source(name_or_path, overrides)
     if rows is not None:
         source = source.with_rows(rows, labels or [f"row {number}" for number in range(1, len(rows) + 1)])
-    return _validated(source, table)
+    return _validated(source)
 
 
-def load_resolved(
-    name: str, resolved: Mapping[str, Any], *, table: SettingsTable, folders: Sequence[Path] = ()
-) -> Profile:
+def load_resolved(name: str, resolved: Mapping[str, Any], folders: Sequence[Path] = ()) -> Profile:
     """Load what `Profile.resolved` gave, for example from a manifest.
 
     Args:
         name: Of the profile.
         resolved: Its settings.
-        table: Which settings class validates what.
         folders: Where modules of the user's own are looked for.
 
     Raises:
         ProfileError: it was written by a program that knew other settings.
     """
-    return _validated(Source(name, (name,), {}, {}, tuple(folders)).joined(resolved, name), table)
+    return _validated(Source(name, (name,), {}, {}, tuple(folders)).joined(resolved, name))
 
 
-def _validated(source: Source, table: SettingsTable) -> Profile:
-    sections = Sections(source, table)
+def _validated(source: Source) -> Profile:
+    sections = Sections(source)
     bench = sections.bench()
     title, description = sections.text("title"), sections.text("description")
     devices, signals, detectors = sections.devices(), sections.signals(), sections.detectors()
@@ -226,8 +236,7 @@ def _validated(source: Source, table: SettingsTable) -> Profile:
     trials = sections.trials()
     experiment = sections.experiment()
     behavior = sections.behavior(experiment) if experiment else None
-    sections.check_drive(behavior, signals, detectors)
-    sections.check_home(devices, limits)
+    sections.check_together(devices)
     if sections.problems or not (experiment and behavior and limits and loop and trials):
         raise ProfileError(list(dict.fromkeys(sections.problems)))
     profile = Profile(
@@ -245,8 +254,8 @@ def _validated(source: Source, table: SettingsTable) -> Profile:
         plant=plant,
         faults=faults,
         trial_settings=trials,
+        unverified=tuple(sections.unverified),
         source=source,
-        table=table,
     )
     for number, factors in enumerate(combinations(trials)):
         trial = Trial(number * trials.repeats + 1, factors)

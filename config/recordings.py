@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from config.assemble import DETECTORS, make_detector
+from config.assemble import make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
@@ -16,9 +16,10 @@ from controller.named import is_own, own_folders
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
+from controller.registry import KINDS
 from controller.replay import ReplayError, between, enveloped, own_detectors, read_inputs, read_trial
 from controller.signals.iq import IqSettings
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 
 class Input(NamedTuple):
@@ -135,9 +136,9 @@ def _in_run(
     """Kind and settings (TOML values) of the detector that is meant: the run's own where it has one of that kind."""
     manifest, recording = read_trial(path, trial)
     tables = own_detectors(manifest, recording)
-    if asked not in DETECTORS and not is_own(asked):
+    if asked not in KINDS["detector"] and not is_own(asked):
         if asked not in tables:
-            known = {*DETECTORS, *tables}
+            known = {*KINDS["detector"], *tables}
             raise ProfileError(f"--detector {asked}: no such detector; {near_or_all(asked, known)}")
         return _split(path, tables[asked])
     alike = {name: table for name, table in tables.items() if table["kind"] == asked}

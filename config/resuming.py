@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from config.assemble import Table, own_modules
+from config.assemble import own_modules
 from config.profile import Profile, load_profile, load_resolved
 from config.source import ProfileError, flatten
 from config.trials import Trial, chosen, read_csv
@@ -33,11 +33,9 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
     asked = kept.get("asked") or {}
     try:
         rows, labels = read_csv(asked["trials"]) if asked.get("trials") else (None, None)
-        present = load_profile(
-            asked.get("profile", kept["name"]), asked.get("set"), table=Table(), rows=rows, labels=labels
-        )
+        present = load_profile(asked.get("profile", kept["name"]), asked.get("set"), rows=rows, labels=labels)
         folders = own_folders(manifest)
-        loaded = load_resolved(kept["name"], kept["resolved"], table=Table(), folders=folders)
+        loaded = load_resolved(kept["name"], kept["resolved"], folders=folders)
     except ProfileError as error:
         raise RunFolderError(f"{name}: its profile can no longer be loaded: {error.problems[0]}") from None
     _check_program(name, {"own": kept.get("own", {})}, {"own": own_modules(present)})

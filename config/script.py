@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from config.assemble import Table, build_rig, plan_campaign
+from config.assemble import build_rig, plan_campaign
 from config.profile import load_profile
 from controller.campaign import Campaign, Outcome
 from controller.console import ConsoleOperator, PlainConsole
@@ -42,7 +42,7 @@ def run_trials(
     rows = [dict(row) for row in trials]
     once = {**(settings or {}), "trials.order": "listed", "trials.repeats": "1"}
     labels = [f"run_trials: trial {number}" for number in range(1, len(rows) + 1)]
-    loaded = load_profile(profile, once, table=Table(), rows=rows, labels=labels)
+    loaded = load_profile(profile, once, rows=rows, labels=labels)
     plan = plan_campaign(loaded, loaded.trials(seed), seed)
     with closing(build_rig(loaded)) as rig, ConsoleOperator(asking=rig.asking) as operator:
         outcome = Campaign(plan, rig, PlainConsole(operator, say), out).run()

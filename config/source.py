@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from config.hints import did_you_mean
+from controller.registry import FAMILIES
 
 PROFILES = Path(__file__).resolve().parent / "profiles"
 """Where the profiles live that go by a name."""
@@ -29,7 +30,11 @@ TOO_DEEP = "tables and lists are nested too deep; a profile has four levels"
 ABSENT = "none"
 """Driver of a device that the extended bench has and this one does not."""
 
-_VARIANTS = {("devices",): "driver", ("detectors",): "kind", (): "kind"}
+_VARIANTS: Mapping[KeyPath, str] = {
+    (family.section,) if family.section else (): family.key
+    for family in FAMILIES.values()
+    if family.key != "experiment"
+}
 """Where a table's settings belong to a driver or kind that a key in it names: those tables start afresh when
 a later file names another one, for the settings of the old one would mean nothing to it."""
 

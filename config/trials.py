@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from config.source import ProfileError, flatten
-from drivers.settings import Settings
+from drivers.core.settings import Settings
 
 Factor = str | bool | int | float
 
@@ -146,10 +146,15 @@ def chosen(trials: Sequence[Trial], numbers: Sequence[int], shard: Sequence[int]
 
 def distinct(trials: Sequence[Trial]) -> list[Trial]:
     """The first trial of each combination of factors: repetitions left out."""
-    first: dict[str, Trial] = {}
+    return [same[0] for same in alike(trials)]
+
+
+def alike(trials: Sequence[Trial]) -> list[list[Trial]]:
+    """Trials by their combination of factors: each with its repetitions."""
+    found: dict[str, list[Trial]] = {}
     for trial in trials:
-        first.setdefault(repr(sorted(trial.factors.items())), trial)
-    return list(first.values())
+        found.setdefault(repr(sorted(trial.factors.items())), []).append(trial)
+    return list(found.values())
 
 
 def read_csv(path: str | Path) -> tuple[list[dict[str, Factor]], list[str]]:

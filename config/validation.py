@@ -13,8 +13,9 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from config.hints import did_you_mean, si_unit, unknown_key
+from config.hints import did_you_mean, unknown_key
 from config.source import KeyPath
+from controller.scales import si_unit
 
 S = TypeVar("S", bound=BaseModel)
 

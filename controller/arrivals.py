@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.messages import Failed, SampleBlock, StreamInfo
+from drivers.core.messages import Failed, SampleBlock, StreamInfo
 
 REST = 4.0
 """Times `limits.stale_s` that a stream may be silent where no motion depends on it. Assumption: buffers keep what comes

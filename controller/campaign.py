@@ -19,19 +19,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from behaviors.machine import Behavior
-from controller.detectors.protocol import Compiled, Detector
+from controller.detectors.protocol import Compiled, Detector, Quantity, quantities_of
 from controller.glimpse import Glimpse
 from controller.guard import Guard, GuardRefusal
 from controller.loop import Aborted, Loop, LoopOperator, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
+from controller.outcomes import counted, exit_of, successes_in
 from controller.recording.resuming import ResumedRun, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene
 from controller.signals.protocol import Accountable, Signal
-from drivers.clock import utc_now
-from drivers.errors import DeviceError, RefusedError
-from drivers.messages import DeviceInfo, StreamInfo
+from drivers.core.clock import utc_now
+from drivers.core.errors import DeviceError, RefusedError
+from drivers.core.messages import DeviceInfo, StreamInfo
 
 if TYPE_CHECKING:
     from controller.recording.mcap_file import Mirror
@@ -87,6 +88,7 @@ class CampaignPlan:
         loop: Rates.
         roles: Which device does what, for reports.
         signals: What comes out of the signals, by stream.
+        successes: Outcomes that are success; None where the experiment declares none.
         leading: The most informative columns, to be shown first.
         asked: The command line: the profile, `set`, `trials` and `only`, for resuming the run.
         own: Modules of the user's own that the profile names: their folder and the SHA-256 of their files.
@@ -106,6 +108,7 @@ class CampaignPlan:
     signals: Mapping[str, StreamInfo] = field(default_factory=dict)
     asked: Mapping[str, Any] = field(default_factory=dict)
     leading: Sequence[str] = ()
+    successes: Sequence[str] | None = None
     own: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
@@ -219,10 +222,12 @@ class Campaign:
         folder.write_manifest(self._manifest)
         folder.keep_room()
         fault: Exception | None = None
-        counted = ""
+        counts = ""
         try:
             code, status, line = self._on_bench(folder, started)
-            counted = self._counted()
+            if code == EXIT_DONE:
+                code, line = exit_of(self._manifest)
+            counts = counted(self._manifest["outcomes"], self._manifest["successes"])
         except (Aborted, KeyboardInterrupt):
             code, status, line = EXIT_INTERRUPTED, "aborted", "interrupted"
         except GuardRefusal as refusal:
@@ -244,8 +249,8 @@ class Campaign:
         ]
         line = "; ".join(part for part in (line, *warnings) if part)
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
-        if counted:
-            line = f"{line} ({counted})" if line else counted
+        if counts:
+            line = f"{line} ({counts})" if line else counts
         with suppress(Exception):  # the recording has them all
             from controller.recording.layouts import write_layouts
 
@@ -348,17 +353,16 @@ class Campaign:
         self._warm_up(trial)
         self._settle_memory()
         self._rig.clock.restart()
-        recording = recorder.begin_trial(trial.trial, trial.factors, offset_s, trial.guard.settings)
+        limits, quantities = trial.guard.settings, self._quantities(trial, infos)
+        recording = recorder.begin_trial(trial.trial, trial.factors, offset_s, limits, quantities)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
         if isinstance(self._console, Watching):
-            limits, lost = trial.guard.settings, loop.account.lost
-            now = self._rig.clock.now
+            lost, now = loop.account.lost, self._rig.clock.now
             self._console.watch(
                 Glimpse(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
             )
         evidence = self._evidence(trial, recording, infos)
-        verdict: str | None = None
-        reason = ""
+        verdict = ""
         try:
             self._rig.begin_trial(trial.scene)
             loop.run(trial.behavior, trial.detectors, trial.signals)
@@ -372,26 +376,44 @@ class Campaign:
             verdict = "fault"
             raise
         finally:
-            evidence.events, evidence.entered_s, evidence.visits = loop.events, loop.entered_s, loop.visits
-            if self._rig.truth is not None:
-                evidence.truth = self._rig.truth()
-            if self._rig.slips is not None:
-                evidence.slips = self._rig.slips()
+            evidence.events, evidence.entered_s, evidence.visits = loop.events, dict(loop.visits), loop.visits
+            self._note_truth(evidence)
             self._account(loop, trial.signals)
-            outcome: str = verdict or trial.behavior.outcome
-            row: dict[str, Any] = {}
+            ended = verdict or loop.account.outcome
+            outcome, row = ended or trial.behavior.outcome, dict[str, Any]()
+            reason = loop.account.reason or trial.behavior.reason
             try:
                 if not loop.account.missing:  # without its samples there is nothing to measure
-                    outcome, row = trial.measure(evidence, outcome)
-            except MissingDataError as error:
-                # Another cause of the trial's end stands; there is no row with numbers either way.
-                if outcome not in _EXIT_OF_OUTCOME:
-                    outcome, reason = "fault", str(error)
+                    outcome, reason, row = _measured(trial, evidence, ended, reason)
             finally:
                 counts = self._manifest["outcomes"]
                 counts[outcome] = counts.get(outcome, 0) + 1
                 recorder.end_trial(outcome, row, self._rig.clock.now())
-        return outcome, reason or trial.behavior.reason, row, self._rig.clock.now()
+        return outcome, reason, row, self._rig.clock.now()
+
+    def _quantities(self, trial: TrialPlan, infos: Mapping[str, DeviceInfo]) -> Mapping[str, Quantity]:
+        """What the detectors' readings are; the manifest has it too."""
+        units = {name: stream.unit for info in infos.values() for name, stream in info.streams.items()}
+        units |= {signal.info.name: signal.info.unit for signal in trial.signals}
+        found = quantities_of(trial.detectors, units)
+        self._manifest.setdefault("detectors", {}).update(
+            {
+                name: {
+                    "statistic": each.name,
+                    "unit": each.unit,
+                    "inputs": list(trial.detectors[name].inputs),
+                }
+                for name, each in found.items()
+            }
+        )
+        return found
+
+    def _note_truth(self, evidence: TrialEvidence) -> None:
+        """What really happened, as far as the bench knows."""
+        rig = self._rig
+        evidence.truth = None if rig.truth is None else rig.truth()
+        evidence.slips = None if rig.slips is None else rig.slips()
+        evidence.lifts = None if rig.lifts is None else rig.lifts()
 
     def _evidence(
         self, trial: TrialPlan, recording: TrialRecording, infos: Mapping[str, DeviceInfo]
@@ -438,10 +460,6 @@ class Campaign:
 
     # the manifest
 
-    def _counted(self) -> str:
-        counts = sorted(self._manifest["outcomes"].items())
-        return ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in counts)
-
     def _account(self, loop: Loop, signals: Sequence[Signal]) -> None:
         account = loop.account
         self._unstill = list(dict.fromkeys([*self._unstill, *account.unstill]))
@@ -475,21 +493,44 @@ class Campaign:
             "trials": plan.count,
             **program(),
             "started_utc": started.isoformat(),
-            "clock": "virtual" if self._rig.clock.virtual else "wall",
+            "clock": self._rig.time,
             "devices": {},
             "roles": dict(plan.roles),
             "plant": {},
             "loop": {"turns": 0, "overruns": 0, "worst_late_s": 0.0, "paused_s": 0.0, "bench_s": 0.0},
             "loss": {},
             "outcomes": {},
+            "successes": plan.successes,
             "signals": {},
+            "detectors": {},
             "exit": {"status": "running", "code": None, "reason": ""},
         }
 
 
+def _measured(
+    trial: TrialPlan, evidence: TrialEvidence, ended: str, reason: str
+) -> tuple[str, str, dict[str, Any]]:
+    """Outcome, reason and row of a trial.
+
+    What the guard, a failure or an error `ended` is no success, whatever behavior and measure make of it, and a measure
+    that does not expect a trial to end there hides nothing.
+    """
+    outcome = ended or trial.behavior.outcome
+    try:
+        measured, row = trial.measure(evidence, outcome)
+    except MissingDataError as error:
+        # Another cause of the trial's end stands; there is no row with numbers either way.
+        return (outcome, reason, {}) if outcome in _EXIT_OF_OUTCOME else ("fault", str(error), {})
+    except Exception as error:
+        if not ended:
+            raise
+        return outcome, f"{reason}; not measured: {type(error).__name__}: {error}", {}
+    return ended or measured, reason, row
+
+
 def _going_on(resumed: ResumedRun, started: datetime) -> dict[str, Any]:
     """The manifest of a run that goes on: of what was done its outcomes, and when it was resumed."""
-    before = resumed.manifest
+    before = {**resumed.manifest, "successes": successes_in(resumed.manifest)}
     since = [*before.get("resumed_utc", ()), started.isoformat()]
     running = {"status": "running", "code": None, "reason": ""}
     return {**before, "outcomes": dict(resumed.outcomes), "resumed_utc": since, "exit": running}
@@ -526,7 +567,7 @@ def _described(info: DeviceInfo) -> dict[str, Any]:
 
 PACKAGES = {
     "numpy": "numpy",
-    "numba": "drivers.compiled",
+    "numba": "drivers.core.compiled",
     "pyserial": "serial",
     "mcap": "controller.campaign",
 }

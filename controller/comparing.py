@@ -14,9 +14,11 @@ from scipy import stats
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
-from controller.reports.generic import shown
+from controller.reports.approaches import mean_of
+from controller.reports.generic import with_spread
 from controller.reports.pages import environment
 from controller.reports.section import Column, ReportTable
+from controller.scales import scale_of
 
 SECOND = " (second)"
 """Ends the names of the second run's columns."""
@@ -101,21 +103,23 @@ def _tables(first: Run, second: Run) -> Iterator[ReportTable]:
     numbers = [name for name in columns if all(values.notna().any() for values in found[name])]
     rows = []
     for name in numbers:
-        means = [f"{values.mean():.4g} ± {values.std():.2g} ({values.count()})" for values in found[name]]
-        rows.append([name, *means, _difference(name, *found[name]).removeprefix(f"{name}: ")])
+        heading, factor = scale_of(name).heading, scale_of(name).factor
+        means = [with_spread(mean_of(values.dropna()), factor) for values in found[name]]
+        rows.append([heading, *means, _difference(name, *found[name]).removeprefix(f"{heading}: ")])
     heads = ("measured", "first: mean ± σ (n)", "second", "second less first, mean (95 %)")
     yield ReportTable([Column(head, "") for head in heads], rows, "Over the pairs of trials.")
     keys = ["trial", *_factors(first, second)]
     both = [name for each in ("outcome", *numbers) for name in (each, f"{each}{SECOND}")]
-    shown_columns = [Column(name, "") for name in keys]
-    for name in both:
+    scales = [scale_of(name.removesuffix(SECOND)) for name in (*keys, *both)]
+    columns_shown = [Column(scale.heading, "") for scale in scales[: len(keys)]]
+    for name, scale in zip(both, scales[len(keys) :], strict=True):
         whose = "second" if name.endswith(SECOND) else "first"
-        shown_columns.append(Column(whose, "", group=name.removesuffix(SECOND)))
+        columns_shown.append(Column(whose, "", group=scale.heading))
     rows = [
-        ["" if pd.isna(cell) else shown(cell) for cell in row]
+        ["" if pd.isna(cell) else scale.cell(cell) for cell, scale in zip(row, scales, strict=True)]
         for row in pairs[[*keys, *both]].to_numpy(object)
     ]
-    yield ReportTable(shown_columns, rows, "Every pair of trials.", folded="Every trial")
+    yield ReportTable(columns_shown, rows, "Every pair of trials.", folded="Every trial")
 
 
 def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
@@ -128,8 +132,10 @@ def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
     mean, half = float(np.mean(found)), math.nan
     if len(found) > 1:
         half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(found) - 1) * stats.sem(found))
-    interval = "" if math.isnan(half) else f" ({mean - half:.4g} to {mean + half:.4g})"
-    return f"{column}: {mean:+.4g}{interval}, n = {len(found)}"
+    scale = scale_of(column)
+    interval = "" if math.isnan(half) else f" ({scale.cell(mean - half)} to {scale.cell(mean + half)})"
+    sign = "+" * (mean >= 0.0)
+    return f"{scale.heading}: {sign}{scale.cell(mean)}{interval}, n = {len(found)}"
 
 
 def _factors(first: Run, second: Run) -> list[str]:

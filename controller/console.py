@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import select
 import signal
 import sys
@@ -16,7 +15,9 @@ from threading import Thread, get_ident
 from types import FrameType, TracebackType
 from typing import Any, TextIO
 
-from drivers.protocols import Asking, Question
+from controller.outcomes import UNMEASURED
+from controller.scales import scale_of
+from drivers.core.protocols import Asking, Question
 
 PAUSED = "PAUSED"
 """What the loop calls the state in which it waits for the operator."""
@@ -27,12 +28,6 @@ takes anything)."""
 
 RESULTS = 3
 """How many results of a trial are shown; the others are in its row of trials.csv."""
-
-DIGITS = 4
-"""Significant digits of a number for the eye: a sensor here has three that mean something."""
-
-_EXPONENT = re.compile(r"e(?:\+|(-))0*")
-"""Sign and zeros of an exponent that carry no information: `6.323e-05` is `6.323e-5`."""
 
 
 class ConsoleOperator:
@@ -277,9 +272,6 @@ class _Printer:
 LINES = 24
 """About so many trials of a campaign have a line off a terminal: as many as one screen has."""
 
-INTERRUPTED = ("guard", "fault", "aborted")
-"""Outcomes that always have a line."""
-
 
 class PlainConsole:
     """A line for each trial, of a long campaign for every so many, for files and pipes.
@@ -323,7 +315,7 @@ class PlainConsole:
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
         """Nothing is printed before there is a result."""
         self._begun += 1
-        self._factors = " ".join(f"{name}={figure(value)}" for name, value in factors.items())
+        self._factors = ", ".join(scale_of(name).said(value) for name, value in factors.items())
 
     def state(self, name: str, t_s: float) -> None:
         """Only a pause is worth a line."""
@@ -333,11 +325,13 @@ class PlainConsole:
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Prints the result, where it is this trial's turn."""
         shown = self._begun in (1, self._trials) or self._begun % -(-self._trials // LINES or 1) == 0
-        if not shown and outcome not in INTERRUPTED:
+        if not shown and outcome not in UNMEASURED:
             return
-        results = " ".join(f"{name}={figure(value)}" for name, value in key_results(row).items())
+        results = ", ".join(scale_of(name).said(value) for name, value in key_results(row).items())
         place = f"[{self._begun}/{self._trials}]"
-        self._print(f"{place} trial {trial} {self._factors}: {outcome.replace('_', ' ')} {results}".rstrip())
+        self._print(
+            f"{place} trial {trial} {self._factors}: {outcome.replace('_', ' ')}, {results}".rstrip(", ")
+        )
 
     def campaign_ended(self, line: str) -> None:
         """The exit prints the rest."""
@@ -347,18 +341,3 @@ class PlainConsole:
 def key_results(row: Mapping[str, Any]) -> dict[str, Any]:
     """The results of a row that are shown, by column: the first ones, as the experiment's measure orders them."""
     return dict(islice(row.items(), RESULTS))
-
-
-def figure(value: object, width: int = 0) -> str:
-    """A value for the eye: four significant digits, or as many as fit; a dash for what was not seen.
-
-    Args:
-        value: What to show; anything but a float is shown whole, however long.
-        width: Characters that a float may take, seven at least (`-1e-308`), 0 for any number of them.
-    """
-    if value is None:
-        return "-"
-    if not isinstance(value, float):
-        return str(value)
-    texts = (_EXPONENT.sub(r"e\1", f"{value:.{digits}g}") for digits in range(DIGITS, 0, -1))
-    return next(text for text in texts if not width or len(text) <= width)

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controller.campaign import TrialPlan
-from controller.fit import misfits
+from controller.fit import misfits, missing
 from controller.guard import GuardRefusal
 from controller.rig import Rig, TrialScene
-from drivers.errors import DeviceError
-from drivers.messages import (
+from drivers.core.errors import DeviceError
+from drivers.core.messages import (
     DeviceInfo,
     Failed,
     Listen,
@@ -33,10 +33,11 @@ TURN_S = 0.01
 
 @dataclass(frozen=True)
 class Finding:
-    """One line about the bench, and whether it is good."""
+    """One line about the bench, whether it is good, and whether the profile is what to mend."""
 
     sound: bool
     line: str
+    of_profile: bool = False
 
 
 @dataclass
@@ -47,24 +48,29 @@ class _Received:
     statuses: list[Status] = field(default_factory=list)
 
 
-def compare(rig: Rig, trials: Iterable[TrialPlan]) -> Iterator[Finding]:
-    """Open every device and close it again: a line for each stream that a trial or its guard needs and no device sends.
+def compare(
+    rig: Rig, trials: Iterable[TrialPlan], named: Sequence[tuple[str, str]] = ()
+) -> Iterator[Finding]:
+    """Open every device and close it again: a line for each stream that is named or needed and no device sends.
 
     Args:
         rig: The bench, closed.
-        trials: Whose streams are looked for.
+        trials: Whose streams are looked for, and their guards'.
+        named: Other streams: where each is named, and its name.
 
     Raises:
         DeviceError: one does not open.
     """
     try:
-        yield from _misfits({name: device.open() for name, device in rig.devices.items()}, trials)
+        yield from _misfits({name: device.open() for name, device in rig.devices.items()}, trials, named)
     finally:
         for device in rig.devices.values():
             device.close()
 
 
-def examine(rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = ()) -> Iterator[Finding]:
+def examine(
+    rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = (), named: Sequence[tuple[str, str]] = ()
+) -> Iterator[Finding]:
     """Open every device, read each of its streams for a second, close all; nothing is moved or excited.
 
     A device that does not open is reported, and the others are examined all the same.
@@ -72,7 +78,8 @@ def examine(rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = ()) -> It
     Args:
         rig: The bench, closed.
         scene: For a simulated bench: the scene that it is to be in.
-        trials: Whose streams are looked for as well, as `compare` does, where every device opens.
+        trials: As `compare`; looked at where every device opens.
+        named: Likewise.
     """
     infos: dict[str, DeviceInfo] = {}
     try:
@@ -90,25 +97,27 @@ def examine(rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = ()) -> It
                 if status.device == name and isinstance(status, Failed | Lost | Refused | Stalled):
                     yield _trouble(status)
         if infos.keys() == rig.devices.keys():
-            yield from _misfits(infos, trials)
+            yield from _misfits(infos, trials, named)
     finally:
         for device in rig.devices.values():
             device.close()
 
 
-def _misfits(infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan]) -> Iterator[Finding]:
+def _misfits(
+    infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan], named: Sequence[tuple[str, str]]
+) -> Iterator[Finding]:
     streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
-    reported = set()
-    for trial in trials:
-        lines = misfits(streams.keys(), trial.behavior, trial.detectors, trial.signals)
-        try:
-            trial.guard.check_streams(streams | {signal.info.name: signal.info for signal in trial.signals})
-        except GuardRefusal as refusal:
-            lines = [*lines, str(refusal)]
-        for line in lines:
-            if line not in reported:
-                reported.add(line)
-                yield Finding(False, line)
+    lines = [f"{where} = {missing(name, streams.keys())}" for where, name in named if name not in streams]
+    if not lines:  # each of these would be reported once more
+        for trial in trials:
+            lines += misfits(streams.keys(), trial.behavior, trial.detectors, trial.signals)
+            try:
+                trial.guard.check_streams(
+                    streams | {signal.info.name: signal.info for signal in trial.signals}
+                )
+            except GuardRefusal as refusal:
+                lines.append(str(refusal))
+    yield from (Finding(False, line, of_profile=True) for line in dict.fromkeys(lines))
 
 
 def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Received:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
+from drivers.core.errors import lacking
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,7 +85,7 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
     except OSError as error:
         raise RecordingError(out, "writing", error, "--into") from error
     except ImportError as error:
-        raise RunFolderError(f"--to {to} needs {error.name}: pip install {error.name}") from None
+        raise RunFolderError(f"--to {to}: {'; '.join(lacking(error.name or to, 'parquet'))}") from None
 
 
 def tidy(run: Run) -> Path | None:
@@ -222,7 +223,7 @@ def _joint(name: str, values: list[float]) -> Message:
 
 _ROS: Mapping[str, tuple[str, Callable[[str, list[float]], Message]]] = {
     "N": ("geometry_msgs/msg/WrenchStamped", _wrench),
-    "m/s^2": ("sensor_msgs/msg/Imu", _imu),
+    "m/s2": ("sensor_msgs/msg/Imu", _imu),
     "": ("sensor_msgs/msg/JointState", _joint),
 }
 """By a stream's unit: its message, and how it is filled; what has none of its own goes as positions by name."""

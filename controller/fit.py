@@ -24,7 +24,7 @@ def misfits(
     Returns:
         A line for each, with its subscriber and what there is instead.
     """
-    plans = list(behavior.plans.values())
+    plans = [plan for plans in behavior.foreseen.values() for plan in plans]
     asked = [
         (detector, stream)
         for detector in sorted({name for plan in plans for name in plan.detectors})
@@ -33,7 +33,7 @@ def misfits(
     asked += [("behavior", stream) for stream in sorted({name for plan in plans for name in plan.measures})]
     made = {signal.info.name: signal for signal in signals}
     found = dict.fromkeys(
-        f"{subscriber} subscribes to {stream}: the bench has no such stream; {_instead(stream, streams | made.keys())}"
+        f"{subscriber} subscribes to {missing(stream, streams | made.keys())}"
         for subscriber, stream in _followed(asked, made)
         if stream not in streams
     )
@@ -49,6 +49,8 @@ def _followed(asked: Sequence[tuple[str, str]], made: Mapping[str, Signal]) -> I
             yield subscriber, stream
 
 
-def _instead(stream: str, known: Set[str]) -> str:
+def missing(stream: str, known: Set[str]) -> str:
+    """That a stream is not there, and what is."""
     near = get_close_matches(stream, sorted(known), n=1)
-    return f"did you mean {near[0]}?" if near else f"it has {', '.join(sorted(known))}"
+    hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(sorted(known))}"
+    return f"{stream}: the bench has no such stream; {hint}"

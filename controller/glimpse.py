@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from behaviors.events import Event
 from behaviors.machine import Behavior, sources
-from controller.detectors.protocol import Detector
+from controller.detectors.protocol import Detector, quantity_of
 from controller.limits import GuardSettings, watched
 from controller.recording.series import DETECTOR, TrialRecording
+from controller.scales import displayed, shown_in
 from controller.wording import as_text
 
 BARS = "▁▂▃▄▅▆▇█"
@@ -35,7 +36,7 @@ class Glimpse:
 
     Args:
         recording: Of the trial, as it grows.
-        detectors: By name; the first one's first input is the deciding signal.
+        detectors: By name; what decides, by the behavior, is shown first: its first input, statistic and threshold.
         limits: Of the guard.
         behavior: Of the trial.
         events: What happened in it, as it grows.
@@ -60,6 +61,7 @@ class Glimpse:
         self._behavior = behavior
         self._events = events
         self._lost = lost or {}
+        self._listed = self.deciding()
 
     # on the terminal
 
@@ -69,7 +71,8 @@ class Glimpse:
         return [line for line in (self._signal_or_why_not(width), "  ".join(margins)) if line]
 
     def _signal_or_why_not(self, width: int) -> str:
-        name, detector = next(iter(self._detectors.items()), ("", None))
+        name = next(iter(self.deciding()), "")
+        detector = self._detectors.get(name)
         try:
             return self._signal(name, detector, width)
         except Exception as error:
@@ -83,9 +86,10 @@ class Glimpse:
         if not len(values):
             return ""
         shown, unit = displayed(stream, values[:, 0], unit)
-        readings, _ = self.recording.latest(f"{DETECTOR}{name}", 1)
+        readings, its_unit = self.recording.latest(f"{DETECTOR}{name}", 1)
         known = len(readings) and math.isfinite(readings[-1, 1])
-        beside = f"  {name} {readings[-1, 0]:.4g} of {readings[-1, 1]:.4g}" if known else ""
+        held, its_unit = displayed(DETECTOR, readings[-1] if known else readings, its_unit)
+        beside = f"  {name} {held[0]:.4g} of {held[1]:.4g} {its_unit}".rstrip() if known else ""
         newest = f"  {shown[-1]:.4g} {unit}".rstrip() + beside
         room = max(1, width - len(f"{stream}  {newest}"))
         return f"{stream}  {sparkline(shown[-room:])}{newest}"
@@ -97,9 +101,24 @@ class Glimpse:
         for name, stream, channels, limit, unit in watched(self._limits):
             values, _ = self.recording.latest(stream, 1)
             if len(values):
-                scale, shown = (1e3, "mm") if unit == "m" else (1.0, unit)
+                shown, scale = shown_in(unit)
                 size = float(np.linalg.norm(values[-1, list(channels)]))
                 yield name, size * scale, limit * scale, shown
+
+    def deciding(self) -> list[str]:
+        """The detectors, what decides in the present state first."""
+        first = self._behavior.deciding if self._behavior is not None else ()
+        return sorted(self._detectors, key=lambda name: first.index(name) if name in first else len(first))
+
+    def label(self, stream: str, unit: str) -> str:
+        """A signal's name and unit."""
+        name = stream.removeprefix(DETECTOR)
+        return f"{name}, {unit}" if unit else name
+
+    def title(self, stream: str) -> str:
+        """What a detector's statistic is; "" for any other stream."""
+        name = stream.removeprefix(DETECTOR)
+        return "" if name == stream else f"{name}: {quantity_of(self._detectors.get(name)).name}"
 
     # on the page
 
@@ -122,8 +141,8 @@ class Glimpse:
 
     def panels(self) -> list[str]:
         """Streams that are drawn: detectors' statistics with thresholds, their inputs, what the guard watches."""
-        wanted = [f"{DETECTOR}{name}" for name in self._detectors]
-        wanted += [stream for detector in self._detectors.values() for stream in detector.inputs]
+        wanted = [f"{DETECTOR}{name}" for name in self._listed]
+        wanted += [stream for name in self._listed for stream in self._detectors[name].inputs]
         wanted += [stream for stream in (self._limits.force_stream, self._limits.position_stream) if stream]
         present = set(self.recording.streams)
         return list(islice((stream for stream in dict.fromkeys(wanted) if stream in present), PANELS))
@@ -141,13 +160,6 @@ class Glimpse:
     def events(self, first: int) -> list[tuple[float, str]]:
         """What happened, the first ones left out: when, and what as text."""
         return [(event.t_s, as_text(event)) for event in self._events[first:]]
-
-
-def displayed(stream: str, values: NDArray[np.float64], unit: str) -> tuple[NDArray[np.float64], str]:
-    """A signal as it is shown: a period as a frequency, metres as millimetres."""
-    if stream.endswith(".period"):
-        return 1.0 / values, "Hz"
-    return (1e3 * values, "mm") if unit == "m" else (values, unit)
 
 
 def sparkline(values: NDArray[np.float64] | Sequence[float]) -> str:

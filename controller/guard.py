@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields
 
 import numpy as np
 
 from controller.arrivals import Arrivals
 from controller.limits import Bounds, GuardRefusal, GuardSettings, first_outside
-from drivers.messages import (
+from controller.numbers import normalised
+from drivers.core.messages import (
     MOTION,
     Command,
     Failed,
@@ -22,6 +22,7 @@ from drivers.messages import (
     Release,
     SampleBlock,
     Saturated,
+    SetTendon,
     StreamInfo,
     Twist,
 )
@@ -30,6 +31,10 @@ RELIEF = 0.1
 """How much more than at its start a trial that begins in contact may press, as a share of the force limit. Assumption:
 above a force sensor's noise."""
 
+BRAKING_S = 0.3
+"""How long what presses may still grow after a stop, before it may only fall. Assumption: as long as an arm at
+0.25 m/s brakes with 1 m/s2, and a little more."""
+
 
 class Guard:
     """Watches force, travel, streams that do not arrive and a late loop; knows nothing of the experiment.
@@ -37,6 +42,8 @@ class Guard:
     A trial may begin in contact, where an earlier run died. A force beyond the limit from the first samples on must
     not grow; the limit follows it down, and meanwhile only `Home` and motions back along the axis are admitted: there
     is a way out, and none farther in.
+
+    A stop holds: after `latch`, until the next trial, no motion is admitted but one that takes load away.
 
     Args:
         settings: The limits.
@@ -78,6 +85,8 @@ class Guard:
         self._tail_n: list[float] = []
         # What pressed beyond the limit ever since the trial began; infinite before the first sample, then 0.
         self._borne_n = math.inf
+        self._stopped_s: float | None = None
+        self._went_back: dict[str, bool] = {}  # of each mover's last motion along its axis
         self._arrivals.begin()
         self.arm(frozenset())
 
@@ -129,18 +138,26 @@ class Guard:
     def admit(self, command: Command) -> Command:
         """Admit a command, with the bound that its mover's device shall hold, or refuse it with the reason.
 
+        Returns:
+            The command, its numbers as floats.
+
         Raises:
-            GuardRefusal: not finite, too fast, beyond the travel, or a motion that no limit is known for.
+            GuardRefusal: no finite number, too fast, beyond the travel, a motion that no limit is known for, or one
+                that may add load after the trial was stopped.
         """
+        command = normalised(command)
         what = f"{type(command).__name__}({command.device})"
-        for field in fields(command):
-            value = getattr(command, field.name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, float) and not math.isfinite(number):
-                    raise GuardRefusal(f"{what}: {field.name} is {number}")
+        if self._stopped_s is not None and not self._takes_load_away(command):
+            raise GuardRefusal(
+                f"{what}: the trial was stopped; until its end only Stop, Home, Release and motion back along the axis"
+                " are admitted"
+            )
         if isinstance(command, MoveAt | MoveTo | Twist | MovePose):
             self._admit_direction(what, command)
-            return self._bounds_of(what, command.device).admit(what, command)
+            admitted = self._bounds_of(what, command.device).admit(what, command)
+            if self._stopped_s is None:
+                self._went_back[command.device] = _goes_back(command)
+            return admitted
         if isinstance(command, Grip | Release):
             self._others.get(command.device, self._first).admit_speed(what, command.speed_m_s)
             limit_n = self.settings.grip_n
@@ -152,12 +169,26 @@ class Guard:
             raise GuardRefusal(f"{what}: no limit is known for this motion")
         return command
 
+    def latch(self, t_s: float) -> None:
+        """The trial was stopped at `t_s`, for whatever reason: until `reset` only what takes load away is admitted.
+
+        What presses may grow while the movers brake, and then only fall; where they are is no reason to stop again.
+        """
+        if self._stopped_s is None:
+            self._stopped_s, self._borne_n, self._tail_n = t_s, math.inf, []
+
+    def _takes_load_away(self, command: Command) -> bool:
+        """Whether a command adds no load, where a trial was stopped. What stopped a motion back along the axis may
+        stand behind it: then there is no way but home."""
+        if isinstance(command, MoveAt | MoveTo):
+            return _goes_back(command) and not self._went_back.get(command.device, False)
+        if isinstance(command, SetTendon):
+            return command.position_m <= 0.0
+        return isinstance(command, Home | Release) or not isinstance(command, MOTION)
+
     def _admit_direction(self, what: str, command: Command) -> None:
         """Where the trial began in contact, and still is: out of it alone."""
-        back = (isinstance(command, MoveAt) and command.velocity_m_s < 0.0) or (
-            isinstance(command, MoveTo) and command.position_m <= 0.0
-        )
-        if self.bears and not back:
+        if self.bears and not _goes_back(command):
             raise GuardRefusal(
                 f"{what}: the trial began in contact, at {self._borne_n:.3g} N still, beyond limits.force_n ="
                 f" {self.settings.force_n:g}; send Home first, or back along the axis"
@@ -205,7 +236,8 @@ class Guard:
         for block in blocks:
             if len(block):
                 for look in self._looks.get(block.stream, ()):
-                    reasons += look(block)
+                    if self._stopped_s is None or (look == self._force and t_s > self._stopped_s + BRAKING_S):
+                        reasons += look(block)
         if moving and late_s > settings.late_s:
             reasons.append(f"the loop is {late_s:.3f} s late (limits.late_s = {settings.late_s:g})")
         return reasons[0] if reasons else None
@@ -260,6 +292,13 @@ class Guard:
             f"{block.stream} is at {medians_n.max():.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
             f" beyond limits.force_n = {limit_n:g}",
         )
+
+
+def _goes_back(command: Command) -> bool:
+    """Whether it leads back along its mover's axis."""
+    return (isinstance(command, MoveAt) and command.velocity_m_s < 0.0) or (
+        isinstance(command, MoveTo) and command.position_m <= 0.0
+    )
 
 
 __all__ = ["Guard", "GuardRefusal", "GuardSettings"]

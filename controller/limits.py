@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
 
-from drivers.messages import (
+from drivers.core.messages import (
     BLIND_TRAVEL_M,
     Command,
     MoveAt,
@@ -18,7 +18,7 @@ from drivers.messages import (
     SampleBlock,
     Twist,
 )
-from drivers.settings import Settings, StreamName
+from drivers.core.settings import DeviceName, Mismatch, Settings, StreamName
 
 Place = Annotated[tuple[float, float, float], Strict(False)]
 """x, y, z in m; a list in a profile."""
@@ -39,7 +39,7 @@ class MoverLimits(Settings):
 
     blind_travel_m: float = Field(default=BLIND_TRAVEL_M, gt=0.0, le=2.0)
     """How far it may go unsupervised: its device enforces that, where the program dies or is stopped. A controller
-    with a watchdog enforces it by that (`drivers.messages.BLIND_TRAVEL_M`)."""
+    with a watchdog enforces it by that (`drivers.core.messages.BLIND_TRAVEL_M`)."""
 
     position_stream: StreamName | None = None
     """Where its position comes from (m); None where travel is held by commands and device alone."""
@@ -86,7 +86,7 @@ class GuardSettings(MoverLimits):
     position_stream: StreamName | None = "stage.position"
     """Where the mover's position comes from (m); None where travel is held by commands and device alone."""
 
-    movers: Mapping[str, MoverLimits] = Field(default_factory=dict)
+    movers: Mapping[DeviceName, MoverLimits] = Field(default_factory=dict)
     """Limits of further movers, by device: `[limits.movers.NAME]`."""
 
     force_n: float | None = Field(default=None, gt=0.0, le=1000.0)
@@ -120,6 +120,17 @@ class GuardSettings(MoverLimits):
 
     late_s: float = Field(default=0.1, gt=0.0, le=10.0)
     """A turn of the loop later than this, while something moves, stops it."""
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """`Home` must not be faster than other motions may be: it is the device's own speed."""
+        for place, settings in profile.items():
+            most_m_s = self.movers.get(place[-1], self).speed_m_s
+            for key in settings.keys_of("home_speed"):
+                if (home_m_s := getattr(settings, key)) > most_m_s:
+                    mistake = f" = {home_m_s}: faster than [limits] speed_m_s = {most_m_s}; lower it to that"
+                    yield Mismatch(place, key, mistake)
 
 
 def watched(limits: GuardSettings) -> Iterable[tuple[str, str, Sequence[int], float, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
@@ -15,9 +15,11 @@ from rich.console import Console as Terminal
 from rich.live import Live
 from rich.text import Text
 
-from controller.console import LAST_S, PAUSED, ConsoleOperator, figure, key_results
+from controller.console import LAST_S, PAUSED, ConsoleOperator, key_results
 from controller.glimpse import Glimpse
-from drivers.clock import monotonic_s
+from controller.outcomes import UNMEASURED, counted, is_success
+from controller.scales import Scale, scale_of
+from drivers.core.clock import monotonic_s
 
 REFRESH_S = 0.2
 """Shortest time between two drawings. Each takes the loop 0.2 ms and the thread that draws 0.9 ms (measured), as it is
@@ -35,8 +37,8 @@ NUMBER, OUTCOME = 8, 13
 GAP = 2
 """Characters between two columns."""
 
-_STYLES = {"contact": "green", "no_contact": "green", "false_contact": "yellow", "aborted": "yellow"}
-_BAD = "red"
+_GOOD, _MISSED, _BAD = "green", "yellow", "red"
+"""Colours of a trial that succeeded, of one that did not, and of one that was broken off."""
 
 
 class _Drawer:
@@ -83,7 +85,10 @@ class LiveConsole:
         terminal: Where to draw.
     """
 
-    def __init__(self, operator: ConsoleOperator, terminal: Terminal) -> None:
+    def __init__(
+        self, operator: ConsoleOperator, terminal: Terminal, successes: Collection[str] | None = None
+    ) -> None:
+        self._successes = successes
         self._operator = operator
         self._terminal = terminal
         self._title = ""
@@ -181,32 +186,39 @@ class LiveConsole:
         if not self._results:
             return []
         _, factors, _, results = self._results[-1]
-        names = [name.rpartition(".")[2] for name in factors]
-        rows = [["trial", *names, "outcome", *results]]
+        names, found = [_scales(columns) for columns in (factors, results)]
+        rows = [
+            ["trial", *(s.heading for s in names.values()), "outcome", *(s.heading for s in found.values())]
+        ]
         for trial, values, outcome, row in self._results:
-            shown = [*(values.get(name) for name in factors), outcome.replace("_", " ")]
-            shown += [row.get(name) for name in results]
-            rows.append([str(trial), *(figure(value, NUMBER) for value in shown)])
-        least = [0, *[NUMBER] * len(names), OUTCOME, *[NUMBER] * len(results)]
+            shown = [
+                [s.cell(cells.get(name), NUMBER) for name, s in scales.items()]
+                for scales, cells in ((names, values), (found, row))
+            ]
+            rows.append([str(trial), *shown[0], outcome.replace("_", " "), *shown[1]])
+        least = [0, *[NUMBER] * len(names), OUTCOME, *[NUMBER] * len(found)]
         widths = [max(size, *map(len, cells)) for size, *cells in zip(least, *rows, strict=True)]
         # Results that a narrow terminal has no room for are left out whole.
         while (
             sum(width + GAP for width in widths) > self._terminal.width + GAP and len(widths) > len(names) + 2
         ):
             widths.pop()
-        styles = ["dim", *(_STYLES.get(outcome, _BAD) for _, _, outcome, _ in self._results)]
+        styles = ["dim", *(self._style(outcome) for _, _, outcome, _ in self._results)]
         left = len(names) + 1
         return [Text(_row(row, widths, left), style) for row, style in zip(rows, styles, strict=True)]
+
+    def _style(self, outcome: str) -> str:
+        if outcome in UNMEASURED:
+            return _BAD
+        return _GOOD if is_success(outcome, self._successes) else _MISSED
 
     def _present(self) -> list[Text]:
         if self._trial is None:
             return []
-        outcomes = sorted(self._counts.items())
-        counts = Text(", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in outcomes))
+        counts = Text(counted(self._counts, self._successes))
         name, t_s = self._state
-        factors = "  ".join(
-            f"{key.rpartition('.')[2]} {figure(value)}" for key, value in self._factors.items()
-        )
+        scales = _scales(self._factors)
+        factors = "  ".join(scales[key].said(value) for key, value in self._factors.items())
         stay = f" since {t_s:.2f} s, for {monotonic_s() - self._entered_s:.0f} s" if name else ""
         now = Text.assemble(
             (f"trial {self._trial}", "bold"), "  ", (name, "cyan"), (stay, "dim"), f"  {factors}"
@@ -221,6 +233,11 @@ class LiveConsole:
         else:
             return [now, *seen, counts, Text("Ctrl+C pauses", "dim")]
         return [now, *seen, counts, *(Text(line, "bold yellow") for line in wrap(hint, self._terminal.width))]
+
+
+def _scales(columns: Iterable[str]) -> dict[str, Scale]:
+    """The scale of each column; a setting's path by its last part, for want of room."""
+    return {name: scale_of(name.rpartition(".")[2]) for name in columns}
 
 
 def _row(cells: Sequence[str], widths: Sequence[int], left: int) -> str:

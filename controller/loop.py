@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -12,15 +11,14 @@ from typing import Protocol
 from pydantic import Field
 
 from behaviors.events import Detected, Event, GuardStopped, Paused, Resumed, Tick
-from behaviors.machine import Behavior
-from controller.detectors.protocol import Detector, Reading, reading_of
+from behaviors.machine import Behavior, verdict_of
+from controller.detectors.protocol import Detector, Floats, readings_of
 from controller.fit import misfits
-from controller.guard import Guard
-from controller.look_ahead import LONGEST_S, Acting, Leashed, Reach, Snapshot, UnkeptError, turns_before
+from controller.guard import Guard, GuardRefusal
 from controller.rig import Rig
 from controller.signals.protocol import Signal, Signals
-from drivers.clock import rest
-from drivers.messages import (
+from drivers.core.clock import rest
+from drivers.core.messages import (
     ANSWERED,
     ANSWERS,
     MOTION,
@@ -36,10 +34,16 @@ from drivers.messages import (
     Status,
     Stop,
 )
-from drivers.settings import Settings
+from drivers.core.settings import Settings
 
 STANDSTILL_TIMEOUT_S = 2.0
 """How long closing waits to see every mover stand still. Assumption: ten times a stage's slowest halt."""
+
+WAY_OUT_S = 10.0
+"""How long a behavior may retract or open after what ended its trial. Assumption: 0.1 m at 10 mm/s."""
+
+ENDING = (GuardStopped, Failed, Stalled)
+"""Events that end a trial, whatever its behavior makes of them."""
 
 KEY_INTERVAL_S = 0.05
 """How often a paused virtual bench looks for a key: faster than anyone notices."""
@@ -65,8 +69,8 @@ class Witness(Protocol):
     def record(self, blocks: Sequence[SampleBlock]) -> None:
         """Keep the blocks of one turn."""
 
-    def reading(self, detector: str, reading: Reading) -> None:
-        """Keep what a detector held against its threshold."""
+    def readings(self, detector: str, readings: Floats, decided_s: Sequence[float]) -> None:
+        """Keep what a detector held against its threshold, and when an event followed from it."""
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
         """Keep that a stream had no subscriber in this span."""
@@ -109,6 +113,8 @@ class LoopAccount:
         paused_s: Time spent paused.
         missing: Which stream did not arrive and so ended the trial, and why; "" where all did.
         unstill: Movers that were not seen standing still at the end.
+        outcome: Of a trial that the guard or a failure ended, "guard" or "fault", whatever its behavior says; else "".
+        reason: Why.
     """
 
     turns: int = 0
@@ -116,8 +122,64 @@ class LoopAccount:
     worst_late_s: float = 0.0
     paused_s: float = 0.0
     missing: str = ""
+    outcome: str = ""
+    reason: str = ""
     lost: dict[str, int] = field(default_factory=dict)
     unstill: list[str] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class TrialState:
+    """A trial under way.
+
+    Attributes:
+        behavior: What is done.
+        detectors: By the names that the behavior's states know them by.
+        signals: What is computed from the devices' own streams.
+        silent_since: Since when each stream without a subscriber has none.
+        armed: Detectors that get samples.
+        subscribed: Streams that the state, its detectors and the guard need.
+        asked: The devices' streams that are needed for it.
+        behind: Those of them that are only the input of a signal.
+        sent: How many commands were sent: the number of the last one.
+        newest: Number of the newest command that is answered, by device.
+        moving: Movers that may be moving.
+        turn: Number of the latest turn.
+        paused_s: Since when it is paused.
+        resuming: Whether the pause is to end.
+        suspending: Whether the program is to be suspended.
+        end_s: When a trial ends that the guard or a failure ended.
+    """
+
+    behavior: Behavior
+    detectors: Mapping[str, Detector]
+    signals: Signals
+    silent_since: dict[str, float]
+    armed: frozenset[str] = frozenset()
+    subscribed: frozenset[str] = frozenset()
+    asked: frozenset[str] = frozenset()
+    behind: frozenset[str] = frozenset()
+    sent: int = 0
+    newest: dict[str, int] = field(default_factory=dict)
+    moving: set[str] = field(default_factory=set)
+    turn: int = 0
+    paused_s: float | None = None
+    resuming: bool = False
+    suspending: bool = False
+    end_s: float = math.inf
+
+    @property
+    def wake_s(self) -> float:
+        """Before it nothing happens by itself."""
+        return min(self.behavior.wake_s, self.end_s)
+
+    def listening(self) -> Sequence[Detector]:
+        """The armed detectors."""
+        return [self.detectors[name] for name in sorted(self.armed)]
+
+    def outdated(self, status: Status) -> bool:
+        """Whether it is about a command that a newer one to the same device has replaced."""
+        return status.command_id != self.newest.get(status.device, 0)
 
 
 class Loop:
@@ -145,15 +207,12 @@ class Loop:
         self._clock = rig.clock
         self._movers = [name for name, info in infos.items() if info.mover]
         self._streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
-        self._acting = [device for device in rig.devices.values() if isinstance(device, Acting)]
-        self._leashed = [device for device in rig.devices.values() if isinstance(device, Leashed)]
         self._guard = guard
         self._witness = witness
         self._operator = operator
         self._settings = settings
         self.account = LoopAccount()
         self.events: list[Event] = []
-        self.entered_s: dict[str, float] = {}
         self.visits: list[tuple[str, float]] = []
 
     def run(
@@ -173,21 +232,9 @@ class Loop:
             Aborted: the operator ended the run.
             Exception: the witness's failure; a trial that is not recorded does not go on.
         """
-        self._behavior = behavior
-        self._detectors = detectors
-        self._signals = Signals(signals)
-        self._armed: frozenset[str] = frozenset()
-        self._subscribed: frozenset[str] = frozenset()
-        self._asked: frozenset[str] = frozenset()
-        self._behind: frozenset[str] = frozenset()
-        self._silent_since = dict.fromkeys(self._streams.keys() | self._signals.streams, 0.0)
-        self._numbers = itertools.count(1)
-        self._newest: dict[str, int] = {}  # of the commands that are answered, by device
-        self._moving: set[str] = set()
-        self._paused_s: float | None = None
-        self._resuming = self._suspending = False
-        self._turns = 0
-        self._reach = Reach()
+        made = Signals(signals)
+        silent_since = dict.fromkeys(self._streams.keys() | made.streams, 0.0)
+        self._trial = TrialState(behavior, detectors, made, silent_since)
         self._guard.reset(behavior.range_streams)
         try:
             self._guard.check_streams(
@@ -198,14 +245,19 @@ class Loop:
                 raise UnfitStreamError(line)
             self._poll_operator_first()
             self._begin()
-            while not behavior.done:
-                if not self._pass_quietly():
-                    self._turns, late_s = self._wait(self._next(self._turns))
+            while not self._over:
+                if not self._skip():
+                    late_s = self._wait()
                     self._turn(self._clock.now(), late_s)
         finally:
             self.halt()
             self._clock.leave()
         return self.account
+
+    @property
+    def _over(self) -> bool:
+        trial = self._trial
+        return trial.behavior.done or (trial.end_s < math.inf and self._clock.now() >= trial.end_s)
 
     def halt(self) -> None:
         """Stop every mover, see that it stands still, end all subscriptions.
@@ -224,8 +276,8 @@ class Loop:
                 with suppress(Exception):
                     for status in device.poll():
                         self._note(status)
-                        self._record_event(status, self._behavior.state, self._behavior.state, ())
-                        if isinstance(status, Standstill) and not self._outdated(status):
+                        self._record_event(status, self._trial.behavior.state, self._trial.behavior.state, ())
+                        if isinstance(status, Standstill) and not self._trial.outdated(status):
                             pending.discard(name)
                         elif isinstance(status, Failed) and name in pending:
                             pending.discard(name)
@@ -233,31 +285,32 @@ class Loop:
         self.account.unstill += sorted(pending)
         with suppress(Exception):
             self._subscribe(frozenset())
-        for stream, since_s in sorted(self._silent_since.items()):
+        for stream, since_s in sorted(self._trial.silent_since.items()):
             self._witness.skip(stream, since_s, self._clock.now())
 
     # time
 
-    def _next(self, turn: int) -> int:
-        """Number of the next turn; turn k is due at k / rate."""
-        stride = self._stride()
-        if stride:
-            return (turn // stride + 1) * stride
-        wake_s = self._behavior.wake_s
-        following = math.ceil(wake_s * self._settings.rate_hz - 1e-9) if math.isfinite(wake_s) else 0
-        return max(following, turn + 1)
-
     def _stride(self) -> int:
         """How many periods a turn takes; 0 where nothing happens before the deadline."""
-        if self._moving or (self._subscribed and self._behavior.plan.prompt):
+        trial = self._trial
+        if trial.moving or (trial.subscribed and trial.behavior.plan.prompt):
             return 1
-        if self._subscribed or not self._clock.virtual or self._paused_s is not None:
+        if trial.subscribed or not self._clock.virtual or trial.paused_s is not None:
             return max(1, round(self._settings.rate_hz / self._settings.idle_rate_hz))
         return 0
 
-    def _wait(self, planned: int) -> tuple[int, float]:
-        """Wait for a turn; returns the number of the one that it has become, and how late it is."""
-        rate_hz = self._settings.rate_hz
+    def _next(self, stride: int) -> int:
+        """Number of the next turn; turn k is due at k / rate."""
+        turn = self._trial.turn
+        if stride:
+            return (turn // stride + 1) * stride
+        wake_s = self._trial.wake_s
+        following = math.ceil(wake_s * self._settings.rate_hz - 1e-9) if math.isfinite(wake_s) else 0
+        return max(following, turn + 1)
+
+    def _wait(self) -> float:
+        """Wait for the next turn; returns how late it is."""
+        rate_hz, planned = self._settings.rate_hz, self._next(self._stride())
         self._clock.wait_until(planned / rate_hz)
         now_s = self._clock.now()
         late_s = now_s - planned / rate_hz
@@ -266,63 +319,48 @@ class Loop:
             self.account.overruns += 1
             self.account.worst_late_s = max(self.account.worst_late_s, late_s)
         # What was missed meanwhile is not made up for by a burst of turns.
-        return max(planned, math.floor(now_s * rate_hz)), late_s
+        self._trial.turn = max(planned, math.floor(now_s * rate_hz))
+        return late_s
 
-    # many turns at once
-
-    def _pass_quietly(self) -> bool:
-        """Take the next turns at once where nothing happens in them: what is observed, sampled and recorded in them is
-        the same, however it is cut. Where something does, time is taken back, and False means that turns are due."""
-        stride, reach, rate_hz = self._stride(), self._reach, self._settings.rate_hz
-        plants = self._rig.plants()
-        if plants is None or not stride or self._paused_s is not None or reach.turns < 2 or self._guard.bears:
+    def _skip(self) -> bool:
+        """Take the next turns as one, where the bench can and nothing happens in them: what is observed, sampled and
+        recorded is the same, however it is cut."""
+        trial, stride = self._trial, self._stride()
+        watched = self._guard.bears or self.account.outcome or trial.paused_s is not None
+        if self._rig.ahead is None or not stride or watched:
             return False
-        first = self._next(self._turns)
-        if any(each.blind_s <= stride / rate_hz for each in self._leashed):
+        turns = self._rig.ahead.skip(
+            self._next(stride),
+            stride,
+            self._settings.rate_hz,
+            until_s=trial.wake_s,
+            changed=[self._guard, *trial.signals.awake, *trial.listening()],
+            look=self._look,
+            armed=bool(trial.armed),
+            events=len(self.events),
+        )
+        if not turns:
             return False
-        alone_s = min((each.alone_s for each in self._acting), default=math.inf)
-        until_s = min(self._behavior.wake_s, self._clock.now() + min(alone_s, LONGEST_S))
-        turns = min(reach.turns, turns_before(until_s, first, stride, rate_hz))
-        if turns < 2:
-            return False
-        devices = self._rig.devices.values()
-        armed = [self._detectors[name] for name in self._armed]
-        try:
-            before = Snapshot([self._clock, *plants, *devices, self._guard, *self._signals.awake, *armed])
-        except UnkeptError:
-            return False
-        last = first + (turns - 1) * stride
-        for each in self._leashed:
-            each.watched_until_s = last / rate_hz
-        happened_s = self._try_until(last / rate_hz)
-        if happened_s is not None:
-            before.restore()
-            reach.happened(turns, turns_before(happened_s, first, stride, rate_hz))
-            return self._pass_quietly()
-        self._turns = last
+        trial.turn = self._next(stride) + (turns - 1) * stride
         self.account.turns += turns
-        reach.quiet(bool(self._armed))
         self._attend(self._clock.now())
         return True
 
-    def _try_until(self, t_s: float) -> float | None:
-        """Let time pass; when the first thing happened, or None where nothing did and all is recorded."""
-        self._clock.wait_until(t_s)
-        gathered: list[SampleBlock] = []
-        statuses: list[Status] = []
+    def _look(self) -> float | None:
+        """See what has come since the last turn; when the first thing happened in it, or None where nothing did and all
+        is recorded."""
+        t_s = self._clock.now()
         try:
-            for device in self._rig.devices.values():
-                gathered += device.read()
-                statuses += device.poll()
-            made, saturated = self._signals.push(gathered)
+            gathered, statuses = self._gather()
+            made, saturated = self._trial.signals.push(gathered)
             blocks = [*gathered, *made]
             found, readings = self._detect(blocks)
-            events: list[Event] = [*statuses, *saturated, *found]
         except Exception:  # what it is, and when, the turn that meets it reports
             return t_s
+        events: list[Event] = [*statuses, *saturated, *found]
         if events:
             return min(event.t_s for event in events)
-        moving, whole_s = bool(self._moving), self._guard.whole_until_s(t_s, blocks)
+        moving, whole_s = bool(self._trial.moving), self._guard.whole_until_s(t_s, blocks)
         if whole_s < math.inf:
             return whole_s
         if self._guard.watch(t_s, blocks, moving) or self._guard.missing(t_s, blocks, moving):
@@ -349,17 +387,15 @@ class Loop:
 
     def _begin(self) -> None:
         t_s = self._clock.now()
-        commands = self._behavior.begin(t_s)
-        self._entered(self._behavior.state, t_s)
-        self._operator.state(self._behavior.state, t_s)
+        commands = self._trial.behavior.begin(t_s)
+        self.visits.append((self._trial.behavior.state, t_s))
+        self._operator.state(self._trial.behavior.state, t_s)
         self._obey(commands)
 
     def _turn(self, t_s: float, late_s: float) -> None:
-        gathered: list[SampleBlock] = []
-        statuses: list[Status] = []
-        for device in self._rig.devices.values():
-            gathered += device.read()
-            statuses += device.poll()
+        """Gather, guard, detect, decide and command."""
+        trial, guard = self._trial, self._guard
+        gathered, statuses = self._gather()
         blocks, saturated = self._perceive(gathered)
         statuses += saturated
         if self._witness.failure is not None:
@@ -367,44 +403,51 @@ class Loop:
         for status in statuses:
             self._note(status)
         self._attend(t_s)
+        moving = bool(trial.moving)
         beyond = [status for status in statuses if isinstance(status, Saturated)]
-        reason = self._guard.watch(t_s, blocks, bool(self._moving), late_s, beyond)
-        missing = self._guard.missing(t_s, blocks, bool(self._moving), late_s)
-        if reason is not None or missing is not None:
+        reason = guard.watch(t_s, blocks, moving, late_s, beyond)
+        missing = guard.missing(t_s, blocks, moving, late_s)
+        if reason is not None or missing is not None or any(isinstance(each, ENDING) for each in statuses):
+            guard.latch(t_s)
             self._stop_all()
         found, readings = self._detect(blocks)
         self._record_readings(readings)
         events: list[Event] = [*statuses, *found]
-        events.sort(key=lambda event: event.t_s)
+        # What ends the trial comes first: nothing that happened before it is acted on any more.
+        events.sort(key=lambda event: (not isinstance(event, ENDING), event.t_s))
         if missing is not None:
             self.account.missing = missing.reason
             events.insert(0, missing)
         if reason is not None:
             events.insert(0, GuardStopped(t_s, reason))
-        before = len(self.events)
         for event in [*events, Tick(t_s)]:
             if self._heeds(event):
                 self._handle(event)
             elif not isinstance(event, Tick):
-                self._record_event(event, self._behavior.state, self._behavior.state, ())
-        if len(self.events) > before:
-            self._reach.begin()
-        else:
-            self._reach.quiet(bool(self._armed))
+                self._record_event(event, trial.behavior.state, trial.behavior.state, ())
         while self._waits_for_operator():
             # Virtual time stands still while a person thinks; the processor may as well rest.
             rest(KEY_INTERVAL_S)
             self._attend(t_s)
         self._go_on(t_s)
 
+    def _gather(self) -> tuple[list[SampleBlock], list[Status]]:
+        """What the devices have sent since they were read last."""
+        blocks: list[SampleBlock] = []
+        statuses: list[Status] = []
+        for device in self._rig.devices.values():
+            blocks += device.read()
+            statuses += device.poll()
+        return blocks, statuses
+
     def _heeds(self, event: Event) -> bool:
         """Whether the behavior gets it: never after its end, no answer to an older command, a tick only
         from its wake time on (turns before may be taken together), and while paused only what ends the trial."""
-        if self._behavior.done or (isinstance(event, ANSWERS) and self._outdated(event)):
+        if self._over or (isinstance(event, ANSWERS) and self._trial.outdated(event)):
             return False
-        if isinstance(event, Tick) and event.t_s < self._behavior.wake_s - 1e-9:
+        if isinstance(event, Tick) and event.t_s < self._trial.behavior.wake_s - 1e-9:
             return False
-        return self._paused_s is None or isinstance(event, GuardStopped | Failed | Stalled)
+        return self._trial.paused_s is None or isinstance(event, ENDING)
 
     def _perceive(self, gathered: Sequence[SampleBlock]) -> tuple[list[SampleBlock], list[Saturated]]:
         """What arrived, and what the signals make of it, recorded.
@@ -413,53 +456,55 @@ class Loop:
         """
         self._record_blocks(gathered)
         try:
-            made, saturated = self._signals.push(gathered)
+            made, saturated = self._trial.signals.push(gathered)
         except ValueError as error:
             raise UnfitStreamError(str(error)) from error
         self._record_blocks(made)
         return [*gathered, *made], saturated
 
     def _record_blocks(self, blocks: Sequence[SampleBlock]) -> None:
-        self._witness.record([block for block in blocks if block.stream not in self._behind])
+        self._witness.record([block for block in blocks if block.stream not in self._trial.behind])
 
     def _note(self, status: Status) -> None:
-        if isinstance(status, (*ANSWERS, Stalled, Failed)) and not self._outdated(status):
-            self._moving.discard(status.device)
+        if isinstance(status, ANSWERS) and not self._trial.outdated(status):
+            self._trial.moving.discard(status.device)
         elif isinstance(status, Lost):
             self.account.lost[status.stream] = self.account.lost.get(status.stream, 0) + status.samples
 
-    def _outdated(self, status: Status) -> bool:
-        """Whether it is about a command that a newer one to the same device has replaced."""
-        if isinstance(status, Stalled | Failed) and not status.command_id:
-            return False
-        return status.command_id != self._newest.get(status.device, 0)
-
-    def _detect(self, blocks: Iterable[SampleBlock]) -> tuple[list[Detected], list[tuple[str, Reading]]]:
-        """The armed detectors' events from new blocks, and what they held against their thresholds."""
+    def _detect(
+        self, blocks: Iterable[SampleBlock]
+    ) -> tuple[list[Detected], list[tuple[str, Floats, list[float]]]]:
+        """The armed detectors' events from new blocks; what each held against its threshold, and when it decided."""
         found: list[Detected] = []
-        readings: list[tuple[str, Reading]] = []
-        armed = [self._detectors[name] for name in sorted(self._armed)]
+        readings: list[tuple[str, Floats, list[float]]] = []
+        armed = self._trial.listening()
         for block in blocks:
             for detector in armed:
                 if block.stream in detector.inputs:
                     try:
-                        found += detector.push(block)
+                        events = detector.push(block)
                     except ValueError as error:
                         raise UnfitStreamError(f"{detector.name}: {error}") from error
-                    reading = reading_of(detector)
-                    if reading is not None:
-                        readings.append((detector.name, reading))
+                    found += events
+                    read = readings_of(detector)
+                    if len(read):
+                        readings.append((detector.name, read, [event.t_s for event in events]))
         return found, readings
 
-    def _record_readings(self, readings: Iterable[tuple[str, Reading]]) -> None:
-        for name, reading in readings:
-            self._witness.reading(name, reading)
+    def _record_readings(self, readings: Iterable[tuple[str, Floats, list[float]]]) -> None:
+        for reading in readings:
+            self._witness.readings(*reading)
 
     def _handle(self, event: Event) -> None:
-        before = self._behavior.state
-        commands = self._behavior.handle(event)
-        after = self._behavior.state
+        before = self._trial.behavior.state
+        ends = isinstance(event, ENDING)
+        if ends:
+            self._give_up(event)
+        commands = self._trial.behavior.handle(event)
+        after = self._trial.behavior.state
         changed = bool(commands) or after != before
+        if ends and not changed:
+            self._trial.end_s = -math.inf  # there is no way out to wait for
         try:
             if changed:
                 self._obey(commands)
@@ -468,6 +513,16 @@ class Loop:
                 self._record_event(event, before, after, commands)
             if after != before:
                 self._operator.state(after, event.t_s)
+
+    def _give_up(self, event: Event) -> None:
+        """The trial ends by this event: its behavior may lead the movers out of it, for a while, from standing still.
+        A second such event, or one in a pause, leaves no time for that."""
+        again = bool(self.account.outcome)
+        self._trial.end_s = (
+            -math.inf if again or self._trial.paused_s is not None else self._clock.now() + WAY_OUT_S
+        )
+        if not again:
+            self.account.outcome, self.account.reason = verdict_of(event)
 
     def _obey(self, commands: Sequence[Command]) -> None:
         """Stop first, then change the subscriptions, then the rest in order."""
@@ -478,62 +533,72 @@ class Loop:
     def _record_event(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
         self.events.append(event)
         if before != after:
-            self._entered(after, event.t_s)
+            self.visits.append((after, event.t_s))
         self._witness.event(event, state=before, next_state=after, commands=commands)
-
-    def _entered(self, state: str, t_s: float) -> None:
-        self.entered_s[state] = t_s
-        self.visits.append((state, t_s))
 
     # what follows from a decision
 
     def _arrange(self, commands: Sequence[Command]) -> None:
         """Arm the detectors of the present state, and subscribe to what it needs."""
-        plan = self._behavior.plan
-        for name in plan.detectors - self._armed:
-            self._detectors[name].reset()
-        self._armed = plan.detectors
-        decisive = frozenset(stream for name in plan.detectors for stream in self._detectors[name].inputs)
+        plan = self._trial.behavior.plan
+        for name in plan.detectors - self._trial.armed:
+            self._trial.detectors[name].reset()
+        self._trial.armed = plan.detectors
+        decisive = frozenset(
+            stream for name in plan.detectors for stream in self._trial.detectors[name].inputs
+        )
         self._guard.arm(decisive)
         wanted = plan.measures | decisive
-        moves = self._moving or any(isinstance(command, MOTION) for command in commands)
-        if wanted or moves or self._paused_s is not None:
+        moves = self._trial.moving or any(isinstance(command, MOTION) for command in commands)
+        if wanted or moves or self._trial.paused_s is not None:
             wanted |= self._guard.inputs
         self._subscribe(wanted)
 
     def _subscribe(self, streams: frozenset[str]) -> None:
-        if streams == self._subscribed:
+        if streams == self._trial.subscribed:
             return
         now_s = self._clock.now()
-        asked = self._signals.subscribe(streams)
+        asked = self._trial.signals.subscribe(streams)
         for name in self._rig.devices:
             wanted = frozenset(stream for stream in asked if stream.partition(".")[0] == name)
-            present = frozenset(stream for stream in self._asked if stream.partition(".")[0] == name)
+            present = frozenset(stream for stream in self._trial.asked if stream.partition(".")[0] == name)
             if wanted != present:
                 self._send(Listen(name, wanted))
-        self._asked, self._behind = asked, asked - streams
+        self._trial.asked, self._trial.behind = asked, asked - streams
         self._guard.expect(asked | streams, now_s)
-        for stream in sorted(streams - self._subscribed):
-            self._witness.skip(stream, self._silent_since.pop(stream, now_s), now_s)
-        for stream in self._subscribed - streams:
-            self._silent_since[stream] = now_s
-        self._subscribed = streams
+        for stream in sorted(streams - self._trial.subscribed):
+            self._witness.skip(stream, self._trial.silent_since.pop(stream, now_s), now_s)
+        for stream in self._trial.subscribed - streams:
+            self._trial.silent_since[stream] = now_s
+        self._trial.subscribed = streams
 
     def _apply(self, commands: Sequence[Command]) -> None:
         for command in commands:
-            admitted = self._guard.admit(command)
+            try:
+                if command.device not in self._rig.devices:
+                    known = ", ".join(self._rig.devices)
+                    raise GuardRefusal(f"{command}: there is no such device; the bench has {known}")
+                admitted = self._guard.admit(command)
+            except GuardRefusal as refusal:
+                if not self.account.outcome:
+                    raise
+                self.account.reason += f"; then the guard refused {refusal}"
+                self._trial.end_s = -math.inf
+                continue
             self._send(admitted)
             # A mover with a command to stop is waited for like one that moves: it reports its standstill either way.
             if isinstance(admitted, MOTION) or (
                 isinstance(admitted, Stop) and command.device in self._movers
             ):
-                self._moving.add(command.device)
+                self._trial.moving.add(command.device)
 
     def _send(self, command: Command) -> None:
         """Number a command, and hand it to its device."""
-        numbered = replace(command, id=next(self._numbers))
+        trial = self._trial
+        trial.sent += 1
+        numbered = replace(command, id=trial.sent)
         if isinstance(command, ANSWERED):
-            self._newest[command.device] = numbered.id
+            trial.newest[command.device] = numbered.id
         self._rig.devices[command.device].apply(numbered)
 
     def _stop_all(self) -> None:
@@ -542,51 +607,51 @@ class Loop:
             with suppress(Exception):
                 self._send(Stop(name))
                 # Its answer is waited for even where it stood.
-                self._moving.add(name)
+                self._trial.moving.add(name)
 
     def _waits_for_operator(self) -> bool:
-        paused = self._paused_s is not None and not self._resuming and not self._behavior.done
-        return paused and self._clock.virtual and not self._moving
+        paused = self._trial.paused_s is not None and not self._trial.resuming and not self._over
+        return paused and self._clock.virtual and not self._trial.moving
 
     def _attend(self, t_s: float) -> None:
         """Poll the operator: pause stops every mover, the guard goes on watching."""
         request = self._operator.poll()
         if request == "abort":
             raise Aborted
-        if request in ("pause", "suspend") and self._paused_s is None:
-            self._paused_s = t_s
-            self._resuming = False
+        if request in ("pause", "suspend") and self._trial.paused_s is None:
+            self._trial.paused_s = t_s
+            self._trial.resuming = False
             self._stop_all()
             self._arrange(())
-            name = self._behavior.state
+            name = self._trial.behavior.state
             self._record_event(Paused(t_s), name, name, ())
             self._operator.state("PAUSED", t_s)
         elif request == "resume":
-            self._resuming = True
-        self._suspending |= request == "suspend"
-        if self._suspending and not self._moving:
+            self._trial.resuming = True
+        self._trial.suspending |= request == "suspend"
+        if self._trial.suspending and not self._trial.moving:
             self._suspend()
 
     def _suspend(self) -> None:
         """Suspend the program, now that every mover is seen standing still."""
-        self._suspending = False
+        self._trial.suspending = False
         self._operator.suspend()
         rest(KEY_INTERVAL_S)  # the drivers' threads were suspended too, and take now what came meanwhile
         now_s = self._clock.now()
-        self._turns = math.floor(now_s * self._settings.rate_hz)  # no turn was late
+        self._trial.turn = math.floor(now_s * self._settings.rate_hz)  # no turn was late
         # Nor was any stream silent: the program was suspended.
         self._guard.expect(frozenset(), now_s)
-        self._guard.expect(self._asked | self._subscribed, now_s)
+        self._guard.expect(self._trial.asked | self._trial.subscribed, now_s)
 
     def _go_on(self, t_s: float) -> None:
         """End a pause, once the movers' answers to its stop have been passed over.
 
         A mover that is still braking would answer the next command with the old one's standstill.
         """
-        if self._behavior.done:
+        if self._over:
             return
-        if self._paused_s is not None and self._resuming and not self._moving:
-            self.account.paused_s += t_s - self._paused_s
-            self._paused_s = None
-            self._operator.state(self._behavior.state, t_s)
+        if self._trial.paused_s is not None and self._trial.resuming and not self._trial.moving:
+            self.account.paused_s += t_s - self._trial.paused_s
+            self._trial.paused_s = None
+            self._operator.state(self._trial.behavior.state, t_s)
             self._handle(Resumed(t_s))

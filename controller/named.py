@@ -10,19 +10,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, get_type_hints
-
-if TYPE_CHECKING:
-    from drivers.settings import Settings
-
-
-_PARTS = {
-    "detector": ("push", "reset"),
-    "signal": ("push", "reset"),
-    "driver": ("open", "close", "apply", "read", "poll", "account"),
-    "experiment": ("begin", "handle", "table", "states"),
-}
-"""What a class of each role has; see `controller.detectors.protocol` and its like."""
+from typing import Any
 
 _folders: dict[str, Path] = {}
 """Top-level modules of the user's own that are loaded, what they import of their folder included, and that folder."""
@@ -43,12 +31,6 @@ def is_own(name: str) -> bool:
     return ":" in name
 
 
-def mock_of(driver: str) -> str:
-    """The mock of a driver of the user's own: `MockScale` beside `Scale`."""
-    module, _, made = driver.partition(":")
-    return f"{module}:Mock{made}"
-
-
 def found_beside(name: str, folders: Sequence[Path]) -> Any:
     """What `module:attribute`, or `module`, names in the first of `folders` that has the module, or installed.
 
@@ -64,49 +46,6 @@ def found_beside(name: str, folders: Sequence[Path]) -> Any:
     if attribute and not hasattr(module, attribute):
         raise NamedError(f"{module.__file__} has no {attribute}")
     return getattr(module, attribute) if attribute else module
-
-
-def check_role(role: str, name: str, folders: Sequence[Path]) -> None:
-    """Load a class of the user's own and see that it is what it is used as.
-
-    Args:
-        role: "detector", "signal", "driver" or "experiment".
-        name: `module:Class`.
-        folders: As `found_beside`.
-
-    Raises:
-        NamedError: as `found_beside`, or it is something else.
-    """
-    made = found_beside(name, folders)
-    lacking = [part for part in _PARTS[role] if not hasattr(made, part)]
-    if not isinstance(made, type) or lacking:
-        raise NamedError(f"is no {role}" + (f": it has no {', '.join(lacking)}" if lacking else ""))
-    settings_of(made)
-    if role == "experiment":
-        settings_of(made, "factors")
-        module = found_beside(name.partition(":")[0], folders)
-        for part in ("COLUMNS", "measure"):
-            if not hasattr(module, part):
-                raise NamedError(f"{module.__file__} has no {part}, which says what is measured")
-
-
-def settings_of(made: Any, parameter: str = "settings") -> type[Settings]:
-    """The settings class of a class, from the annotation of its constructor's parameter.
-
-    Raises:
-        NamedError: there is none.
-    """
-    from drivers.settings import Settings  # `list` names classes, and loads none
-
-    try:
-        model = get_type_hints(made.__init__).get(parameter)
-    except NameError as error:
-        raise NamedError(f"{made.__name__}: {error}; import it outside of TYPE_CHECKING") from None
-    if not (isinstance(model, type) and issubclass(model, Settings)):
-        raise NamedError(
-            f"{made.__name__}(…, {parameter}, …): the type of {parameter} must be a class of Settings"
-        )
-    return model
 
 
 def own_files(names: Sequence[str]) -> Mapping[str, Mapping[str, str]]:
@@ -175,6 +114,9 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
         if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
             where = ", ".join(str(folder) for folder in folders) or "the program"
             raise NamedError(f"no module {error.name} in {where}") from None
+        helper = str(error.name).partition(".")[0] if isinstance(error, ImportError) else ""
+        if there and helper in sys.modules and helper not in _folders and _has(there[0], helper):
+            raise _taken(helper, there[0]) from None
         place = traceback.extract_tb(error.__traceback__)[-1]
         reason = " ".join(str(error).split())
         line = getattr(error, "lineno", None) or place.lineno
@@ -208,8 +150,12 @@ def _make_way(top: str, folder: Path) -> None:
     if top not in sys.modules or _folders.get(top) == folder:
         return
     if top not in _folders:
-        raise NamedError(f"the name {top} is taken by a module of the program; rename {folder / top}")
+        raise _taken(top, folder)
     _unload(top)
+
+
+def _taken(top: str, folder: Path) -> NamedError:
+    return NamedError(f"the name {top} is taken by a module of the program; rename {folder / top}")
 
 
 def _unload(top: str) -> None:

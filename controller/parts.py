@@ -75,7 +75,7 @@ class CampaignInParts(Campaign):
                 joiner.commit()
                 if part.error:
                     raise PartError(part.error)
-                if found[0]:
+                if found[1] != "done":
                     ended = found
                     if found[1] != "failed" or not whole:  # nothing more is run after an error
                         break
@@ -140,7 +140,8 @@ def add_part(manifest: dict[str, Any], part: Mapping[str, Any]) -> None:
     manifest["loop"] = {**_sum(loop, more, True), **kept}
     for key in ("loss", "outcomes", "plant"):
         manifest[key] = _sum(manifest[key], part[key], key != "plant")
-    manifest["signals"] |= part["signals"]
+    for key in ("signals", "detectors"):
+        manifest[key] = {**manifest.get(key, {}), **part.get(key, {})}
 
 
 def _sum(before: Mapping[str, Any], after: Mapping[str, Any], counts: bool) -> dict[str, Any]:

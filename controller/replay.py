@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
-from controller.detectors.protocol import Detector, reading_of
+from controller.detectors.protocol import Detector, readings_of
 from controller.recording.grid import regular
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
 from controller.recording.tables import Chosen, TableError, channel_numbers, read_columns
+from controller.scales import si_unit
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
-from drivers.messages import SampleBlock
-
-UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_hz": "Hz", "_s": "s", "_n": "N", "_v": "V", "_m": "m"}
-"""Units that a column's name ends in; the first that fits decides. A column without one is a plain waveform."""
+from drivers.core.messages import SampleBlock
 
 ENVELOPES = ("FS", "V", "")
 """Units that an envelope may be in; a file's columns need not name one."""
@@ -54,8 +52,7 @@ def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detect
             events = detector.push(block)
         except ValueError as error:
             raise ReplayError(f"{detector.name}: {error}") from None
-        reading = reading_of(detector)
-        read |= reading is not None and not math.isnan(reading.threshold)
+        read |= not np.isnan(readings_of(detector)[:, 2]).all()
         found |= bool(events)
         yield from events
     if not found and not _decided(detector, blocks, read):
@@ -70,11 +67,11 @@ def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detect
 
 
 def _decided(detector: Detector, blocks: Sequence[SampleBlock], read: bool) -> bool:
-    """Whether a detector without events compared anything with its threshold; `read`: whether it had a reading."""
+    """Whether a detector without events compared anything with its threshold; `read`: whether it had readings."""
     if isinstance(detector, Statistic):
         with suppress(ValueError):  # samples that are not finite, or lost
             return any(not np.isnan(course.statistic).all() for course in courses_of(detector, blocks))
-    return read or not hasattr(detector, "reading")
+    return read or not hasattr(detector, "readings")
 
 
 def calibration_line(
@@ -308,7 +305,7 @@ def _from_columns(
             f"{path}: {chosen.clock}: {times_s[row]:.9g} s in row {row + 1}: times must be finite and rise from row to"
             f" row, by {LEAST_STEP_S:g} s at least"
         )
-    unit = next((unit for end, unit in UNITS.items() if chosen.name.endswith(end)), "")
+    unit = si_unit(chosen.name)
     t0_s = 0.0 if times_s is None else float(times_s[0])
     if times_s is None or rate_hz is not None:
         return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)], ""

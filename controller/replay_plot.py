@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
-from controller.detectors.protocol import Detector, Reading, reading_of
-from controller.glimpse import displayed
+from controller.detectors.protocol import NOTHING, Detector, readings_of
 from controller.replay import ReplayError
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
+from controller.scales import displayed
 from controller.wording import spaced
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,9 +27,6 @@ FORMATS = (".png", ".svg", ".pdf")
 
 COLUMNS = 2000
 """Points in a row of the picture: as many as it has dots at 300 dpi. What is denser is drawn from least to largest."""
-
-READING_S = 0.01
-"""How often a detector's number is read where it has no course, s."""
 
 LARGEST = 1e300
 """Values beyond this are not drawn: axes around them end beyond the largest number."""
@@ -63,29 +59,20 @@ def draw(
         try:
             courses = courses_of(detector, blocks)
         except ValueError as error:
-            notes.append(
-                f"{path}: the statistic is not drawn sample by sample, but every {READING_S:g} s: {error}"
-            )
-    shown = [] if courses else _readings(detector, blocks)
-    panels = len(named) + bool(courses or shown)
-    with Figures(path.parent, simulated=False).figure(
-        HEIGHT_IN * panels, rows=panels, sharex=True
-    ) as drawing:
+            notes.append(f"{path}: the statistic is drawn only where it was compared: {error}")
+    shown = NOTHING if courses else _readings(detector, blocks)
+    panels = len(named) + bool(courses or len(shown))
+    with Figures(path.parent).figure(HEIGHT_IN * panels, rows=panels, sharex=True) as drawing:
         for axes, (stream, own) in zip(drawing.axes, named.items(), strict=False):
             _signal(axes, stream, own)
-        if courses or shown:
+        if courses or len(shown):
             axes = drawing.axes[-1]
             for course in courses:
                 _line(axes, course.times_s, course.statistic, INK)
-            if shown:
-                _line(
-                    axes,
-                    np.array([each.t_s for each in shown]),
-                    np.array([each.statistic for each in shown]),
-                    INK,
-                )
+            if len(shown):
+                _line(axes, shown[:, 0], shown[:, 1], INK)
             axes.set_ylabel(f"{detector.name}: statistic")
-        thresholds = [*(each.threshold for each in reversed(shown)), *(event.threshold for event in events)]
+        thresholds = [*shown[::-1, 2], *(event.threshold for event in events)]
         threshold = next((each for each in thresholds if np.isfinite(each)), None)
         if threshold is not None:
             drawing.axes[-1].axhline(
@@ -100,24 +87,14 @@ def draw(
     return notes
 
 
-def _readings(detector: Detector, blocks: Sequence[SampleBlock]) -> list[Reading]:
-    """What a detector without a course holds against its threshold, some hundred times a second."""
+def _readings(detector: Detector, blocks: Sequence[SampleBlock]) -> Floats:
+    """What a detector without a course holds against its threshold, decision by decision."""
     detector.reset()
-    found: list[Reading] = []
+    found = [NOTHING]
     for block in blocks:
-        step = max(1, round((block.rate_hz or 0.0) * READING_S))
-        for first in range(0, len(block), step):
-            detector.push(_cut(block, first, first + step))
-            reading = reading_of(detector)
-            if reading is not None and (not found or found[-1] != reading):
-                found.append(reading)
-    return found
-
-
-def _cut(block: SampleBlock, first: int, last: int) -> SampleBlock:
-    times_s = None if block.times_s is None else block.times_s[first:last]
-    t0_s = float(block.times[first])
-    return replace(block, seq=block.seq + first, t0_s=t0_s, values=block.values[first:last], times_s=times_s)
+        detector.push(block)
+        found.append(readings_of(detector))
+    return np.concatenate(found)
 
 
 def save(drawing: Drawing, path: Path) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
-from drivers.clock import Clock
-from drivers.protocols import Asking, Device
+from drivers.core.clock import Clock
+from drivers.core.protocols import Asking, Device
 
 BenchKind = Literal["mock", "emulated", "hardware"]
+BenchTime = Literal["virtual", "held", "wall"]
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,37 @@ class TrialScene:
     plant: Mapping[str, Any] = field(default_factory=dict)
 
 
+class Ahead(Protocol):
+    """A bench in virtual time that can go back in it."""
+
+    def skip(
+        self,
+        first: int,
+        stride: int,
+        rate_hz: float,
+        until_s: float,
+        changed: Sequence[object],
+        look: Callable[[], float | None],
+        armed: bool,
+        events: int,
+    ) -> int:
+        """Let the next turns pass as one where nothing happens in them; where something does, all is put back.
+
+        Args:
+            first: Number of the next turn; turn k is due at k / rate_hz.
+            stride: From a turn's number to the next one's.
+            rate_hz: Of the turns' numbers.
+            until_s: Before it nothing happens by itself.
+            changed: What a look changes beside the bench.
+            look: Sees what has come by now; when the first thing happened in it, None where nothing did.
+            armed: Whether detectors listen.
+            events: How many there were in the trial so far.
+
+        Returns:
+            How many turns have passed; 0 where the next one is to be taken by itself.
+        """
+
+
 @dataclass(frozen=True)
 class Rig:
     """Devices wired together.
@@ -41,10 +73,11 @@ class Rig:
         truth: After a trial: instants at which contact really began (True) and ended (False), where the bench
             is simulated in this process. For scoring alone; no detector or behavior is given it.
         slips: Likewise: instants at which a contact really began and ceased to slip, where the bench knows slip.
+        lifts: Likewise: how far an object was really lifted, where the bench knows weight.
         account: What the plant did: tiers, what was skipped; for the manifest.
         close: Closes what is not a device (an emulator's process).
-        plants: What the devices are on, where time may be tried and taken back: with devices and clock it is all that
-            a turn changes on the bench. None where it may not.
+        time: Of the clock: it jumps, waits for a process that is late, or is the host's.
+        ahead: Lets turns in which nothing happens pass as one, where time may be tried and taken back.
     """
 
     kind: BenchKind
@@ -53,9 +86,11 @@ class Rig:
     begin_trial: Callable[[TrialScene], None] = lambda scene: None
     truth: Callable[[], Sequence[tuple[float, bool]]] | None = None
     slips: Callable[[], Sequence[tuple[float, bool]]] | None = None
+    lifts: Callable[[], Sequence[tuple[float, float, float]]] | None = None
     account: Callable[[], Mapping[str, Any]] = dict
     close: Callable[[], None] = lambda: None
-    plants: Callable[[], Sequence[object] | None] = lambda: None
+    ahead: Ahead | None = None
+    time: BenchTime = "virtual"
 
     @property
     def asking(self) -> Sequence[Asking]:

@@ -106,7 +106,7 @@ def draw_sweep(path: Path, measured: Measured, sweep: Sweep) -> None:
     from controller.reports.figures import FAINT, INK, OURS, Figures
     from controller.signals.transducer import believed
 
-    with Figures(path.parent, simulated=False).figure(2.8) as drawing:
+    with Figures(path.parent).figure(2.8) as drawing:
         axes = drawing.axes[0]
         dense_hz = np.linspace(measured.frequencies_hz[0], measured.frequencies_hz[-1], 1000)
         model = believed(sweep, measured.frequencies_hz, measured.response, measured.kind, dense_hz)

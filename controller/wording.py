@@ -7,28 +7,8 @@ from collections.abc import Iterator
 from dataclasses import fields
 
 from behaviors.events import Event
-from drivers.messages import Command
-
-_UNITS = {
-    "_m_s2": ("m/s²", 1.0),
-    "_m_s": ("mm/s", 1e3),
-    "_v_n": ("V/N", 1.0),
-    "_rad": ("rad", 1.0),
-    "_hz": ("Hz", 1.0),
-    "_db": ("dB", 1.0),
-    "_m": ("mm", 1e3),
-    "_n": ("N", 1.0),
-    "_v": ("V", 1.0),
-    "_s": ("s", 1.0),
-}
-
-
-def unit_of(name: str) -> tuple[str, str, float]:
-    """Readable name, unit that it is shown in, and scale from SI, of a column or field: the unit is in the name."""
-    for ending, (unit, scale) in _UNITS.items():
-        if name.endswith(ending):
-            return name.removesuffix(ending).replace("_", " "), unit, scale
-    return name.replace("_", " "), "", 1.0
+from controller.scales import figure, scale_of
+from drivers.core.messages import Command
 
 
 def spaced(name: str) -> str:
@@ -65,8 +45,8 @@ def _parts(message: Command | Event, bare: bool) -> Iterator[str]:
         elif isinstance(value, str):
             yield value if field.name in ("reason", "request", "stream") else f"{field.name} {value}"
         elif isinstance(value, tuple):
-            yield f"{unit_of(field.name)[0]} ({', '.join(f'{each:.4g}' for each in value)})"
+            yield f"{scale_of(field.name).label} ({', '.join(map(figure, value))})"
         else:
-            shown, unit, scale = unit_of(field.name)
-            yield f"{'' if bare else shown} {value * scale:.4g} {unit}".strip()
+            scale = scale_of(field.name)
+            yield f"{scale.cell(value)} {scale.unit}".strip() if bare else scale.said(value)
             bare = False

@@ -1,1 +1,1 @@
-"""What the bench is made of: one package per device, and a bench made of software."""
+"""What the bench is made of: one package per device, and what they share in core."""

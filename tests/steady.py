@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.physics import finger_scene as scene
-from drivers.mock.physics.finger import FingerPlant
-from drivers.mock.physics.fingertip_settings import Matrix
+from simulator.physics import finger_scene as scene
+from simulator.physics.finger import FingerPlant
+from simulator.physics.fingertip_settings import Matrix
 
 
 class SteadyForces:

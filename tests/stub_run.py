@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from behaviors.events import Contact
-from behaviors.transient import Transient
+from behaviors.transient import Transient, TransientFactors, TransientSettings
 from config.jobs import Silent
 from controller.console import ConsoleOperator
-from controller.detectors.protocol import Reading
 from controller.glimpse import Glimpse
 from controller.limits import GuardSettings
 from controller.recording.series import TrialRecording
 from controller.watching.feed import Watched
-from drivers.messages import SampleBlock
-from drivers.protocols import Question
+from drivers.core.messages import SampleBlock
+from drivers.core.protocols import Question
 
 
 class Unattended(Silent):
@@ -42,7 +41,7 @@ class Asker:
 
 
 class Detector:
-    name, inputs, reading = "contact", ("board.period",), Reading(0.0, 28.0, 28.2)
+    name, inputs = "contact", ("board.period",)
 
 
 class StubRun:
@@ -66,7 +65,7 @@ class StubRun:
                 self.recording,
                 {"contact": Detector()},
                 limits,
-                Transient,
+                Transient(TransientSettings(), TransientFactors(speed_m_s=0.005), frozenset({"contact"})),
                 self.events,
                 self.lost,
                 lambda: self.t_s,

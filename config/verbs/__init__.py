@@ -102,7 +102,7 @@ def explained(error: Exception) -> tuple[int, str]:
     from controller.named import own_place
     from controller.recording.run_folder import RecordingError, RunFolderError
     from controller.replay import ReplayError
-    from drivers.errors import DeviceError
+    from drivers.core.errors import DeviceError
 
     if isinstance(error, ProfileError):
         lines = list(error.problems[:MISTAKES])
@@ -125,6 +125,12 @@ def explained(error: Exception) -> tuple[int, str]:
 def complain(line: str) -> None:
     """Print a mistake on standard error."""
     say(line, err=True)
+
+
+def real_time(profile: Profile) -> str:
+    """Why an emulated bench runs in real time without having been asked to, or ""."""
+    own = ", ".join(f"{name} at {port}" for name, port in profile.real_ports.items())
+    return own and f"in real time, as with --realtime: beside emulated devices there is {own}"
 
 
 def say(line: str, *, err: bool = False) -> None:
@@ -306,12 +312,11 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
 
 def loaded_profile(profile: str, overrides: Mapping[str, str], csv: Path | None = None) -> Profile:
     """A profile with settings and trials of the command line."""
-    from config.assemble import Table
     from config.profile import load_profile
     from config.trials import read_csv
 
     rows, labels = read_csv(csv) if csv else (None, None)
-    return load_profile(profile, overrides, table=Table(), rows=rows, labels=labels)
+    return load_profile(profile, overrides, rows=rows, labels=labels)
 
 
 def sets(overrides: Mapping[str, str]) -> list[str]:
@@ -323,6 +328,7 @@ def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
     """Write the report of some runs, its figures in other formats as well, and print its summary."""
     from controller.export import tidy
     from controller.recording.reader import open_run
+    from controller.recording.run_folder import RunFolder
     from controller.reports.report import build_report_with_summary
 
     if sys.stdout.isatty():
@@ -332,14 +338,19 @@ def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
         tidy(run)
     whole = folders[0].read_manifest() if len(folders) == 1 else {}
     page, lines = build_report_with_summary(
-        runs, folders[-1].path, whole.get("title", ""), whole.get("paper", ()), also
+        runs,
+        folders[0].path if len(folders) == 1 else None,
+        whole.get("title", ""),
+        whole.get("paper", ()),
+        also,
     )
     usual = page.parent.parent.resolve() == Path("runs").resolve()
-    newest = usual and max(page.parent.parent.iterdir()).name == page.parent.name
+    newest = usual and RunFolder.find("latest").path.name == page.parent.name
     where = "latest" if newest else page.parent
     if sys.stdout.isatty():
         lines = [fill(line, get_terminal_size().columns, subsequent_indent="  ") for line in lines]
-    say("\n".join([*lines, f"report: {page}", f"to see it: run.py open {where}"]))
+    opens = [f"to see it: run.py open {where}"] if len(folders) == 1 else []
+    say("\n".join([*lines, f"report: {page}", *opens]))
 
 
 def browse(address: str) -> None:

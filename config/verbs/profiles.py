@@ -14,9 +14,9 @@ from config import verbs
 
 
 @click.command("list", cls=verbs.Verb, short_help="Show profiles, detectors, signals or drivers.")
-@click.option("--detectors", "shown", flag_value="detectors", help="List kinds of detectors instead.")
-@click.option("--signals", "shown", flag_value="signals", help="List kinds of signals instead.")
-@click.option("--drivers", "shown", flag_value="drivers", help="List drivers instead.")
+@click.option("--detectors", "shown", flag_value="detector", help="List kinds of detectors instead.")
+@click.option("--signals", "shown", flag_value="signal", help="List kinds of signals instead.")
+@click.option("--drivers", "shown", flag_value="driver", help="List drivers instead.")
 def list_(shown: str | None) -> None:
     """Show the profiles, with the bench and the devices that each needs.
 
@@ -25,16 +25,9 @@ def list_(shown: str | None) -> None:
       run.py list
       run.py list --detectors
     """
-    from config.listing import listed_detectors, listed_drivers, listed_profiles, listed_signals
+    from config.listing import listed_kinds, listed_profiles
 
-    listed = {
-        "detectors": listed_detectors,
-        "signals": listed_signals,
-        "drivers": listed_drivers,
-        None: listed_profiles,
-    }
-    lines = listed[shown]()
-    click.echo("\n".join(lines))
+    click.echo("\n".join(listed_kinds(shown) if shown else listed_profiles()))
 
 
 @click.command(cls=verbs.Verb, short_help="Validate a profile, print its settings, try its bench.")
@@ -69,28 +62,40 @@ def check(
     loaded = verbs.loaded_profile(profile, overrides, csv)
     origins, asked = loaded.source.origins, chosen(loaded.trials(0), numbers, None)
     click.echo(f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {counted(len(asked))}")
+    if note := verbs.real_time(loaded):
+        click.echo(f"# {note}")
     click.echo(f"# sha256 {loaded.hash}\n")
     click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
-    trials = plan_campaign(loaded, distinct(asked), 0).trials
-    if not connect and loaded.bench != "mock":  # a bench on the wire reports its streams once it is connected
+    planned = distinct(asked)
+    trials = plan_campaign(loaded, planned, 0).trials
+    named = list(dict.fromkeys(ref for trial in planned for ref in loaded.for_trial(trial).unverified))
+    if not connect and loaded.bench != "mock":
+        if named:
+            names = ", ".join(sorted({name for _, name in named}))
+            click.echo(f"# not verified without --connect, as the device tells its streams then: {names}")
         return verbs.DONE
     from config.assemble import build_rig
     from controller.doctor import compare, examine
     from controller.rig import TrialScene
 
-    sound = True
-    with closing(build_rig(loaded)) as rig:
-        if not connect:
-            for finding in compare(rig, trials):
-                verbs.complain(finding.line)
-                sound = False
-            return verbs.DONE if sound else verbs.USAGE
+    plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
+    code = verbs.DONE
+    if connect:
         click.echo()
-        plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
-        for finding in examine(rig, TrialScene(0, 0, {}, plant), trials):
-            click.echo(finding.line)
-            sound &= finding.sound
-    return verbs.DONE if sound else verbs.DEVICE
+    with closing(build_rig(loaded)) as rig:
+        found = (
+            examine(rig, TrialScene(0, 0, {}, plant), trials, named)
+            if connect
+            else compare(rig, trials, named)
+        )
+        for finding in found:
+            if finding.of_profile:
+                verbs.complain(finding.line)
+                code = code or verbs.USAGE
+            else:
+                click.echo(finding.line)
+                code = code if finding.sound else verbs.DEVICE
+    return code
 
 
 @click.command(cls=verbs.Verb, short_help="Show what a run would take, move and compute.")
@@ -117,12 +122,13 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
     from config.assemble import plan_campaign
     from config.costs import planned
     from config.jobs import jobs_for
-    from config.trials import chosen
+    from config.trials import chosen, distinct
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
     trials = chosen(loaded.trials(0), numbers, None)
-    whole = plan_campaign(loaded, trials, 0)
-    click.echo("\n".join(planned(loaded, trials, next(iter(whole.trials)), jobs_for(loaded, whole, None))))
+    workers = jobs_for(loaded, plan_campaign(loaded, trials, 0), None)
+    plans = plan_campaign(loaded, distinct(trials), 0).trials
+    click.echo("\n".join(planned(loaded, trials, plans, workers)))
     return verbs.DONE
 
 

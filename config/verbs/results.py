@@ -18,8 +18,9 @@ from config import verbs
 def report(runs: Sequence[str], for_print: bool, out: Path) -> None:
     """Write the report of a RUN, or of several together, from the recordings alone.
 
-    RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`. The page goes into the last one's folder. A
-    run that was cut off is reported as far as it came, and its recording closed, so that Foxglove reads it as well.
+    RUN is a run folder, a part of its name, `latest`, or `latest:PROFILE`. The page of one goes into its folder, of
+    several into `report_A_B` beside the last. A run that was cut off is reported as far as it came, and its recording
+    closed, so that Foxglove reads it as well.
 
     \b
     Example:

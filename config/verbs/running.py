@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from config import verbs
+from drivers.core.errors import lacking
 
 if TYPE_CHECKING:
     from config.jobs import Crew
@@ -204,6 +205,8 @@ def _carried_out(
     from controller.console import ConsoleOperator
     from controller.recording.run_folder import RunFolder
 
+    if note := verbs.real_time(loaded):
+        verbs.say(note)
     workers = 1 if crew is None else crew.count
     time = f"time: {duration(loaded.name, loaded.experiment, loaded.bench, plan.count, workers)}"
     with ExitStack() as stack:
@@ -212,18 +215,22 @@ def _carried_out(
             from config.jobs import in_parts
 
             operator = stack.enter_context(ConsoleOperator())
-            outcome = in_parts(crew, loaded, plan, _console(operator, page, time), out, resumed).run()
+            outcome = in_parts(
+                crew, loaded, plan, _console(operator, page, time, plan.successes), out, resumed
+            ).run()
         else:
             from config.assemble import build_rig
             from controller.campaign import Campaign
 
             rig = stack.enter_context(closing(build_rig(loaded, _endpoints(endpoints), realtime)))
             operator = stack.enter_context(ConsoleOperator(asking=rig.asking))
-            outcome = Campaign(plan, rig, _console(operator, page, time), out, resumed, mirror).run()
+            outcome = Campaign(
+                plan, rig, _console(operator, page, time, plan.successes), out, resumed, mirror
+            ).run()
     if outcome.error is None:
         (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:
-        if reported:
+        if reported and RunFolder(outcome.folder).begun:
             verbs.report_on([RunFolder(outcome.folder)])
     except Exception as error:
         if not outcome.exit_code:
@@ -282,21 +289,23 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
     return dict(endpoints)
 
 
-def _console(operator: ConsoleOperator, page: PageProcess | None, time: str) -> Console:
+def _console(
+    operator: ConsoleOperator, page: PageProcess | None, time: str, successes: Sequence[str] | None
+) -> Console:
     """The person's side: the terminal, or a live page beside it; `time` is the expected duration, as text."""
     from controller.console import PlainConsole
     from controller.watching.feed import Watched
 
     began = None if page is None else page.began
     if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return Watched(PlainConsole(operator, verbs.say_at_once, time), operator, began)
+        return Watched(PlainConsole(operator, verbs.say_at_once, time), operator, began, successes)
     from rich.console import Console as Terminal
 
     from controller.live import LiveConsole
 
     screen = Terminal()
     screen.print(time, highlight=False)
-    return Watched(LiveConsole(operator, screen), operator, began)
+    return Watched(LiveConsole(operator, screen, successes), operator, began, successes)
 
 
 def _page() -> PageProcess:
@@ -318,7 +327,7 @@ def _foxglove() -> FoxgloveStream:
 
         stream = FoxgloveStream()
     except ImportError:
-        raise click.UsageError("--foxglove needs its SDK: pip install foxglove-sdk") from None
+        raise click.UsageError(f"--foxglove: {'; '.join(lacking('foxglove-sdk', 'foxglove'))}") from None
     except RuntimeError as error:
         raise click.UsageError(f"--foxglove: {error}") from None
     verbs.say(f"Foxglove: {stream.address}")

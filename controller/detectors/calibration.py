@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
-from controller.detectors.protocol import Reading, largest
+from controller.detectors.protocol import NOTHING, Quantity, decisions
 from controller.signals.along import Along, EnvelopeSamples, as_complex, silence
-from drivers.messages import SampleBlock
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock
+from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.level import LevelSearch, Steps, Window
@@ -66,6 +66,8 @@ class LevelPaperDetector:
         [('Contact', 0.2), ('ContactLost', 0.205)]
     """
 
+    quantity = Quantity("distance from the mean of its window", "σ")
+
     def __init__(self, name: str, settings: LevelPaperSettings) -> None:
         self.name = name
         self.settings = settings
@@ -76,7 +78,7 @@ class LevelPaperDetector:
 
     def reset(self) -> None:
         """Clear window and contact."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._along.reset()
         self._window: Window | None = None
         self._touching = False
@@ -92,12 +94,12 @@ class LevelPaperDetector:
         Raises:
             ValueError: samples at irregular times.
         """
-        samples, self.reading = self._along.push(block), None
+        samples, self.readings = self._along.push(block), NOTHING
         rate_hz = self._along.rate_hz
         if not len(samples.times_s) or rate_hz is None:
             return []
         scores = np.abs(self._process(samples, rate_hz))
-        self.reading = largest(samples.times_s, scores, self.settings.threshold)
+        self.readings = decisions(samples.times_s, scores, self.settings.threshold)
         hold = max(1, round(self.settings.hold_s * rate_hz))
         events: list[Detected] = []
         above = scores > self.settings.threshold  # NaN is not
@@ -180,10 +182,10 @@ class LevelSettings(Settings):
     flat: float = Field(default=0.1, gt=0.0, le=1.0)
     """Largest change in that time, as a share of the step. A steady change since the jump always exceeds it."""
 
-    scale_s: float = Field(default=0.5, gt=0.0, le=600.0)
+    scale_s: float = Field(default=0.5, ge=1e-3, le=600.0)
     """Memory of the other jumps, s. Assumption: an undulation at 0.01 m/s."""
 
-    fast_scale_s: float = Field(default=0.04, gt=0.0, le=600.0)
+    fast_scale_s: float = Field(default=0.04, ge=1e-3, le=600.0)
     """A second, faster one: a starting arm's noise comes at once. The larger scale counts."""
 
     learn_s: float = Field(default=0.3, gt=0.0, le=600.0)
@@ -193,7 +195,7 @@ class LevelSettings(Settings):
     drift_fs_s: float = Field(default=5e-5, ge=0.0, le=1.0)
     """How fast the level at rest may drift, full scales a second. Assumption: a thousandth of what a touch does."""
 
-    drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)
+    drive_hz: DriveHz = Field(default=40_000.0, gt=0.0, le=1e6)
     """Frequency of the aura (III.A: 40 kHz)."""
 
     sound_m_s: float = Field(default=343.2, gt=100.0, le=1000.0)
@@ -220,6 +222,25 @@ class LevelSettings(Settings):
         if not spans_s or min(spans_s) <= 0.0 or list(spans_s) != sorted(set(spans_s)):
             raise ValueError("positive lengths, each longer than the one before it, at least one")
         return spans_s
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """The rest at a trial's begin must be long enough to learn in, also of a signal that begins late."""
+        from behaviors.sonic import SonicSettings
+        from controller.signals.iq import IqSettings
+
+        behavior, chain = profile.get(("behavior",)), profile.get(tuple(self.input.split(".")))
+        if not (isinstance(behavior, SonicSettings) and isinstance(chain, IqSettings) and chain.silent_s):
+            return
+        needed_s = chain.silent_s + self.learn_s
+        if behavior.baseline_s < needed_s:
+            mistake = (
+                f" = {behavior.baseline_s}: [{self.input}] tracks for {chain.silent_s:.2f} s before it gives anything,"
+                f" and [{'.'.join(path)}] learns for {self.learn_s:g} s; make it"
+                f" {math.ceil(100.0 * needed_s) / 100.0:g} or longer"
+            )
+            yield Mismatch(("behavior",), "baseline_s", mistake)
 
 
 class LevelDetector:
@@ -250,6 +271,8 @@ class LevelDetector:
         ['Contact', 'ContactHeld', 'ContactLost']
     """
 
+    quantity = Quantity("jump of the level over the rms of the other jumps", "")
+
     def __init__(self, name: str, settings: LevelSettings) -> None:
         self.name = name
         self.settings = settings
@@ -260,7 +283,7 @@ class LevelDetector:
 
     def reset(self) -> None:
         """Clear levels, scales and contact."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._along.reset()
         self._steps: Steps | None = None
         self._search: LevelSearch | None = None
@@ -275,12 +298,12 @@ class LevelDetector:
         Raises:
             ValueError: samples at irregular times.
         """
-        samples, self.reading = self._along.push(block), None
+        samples, self.readings = self._along.push(block), NOTHING
         if not len(samples.times_s) or self._along.rate_hz is None:
             return []
         threshold = self.settings.threshold
         scores, changes = self._process(samples, self._along.rate_hz, threshold)
-        self.reading = largest(samples.times_s, np.nan_to_num(scores), threshold)
+        self.readings = decisions(samples.times_s, scores, threshold)
         events: list[Detected] = []
         for i in np.flatnonzero(changes).tolist():
             kind = (Contact, ContactHeld, ContactLost)[changes[i] - 1]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
-from controller.detectors.protocol import Reading, largest
+from controller.detectors.protocol import NOTHING, Quantity, decisions
 from controller.signals.along import Along, EnvelopeSamples, as_complex, silence
-from drivers.messages import SampleBlock
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock
+from drivers.core.settings import DriveHz, Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.undulation import Fit, Way
@@ -38,7 +38,7 @@ class PreTouchSettings(Settings):
     direction: Direction = (1.0, 0.0, 0.0)
     """Along which a pose is measured, in its own frame; a position has its direction already."""
 
-    drive_hz: float = Field(default=40_000.0, gt=0.0, le=1e6)
+    drive_hz: DriveHz = Field(default=40_000.0, gt=0.0, le=1e6)
     """Frequency of the aura (Rupavatharam et al., III.A: 40 kHz)."""
 
     sound_m_s: float = Field(default=343.2, gt=100.0, le=1000.0)
@@ -124,6 +124,8 @@ class PreTouchDetector:
         ('signals.right', 'arm.position')
     """
 
+    quantity = Quantity("explained over residual variance", "")
+
     def __init__(self, name: str, settings: PreTouchSettings) -> None:
         self.name = name
         self.settings = settings
@@ -134,7 +136,7 @@ class PreTouchDetector:
 
     def reset(self) -> None:
         """Clear the object and the path."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._along.reset()
         self._way: Way | None = None
         self._fit: Fit | None = None
@@ -150,11 +152,11 @@ class PreTouchDetector:
         Raises:
             ValueError: an envelope at irregular times.
         """
-        samples, self.reading = self._along.push(block), None
+        samples, self.readings = self._along.push(block), NOTHING
         if not len(samples.times_s) or self._along.rate_hz is None:
             return []
         ratios, amplitudes_fs = self._process(samples, self._along.rate_hz)
-        self.reading = largest(samples.times_s, ratios, self.settings.threshold)
+        self.readings = decisions(samples.times_s, ratios, self.settings.threshold)
         events: list[Detected] = []
         settings = self.settings
         for i in np.flatnonzero(np.isfinite(ratios)).tolist():

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
-from controller.detectors.protocol import Reading
+from controller.detectors.protocol import NOTHING, Quantity
 from controller.signals.along import Along, EnvelopeSamples
-from drivers.messages import SampleBlock
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock
+from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -63,6 +63,8 @@ class PreTouchPaperDetector:
         [0.399]
     """
 
+    quantity = Quantity("power of the window", "FS²")
+
     def __init__(self, name: str, settings: PreTouchPaperSettings) -> None:
         self.name = name
         self.settings = settings
@@ -74,7 +76,7 @@ class PreTouchPaperDetector:
 
     def reset(self) -> None:
         """Clear the window begun and the object."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._along.reset()
         self._begun = np.empty(0)
         self._near = False
@@ -85,17 +87,17 @@ class PreTouchPaperDetector:
         Raises:
             ValueError: an envelope at irregular times, or so slow that a window has no two samples.
         """
-        samples, self.reading = self._along.push(block), None
+        samples, self.readings = self._along.push(block), NOTHING
         if not len(samples.times_s) or self._along.rate_hz is None:
             return []
         events: list[Detected] = []
+        read: list[tuple[float, float, float]] = []
         for i, power in self._windows(samples, self._along.rate_hz):
             near = power > self.settings.threshold
             if math.isnan(power):
                 continue
             t_s, position_m = float(samples.times_s[i]), float(samples.position_m[i])
-            if self.reading is None or power > self.reading.statistic:
-                self.reading = Reading(t_s, power, self.settings.threshold)
+            read.append((t_s, power, self.settings.threshold))
             if near == self._near:
                 continue
             self._near = near
@@ -103,6 +105,7 @@ class PreTouchPaperDetector:
             # one and the same NaN, so that equal events are equal
             known_m = position_m if math.isfinite(position_m) else math.nan
             events.append(kind(t_s, self.name, power, self.settings.threshold, known_m))
+        self.readings = np.array(read).reshape(-1, 3)
         return events
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:

@@ -1,16 +1,17 @@
-"""The detector interface, and the reading that a detector shows."""
+"""The detector interface, and the readings that a detector shows."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
+
+Floats = NDArray[np.float64]
 
 
 class Detector(Protocol):
@@ -34,36 +35,69 @@ class Detector(Protocol):
         """Return to the initial state."""
 
 
-class Reading(NamedTuple):
-    """The statistic that a detector compared with its threshold.
+class Quantity(NamedTuple):
+    """What the number is that a detector compares with its threshold.
 
     Attributes:
-        t_s: Time of the sample.
-        statistic: The largest value in the last block.
-        threshold: NaN until it is known.
+        name: In words, as a report prints it.
+        unit: Of number and threshold; "" where it has none, None for the unit of the detector's first input.
+        learned: Unit of what `BaselineReady` reports, where that is another quantity; None where it is this one.
     """
 
-    t_s: float
-    statistic: float
-    threshold: float
+    name: str
+    unit: str | None
+    learned: str | None = None
 
 
-def reading_of(detector: object) -> Reading | None:
-    """The detector's `reading` after its last `push`; None where nothing was compared with the threshold. Optional for
-    user detectors; an attribute of another type, or one that raises, counts as None."""
+UNDECLARED = Quantity("statistic", "")
+"""Of a detector that does not say."""
+
+
+def quantity_of(detector: object) -> Quantity:
+    """The detector's `quantity`, what its `readings` are. Optional for user detectors."""
+    quantity = getattr(detector, "quantity", None)
+    return quantity if isinstance(quantity, Quantity) else UNDECLARED
+
+
+def quantities_of(detectors: Mapping[str, Detector], units: Mapping[str, str]) -> Mapping[str, Quantity]:
+    """What each detector's `readings` are, by its name, with the unit known.
+
+    Args:
+        detectors: By name.
+        units: Of the streams.
+    """
+    found = {}
+    for name, detector in detectors.items():
+        quantity = quantity_of(detector)
+        if quantity.unit is None:
+            quantity = quantity._replace(unit=units.get(detector.inputs[0], ""))
+        found[name] = quantity
+    return found
+
+
+NOTHING: Floats = np.empty((0, 3))
+"""No reading."""
+
+
+def readings_of(detector: object) -> Floats:
+    """The detector's `readings` after its last `push`, shape (n, 3): of each decision the sample's time, the statistic
+    and the threshold, NaN until it is known. Optional for user detectors; an attribute of another type, or one that
+    raises, counts as none."""
     try:
-        reading = getattr(detector, "reading", None)
+        readings = getattr(detector, "readings", None)
     except Exception:
-        return None
-    return reading if isinstance(reading, Reading) else None
+        return NOTHING
+    if isinstance(readings, np.ndarray) and readings.ndim == 2 and readings.shape[1] == 3:
+        return readings
+    return NOTHING
 
 
-def largest(times_s: NDArray[np.float64], statistic: NDArray[np.float64], threshold: float) -> Reading | None:
-    """The reading of a block: times (n,), and the statistic after each sample (n,), NaN where it decides nothing."""
-    most = float(np.fmax.reduce(statistic, initial=math.nan))
-    if math.isnan(most):
-        return None
-    return Reading(float(times_s[int((statistic == most).argmax())]), most, threshold)
+def decisions(times_s: Floats, statistic: Floats, threshold: float) -> Floats:
+    """The readings of a block: times (n,), and the statistic after each sample (n,), NaN where it decides nothing."""
+    known = ~np.isnan(statistic)
+    readings = np.empty((int(known.sum()), 3))
+    readings[:, 0], readings[:, 1], readings[:, 2] = times_s[known], statistic[known], threshold
+    return readings
 
 
 @runtime_checkable

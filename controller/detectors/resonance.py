@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHeld, ContactLost, Detected
-from controller.detectors.protocol import Reading, largest
+from controller.detectors.protocol import NOTHING, Quantity, decisions
 from controller.signals.envelope import Envelope
-from drivers.messages import SampleBlock
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock
+from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -115,11 +115,13 @@ class ResonanceDetector:
         self.name = name
         self.settings = settings
         self.inputs = (settings.input,)
+        sensed = "phase and amplitude" if settings.senses == "all" else settings.senses
+        self.quantity = Quantity(f"departure of {sensed} from the prediction", "σ", learned="Hz")
         self.reset()
 
     def reset(self) -> None:
         """Return to the initial state."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._envelope: Envelope | None = None
         self._raw: list[Floats] = []
         self._raw_times: list[Floats] = []
@@ -150,7 +152,7 @@ class ResonanceDetector:
                 " resonance.paper for period counts"
             )
         times_s, x = block.times, block.physical[:, 0]
-        self.reading = None
+        self.readings = NOTHING
         events: list[Detected] = []
         if self._next_seq is not None and block.seq != self._next_seq:
             events += self._interrupted(times_s[:1])
@@ -310,7 +312,7 @@ class ResonanceDetector:
     def _decide(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
         assert self._envelope is not None
         s = self._deviations(features)
-        self.reading = largest(past[:, 0], s, self._limit)
+        self.readings = np.concatenate([self.readings, decisions(past[:, 0], s, self._limit)])
         off = features - self._middle
         surprise = np.sqrt((off * (off[:, :, None] * self._inverse).sum(axis=1)).sum(axis=1))
         rate_hz = self._envelope.free_hz + rates_hz

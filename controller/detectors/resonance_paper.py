@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
-from controller.detectors.protocol import Reading
+from controller.detectors.protocol import NOTHING, Quantity
 from controller.signals.cycles import CycleCounter
-from drivers.messages import SampleBlock
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock
+from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +69,8 @@ class ResonancePaperDetector:
         ('board.period',)
     """
 
+    quantity = Quantity("averaged frequency", "Hz")
+
     def __init__(self, name: str, settings: ResonancePaperSettings) -> None:
         self.name = name
         self.settings = settings
@@ -77,7 +79,8 @@ class ResonancePaperDetector:
 
     def reset(self) -> None:
         """Clear baseline, average and contact."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
+        self._read: list[tuple[float, float, float]] = []
         self._cycles = CycleCounter(self.settings.hysteresis)
         self._window: deque[tuple[float, float, float]] = deque(maxlen=self.settings.average_samples)
         self._waiting: deque[tuple[float, float]] = deque()
@@ -94,13 +97,15 @@ class ResonancePaperDetector:
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Process the next periods, frequencies or waveform samples."""
-        self.reading = None
+        self._read.clear()
         if block.stream == self.settings.tendon:
             self._tendon_s = np.concatenate([self._tendon_s, block.times])
             self._tendon_m = np.concatenate([self._tendon_m, block.physical[:, 0]])
         else:
             self._waiting.extend(self._frequencies(block))
-        return [event for t_s, frequency_hz in self._ready() if (event := self._update(t_s, frequency_hz))]
+        found = [self._update(t_s, frequency_hz) for t_s, frequency_hz in self._ready()]
+        self.readings = np.array(self._read).reshape(-1, 3)
+        return [event for event in found if event]
 
     def deviations(self, times_s: Floats, values: Floats) -> tuple[Floats, Mapping[str, Floats]]:
         """Times of the averages after the baseline of a recording, and how many sigmas each lies above the mean.
@@ -169,8 +174,7 @@ class ResonancePaperDetector:
             mean_hz = float(terms @ self._curve)
             self._threshold_hz = mean_hz + settings.threshold_sigma * self._sigma_hz
             self._above_sigma = (average_hz - mean_hz) / self._sigma_hz
-        if self.reading is None or average_hz >= self.reading.statistic:
-            self.reading = Reading(t_s, average_hz, self._threshold_hz)
+        self._read.append((t_s, average_hz, self._threshold_hz))
         if self._curve is None:
             return self._learn(t_s, average_hz, terms)
         if (average_hz > self._threshold_hz) == self._contact:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, SlipEnded, SlipStarted
-from controller.detectors.protocol import Reading, largest
+from controller.detectors.protocol import NOTHING, Quantity, decisions
 from controller.signals.spectrum_blocks import SpectrumBlocks
-from drivers.messages import SampleBlock
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock
+from drivers.core.settings import Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.evidence import Odds
@@ -75,6 +75,8 @@ class SlipPaperDetector:
         0.063
     """
 
+    quantity = Quantity("spectral product", "")
+
     def __init__(self, name: str, settings: SlipPaperSettings) -> None:
         self.name = name
         self.settings = settings
@@ -83,7 +85,7 @@ class SlipPaperDetector:
 
     def reset(self) -> None:
         """Clear the block begun and the slip."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._blocks: SpectrumBlocks | None = None
         self._next_seq: int | None = None
         self._slipping = False
@@ -97,7 +99,7 @@ class SlipPaperDetector:
             self._blocks.reset()
         self._next_seq = block.seq + len(block)
         ends, products = self._products(self._blocks, self.settings.chosen(block.physical), rate_hz)
-        self.reading = largest(block.times[ends], products, self.settings.threshold)
+        self.readings = decisions(block.times[ends], products, self.settings.threshold)
         events: list[Detected] = []
         for t_s, product in zip(block.times[ends].tolist(), products.tolist(), strict=True):
             if not math.isnan(product) and (product > self.settings.threshold) != self._slipping:
@@ -161,11 +163,11 @@ class SlipSettings(SlipStreamSettings):
     """Vibration above 15 Hz in quiet, in the input's unit: `value` of an earlier `BaselineReady`. Where it is given, a
     first second that is three times as loud is refused, by name, and learning begins anew."""
 
-    knocks_hz: float = Field(default=200.0, gt=0.0, le=1e5)
+    knocks_hz: float = Field(default=200.0, ge=1e-6, le=1e5)
     """How often stick-slip releases while it slips, Hz. Assumption: about once a period of the structure; half or
     twice as much changes the delay by a third."""
 
-    jumps_hz: float = Field(default=1.0, gt=0.0, le=1e3)
+    jumps_hz: float = Field(default=1.0, ge=1e-6, le=1e3)
     """How often something knocks while it does not slip, Hz. The study's bumps."""
 
     jump_s: float = Field(default=0.009, gt=0.0, le=1.0)
@@ -188,7 +190,7 @@ class SlipSettings(SlipStreamSettings):
     energy_s: float = Field(default=0.01, gt=0.0, le=10.0)
     """Memory of the ringing's strength, s."""
 
-    scale_s: float = Field(default=2.0, gt=0.0, le=3600.0)
+    scale_s: float = Field(default=2.0, ge=1e-3, le=3600.0)
     """How fast the noise level is followed, s."""
 
     follow_s: float = Field(default=0.05, gt=0.0, le=60.0)
@@ -239,6 +241,8 @@ class SlipDetector:
         ('board.tangential',)
     """
 
+    quantity = Quantity("evidence of slip", "nat")
+
     def __init__(self, name: str, settings: SlipSettings) -> None:
         self.name = name
         self.settings = settings
@@ -247,7 +251,7 @@ class SlipDetector:
 
     def reset(self) -> None:
         """Clear noise, ringing and evidence."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._channels: list[_Channel] = []
         self._next_seq: int | None = None
         self._slipping = False
@@ -283,7 +287,7 @@ class SlipDetector:
         trace = self.evidence(block)
         events = [] if self._ready_reported else self._baseline(block)
         threshold = self.settings.threshold
-        self.reading = largest(block.times, trace, threshold)
+        self.readings = decisions(block.times, trace, threshold)
         if begun_anew and self._slipping:
             self._slipping = False
             events.append(SlipEnded(float(block.times[0]), self.name, 0.0, threshold))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
-from controller.detectors.protocol import Reading, largest
-from drivers.messages import SampleBlock
-from drivers.settings import Settings, StreamName
+from controller.detectors.protocol import NOTHING, Quantity, decisions
+from drivers.core.messages import SampleBlock
+from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -65,6 +65,8 @@ class ForceThresholdDetector:
         [0.099, 0.206]
     """
 
+    quantity = Quantity("distance of the running mean from the level at rest", None)
+
     def __init__(self, name: str, settings: ForceThresholdSettings) -> None:
         self.name = name
         self.settings = settings
@@ -73,7 +75,7 @@ class ForceThresholdDetector:
 
     def reset(self) -> None:
         """Clear level and contact."""
-        self.reading: Reading | None = None
+        self.readings = NOTHING
         self._waiting: Floats | None = None
         self._level: Floats | None = None
         self._threshold = math.nan if self.settings.threshold is None else self.settings.threshold
@@ -92,7 +94,7 @@ class ForceThresholdDetector:
         if block.seq != self._next_seq:
             self._tail = None
         self._next_seq = block.seq + len(block)
-        self.reading = None
+        self.readings = NOTHING
         if self._refused:
             return []
         events: list[Detected] = []
@@ -188,7 +190,7 @@ class ForceThresholdDetector:
             return []
         distances = np.linalg.norm(_running(joined, size) - level, axis=1)
         times_s = times_s[len(times_s) - len(distances) :]
-        self.reading = largest(times_s, distances, self._threshold)
+        self.readings = decisions(times_s, distances, self._threshold)
         events: list[Detected] = []
         above = distances > self._threshold
         deciding = np.flatnonzero(above | (distances <= settings.release_ratio * self._threshold))

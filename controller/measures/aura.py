@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from behaviors.aura import AuraSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
 from controller.measures.trial import TrialEvidence
+from controller.measures.truth import delay_s, not_before
 
 Floats = NDArray[np.float64]
 
@@ -21,9 +22,6 @@ METHODS = ("paper", "ours")
 
 LATE_S = 0.5
 """How long after a contact began or ended an event still counts for it. Assumption: half a finger's hold."""
-
-EARLY_S = 0.05
-"""How much earlier it may come: the time of a simulated contact is known to a step of the bench."""
 
 OURS_AND_PAPERS = (
     "alarms",
@@ -47,6 +45,8 @@ COLUMNS = (
     "approaches",
     "undulations_per_cm",
     "touches",
+    "truth_contact_s",
+    "truth_release_s",
     *(f"{name}_{method}" for method in METHODS for name in OURS_AND_PAPERS),
 )
 
@@ -66,12 +66,15 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
     """Measure all approaches of a trial.
 
     Returns:
-        The outcome, and the columns. `approaches` completed; `undulations_per_cm` of the last one (its dominant
-        spatial frequency); `touches` that really happened (simulated benches; else unknown). For each method:
-        `alarms`, approaches with pre-touch where nothing was near (in the rest before, or without an object); `seen`,
-        approaches to an object with pre-touch in time; `distance_m`, its median distance; `felt`, detected touches;
-        `delay_s`, median delay; `false`, approaches with a false contact; `held`, touches reported to persist and not
-        revoked too soon; `ended`, touches whose end was reported in time. These five are unknown where `touches` is.
+        The outcome, which is false contact where the approach was stopped and nothing touched (simulated benches
+        only), and the columns. `approaches` completed; `undulations_per_cm` of the last one (its dominant spatial
+        frequency); `touches` that really happened (simulated benches; else unknown), and when the
+        first began and its force was gone. For each method: `alarms`, approaches with pre-touch where nothing
+        was near (in the rest before, or without an object); `seen`, approaches to an object with pre-touch in
+        time; `distance_m`, its median distance; `felt`, detected touches; `delay_s`, median delay; `false`,
+        approaches with a contact reported before the touch or after its end; `held`, touches reported to
+        persist and not revoked before the return; `ended`, touches whose end was reported after it. These
+        five are unknown where `touches` is.
         The reports are known on every bench: `reported`, approaches with a reported contact; `reported_held` and
         `reported_ended`, those whose persistence and end were then reported; `reports`, contacts reported in them;
         `reported_of_nothing`, approaches with a contact where nothing can touch (before, in the rest, or no object).
@@ -91,6 +94,11 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
     row["undulations_per_cm"] = _undulations(evidence, settings, passages[-1]) if there else None
     if contacts is not None:
         row["touches"] = len(contacts)
+        if outcome == "contact" and not contacts:
+            outcome = "false_contact"
+    if contacts:
+        row["truth_contact_s"], over_s = contacts[0]
+        row["truth_release_s"] = over_s if math.isfinite(over_s) else None
     for method in settings.methods:
         events = [
             event
@@ -221,17 +229,19 @@ def _contact_columns(
     ends = [event.t_s for event in events if isinstance(event, ContactLost)]
     delays_s, held, ended = [], 0, 0
     for begun_s, over_s in contacts:
-        felt = next(
-            (t_s for t_s in begins if begun_s - EARLY_S <= t_s <= min(over_s, begun_s + LATE_S)), None
-        )
-        if felt is None:
+        own = next((each for each in passages if each.begun_s <= begun_s < each.over_s), None)
+        set_out_s, back_s = (begun_s, over_s) if own is None else (own.begun_s, min(own.back_s, over_s))
+        # the first report decides: one before the touch would have stopped the arm
+        felt = next((t_s for t_s in begins if t_s >= set_out_s or not_before(t_s, begun_s)), math.inf)
+        if not not_before(felt, begun_s) or felt > min(over_s, begun_s + LATE_S):
             continue
-        delays_s.append(felt - begun_s)
+        delays_s.append(delay_s(felt, begun_s))
         lost = next((t_s for t_s in ends if t_s > felt), math.inf)
-        held += any(felt < t_s <= over_s for t_s in holds) and lost >= over_s - EARLY_S
-        ended += over_s - EARLY_S <= lost <= over_s + LATE_S
-    allowed = [(begun_s - EARLY_S, over_s + EARLY_S) for begun_s, over_s in contacts]
-    false = [t_s for t_s in begins if not any(a_s <= t_s <= b_s for a_s, b_s in allowed)]
+        # the end has no instant: the foam unloads from the return until the force is gone
+        kept = not_before(lost, back_s)
+        held += kept and any(felt < t_s <= over_s for t_s in holds)
+        ended += kept and lost <= over_s + LATE_S
+    false = [t_s for t_s in begins if not any(not_before(t_s, a_s) and t_s <= b_s for a_s, b_s in contacts)]
     return {
         f"felt_{method}": len(delays_s),
         f"delay_s_{method}": float(np.median(delays_s)) if delays_s else None,

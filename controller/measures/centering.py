@@ -9,10 +9,13 @@ from typing import Any
 from behaviors.events import Contact, PreTouch
 from behaviors.search import SearchSettings
 from controller.measures.trial import TrialEvidence
-from drivers.messages import Gripped, Reached, Standstill
+from drivers.core.messages import Gripped, Reached, Standstill
 
 HIGHLIGHTS = ("error_m", "search_s", "touched")
 """Columns shown during a run."""
+
+CENTERED_M = 0.008
+"""Largest error of a middle that was found: the paper's largest (IV.A.2, Fig. 8c)."""
 
 COLUMNS = (
     "error_m",
@@ -32,16 +35,33 @@ COLUMNS = (
 def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Measure one search.
 
+    The outcome is judged by what is known. A search that a contact ended is `touched`, or `false_contact` where in
+    truth nothing touched (simulated benches only). One that came to a middle is `touched` where in truth it touched on
+    the way, and `off_center` where the middle is not the object's.
+
     Returns:
         The outcome, and the columns: the gripper's final position relative to the object's middle, positive if too far
         forward; that position; where the left and the right finger detected the object; from the deciding sample to
         the stop command; duration of the search; number of true touches during it (simulated benches only); whether
         the jaws held it; from the grip's beginning to each finger's contact.
     """
+    row = _measured(evidence, settings)
+    touches = None if evidence.truth is None else sum(made for _, made in evidence.truth)
+    if outcome == "touched" and touches == 0:
+        outcome = "false_contact"
+    if outcome == "centered" and row["touched"]:
+        outcome = "touched"
+    known = "object_x_m" in evidence.factors and row["error_m"] is not None
+    if outcome == "centered" and known and abs(row["error_m"]) > CENTERED_M:
+        outcome = "off_center"
+    return outcome, row
+
+
+def _measured(evidence: TrialEvidence, settings: SearchSettings) -> dict[str, Any]:
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     begun_s = evidence.entered_s.get("RUNNING_UP", evidence.entered_s.get("SEEKING_FORWARD"))
     if begun_s is None:
-        return outcome, row
+        return row
     # after a pause the search restarts: the result of the one before is discarded
     entered_s = {state: t_s for state, t_s in evidence.entered_s.items() if t_s >= begun_s}
     ended_s = entered_s.get("CENTERING")
@@ -57,13 +77,13 @@ def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> 
     for finger, state in (("left", "TURNING"), ("right", "STOPPING")):
         row[f"seen_to_stop_{finger}_s"] = _stopped_after(evidence, settings, entered_s.get(state))
     if ended_s is None:
-        return outcome, row
+        return row
     row["search_s"] = ended_s - begun_s
     arrived = evidence.first(Reached, ended_s, device=settings.mover)
     if arrived is not None:
         row["middle_m"] = arrived.position_m
         row["error_m"] = arrived.position_m - float(evidence.factors.get("object_x_m", 0.0))
-    return outcome, row | dict(_grasp(evidence, settings))
+    return row | dict(_grasp(evidence, settings))
 
 
 def _seen_at(

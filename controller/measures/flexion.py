@@ -13,6 +13,7 @@ from behaviors.events import Contact, ContactLost
 from behaviors.flexion import FlexionSettings
 from controller.measures import transient
 from controller.measures.trial import TrialEvidence
+from controller.measures.truth import delay_s, not_before
 
 HIGHLIGHTS = ("contact_false", "following_false", "free_rise_hz")
 """Columns shown during a run."""
@@ -65,15 +66,15 @@ def _scores(
         if isinstance(event, Contact | ContactLost) and event.detector == name
     ]
     before = [made for t_s, made in changes if t_s < begun_s]
-    inside = [(t_s, made) for t_s, made in changes if begun_s <= t_s < until_s]
+    inside = [(t_s, made) for t_s, made in changes if begun_s <= t_s and not not_before(t_s, until_s)]
     edges = [(begun_s, bool(before and before[-1])), *inside, (until_s, False)]
     contact_s = sum(b[0] - a[0] for a, b in pairwise(edges) if a[1])
-    after = [t_s for t_s, made in changes if made and touch_s is not None and t_s >= touch_s]
+    after = [t_s for t_s, made in changes if made and touch_s is not None and not_before(t_s, touch_s)]
     return [
         ("false", float(sum(made for _, made in inside))),
         ("share", contact_s / (until_s - begun_s)),
         ("blind", float(edges[-2][1]) if touch_s is not None else None),
-        ("event_s", after[0] - touch_s if after and touch_s is not None else None),
+        ("event_s", delay_s(after[0], touch_s) if after and touch_s is not None else None),
     ]
 
 

@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from behaviors.events import SlipStarted
 from behaviors.grasp import GraspSettings
 from controller.measures import centering
 from controller.measures.trial import TrialEvidence
-from drivers.messages import Grip, Sent
+from drivers.core.messages import Grip, Sent
 
-_OWN = ("lifted_m", "held_s", "slips", "slipped", "grip_n")
-COLUMNS = (*centering.COLUMNS, *_OWN)
+OFF_TABLE_M = 0.001
+"""An object that is higher than this is off the table; below, it may be the fingers that give. Assumption."""
+
+CARRIED = 0.9
+"""An object of whose weight at least this share is carried does not stand on the table. Assumption."""
+
+_OWN = ("rise_m", "carried", "carried_n", "lifted_m", "held_s", "slips", "slipped", "grip_n")
+COLUMNS = (*_OWN, *centering.COLUMNS)  # what decides first
 
 
 def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Measure one grasp.
 
+    Whether the object was lifted and held is known from the truth of a simulated bench, whatever the fingers feel;
+    else, where they still feel it, from the arm's force and the object's weight. Where neither is known it is `felt`.
+
     Returns:
-        The outcome, and the columns of centering with five more: how far the tool was lifted, how long the object was
-        held there, how often slip was detected meanwhile, how often it really slipped (simulated benches only), and the
-        last commanded grip force.
+        The outcome, and the columns of centering with eight more. At the end of the hold: how far the object was off
+        the table and what share of its weight was carried (simulated benches only), what the arm's sensor says it
+        carried, and how far the tool was lifted. How long it was held there, how often slip was detected meanwhile, how
+        often it really slipped (simulated benches only), and the last commanded grip force.
     """
     outcome, row = centering.measure(evidence, settings, outcome)
     row |= dict.fromkeys(_OWN)
@@ -40,4 +51,44 @@ def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> t
     if holding_s is not None and math.isfinite(over_s):
         heights_m = evidence.stream(settings.pose_stream, lifting_s, over_s).values[:, 2]
         row["lifted_m"], row["held_s"] = float(heights_m[-1] - heights_m[0]), over_s - holding_s
-    return outcome, row
+        row["carried_n"] = _carried_n(evidence, settings, holding_s, over_s)
+        lifts = [lift for lift in evidence.lifts or () if holding_s <= lift[0] <= over_s]
+        row["rise_m"], row["carried"] = lifts[-1][1:] if lifts else (None, None)
+    risen = any(rise_m > OFF_TABLE_M for t_s, rise_m, _ in evidence.lifts or () if lifting_s <= t_s <= over_s)
+    return _judged(evidence, settings, outcome, row, risen), row
+
+
+def _carried_n(
+    evidence: TrialEvidence, settings: GraspSettings, holding_s: float, over_s: float
+) -> float | None:
+    """What the arm carries while it holds, less what it carried at rest in the middle, N."""
+    resting_s, closing_s = evidence.entered_s.get("RESTING"), evidence.entered_s.get("CLOSING")
+    if resting_s is None or closing_s is None:
+        return None
+    spans = (resting_s, closing_s), (holding_s, over_s)
+    before, held = (evidence.stream(settings.force_stream, *span).values for span in spans)
+    return float(before[:, 2].mean() - held[:, 2].mean()) if len(before) and len(held) else None
+
+
+def _judged(
+    evidence: TrialEvidence, settings: GraspSettings, outcome: str, row: Mapping[str, Any], risen: bool
+) -> str:
+    """Whether what the fingers felt, or no longer felt, was lifted and held.
+
+    Args:
+        evidence: Of the trial.
+        settings: Of the behavior.
+        outcome: As the behavior has it.
+        row: Of the trial.
+        risen: Whether the object was really off the table at any time.
+    """
+    if outcome not in ("held", "dropped"):
+        return outcome
+    if evidence.lifts is not None:
+        held = row["rise_m"] is not None and row["rise_m"] > OFF_TABLE_M and row["carried"] >= CARRIED
+        return "held" if held else "dropped" if risen else "not_lifted"
+    if outcome == "dropped":
+        return outcome
+    if settings.weight_n is None or row["carried_n"] is None:
+        return "felt"
+    return "held" if row["carried_n"] >= CARRIED * settings.weight_n else "not_lifted"

@@ -22,8 +22,9 @@ from behaviors.events import (
 from behaviors.slip_settings import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures.trial import TrialEvidence
+from controller.measures.truth import delay_s, not_before
 from controller.signals.spectrum_blocks import SpectrumBlocks
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 Floats = NDArray[np.float64]
 
@@ -58,11 +59,11 @@ COLUMNS = (
 )
 """`clock_s` is where the paper's time axis begins. `reference` is the origin of the delays: true slip on a simulated
 bench, or the command to slide. `slide_s` is the first such command, `slip_s` the first true slip, `event_s` a
-detector's first event after `slide_s`. `early` counts slips reported between the arm's start and the true slip, or that
-began while the detector reported slip already: neither detected nor missed. A slip cut short before it could be
-detected is none of the three. `listen_s` is when the slip detectors were subscribed; `touch_alarms` are the false
-alarms during descent and pressing, `quiet_s` is the other time without slip in which a detector could have alarmed.
-`ours_least_delay_s` is our detector's shortest delay, whatever the slip."""
+detector's first event after `slide_s`. `early` counts slips reported between the arm's start and the true slip, or
+that began while the detector reported slip already: neither detected nor missed, but a false alarm. A slip cut short
+before it could be detected is none of the three. `listen_s` is when the slip detectors were subscribed; `touch_alarms`
+are the false alarms during descent and pressing, `quiet_s` is the other time without slip in which a detector could
+have alarmed. `ours_least_delay_s` is our detector's shortest delay, whatever the slip."""
 
 BLOCK_S = 0.064
 SLOW_BLOCK_S = 0.16
@@ -110,7 +111,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row["slide_s"] = commanded[0].begin_s if commanded else None
     if slips:
         row["slip_s"], row["slip_end_s"] = slips[0].begin_s, slips[-1].end_s
-    slipping = [SlipSpan(slip.commanded_s, slip.end_s) for slip in slips] + (true_slips or [])
+    slipping = [SlipSpan(slip.begin_s, slip.end_s) for slip in slips] + (true_slips or [])
     descent = _descent(evidence)
     row["listen_s"] = listen_s = _listen_s(evidence, run)
     arming_s, row["ours_least_delay_s"] = _ours_at_best(evidence, run)
@@ -226,12 +227,14 @@ def _score(
     delays_s: list[float] = []
     early = missed = 0
     for slip in slips:
-        before = [event for event in events if event.t_s < slip.begin_s]
+        before = [event for event in events if not not_before(event.t_s, slip.begin_s)]
         latest_s = min(slip.begin_s + missed_after_s, slip.end_s + AFTER_S)
         found = [
             event.t_s
             for event in events
-            if isinstance(event, SlipStarted) and slip.begin_s <= event.t_s <= latest_s
+            if isinstance(event, SlipStarted)
+            and not_before(event.t_s, slip.begin_s)
+            and event.t_s <= latest_s
         ]
         called = [
             event for event in before if event.t_s >= slip.commanded_s and isinstance(event, SlipStarted)
@@ -239,7 +242,7 @@ def _score(
         if called or (before and isinstance(before[-1], SlipStarted)):
             early += 1
         elif found:
-            delays_s.append(found[0] - slip.begin_s)
+            delays_s.append(delay_s(found[0], slip.begin_s))
         elif not any(slip.commanded_s <= cut_s <= latest_s for cut_s in cuts_s):
             missed += 1
     return {
@@ -259,7 +262,9 @@ def _alarms(
         event.t_s
         for event in events
         if isinstance(event, SlipStarted)
-        and not any(slip.begin_s <= event.t_s <= slip.end_s + AFTER_S for slip in slips)
+        and not any(
+            not_before(event.t_s, slip.begin_s) and event.t_s <= slip.end_s + AFTER_S for slip in slips
+        )
     ]
     touching = sum(descent.begin_s <= t_s < descent.end_s for t_s in alarms)
     return {"false_alarms": len(alarms) - touching, "touch_alarms": touching}

@@ -18,6 +18,9 @@ WHEN = ("before", "soon", "later")
 SOON_S, LATER_S = 0.07, 0.3
 """Spans after the touch: two periods, and the paper's own mean delay (V.B)."""
 
+RENAMED = {"no_contact": "recorded", "contact": "stopped"}
+"""What the behavior concludes, and what that means where no detection is wanted."""
+
 HIGHLIGHTS = ("average_before", "average_later", "all_soon")
 """Columns shown during a run."""
 
@@ -31,7 +34,8 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     """Measure one approach that goes to its full depth whatever is detected.
 
     Returns:
-        The outcome, `contact` where the probe touched; and beside the columns of `measures.transient` for each method
+        The outcome, `recorded` where the probe touched and went to its depth, `stopped` where a detection ended that;
+        and beside the columns of `measures.transient` for each method
         the largest statistic, in deviations of the free finger: `…_before` the touch, from the approach's start on, and
         within 0.07 s (`…_soon`) and 0.3 s (`…_later`) after it. A threshold below the first is a false contact, one
         below the others detects the contact in time.
@@ -55,4 +59,4 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         for method, values in deviations.items():
             for when, span in zip(WHEN, spans, strict=True):
                 row[f"{method}_{when}"] = float(values[span].max()) if span.any() else None
-    return "contact" if outcome == "no_contact" else outcome, row
+    return RENAMED.get(outcome, outcome), row

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from behaviors.events import BaselineReady, Contact
 from behaviors.transient import TransientSettings
+from controller.detectors.protocol import quantity_of
 from controller.measures.trial import TrialEvidence
-from drivers.messages import Standstill
+from controller.measures.truth import not_before
+from drivers.core.messages import Standstill
 
 ONSET_N = 0.005
 """The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
@@ -52,7 +54,12 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     begun_s = evidence.entered_s.get("APPROACH")
     ready = evidence.last(BaselineReady, detector=settings.detector)
     if ready is not None:
-        row.update(baseline_hz=ready.value, threshold_hz=ready.threshold)
+        quantity = quantity_of(evidence.detectors.get(settings.detector))
+        # a column is named after one quantity: another one is recorded beside its own threshold, not here
+        if (quantity.learned or quantity.unit) == "Hz":
+            row["baseline_hz"] = ready.value
+        if quantity.unit == "Hz":
+            row["threshold_hz"] = ready.threshold
     contact = evidence.last(Contact, detector=settings.detector)
     baseline_s = evidence.entered_s.get("BASELINE")
     if baseline_s is not None:
@@ -76,7 +83,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     detect_s = contact.t_s
     row.update(detect_s=detect_s, **_certificate(evidence, settings, position, detect_s))
     reference_s = touch_of(row, evidence)
-    if reference_s is None or detect_s < reference_s:
+    if reference_s is None or not not_before(detect_s, reference_s):
         row["false_contacts"] = 1
         return ("false_contact" if outcome == "contact" else outcome), row
     row["force_n"] = _mean_over_oscillation(times_s, force_n, detect_s, _period(evidence, settings, detect_s))

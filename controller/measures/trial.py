@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from behaviors.events import Event
 from controller.detectors.protocol import Detector
 from controller.recording.series import Series, Span, TrialRecording
-from drivers.messages import Sent, Stop, StreamInfo
+from drivers.core.messages import Sent, Stop, StreamInfo
 
 E = TypeVar("E", bound=Event)
 
@@ -38,6 +38,8 @@ class TrialEvidence:
         visits: Every state in order of entry, with the bench time.
         truth: Instants at which contact really began and ended, on simulated benches; else None.
         slips: Instants at which slip really did, on benches that simulate slip; else None.
+        lifts: While an object is held: when, how far it is really off the table (m), and what of its weight is carried
+            (a share), on benches that simulate weight; else None.
         detectors: Available detectors, by name.
         streams: Descriptions of the streams, by name.
         sources: Input streams of each signal, by the signal's stream.
@@ -50,6 +52,7 @@ class TrialEvidence:
     visits: list[tuple[str, float]] = field(default_factory=list)
     truth: Sequence[tuple[float, bool]] | None = None
     slips: Sequence[tuple[float, bool]] | None = None
+    lifts: Sequence[tuple[float, float, float]] | None = None
     detectors: Mapping[str, Detector] = field(default_factory=dict)
     streams: Mapping[str, StreamInfo] = field(default_factory=dict)
     sources: Mapping[str, Sequence[str]] = field(default_factory=dict)

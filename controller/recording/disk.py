@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from controller.recording.run_folder import RecordingError
-from drivers.clock import monotonic_s
+from drivers.core.clock import monotonic_s
 
 WRITE_S = 0.2
 """Wall time between two writes, s: what a kill costs, with the write itself, is under one second."""

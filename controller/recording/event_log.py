@@ -12,7 +12,7 @@ import numpy as np
 
 from behaviors.events import Event
 from controller.recording.run_folder import RecordingError
-from drivers.messages import Command
+from drivers.core.messages import Command
 
 
 class EventLog:

@@ -6,7 +6,6 @@ Python object (6 us each); equally long samples go through one NumPy record arra
 
 from __future__ import annotations
 
-import fcntl
 import os
 import struct
 import zlib
@@ -40,6 +39,8 @@ from mcap.records import (
 )
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
+
+from controller.recording.lock import lock
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last eight bytes of a file (MCAP specification, "Magic")."""
@@ -101,9 +102,7 @@ class McapWriter:
         self._mirror = mirror
         self._file = path.open("wb", buffering=0)
         with suppress(OSError):  # not every file system knows locks
-            fcntl.flock(
-                self._file, fcntl.LOCK_EX | fcntl.LOCK_NB
-            )  # as long as it is written: see `mcap_repair`
+            lock(self._file.fileno())  # as long as it is written: see `mcap_repair`
         self._offset = 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []

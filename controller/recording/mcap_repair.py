@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 from pathlib import Path
 
 from mcap.opcode import Opcode
 
+from controller.recording.lock import lock
 from controller.recording.mcap_file import MESSAGE, RECORD, McapWriter, message_heads, unpacked, walk
 
 CLOSED_AFTERWARDS = "closed_afterwards"
@@ -27,7 +27,7 @@ def close_cut(path: Path) -> bool:
     """
     with path.open("rb") as cut:
         try:
-            fcntl.flock(cut, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(cut.fileno())
         except OSError:  # its writer lives, or is not to be asked
             return False
         if any(opcode == Opcode.FOOTER for opcode, _, _ in walk(path)):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from mcap.records import Channel, Footer, Metadata
 
+from controller.outcomes import is_success, successes_in, word_of
 from controller.recording.ledger import Cell, read_ledger
 from controller.recording.mcap_file import messages, records
 from controller.recording.mcap_repair import CLOSED_AFTERWARDS, close_cut
@@ -22,7 +23,7 @@ from controller.recording.series import TrialRecording
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_TABLES = {"profile", "devices", "roles", "plant", "loop", "loss", "signals", "outcomes", "exit"}
+_TABLES = {"profile", "devices", "roles", "plant", "loop", "loss", "signals", "detectors", "outcomes", "exit"}
 """What of a manifest is a table of its own."""
 
 KEPT_BYTES = 64 << 20
@@ -53,6 +54,13 @@ class Run:
         return self.manifest.get("bench") in ("mock", "emulated")
 
     @property
+    def measured_by(self) -> list[str]:
+        """Devices of a simulated bench that are real: each at a port of its own."""
+        devices = ((self.manifest.get("profile") or {}).get("resolved") or {}).get("devices") or {}
+        ports = {name: table.get("port") for name, table in devices.items() if self.simulated}
+        return [name for name, port in ports.items() if port not in (None, "mock", "emulated")]
+
+    @property
     def cut_off(self) -> bool:
         """Whether the run never came to its end."""
         exit_ = self.manifest.get("exit") or {}
@@ -64,6 +72,15 @@ class Run:
         import pandas as pd
 
         return pd.DataFrame(list(self.trials))
+
+    @cached_property
+    def successes(self) -> Sequence[str] | None:
+        """The outcomes that are success; None where the experiment declares none."""
+        return successes_in(self.manifest)
+
+    def succeeded(self, row: Mapping[str, Any]) -> bool:
+        """Whether a trial succeeded."""
+        return is_success(row.get("outcome"), self.successes)
 
     def trial(self, number: int) -> TrialRecording:
         """What was recorded of a trial: `run.trial(5).stream("board.load_cell")` has `times_s` and `values`.
@@ -123,10 +140,12 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
         raise RunFolderError(f"{folder.path}: holds several runs; give one of them: {names}")
     with _reading(folder.manifest_path):
         _check([manifest], dict.fromkeys(_TABLES & set(manifest), dict))
+        _check([{"successes": [], **manifest}], {"successes": list | None})
         ended = sum((manifest.get("outcomes") or {}).values())
     with _reading(folder.trials_path):
         trials, row_cut = read_ledger(folder.trials_path)
         _check(trials, {"trial": int, "outcome": str})
+        trials = [{**row, "outcome": word_of(manifest, row)} for row in trials]
     with _reading(folder.events_path):
         events, event_cut = _read_events(folder.events_path)
         _check(events, {"trial": int, "event": str, "t_s": int | float})

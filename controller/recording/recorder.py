@@ -6,19 +6,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 
 import numpy as np
+from numpy.typing import NDArray
 
 from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
-from controller.detectors.protocol import Reading
+from controller.detectors.protocol import Quantity
 from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
 from controller.recording.event_log import EventLog
 from controller.recording.ledger import Ledger
 from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
-from controller.recording.series import DETECTOR, TrialRecording
+from controller.recording.series import DETECTOR, TrialRecording, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
 from controller.wording import as_text
-from drivers.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
+from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
+
+Floats = NDArray[np.float64]
 
 _ERRORS = (GuardStopped, Failed, Stalled)
 _WARNINGS = (Lost, Refused, BaselineRefused, ContactLost)
@@ -26,6 +29,11 @@ _WARNINGS = (Lost, Refused, BaselineRefused, ContactLost)
 READINGS_S = 0.1
 """Over how long a detector's readings are gathered before they are kept, s: a person sees no less, and a block costs
 as much as ten readings."""
+
+BIN_S = 0.02
+"""Of a detector's readings in a bin of time the least, the largest and those that it decided by are kept, s: a hundred
+a second, and all of a detector that decides more seldom. The bins are of bench time: the cut of blocks and turns
+changes nothing."""
 
 
 class Recorder:
@@ -61,7 +69,8 @@ class Recorder:
         self.folder = folder
         self.trial = TrialRecording(-1)
         self._now_s = 0.0
-        self._readings: dict[str, list[Reading]] = {}
+        self._readings: dict[str, list[Floats]] = {}
+        self._quantities: Mapping[str, Quantity] = {}
         self._ledger = Ledger(folder.trials_path, factors, measures)
         self._streams = StreamWriter(folder.new_recording(), wall_start, streams, mirror)
         try:
@@ -77,12 +86,21 @@ class Recorder:
         return self._disk.failure
 
     def begin_trial(
-        self, trial: int, factors: Mapping[str, object], offset_s: float, limits: GuardSettings | None = None
+        self,
+        trial: int,
+        factors: Mapping[str, object],
+        offset_s: float,
+        limits: GuardSettings | None = None,
+        quantities: Mapping[str, Quantity] | None = None,
     ) -> TrialRecording:
-        """Begin a trial whose bench time zero is `offset_s` in campaign time; returns what is kept of it."""
+        """Begin a trial whose bench time zero is `offset_s` in campaign time; returns what is kept of it.
+
+        `quantities` are those of the detectors' readings, by detector.
+        """
         self.trial = TrialRecording(trial, factors)
         self._now_s = 0.0
         self._readings.clear()
+        self._quantities = quantities or {}
         self._disk.post(self._streams, self._streams.begin_trial, trial, dict(factors), offset_s, limits)
         text = ", ".join(f"{name} {value}" for name, value in factors.items())
         self._log(0.0, "trial", f"trial {trial} begins: {text}", "INFO")
@@ -97,20 +115,38 @@ class Recorder:
             if room:
                 self._disk.post(self._streams, self._streams.block, block)
 
-    def reading(self, detector: str, reading: Reading) -> None:
-        """Keep what a detector held against its threshold, as samples of the stream `detector.NAME`."""
+    def readings(self, detector: str, readings: Floats, decided_s: Sequence[float]) -> None:
+        """Keep what a detector held against its threshold, as samples of the stream `detector.NAME`: of each bin the
+        least, the largest, and what it decided by.
+
+        Args:
+            detector: Its name.
+            readings: Time, statistic and threshold of each decision, shape (n, 3).
+            decided_s: Times of those that an event followed from.
+        """
         gathered = self._readings.setdefault(detector, [])
-        gathered.append(reading)
-        if reading.t_s - gathered[0].t_s >= READINGS_S:
+        gathered.append(np.column_stack([readings, np.isin(readings[:, 0], decided_s)]))
+        if readings[-1, 0] - gathered[0][0, 0] >= READINGS_S:
             self._keep_readings(detector)
 
-    def _keep_readings(self, detector: str) -> None:
-        readings = np.array(self._readings.pop(detector))
-        stream = DETECTOR + detector
+    def _keep_readings(self, detector: str, *, ended: bool = False) -> None:
+        """Keep what was gathered, up to the bin that may go on."""
+        gathered = np.concatenate(self._readings.pop(detector))
+        bins = np.floor(gathered[:, 0] / BIN_S)
+        whole = len(bins) if ended else int(np.searchsorted(bins, bins[-1]))
+        if whole < len(bins):
+            self._readings[detector] = [gathered[whole:]]
+        starts = np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf))
+        kept = np.union1d(extremes_of_each(gathered[:whole, 1], starts), np.flatnonzero(gathered[:whole, 3]))
+        if not len(kept):
+            return
+        readings, stream = gathered[kept, :3], DETECTOR + detector
         before = self.trial.blocks(stream, -1)
         seq = before[-1].seq + len(before[-1]) if before else 0
+        unit = self._quantities[detector].unit if detector in self._quantities else None
+        t0_s = float(readings[0, 0])
         self.record(
-            [SampleBlock(stream, seq, float(readings[0, 0]), readings[:, 1:], times_s=readings[:, 0])]
+            [SampleBlock(stream, seq, t0_s, readings[:, 1:], times_s=readings[:, 0], unit=unit or "")]
         )
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
@@ -140,7 +176,7 @@ class Recorder:
             ValueError: a measure that has no column.
         """
         for detector in list(self._readings):
-            self._keep_readings(detector)
+            self._keep_readings(detector, ended=True)
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
         line = self._ledger.line(row)
         self._disk.post(self._ledger, self._ledger.add, line)

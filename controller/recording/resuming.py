@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Mapping
@@ -10,11 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from controller.outcomes import UNMEASURED, word_of
 from controller.recording.ledger import read_ledger
+from controller.recording.lock import lock
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
-
-AGAIN = frozenset({"guard", "fault", "aborted"})
-"""Outcomes that end a run: such a trial is no measurement, and is run again."""
 
 TORN = "interrupted.jsonl"
 """Where the events of torn trials go; their samples stay in the recording that they broke off."""
@@ -46,12 +44,12 @@ def broken_off(folder: RunFolder) -> ResumedRun:
     manifest = folder.read_manifest()
     try:
         rows, _ = read_ledger(folder.trials_path)
-        whole = [(int(row["trial"]), str(row["outcome"])) for row in rows]  # type: ignore[arg-type]
+        whole = [(int(row["trial"]), word_of(manifest, row)) for row in rows]  # type: ignore[arg-type]
     except (ValueError, KeyError, TypeError) as error:
         raise RunFolderError(
             f"{folder.trials_path}: damaged ({error}); mend that line, or run it anew"
         ) from None
-    kept = [(trial, outcome) for trial, outcome in whole if outcome not in AGAIN]
+    kept = [(trial, outcome) for trial, outcome in whole if outcome not in UNMEASURED]
     outcomes: dict[str, int] = {}
     for _, outcome in kept:
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
@@ -70,7 +68,7 @@ def hold(folder: RunFolder) -> int:
     except OSError as error:
         raise RecordingError(folder.path, "opening", error) from error
     try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(held)
     except OSError:
         os.close(held)
         raise RunFolderError(

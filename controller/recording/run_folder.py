@@ -115,6 +115,14 @@ class RunFolder:
         return sorted(parts, key=lambda part: str(part.read_manifest().get("started_utc")))
 
     @property
+    def begun(self) -> bool:
+        """Whether its devices were opened, or are being opened: a run that ended before that has nothing to show."""
+        if self.trials_path.is_file():
+            return True
+        manifest = self.read_manifest()
+        return "parts" in manifest or (manifest.get("exit") or {}).get("status") not in ("fault", "failed")
+
+    @property
     def recordings(self) -> Sequence[Path]:
         """The recordings, oldest first: one, and one more for each time that the run was resumed."""
         return sorted(self.path.glob("recording*.mcap"), key=lambda path: (len(path.name), path.name))
@@ -150,7 +158,8 @@ class RunFolder:
     def find(cls, text: str | Path, root: Path = Path("runs")) -> RunFolder:
         """The run at a path, or the one under `root` whose name contains `text`.
 
-        `latest` is the newest of all, `latest:mock/transient` the newest of that profile, of parts as well.
+        `latest` is the newest of all, `latest:mock/transient` the newest of that profile, of parts as well; one whose
+        devices could not be opened is neither.
 
         Raises:
             RunFolderError: none, several, or no run.
@@ -168,9 +177,10 @@ class RunFolder:
         runs = sorted([*whole, *parts], key=lambda run: run.name)
         keyword, _, profile = str(text).partition(":")
         if str(text) == "latest":
-            matches = sorted(whole)[-1:]
+            matches = [run for run in sorted(whole) if cls(run).begun][-1:]
         elif keyword == "latest":
-            matches = [run for run in runs if _profile_of(run.name) == _folder_part(profile)][-1:]
+            own = [run for run in runs if _profile_of(run.name) == _folder_part(profile)]
+            matches = [run for run in own if cls(run).begun][-1:]
         else:
             matches = [run for run in runs if str(text) in run.name]
         if len(matches) == 1:

@@ -16,7 +16,7 @@ import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from numpy.typing import NDArray
 
-from drivers.messages import SampleBlock, StreamInfo
+from drivers.core.messages import SampleBlock, StreamInfo
 
 _Field = descriptor_pb2.FieldDescriptorProto
 _TYPES = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 DETECTOR = "detector."
 """Begins the streams of what detectors held against their thresholds: `detector.NAME`, statistic and threshold."""
@@ -148,10 +148,14 @@ def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
     """Places of the least and the largest of each of `points` / 2 stretches, in order; all where they fit."""
     if len(values) <= points:
         return np.arange(len(values))
-    edges = np.linspace(0, len(values), points // 2 + 1).astype(int)
-    starts, lengths = edges[:-1], np.diff(edges)
-    stretch = np.repeat(np.arange(len(starts)), lengths)
-    found = [np.array([0, len(values) - 1])]
+    starts = np.linspace(0, len(values), points // 2 + 1).astype(int)[:-1]
+    return np.union1d([0, len(values) - 1], extremes_of_each(values, starts))
+
+
+def extremes_of_each(values: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Places of the least and the largest of each stretch, in order, the first of equal ones."""
+    stretch = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(values)))
+    found = []
     for most, no_value in ((np.minimum, np.inf), (np.maximum, -np.inf)):
         known = np.where(np.isnan(values), no_value, values)
         places = np.flatnonzero(known == most.reduceat(known, starts)[stretch])

@@ -35,7 +35,7 @@ from controller.recording.schemas import (
     state_schema,
 )
 from controller.recording.series import DETECTOR
-from drivers.messages import SampleBlock, StreamInfo
+from drivers.core.messages import SampleBlock, StreamInfo
 
 MOST_ROWS = 8192
 """Messages that are put together at once: of a carrier half a megabyte, which stays in a processor's cache."""
@@ -270,12 +270,12 @@ class StreamWriter:
     def _new_topic(self, block: SampleBlock) -> tuple[SampleSchema, int, int]:
         width = block.values.shape[1]
         channels = ("value",) if width == 1 else tuple(f"value_{index}" for index in range(width))
-        if block.stream.startswith(DETECTOR):
-            channels = ("statistic", "threshold")
         info = self._streams.get(block.stream) or StreamInfo(block.stream, channels, block.unit)
+        if block.stream.startswith(DETECTOR):  # fields of the same names, whatever is compared
+            info = StreamInfo(block.stream, ("statistic", "threshold"), "")
         schema = SampleSchema(info)
         topic = "/" + block.stream.replace(".", "/")
-        described = {"stream": block.stream, "unit": info.unit, "scale": repr(block.scale)}
+        described = {"stream": block.stream, "unit": info.unit or block.unit, "scale": repr(block.scale)}
         described["rate_hz"] = "" if block.rate_hz is None else repr(block.rate_hz)
         numbers = self._file.add_schema(schema.name, schema.descriptors), self._block_schema
         samples = self._channel(topic, numbers[0], described)

@@ -12,7 +12,7 @@ from typing import Any
 from controller.recording.reader import Run
 from controller.reports.counts import Effect, effect
 from controller.reports.paper import COLUMNS, TABLE_1, PaperColumn, PaperRow
-from controller.reports.run_account import setting_of
+from controller.reports.run_account import acting_of, setting_of
 from controller.reports.settings import varied_of
 from controller.reports.text import signed
 
@@ -62,7 +62,7 @@ class ApproachedTrial:
     @property
     def acting(self) -> str:
         """Name of the detector that ends it."""
-        return str(self.setting("behavior", "detector") or "contact")
+        return str(self.varied.get("behavior.detector") or acting_of(self.run))
 
     @property
     def plain(self) -> bool:

@@ -27,7 +27,7 @@ from controller.reports.sonicfinger import (
     printed_of,
     rows_of,
 )
-from controller.reports.text import number, title
+from controller.reports.text import number, quantity, title
 
 SIDES = ("normal", "back", "front", "top", "bottom")
 DEAF = "top"
@@ -135,7 +135,12 @@ def _sides_table(rows: Sequence[Any], unknown: bool, half_wave_m: float) -> Repo
     body = []
     for (side, axis, speed), members in _groups(rows, "side", "axis", "speed_m_s").items():
         approaches = total(members, "approaches")
-        row: dict[str, Any] = {"side": side, "axis": axis, "speed_m_s": speed, "approaches": approaches}
+        row: dict[str, Any] = {
+            "side": side,
+            "axis": axis,
+            "speed_m_s": float(speed),
+            "approaches": approaches,
+        }
         row["undulations_per_cm"] = _median(members, "undulations_per_cm")
         for method in METHODS:
             row[f"seen_{method}"] = f"{total(members, f'seen_{method}')} of {approaches}"
@@ -143,7 +148,7 @@ def _sides_table(rows: Sequence[Any], unknown: bool, half_wave_m: float) -> Repo
         body.append(row)
     all_objects = any(factor(row, "object") != PIPE for row in rows)
     rest = TEXTS.sentence("all_objects") * all_objects + TEXTS.sentence("way_ends") * unknown
-    half, expected = number(half_wave_m, 2, 100.0), number(0.01 / half_wave_m, 2)
+    half, expected = quantity("half_wave_m", half_wave_m, 1), number(0.01 / half_wave_m, 2)
     return TEXTS.table("sides", body, half=half, expected=expected, rest=rest)
 
 
@@ -239,20 +244,23 @@ def _summary(
     # sides, coupling and echo of the simulated finger are such that the paper's figures come out: no prediction
     kind = Kind.ASSUMED if simulated else Kind.MEASURED
     results = [*_of_sides(there, kind), *_of_objects(_papers(there), kind), *_of_touches(there, kind)]
+    results = results or list(_of_passages(there))
     for method in METHODS if unknown else ():
         found, n = total(unknown, f"reported_{method}"), total(unknown, "approaches")
         results.append(
             Result(None, TEXTS.sentence("reported_summary", method=METHOD_NAMES[method], found=found, n=n))
         )
-    for method in METHODS if nothing else ():
-        fitted = simulated and method == "paper"
+    n = total(nothing, "approaches")
+    for method in METHODS if n else ():
+        alarms, fitted = total(nothing, f"alarms_{method}"), simulated and method == "paper"
         text = TEXTS.sentence(
             "alarms",
             method=METHOD_NAMES[method],
-            alarms=total(nothing, f"alarms_{method}"),
-            n=total(nothing, "approaches"),
+            alarms=alarms,
+            n=n,
+            rate=rate(alarms, n),
             paper=percent(1.0 - PRE_TOUCH[1]),
-            fitted=", at which its threshold was set" if fitted else "",
+            fitted=", to which its threshold was set at 10 and 30 mm/s together" if fitted else "",
         )
         results.append(Result(Kind.FITTED if fitted else None, text))
     return results
@@ -274,20 +282,33 @@ def _of_sides(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
         yield Result(kind, text, not blind)
 
 
+def _of_passages(there: Sequence[Any]) -> Iterator[Result]:
+    """How often the object was seen, where the paper prints nothing to stand beside it: along y and z."""
+    n = total(there, "approaches")
+    for method in METHODS if n else ():
+        found, left_m = total(there, f"seen_{method}"), _median(there, f"distance_m_{method}")
+        far = f"; {quantity('left_m', left_m, 0)} of the way left (median)" if left_m is not None else ""
+        text = TEXTS.sentence("passages", method=METHOD_NAMES[method], found=found, n=n, far=far)
+        yield Result(None, text)
+
+
 def _of_objects(rows: Sequence[Any], kind: Kind) -> Iterator[Result]:
     """Rates over objects beside the paper's over its six (C5)."""
-    for what, hits, of, bound in (
+    touching = bool(total(rows, "touches"))
+    for what, column, of, bound in (
         ("Pre-touch", "seen", "approaches", PRE_TOUCH[0]),
         ("Contact", "felt", "touches", CONTACT[0]),
+        *([("No false contact", "false", "approaches", CONTACT[1])] if touching else []),
     ):
         count = total(rows, of)
         for method in METHODS if count else ():
-            found = total(rows, f"{hits}_{method}")
+            found = total(rows, f"{column}_{method}")
+            found = count - found if column == "false" else found
             off = 100.0 * (found / count - bound)
             facts = {"points": number(abs(off), 1), "beside": "below" if off < 0.0 else "above"}
             facts |= {"what": what, "method": METHOD_NAMES[method], "of": of, "paper": percent(bound)}
             text = TEXTS.sentence("rates", found=found, n=count, rate=rate(found, count), **facts)
-            yield Result(kind, text, off >= 0.0)
+            yield _judged(kind, text, off >= 0.0, contact=method if column != "seen" else "")
 
 
 def _of_touches(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
@@ -300,7 +321,14 @@ def _of_touches(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
         felt = total(sensing, f"felt_{method}")
         rest = f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}" if others else ""
         facts = {"method": METHOD_NAMES[method], "touches": touches, "deaf": DEAF, "others": rest}
-        yield Result(kind, TEXTS.sentence("felt", felt=felt, **facts), felt == touches)
+        yield _judged(kind, TEXTS.sentence("felt", felt=felt, **facts), felt == touches, contact=method)
+
+
+def _judged(kind: Kind, text: str, met: bool, contact: str) -> Result:
+    """The plant's touch was assumed in favour of the paper's contact: that it comes out shows nothing, that it does not
+    is a miss."""
+    failed = kind == Kind.ASSUMED and contact == "paper" and not met
+    return Result(Kind.PREDICTED if failed else kind, text, met)
 
 
 def _notes(rows: Sequence[Any]) -> list[str]:
@@ -313,9 +341,13 @@ def _notes(rows: Sequence[Any]) -> list[str]:
     notes = []
     for side, medians in counts.items():
         if len(medians) > 1:
-            shown = ", ".join(f"{number(count, 2)} at {speed} m/s" for speed, count in medians.items())
+            shown = ", ".join(f"{number(count, 2)} at {_speed(speed)}" for speed, count in medians.items())
             notes.append(TEXTS.sentence("undulations", side=side, shown=shown))
     return notes
+
+
+def _speed(speed_m_s: str) -> str:
+    return quantity("speed_m_s", float(speed_m_s), 0)
 
 
 # --- figures -----------------------------------------------------------------------------------------
@@ -361,8 +393,8 @@ def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:
     envelope = series.values - np.median(series.values[: max(1, len(series) // 20)], axis=0)
     times_s = series.times_s[::thin] - start_s
     for column, name, color in zip(envelope[::thin].T, ("I", "Q"), (OURS, FAINT), strict=False):
-        axes.plot(times_s, 1e3 * column, color=color, lw=0.7, label=name, zorder=3 if name == "I" else 2)
-    top = 1e3 * float(np.abs(envelope).max())
+        axes.plot(times_s, column, color=color, lw=0.7, label=name, zorder=3 if name == "I" else 2)
+    top = float(np.abs(envelope).max())
     for event in run.events:
         if event.get("trial") != trial or event.get("event") not in ("PreTouch", "Contact"):
             continue
@@ -371,5 +403,5 @@ def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:
         height = top * (1.05 if ours else 1.25)
         marker = {"marker": "o", "mfc": "none"} if ours else {"marker": "x"}
         axes.plot(float(event["t_s"]) - start_s, height, color=color, ms=4.0, ls="none", zorder=4, **marker)
-    axes.set_title(f"{key[0]}, {key[1]} m/s")
-    axes.set_ylabel("$10^{-3}$ FS")
+    axes.set_title(f"{key[0]}, {_speed(key[1])}")
+    axes.set_ylabel("envelope (FS)")

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from behaviors.centering import CenteringFactors
 from controller.recording.reader import Run
 from controller.reports.approaches import mean_of
-from controller.reports.counts import beside_bound, factor_of, of_benches, percentiles_ms, total, values
+from controller.reports.counts import beside_bound, factor_of, of_benches, percentiles, total, values
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
 from controller.reports.section import Block, Figure, Kind, Result, Section
 from controller.reports.section_texts import SectionTexts
@@ -25,7 +25,8 @@ from controller.reports.sonicfinger import (
     printed_of,
     rows_of,
 )
-from controller.reports.text import number, share, title
+from controller.reports.text import quantity, share, title
+from controller.scales import scale_of
 
 Key = tuple[str, str, float]
 
@@ -45,7 +46,13 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     ]
     if any(values(rows, "error_m") for rows in groups.values()):
         body.append(
-            Figure(_draw(groups, figures), TEXTS.sentence("figure", worst=number(WORST_CENTERING_M, 0, 1e3)))
+            Figure(
+                _draw(groups, figures),
+                (
+                    "Fig. 8c. " if {thing for thing, *_ in groups} == {"pipe"} else ""
+                )  # the paper draws it alone
+                + TEXTS.sentence("figure", worst=quantity("error_m", WORST_CENTERING_M, 0)),
+            )
         )
     return Section(
         title="Centering without touching (C3)",
@@ -80,31 +87,38 @@ def _summary(groups: Mapping[Key, Sequence[Any]], simulated: bool) -> list[Resul
     results = []
     for key, rows in groups.items():
         thing, method, speed_m_s = key
-        what = f"{title(thing).capitalize()}, {METHOD_NAMES[method]}, {speed_m_s:g} m/s"
+        what = f"{title(thing).capitalize()}, {METHOD_NAMES[method]}, {quantity('speed_m_s', speed_m_s, 0)}"
         kind = Kind.PREDICTED if simulated else Kind.MEASURED
         own_m, found = worst_m[key], len(values(rows, "error_m"))
         if own_m is None:
             results.append(Result(kind, f"{what}: never centred.", False))
             continue
         lost = f"; {len(rows) - found} of {len(rows)} found no middle" if found < len(rows) else ""
-        trials = f"worst error {number(own_m, 2, 1e3)} mm in {found} {'trial' if found == 1 else 'trials'}"
+        trials = f"worst error {quantity('error_m', own_m)} in {found} {'trial' if found == 1 else 'trials'}"
         rival_m = worst_m.get((thing, "paper", speed_m_s)) if method == "ours" else None
         bound_m = WANTED_CENTERING_M if method == "ours" else WORST_CENTERING_M
-        whose = f"{number(bound_m, 1, 1e3)} mm {'aimed at' if method == 'ours' else 'that the paper has'}"
+        whose = (
+            f"{quantity('error_m', bound_m, 1)} {'aimed at' if method == 'ours' else 'that the paper has'}"
+        )
         beside = f"{beside_bound(own_m, bound_m)} the {whose}"
-        if rival_m:
-            beside = f"{rival_m / own_m:.1f} times smaller than the paper's method on this bench, {beside}"
         # the paper's method below the paper's own worst is no result of ours, and little of one of the bench
         good = own_m <= bound_m and not lost
         results.append(
             Result(kind, f"{what}: {beside}: {trials}{lost}.", good if method == "ours" or not good else None)
         )
+        if rival_m and own_m:
+            ratio, word = (
+                max(rival_m, own_m) / min(rival_m, own_m),
+                "smaller" if own_m <= rival_m else "larger",
+            )
+            text = f"{what}: worst error {ratio:.1f} times {word} than the paper's method's on this bench."
+            results.append(Result(kind, text))
     return results
 
 
 def _names(key: Key) -> dict[str, Any]:
     thing, method, speed_m_s = key
-    return {"thing": title(thing), "method": METHOD_NAMES[method], "speed": f"{speed_m_s:g}"}
+    return {"thing": title(thing), "method": METHOD_NAMES[method], "speed_m_s": speed_m_s}
 
 
 def _errors(key: Key, rows: Sequence[Any]) -> dict[str, Any]:
@@ -144,7 +158,7 @@ def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
             waits_s = [*values(own, "seen_to_stop_left_s"), *values(own, "seen_to_stop_right_s")]
             if waits_s:
                 named = {"bench": bench, "method": METHOD_NAMES[method], "lost": lost}
-                found.append(named | percentiles_ms(waits_s))
+                found.append(named | percentiles(waits_s))
     return found
 
 
@@ -154,8 +168,11 @@ def _draw(groups: Mapping[Key, Sequence[Any]], figures: Figures) -> Markup:
     for (_, method, speed_m_s), rows in groups.items():
         cells.setdefault((method, speed_m_s), []).extend(values(rows, "error_m"))
     cells = {key: errors for key, errors in sorted(cells.items()) if errors}
-    reach_mm = max(9.0, 1e3 * max(abs(error) for errors in cells.values() for error in errors) + 1.0)
-    edges: list[float] = np.arange(-np.ceil(reach_mm), np.ceil(reach_mm) + 0.5, 0.5).tolist()
+    scale = scale_of("error_m")
+    reach = scale.factor * max(
+        0.009, max(abs(error) for errors in cells.values() for error in errors) + 0.001
+    )
+    edges: list[float] = np.arange(-np.ceil(reach), np.ceil(reach) + 0.5, 0.5).tolist()
     columns = 2 if len(cells) > 1 else 1
     rows_count = -(-len(cells) // columns)
     with figures.figure(
@@ -163,15 +180,17 @@ def _draw(groups: Mapping[Key, Sequence[Any]], figures: Figures) -> Markup:
     ) as drawing:
         for axes, ((method, speed_m_s), errors) in zip(drawing.axes, cells.items(), strict=False):
             color = OURS if method == "ours" else PAPER
-            axes.hist(np.array(errors) * 1e3, bins=edges, color=color, edgecolor="white", lw=0.3)
-            for place in (-1e3 * WORST_CENTERING_M, 1e3 * WORST_CENTERING_M):
-                axes.axvline(place, color=FALSE, lw=0.8, ls=(0, (4, 2)))
+            axes.hist(np.array(errors) * scale.factor, bins=edges, color=color, edgecolor="white", lw=0.3)
+            for place in (-WORST_CENTERING_M, WORST_CENTERING_M):
+                axes.axvline(place * scale.factor, color=FALSE, lw=0.8, ls=(0, (4, 2)))
             axes.axvline(0.0, color=INK, lw=0.5)
-            axes.set_title(f"{METHOD_NAMES[method]}, {speed_m_s:g} m/s, n = {len(errors)}")
+            axes.set_title(
+                f"{METHOD_NAMES[method]}, {quantity('speed_m_s', speed_m_s, 0)}, n = {len(errors)}"
+            )
         for axes in drawing.axes[len(cells) :]:
             axes.set_visible(False)
         for axes in drawing.axes[-columns:]:
-            axes.set_xlabel("error (mm)")
+            axes.set_xlabel(scale.heading)
         for axes in drawing.axes[::columns]:
             axes.set_ylabel("trials")
             axes.locator_params(axis="y", integer=True)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
-from controller.reports.text import NOTHING, number
+from controller.reports.text import number
+from controller.scales import NOTHING
 
 if TYPE_CHECKING:
-    from drivers.settings import Settings
-
-_NOT_MEASURED = ("guard", "fault", "aborted")
+    from drivers.core.settings import Settings
 
 
 def wilson(hits: int, of: int) -> tuple[float, float]:
@@ -64,9 +64,10 @@ def of_benches(runs: Sequence[Run], stream: str) -> Iterator[tuple[str, Sequence
         yield bench, own, sum(int((run.manifest.get("loss") or {}).get(stream, 0)) for run in own)
 
 
-def percentiles_ms(spans_s: Sequence[float]) -> dict[str, float | int]:
-    """How many, their median, 99th percentile and largest in ms, by `n`, `p50`, `p99` and `p100`."""
-    return {"n": len(spans_s)} | {f"p{p}": float(np.percentile(spans_s, p)) * 1e3 for p in (50, 99, 100)}
+def percentiles(spans_s: Sequence[float]) -> dict[str, float | int]:
+    """How many, their median, 99th percentile and largest, by `n`, `p50.to_stop_s`, `p99.` and `p100.`."""
+    spans = {f"p{p}.to_stop_s": float(np.percentile(spans_s, p)) for p in (50, 99, 100)}
+    return {"n": len(spans_s)} | spans
 
 
 class Effect(NamedTuple):
@@ -128,7 +129,7 @@ def missing(runs: Sequence[Run]) -> str:
     """
     planned = sum(int(run.manifest.get("trials") or len(run.trials)) for run in runs)
     measured = sum(
-        len({row["trial"] for row in run.trials if row.get("outcome") not in _NOT_MEASURED}) for run in runs
+        len({row["trial"] for row in run.trials if row.get("outcome") not in UNMEASURED}) for run in runs
     )
     if measured >= planned:
         return ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from controller.measures.truth import not_before
 from controller.recording.reader import Run
 from controller.reports.approaches import ApproachedTrial, Mean, mean_of
 
@@ -44,7 +45,7 @@ def score_detectors(approaches: Sequence[ApproachedTrial]) -> list[DetectorScore
             touch_s = each.onset_s if each.truth_contact_s is None else each.truth_contact_s
             if t_s is None:
                 silent += 1
-            elif touch_s is None or t_s < touch_s:
+            elif touch_s is None or not not_before(t_s, touch_s):
                 false += 1
             else:
                 delays.append(None if each.onset_s is None else t_s - each.onset_s)

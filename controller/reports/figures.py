@@ -88,12 +88,14 @@ class Figures:
 
     Args:
         folder: Where to save.
-        simulated: Whether every figure is marked as simulated.
+        simulated: What marks every figure: "simulated", "partly simulated", or "" for none.
         prefix: Begins the identifiers of its SVG elements: no two on one page are alike.
         also: Formats beside SVG, such as "pdf"; each costs as much again.
     """
 
-    def __init__(self, folder: Path, *, simulated: bool, prefix: str = "s", also: Sequence[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, *, simulated: str = "", prefix: str = "s", also: Sequence[str] = ()
+    ) -> None:
         self._also = also
         self._prefix = prefix
         self._folder = folder
@@ -121,7 +123,7 @@ class Figures:
             figure.text(
                 1.0,
                 1.0,
-                "simulated",
+                self._simulated,
                 ha="right",
                 va="top",
                 fontsize=8,

@@ -14,10 +14,11 @@ from controller.reports.approaches import mean_of
 from controller.reports.counts import rate, values
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.paper import CITATION, SETTLE
-from controller.reports.run_account import setting_of
+from controller.reports.run_account import entered_s, setting_of
 from controller.reports.section import Block, Figure, Kind, Result, Section
 from controller.reports.section_texts import SectionTexts
-from controller.reports.text import number, spread
+from controller.reports.text import number, quantity, spread
+from controller.scales import scale_of
 
 TEXTS = SectionTexts("flexion")
 
@@ -31,7 +32,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     if rows:
         rise = mean_of(values(rows, "free_rise_hz"))
         flexed_m = setting_of(runs[0], "behavior", "flexed_m")
-        text = TEXTS.sentence("rise", rise=spread(rise), mm=number(flexed_m, 0, 1e3), n=rise.n)
+        text = TEXTS.sentence("rise", rise=spread(rise), over=quantity("flexed_m", flexed_m, 0), n=rise.n)
         summary.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, text, rise.mean > 0.0))
     for name in LISTENERS if rows else ():
         blind = values(rows, f"{name}_blind")
@@ -92,7 +93,7 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
         behavior = setting_of(run, "behavior") or {}
         for row in run.trials:
             recording = run.readable(int(row["trial"] or 0))
-            entered = {e.get("next"): float(e["t_s"]) for e in run.events if e.get("trial") == row["trial"]}
+            entered = entered_s(run, row["trial"])
             if recording is None or not {"BASELINE", "FLEXING"} <= set(entered):
                 continue
             streams = (
@@ -106,11 +107,13 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
                 continue
             found = curve(*((each.times_s, each.values[:, 0]) for each in swept))
             with figures.figure(2.6) as drawing:
-                axes = drawing.axes[0]
-                axes.plot(1e3 * found["at_m"], found["hz"], ".", ms=2.0, color=FAINT, label="each period")
+                axes, scale = drawing.axes[0], scale_of("tendon_m")
+                axes.plot(
+                    scale.factor * found["at_m"], found["hz"], ".", ms=2.0, color=FAINT, label="each period"
+                )
                 at_m = np.linspace(0.0, found["at_m"].max(), 50)
                 shown = np.polynomial.polynomial.polyval(at_m, found["terms"])
-                axes.plot(1e3 * at_m, shown, color=OURS, label="free resonance")
+                axes.plot(scale.factor * at_m, shown, color=OURS, label="free resonance")
                 fixed = [
                     float(e["threshold"])
                     for e in run.events
@@ -119,7 +122,7 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
                 ]
                 if fixed:
                     axes.axhline(fixed[-1], color=FALSE, lw=0.9, ls=(0, (5, 2)), label="fixed threshold")
-                axes.set_xlabel("tendon (mm)")
+                axes.set_xlabel(scale.heading)
                 axes.set_ylabel("frequency (Hz)")
                 axes.legend(loc="upper left")
                 return Markup(drawing.save("flexion"))

@@ -13,9 +13,10 @@ from controller.recording.reader import Run
 from controller.reports.approaches import Mean, mean_of
 from controller.reports.counts import rate
 from controller.reports.figures import OURS, Figures
+from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Column, Figure, ReportTable, Result, Section, Text
-from controller.reports.text import NOTHING, title
-from controller.wording import unit_of
+from controller.reports.text import title
+from controller.scales import NOTHING, figure, scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +49,16 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
         )
         for name in outcomes
     ]
-    return Section(title(experiment) or "trials", body, summary=[*summary, *_spreads(rows, numbers)])
+    good = sum(run.succeeded(row) for run in runs for row in run.trials)
+    if len(outcomes) == 1 and good:
+        summary.clear()  # it would say the same
+    summary.insert(0, Result(None, f"Succeeded: {rate(good, len(rows))}."))
+    name = title(experiment.rpartition(":")[2])
+    return Section(
+        str(setting_of(runs[0], "title") or name or "trials"),
+        body,
+        summary=[*summary, *_spreads(rows, numbers)],
+    )
 
 
 def grouped(rows: Sequence[Row], factors: Sequence[str]) -> list[tuple[tuple[str, ...], list[Row]]]:
@@ -60,21 +70,10 @@ def grouped(rows: Sequence[Row], factors: Sequence[str]) -> list[tuple[tuple[str
 
     ordered = sorted(rows, key=order)
     return [
-        (tuple(shown(own[0].get(name)) for name in factors), own)
+        (tuple(scale_of(name).cell(own[0].get(name)) for name in factors), own)
         for _, group in groupby(ordered, key=order)
         if (own := list(group))
     ]
-
-
-def shown(value: object) -> str:
-    """A cell as it is read: four significant digits."""
-    return NOTHING if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def heading_of(name: str) -> tuple[str, str, float]:
-    """Heading of a column, its unit and its scale from SI: the unit is in the name, as in `stop_travel_m`."""
-    label, unit, scale = unit_of(name)
-    return f"{label}, {unit}" if unit else label, unit, scale
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -86,23 +85,21 @@ def _mean(rows: Sequence[Row], name: str) -> Mean:
     return mean_of(row[name] if is_number(row.get(name)) else None for row in rows)
 
 
-def _with_spread(mean: Mean, scale: float) -> str:
+def with_spread(mean: Mean, factor: float) -> str:
     """`0.1396 ± 0.021 (3)`: mean, standard deviation (n - 1), n."""
     if not mean.n:
         return NOTHING
-    spread = f" ± {mean.sigma * scale:.2g}" if mean.n > 1 else ""
-    return f"{mean.mean * scale:.4g}{spread} ({mean.n})".replace("-", "−")
+    spread = f" ± {mean.sigma * factor:.2g}" if mean.n > 1 else ""
+    return f"{figure(mean.mean * factor)}{spread} ({mean.n})"
 
 
 def _table(
     groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], factors: Sequence[str], numbers: Sequence[str]
 ) -> ReportTable:
     """One line a measured column, one column a set of factors, or the other way where there are more sets."""
-    units = {name: heading_of(name) for name in numbers}
-    columns = [*(Column(heading_of(name)[0], name) for name in factors), Column("n", "n")]
-    columns += [Column(units[name][0], name) for name in numbers]
+    columns = [Column(scale_of(name).label, name) for name in (*factors, "n", *numbers)]
     rows = [
-        [*values, str(len(own)), *(_with_spread(_mean(own, name), units[name][2]) for name in numbers)]
+        [*values, str(len(own)), *(with_spread(_mean(own, name), scale_of(name).factor) for name in numbers)]
         for values, own in groups
     ]
     caption = "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials."
@@ -110,10 +107,10 @@ def _table(
 
 
 def _spreads(rows: Sequence[Row], numbers: Sequence[str]) -> list[Result]:
-    first = [(name, _mean(rows, name)) for name in numbers[:3]]
+    scales = {name: scale_of(name) for name in numbers[:3]}
     return [
-        Result(None, f"{heading_of(name)[0]}: {_with_spread(mean, heading_of(name)[2])}.")
-        for name, mean in first
+        Result(None, f"{scale.heading}: {with_spread(_mean(rows, name), scale.factor)}.")
+        for name, scale in scales.items()
     ]
 
 
@@ -139,13 +136,15 @@ def _draw(
 
 
 def _draw_panel(axes: Axes, groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], name: str) -> None:
-    label, _, scale = heading_of(name)
+    scale = scale_of(name)
     for place, (_, own) in enumerate(groups, start=1):
-        known = [float(row[name]) * scale for row in own if is_number(row.get(name))]
+        known = [float(row[name]) * scale.factor for row in own if is_number(row.get(name))]
         axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0)
         mean = mean_of(known)
         if mean.n > 1:
             axes.errorbar(place, mean.mean, mean.sigma, fmt="o", ms=3.0, color=OURS)
-    axes.set_title(label)
+    axes.set_title(scale.heading)
     axes.set_xticks(range(1, len(groups) + 1) if len(groups) <= 8 else [1, len(groups)])
     axes.set_xlim(0.4, len(groups) + 0.6)
+    axes.locator_params(axis="y", nbins=4)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.7g}")  # whole: no offset beside the title

@@ -46,16 +46,19 @@ def in_lines(part: SectionPart) -> Iterator[str]:
 
 
 def guard_lines(runs: Sequence[Run]) -> Iterator[str]:
-    """What ended runs early; one line that nothing did otherwise."""
+    """What ended runs early, or one line that nothing did; and what was lost."""
     ends = [end for run in runs if (end := early_end(run)) is not None]
     for end in ends:
         yield f"{end.what}: {end.name}. {' '.join(end.stops) or end.reason}"
     if not ends:
         yield "The guard stopped nothing."
+    lost = [(stream, n) for run in runs for stream, n in (run.manifest.get("loss") or {}).items() if n]
+    if lost:
+        yield f"Samples lost: {', '.join(f'{n} of {stream}' for stream, n in lost)}."
 
 
 def _rows(table: ReportTable) -> Iterator[str]:
-    rows = [[column.head for column in table.columns], *([str(cell) for cell in row] for row in table.rows)]
+    rows = [table.heads, *([str(cell) for cell in row] for row in table.rows)]
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
     if table.groups:
         spans, place = [], 0

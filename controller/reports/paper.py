@@ -93,9 +93,7 @@ class PaperColumn:
     Attributes:
         name: Of the measure, in trials.csv and in `PaperRow`.
         title: As it is printed.
-        unit: That it is printed in.
-        decimals: That it is printed with.
-        scale: From SI to the unit.
+        decimals: That it is printed with, in the unit of its name.
         comparatives: For less and for more than the paper's.
         bound: In SI units.
         over: What the bound holds for: "largest" or "mean" over all contacts.
@@ -105,9 +103,7 @@ class PaperColumn:
 
     name: str
     title: str
-    unit: str
     decimals: int
-    scale: float
     comparatives: tuple[str, str]
     bound: float
     over: str
@@ -116,9 +112,9 @@ class PaperColumn:
 
 
 COLUMNS = (
-    PaperColumn("delay_s", "time", "s", 2, 1.0, ("quicker", "slower"), 0.3, "mean", "V.B"),
-    PaperColumn("extent_m", "extent", "mm", 2, 1000.0, ("shorter", "longer"), 0.00381, "largest", "IV.B"),
-    PaperColumn("force_n", "force", "N", 3, 1.0, ("lower", "higher"), 0.15, "largest", "IV.B", fitted=True),
+    PaperColumn("delay_s", "time", 2, ("quicker", "slower"), 0.3, "mean", "V.B"),
+    PaperColumn("extent_m", "extent", 2, ("shorter", "longer"), 0.00381, "largest", "IV.B"),
+    PaperColumn("force_n", "force", 3, ("lower", "higher"), 0.15, "largest", "IV.B", fitted=True),
 )
 """Columns of Table I: from onset to detection (V.B: "on average 0.3 seconds"), and force at detection."""
 

@@ -13,10 +13,11 @@ from markupsafe import Markup
 from controller.measures.touches import Errors, Touch, errors_of, touches_of
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
-from controller.reports.run_account import setting_of
+from controller.reports.run_account import acting_of, setting_of
 from controller.reports.section import Block, Figure, Kind, Notes, Result, Section
 from controller.reports.section_texts import SectionTexts
 from controller.reports.text import number, signed
+from controller.scales import scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from controller.recording.reader import Run
     from controller.recording.series import TrialRecording
 
-DEGREES = 180.0 / math.pi
+DEGREES = scale_of("angle_rad").factor
 
 SAME_FORCE = 0.05
 """Trials whose thresholds differ by less than this share were touched with the same force."""
@@ -82,7 +83,7 @@ def _sweep(force_n: float, trials: Sequence[Sequence[Touch]]) -> PointerSweep:
 
 
 def _force_n(run: Run, row: Mapping[str, Any]) -> float:
-    detector = str(setting_of(run, "behavior", "detector"))
+    detector = acting_of(run)
     value = row.get(f"detectors.{detector}.threshold")
     if value is None:
         value = setting_of(run, "detectors", detector, "threshold")
@@ -146,11 +147,11 @@ def _sentence(sweeps: Sequence[PointerSweep]) -> str:
 
 
 def _row(sweep: PointerSweep) -> dict[str, Any]:
-    return sweep.errors._asdict() | {
-        "force": f"{number(sweep.pressed_n, 2)} N",
+    return {f"{name}_rad": value for name, value in sweep.errors._asdict().items()} | {
+        "force_n": sweep.pressed_n,
         "touches": len(sweep.touches),
-        "bias": signed(sweep.errors.bias * DEGREES, 2),
-        "spread": float(np.mean([touch.spread_rad for touch in sweep.touches])),
+        "bias_rad": signed(sweep.errors.bias, 2, DEGREES),
+        "spread_rad": float(np.mean([touch.spread_rad for touch in sweep.touches])),
     }
 
 

@@ -10,6 +10,7 @@ from controller.reports.approaches import mean_of
 from controller.reports.counts import rate, total, values
 from controller.reports.figures import Figures
 from controller.reports.paper import CITATION, SETTLE
+from controller.reports.run_account import acting_of, criterion_of
 from controller.reports.section import Kind, Result, Section
 from controller.reports.section_texts import SectionTexts
 
@@ -30,7 +31,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     felt = sum(row.get("outcome") == "contact" for row in near)
     return Section(
         title="Contact on either link (A4)",
-        body=[TEXTS.text("intro"), TEXTS.table("confusion", [_row(link, rows) for link in LINKS])],
+        body=[
+            TEXTS.text("intro", criterion=criterion_of(runs[0], acting_of(runs[0]))),
+            TEXTS.table("confusion", [_row(link, rows) for link in LINKS]),
+        ],
         citation=CITATION,
         summary=[
             Result(

@@ -9,17 +9,17 @@ from typing import Any
 
 from markupsafe import Markup
 
-from controller.experiments import experiment_of
 from controller.named import own_folders
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
+from controller.registry import experiment_of
 from controller.reports import generic
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
 from controller.reports.in_lines import SectionPart, guard_lines, in_lines
 from controller.reports.pages import environment, library
 from controller.reports.run_account import account_of, early_end, setting_of
-from controller.reports.section import Column, ReportTable, Result, Section
+from controller.reports.section import Column, Kind, ReportTable, Result, Section
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.trial_signals import payload
 from controller.reports.trial_table import trial_table
@@ -46,6 +46,8 @@ _SIMULATED = (
     "not from a finger."
 )
 
+_MEASURED = " What {} sent came through a port of its own and is measured."
+
 
 def build_report(runs: Sequence[Run], out: Path | None = None, also: Sequence[str] = ()) -> Path:
     """Write `report.html` and `figures/`.
@@ -53,7 +55,7 @@ def build_report(runs: Sequence[Run], out: Path | None = None, also: Sequence[st
     Args:
         runs: Of one experiment or several; trials of one experiment on one kind of bench are pooled where
             their settings are equal, and stand apart where they differ.
-        out: Folder to write to; by default that of the last run.
+        out: Folder to write to; by default that of the run, or of several `report_A_B` beside the last.
         also: Formats of figures beside SVG.
 
     Returns:
@@ -76,7 +78,7 @@ def build_report_with_summary(
 
     Args:
         runs: Of one experiment or several.
-        out: Folder to write to; by default that of the last run.
+        out: As in `build_report`.
         title: Of the page; by default what its parts make of it.
         paper: Tables and figures of a paper: `item`, what it `shows`, the `part` (a profile) that repeats it, why that
             `differs`.
@@ -84,10 +86,11 @@ def build_report_with_summary(
     """
     if not runs:
         raise ValueError("a report needs at least one run")
-    folder = out or runs[-1].folder.path
     runs = list({run.folder.path: run for run in runs}.values())
+    folder = out or _beside(runs)
     path = folder / "report.html"
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         page, parts = _page(runs, folder / "figures", title, paper, also)
         temporary = path.with_suffix(".html.tmp")
         temporary.write_text(page, "utf-8")
@@ -95,6 +98,16 @@ def build_report_with_summary(
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
     return path, [*(line for part in parts for line in in_lines(part)), *guard_lines(runs)]
+
+
+def _beside(runs: Sequence[Run]) -> Path:
+    """Where the page goes: into one run's folder; of several into none, for each has a page of its own."""
+    last = runs[-1].folder.path
+    if len(runs) == 1:
+        return last
+    names = [run.folder.path.name for run in runs]
+    more = f"_and_{len(runs) - 2}_more" if len(runs) > 2 else ""
+    return last.parent / f"report_{names[0]}_{names[-1]}{more}"
 
 
 def _page(
@@ -119,12 +132,12 @@ def _page(
                 figures_path if len(kinds) == len(groups) == 1 else figures_path / f"{experiment}_{bench}"
             )
             folder = folder / str(number) if len(groups) > 1 else folder
-            figures = Figures(folder, simulated=group[0].simulated, prefix=f"s{len(parts)}", also=also)
+            figures = Figures(folder, simulated=_marked(group[0]), prefix=f"s{len(parts)}", also=also)
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
         if len(groups) > 1:
             names_of = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
-            columns = [Column(name, name) for name in ("setting", *names)]
+            columns = [Column(name, "") for name in ("setting", *names)]
             apart.append(ReportTable(columns, [["runs", *names_of], *differences(groups)], left=len(columns)))
     templates = environment()
     templates.globals["kind_of"] = lambda block: type(block).__name__
@@ -134,6 +147,7 @@ def _page(
     ]
     ours = [_OURS[driver] for driver in dict.fromkeys(drivers) if driver in _OURS]
     ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_differently(part))]
+    real = list(dict.fromkeys(name for run in runs for name in run.measured_by))
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
     page = templates.get_template("report.html.j2")
     facts: dict[str, Any] = {
@@ -141,8 +155,10 @@ def _page(
         "contents": _contents(paper, parts),
         "citations": list(dict.fromkeys(section.citation for section in sections if section.citation)),
         "simulated": any(run.simulated for run in runs),
-        "all_simulated": all(run.simulated for run in runs),
-        "simulated_note": _SIMULATED,
+        "all_simulated": all(run.simulated for run in runs) and not real,
+        "simulated_note": _SIMULATED + _MEASURED.format(", ".join(real)) * bool(real),
+        "kinds": any(result.kind not in (None, Kind.MEASURED) for part in parts for result in part.results),
+        "papers_too": any(".paper" in str(setting_of(run, "detectors")) for run in runs),
         "ours": list(dict.fromkeys(ours)),
         "parts": parts,
         "apart": apart,
@@ -156,6 +172,11 @@ def _page(
     before, after = page.render(**facts, signals=Markup(_SIGNALS)).split(_SIGNALS)
     room = max(LEAST_ROOM, PAGE - len(before.encode()) - len(after.encode()))
     return f"{before}{payload(runs, room)}{after}", parts
+
+
+def _marked(run: Run) -> str:
+    """What figures say of their numbers."""
+    return ("partly simulated" if run.measured_by else "simulated") if run.simulated else ""
 
 
 def _names(bench: str, groups: Sequence[Sequence[Run]]) -> list[str]:

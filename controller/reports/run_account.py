@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from controller.outcomes import counted
 from controller.recording.reader import Run
 from controller.recording.series import Series, TrialRecording
 
@@ -16,9 +17,10 @@ _BENCH = {
 }
 _CLOCK = {
     "virtual": "virtual: bench time jumps; latencies are the loop's turns, not the computer's",
+    "held": "wall clock, held while a process of the emulated bench is late",
     "wall": "wall clock",
 }
-_SHOWN_ELSEWHERE = ("format", "profile", "experiment", "bench", "clock", "exit", "title")
+_SHOWN_ELSEWHERE = ("format", "profile", "experiment", "bench", "clock", "exit", "title", "outcomes")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +47,7 @@ def account_of(run: Run) -> RunAccount:
         ("bench", _BENCH.get(str(manifest.get("bench")), str(manifest.get("bench", "?")))),
         ("clock", _CLOCK.get(str(manifest.get("clock")), str(manifest.get("clock", "?")))),
         ("ended", status + reason),
+        ("outcomes", counted(manifest.get("outcomes") or {}, run.successes)),
     ]
     rest = {name: value for name, value in manifest.items() if name not in _SHOWN_ELSEWHERE}
     facts += [(name, text) for name, text in _flat(rest) if text]
@@ -97,6 +100,40 @@ def setting_of(run: Run, *path: str) -> Any:
     for name in path:
         value = value.get(name) if isinstance(value, Mapping) else None
     return value
+
+
+def entered_s(run: Run, trial: object) -> dict[str, float]:
+    """When a trial last entered each of its states; an event within a state has that state as its next one, too."""
+    return {
+        str(event["next"]): float(event["t_s"])
+        for event in run.events
+        if event.get("trial") == trial and event.get("next") != event.get("state")
+    }
+
+
+def acting_of(run: Run) -> str:
+    """The detector whose event ends what it runs beside, by the behavior's settings."""
+    return str(setting_of(run, "behavior", "detector") or "contact")
+
+
+def statistic_of(run: Run, detector: str) -> tuple[str, str]:
+    """What a detector of the run compares with its threshold, and its unit: as it declared them."""
+    declared = (run.manifest.get("detectors") or {}).get(detector) or {}
+    return str(declared.get("statistic") or "statistic"), str(declared.get("unit") or "")
+
+
+def criterion_of(run: Run, detector: str) -> str:
+    """`the detector “ours” (resonance, on board.accelerometer) compares the … (σ) with its threshold`."""
+    name, unit = statistic_of(run, detector)
+    declared = (run.manifest.get("detectors") or {}).get(detector) or {}
+    kind = setting_of(run, "detectors", detector, "kind")
+    what = ", on ".join(
+        part for part in (str(kind or ""), " and ".join(declared.get("inputs") or ())) if part
+    )
+    return (
+        f"the detector “{detector}”{f' ({what})' if what else ''} compares the {name}"
+        f"{f' ({unit})' if unit else ''} with its threshold"
+    )
 
 
 def _flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

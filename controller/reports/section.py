@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup, escape
 
+from controller.scales import Scale, scale_of
+
 
 class Kind(StrEnum):
     """Where a result comes from, and so what it can show."""
@@ -89,10 +91,9 @@ class Column(NamedTuple):
     """A column of a table.
 
     Attributes:
-        head: Its name, with the unit that it is printed in.
-        of: What is printed: a key of each row, or an attribute.
-        decimals: That a number is printed with; None prints what is there.
-        scale: From SI to the unit.
+        head: Its name, without the unit.
+        of: What is printed: a key of each row, or an attribute; unit and scale are those of that name (`scale_of`).
+        decimals: That a number is printed with; None prints four significant digits.
         look: `mine`, `theirs`, `wrap` or `verdict`; "" is plain.
         group: Heading over several columns.
     """
@@ -100,9 +101,13 @@ class Column(NamedTuple):
     head: str
     of: str
     decimals: int | None = None
-    scale: float = 1.0
     look: str = ""
     group: str = ""
+
+    @property
+    def scale(self) -> Scale:
+        """What its name says of its values."""
+        return scale_of(self.of)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +134,22 @@ class ReportTable:
     def groups(self) -> list[tuple[str, int]]:
         """Headings over several columns and how many each spans; empty where there are none."""
         found = [(name, len(list(own))) for name, own in groupby(column.group for column in self.columns)]
-        return found if any(name for name, _ in found) else []
+        if not any(name for name, _ in found):
+            return []
+        return [(", ".join(filter(None, (name, self._unit_of(name)))), count) for name, count in found]
+
+    @property
+    def heads(self) -> list[str]:
+        """The columns' heads, each with the unit of its cells where that does not stand over the group."""
+        return [
+            ", ".join(filter(None, (each.head, "" if self._unit_of(each.group) else each.scale.unit)))
+            for each in self.columns
+        ]
+
+    def _unit_of(self, group: str) -> str:
+        """The one unit of all columns under a heading, or ""."""
+        units = {each.scale.unit for each in self.columns if each.group == group and each.look != "verdict"}
+        return next(iter(units)) if group and len(units) == 1 else ""
 
 
 Block = Text | Notes | Figure | ReportTable

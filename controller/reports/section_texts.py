@@ -9,13 +9,14 @@ from typing import Any
 
 from controller.reports.approaches import Mean
 from controller.reports.section import Column, Notes, ReportTable, Text
-from controller.reports.text import NOTHING, number, spread
+from controller.reports.text import number, spread
 
 
 class SectionTexts:
     """Sentences and tables of a section, with the facts of a run put in.
 
-    A table's columns are lines of `head; key; decimals; scale; look; group`, of which the last four may be missing.
+    A table's columns are lines of `head; key; decimals; look; group`, of which the last three may be missing; the
+    unit is the key's.
 
     Args:
         name: Of the file, beside this one.
@@ -70,8 +71,8 @@ class SectionTexts:
 
 def _column(line: str, facts: Mapping[str, object]) -> Column:
     head, of, *rest = (part.strip() for part in line.format(**facts).split(";"))
-    decimals, scale, look, group = [*rest, *[""] * (4 - len(rest))]
-    return Column(head, of, int(decimals) if decimals else None, float(scale or 1.0), look, group)
+    decimals, look, group = [*rest, *[""] * (3 - len(rest))]
+    return Column(head, of, int(decimals) if decimals else None, look, group)
 
 
 def cell(row: Any, column: Column) -> Any:
@@ -79,8 +80,9 @@ def cell(row: Any, column: Column) -> Any:
     value = row.get(column.of) if isinstance(row, Mapping) else getattr(row, column.of)
     if column.look == "verdict":
         return value
+    factor = column.scale.factor
     if isinstance(value, Mean):
-        return spread(value, 2 if column.decimals is None else column.decimals, column.scale)
-    if value is None or isinstance(value, float) or column.decimals is not None:
-        return value if isinstance(value, str) else number(value, column.decimals or 0, column.scale)
-    return str(value) if value != "" else NOTHING if column.look == "dash" else ""
+        return spread(value, 2 if column.decimals is None else column.decimals, factor)
+    if column.decimals is not None and not isinstance(value, str):
+        return number(value, column.decimals, factor)
+    return column.scale.cell(value)

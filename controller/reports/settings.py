@@ -69,6 +69,11 @@ def settings_table(run: Run, printed: Mapping[str, Printed]) -> ReportTable:
     """Detectors, behavior and limits as (what, ours, the paper's): what the paper prints first, the rest by table."""
     settings = settings_of(run)
     leaves = dict(flat(settings))
+    for path in dict.fromkeys(name for row in run.trials for name in varied_of(row)):
+        base = leaves.get(path)
+        found = [base if row.get(path) is None else row[path] for row in run.trials]
+        values = list(dict.fromkeys(map(shown, found)))
+        leaves[path] = values[0] if len(values) == 1 else f"{shown(base)} (varied: {', '.join(values)})"
     rows = [
         (path, shown(leaves.get(path)), f"{shown(paper.value)} ({paper.source})")
         for path, paper in printed.items()
@@ -77,11 +82,13 @@ def settings_table(run: Run, printed: Mapping[str, Printed]) -> ReportTable:
     tables = {f"detectors.{name}": table for name, table in (settings.get("detectors") or {}).items()}
     tables |= {name: settings.get(name) or {} for name in ("behavior", "limits")}
     for name, table in tables.items():
-        rest = [f"{path} {shown(value)}" for path, value in flat(table) if f"{name}.{path}" not in printed]
+        own = [(path, f"{name}.{path}") for path, _ in flat(table)]
+        rest = [f"{path} {shown(leaves[whole])}" for path, whole in own if whole not in printed]
         if rest:
             rows.append((name, ", ".join(rest), "–"))
-    columns = (Column("setting", ""), Column("here", "", look="wrap"), Column("the paper", "", look="theirs"))
-    return ReportTable(columns, rows)
+    columns = [Column("setting", ""), Column("here", "", look="wrap"), Column("the paper", "", look="theirs")]
+    kept = 3 if printed else 2  # an experiment of no paper has nothing to stand beside
+    return ReportTable(columns[:kept], [row[:kept] for row in rows])
 
 
 def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.detectors.calibration import poisson_interval
 from controller.recording.reader import Run
-from controller.reports.counts import of_benches, percentiles_ms, values, wilson
+from controller.reports.counts import of_benches, percentiles, values, wilson
 from controller.reports.fernandez import CITATION
 from controller.reports.figures import Figures
 from controller.reports.run_account import setting_of
@@ -38,10 +38,14 @@ from controller.reports.slip_scores import (
     read_scores,
 )
 from controller.reports.slip_verdicts import LEAST, NOT_JUDGED, VERDICTS
-from controller.reports.text import NOTHING, number
+from controller.reports.text import number, quantity
+from controller.scales import NOTHING
 
 TEXTS = SectionTexts("slip")
 FIGURES = TEXTS.named("figures")
+
+SAME_RATE = 0.01
+"""Sample rates nearer than that give one vibration the same power: a block's power grows with its number of samples."""
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -122,7 +126,7 @@ def _caption(condition: Condition) -> str:
         cut = TEXTS.sentence("cut") if condition.reflex else ""
         return TEXTS.sentence("other", under=_under(condition), cut=cut)
     limits = {f"{grade}_missed": VERDICTS[grade]["missed"] for grade in ("good", "regular")}
-    limits |= {f"{grade}_ms": 1e3 * VERDICTS[grade]["median_s"] for grade in ("good", "regular")}
+    limits |= {f"{grade}_s": VERDICTS[grade]["median_s"] for grade in ("good", "regular")}
     return TEXTS.sentence("table_1", least=LEAST, **limits)
 
 
@@ -163,14 +167,37 @@ def _frequencies(runs: Sequence[Run]) -> list[dict[str, Any]]:
             for row in measured_rows(run)
             if row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
         ]
+        if not rows:
+            continue
         medians = {
-            column: f"{float(np.median(known)):.3g}" if (known := values(rows, column)) else NOTHING
+            column: float(np.median(known)) if (known := values(rows, column)) else None
             for column in ("dominant_hz", "peak_product", "peak_product_before", "press_n")
         }
+        unit, factor, why = _signal_scale(runs, sensor)
+        for name in ("peak_product", "peak_product_before"):
+            product = medians.pop(name)
+            medians[name] = product and product * factor**2
         printed = number(paper.dominant_hz, 0) if paper.dominant_hz else "none stands out"
-        if rows:
-            found.append({"sensor": f"{paper.id} {paper.name}", "paper": printed, **medians})
+        named = {"sensor": f"{paper.id} {paper.name}", "paper_hz": printed, "unit": f"{unit}² Hz"}
+        found.append(named | {"paper_product": paper.product, "why": why} | medians)
     return found
+
+
+def _signal_scale(runs: Sequence[Run], sensor: str) -> tuple[str, float, str]:
+    """Unit that a signal is shown in, the factor to it, and whether the product's scale is the paper's."""
+    paper = SENSORS[sensor]
+    run, row = next(_drawable(runs, sensor), (None, None))
+    recording = run.readable(int(row["trial"])) if run is not None and row is not None else None
+    if run is None or recording is None:
+        return "signal", 1.0, "unknown: no trial in slip is recorded"
+    series = recording.stream(str(setting_of(run, "behavior", "sensors", sensor, "stream")))
+    rate_hz = 1.0 / float(np.median(np.diff(series.times_s))) if len(series) > 1 else paper.rate_hz
+    unit, factor = paper.drawn_in(series.unit)
+    if unit != paper.signal:
+        return unit, factor, f"no: the paper's signal is in {paper.signal}"
+    if abs(rate_hz / paper.rate_hz - 1.0) > SAME_RATE:
+        return unit, factor, f"no: {rate_hz:.0f} Hz here, the paper {paper.rate_hz:.0f} Hz"
+    return unit, factor, "yes"
 
 
 def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
@@ -180,7 +207,7 @@ def _stops(runs: Sequence[Run]) -> list[dict[str, Any]]:
         rows = [row for run in own for row in run.trials]
         if waits_s := values(rows, "slip_to_stop_s"):
             way_m = float(np.median(values(rows, "stop_travel_m") or [np.nan]))
-            found.append({"bench": bench, "way_m": way_m, "lost": lost} | percentiles_ms(waits_s))
+            found.append({"bench": bench, "way_m": way_m, "lost": lost} | percentiles(waits_s))
     return found
 
 
@@ -218,7 +245,7 @@ def _compared_with_the_paper(score: SensorScore, simulated: bool) -> Result:
         text = f"{paper.id} {paper.name}: the paper's detector is not judged: {why}"
         return Result(kind, text + (f"; {early}." if score.early else "."))
     median = (
-        f"median {number(1e3 * float(np.median(score.delays_s)), 0)} ms"
+        f"median {quantity('delay_s', float(np.median(score.delays_s)), 3)}"
         if score.delays_s
         else "none detected"
     )
@@ -263,9 +290,11 @@ def _disagreements(scores: Sequence[SensorScore]) -> list[str]:
             continue
         if score.verdict in (paper.verdict, NOTHING, NOT_JUDGED):
             continue
-        median_ms = 1e3 * float(np.median(score.delays_s)) if score.delays_s else float("nan")
+        median_s = float(np.median(score.delays_s)) if score.delays_s else float("nan")
         facts = {"id": paper.id, "verdict": score.verdict, "paper": paper.verdict, "scored": score.scored}
-        notes.append(TEXTS.sentence("disagrees", missed=score.missed, median=number(median_ms, 0), **facts))
+        notes.append(
+            TEXTS.sentence("disagrees", missed=score.missed, median=quantity("delay_s", median_s, 3), **facts)
+        )
     return notes
 
 

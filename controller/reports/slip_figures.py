@@ -14,6 +14,7 @@ from controller.recording.reader import Run
 from controller.recording.series import Series
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
+from controller.reports.slip_scores import SENSORS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,24 +50,26 @@ def draw_run(figures: Figures, run: Run, row: Mapping[str, Any], sensor: str) ->
     blocks = paper_blocks(recording.blocks(stream), channel, row.get("listen_s"))
     shown = (blocks.begin_s >= zero_s) & (blocks.end_s < lifted_s)
     blocks = PaperBlocks(*(column[shown] for column in blocks))
+    unit, factor = SENSORS[sensor].drawn_in(series.unit)
     panels = 5 if forces is not None and len(forces) else 4
     with figures.figure(1.15 * panels + 0.6, rows=panels, sharex=True) as drawing:
         axes = list(drawing.axes)
         if panels == 5 and forces is not None:
             _draw_forces(axes[0], axes[1], forces.between(zero_s, lifted_s), zero_s)
         else:
-            _draw_signal(axes[0], series, channel, zero_s)
+            _draw_signal(axes[0], series, channel, zero_s, unit, factor)
         peak, frequency, product = axes[-3:]
-        statistic = ((peak, blocks.power), (frequency, blocks.frequency_hz), (product, blocks.product))
+        power, products = factor**2 * blocks.power, factor**2 * blocks.product
+        statistic = ((peak, power), (frequency, blocks.frequency_hz), (product, products))
         for panel, values in statistic:
             panel.step(*_broken(blocks, values, zero_s), where="pre", color=OURS, lw=0.8)
-        peak.set_ylabel(f"peak ({series.unit}²)")
+        peak.set_ylabel(f"peak ({unit}²)")
         frequency.set_ylabel("frequency (Hz)")
-        product.set_ylabel("product")
+        product.set_ylabel(f"product ({unit}² Hz)")
         threshold = setting_of(run, "detectors", str(settings.get("paper")), "threshold")
         if isinstance(threshold, int | float):
-            product.axhline(threshold, color=FALSE, lw=0.8, ls=(0, (4, 2)))
-        _mark(run, row, settings, product, zero_s, float(np.nanmax(blocks.product, initial=0.0)))
+            product.axhline(factor**2 * threshold, color=FALSE, lw=0.8, ls=(0, (4, 2)))
+        _mark(run, row, settings, product, zero_s, float(np.nanmax(products, initial=0.0)))
         for panel in axes:
             if row.get("slip_s") is not None and row.get("slip_end_s") is not None:
                 panel.axvspan(
@@ -143,11 +146,13 @@ def _draw_forces(forces: Axes, angle: Axes, series: Series, zero_s: float) -> No
     other.spines["right"].set_visible(True)
 
 
-def _draw_signal(axes: Axes, series: Series, channel: int | None, zero_s: float) -> None:
+def _draw_signal(
+    axes: Axes, series: Series, channel: int | None, zero_s: float, unit: str, factor: float
+) -> None:
     """The channel that slip is looked for in; of many the one that is loaded most."""
     column = channel if channel is not None else int(np.argmax(series.values.mean(axis=0)))
-    axes.plot(series.times_s - zero_s, series.values[:, column], color=OURS, lw=0.6)
-    axes.set_ylabel(f"signal ({series.unit})")
+    axes.plot(series.times_s - zero_s, factor * series.values[:, column], color=OURS, lw=0.6)
+    axes.set_ylabel(f"signal ({unit})")
 
 
 def _mark(

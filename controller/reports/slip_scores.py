@@ -12,7 +12,7 @@ from controller.reports.counts import total, values
 from controller.reports.run_account import setting_of
 from controller.reports.section import Kind
 from controller.reports.slip_verdicts import NOT_JUDGED, VERDICTS, verdict_of
-from controller.reports.text import NOTHING
+from controller.scales import NOTHING
 
 METHODS = {"paper": "the paper's", "ours": "ours"}
 
@@ -32,6 +32,9 @@ class PaperSensor:
         block_s: Length of the paper's block.
         threshold: Of the paper's statistic, in the sensor's unit squared times Hz; None where it is not printed.
         source: Section that prints them.
+        signal: Unit in which the paper draws the signal; of its product it prints none.
+        rate_hz: That the paper samples at.
+        product: What the paper prints of the product of peak and frequency.
     """
 
     id: str
@@ -43,18 +46,36 @@ class PaperSensor:
     block_s: float
     threshold: float | None
     source: str
+    signal: str
+    rate_hz: float
+    product: str
+
+    def drawn_in(self, unit: str) -> tuple[str, float]:
+        """The paper's unit for a signal in `unit`, and the factor to it; its own where the two measure other things."""
+        return ("mV", 1e3) if (unit, self.signal) == ("V", "mV") else (unit, 1.0)
 
 
 SENSORS: Mapping[str, PaperSensor] = {
-    "fingertip": PaperSensor("B1", "fingertip", "medium", "good", 180.0, Kind.PREDICTED, 0.064, 10.0, "4.3"),
+    "fingertip": PaperSensor(
+        *("B1", "fingertip", "medium", "good", 180.0, Kind.PREDICTED, 0.064, 10.0, "4.3"),
+        *("V", 1000.0, "22 in slip (Fig. 9c: 0.12 at 180 Hz), threshold 10; drawn in N, at 1.03 V/N"),
+    ),
     "flexible_finger": PaperSensor(
-        "B2", "flexible finger", "medium", "good", 125.0, Kind.ASSUMED, 0.064, 0.25, "5.1"
+        *("B2", "flexible finger", "medium", "good", 125.0, Kind.ASSUMED, 0.064, 0.25, "5.1"),
+        *("V", 1000.0, "axis to 4 (Fig. 13b), threshold 0.25"),
     ),
     "barrett_finger": PaperSensor(
-        "B3", "BarrettHand", "high", "regular", 375.0, Kind.ASSUMED, 0.064, None, "5.2"
+        *("B3", "BarrettHand", "high", "regular", 375.0, Kind.ASSUMED, 0.064, None, "5.2"),
+        *("V", 1000.0, "axis to 3 (Fig. 15b)"),
     ),
-    "wrist": PaperSensor("B4", "wrist", "high", "bad", None, Kind.ASSUMED, 0.064, None, "5.3"),
-    "dsa": PaperSensor("B5", "DSA matrix", "low", "bad", None, Kind.ASSUMED, 0.16, None, "5.4"),
+    "wrist": PaperSensor(
+        *("B4", "wrist", "high", "bad", None, Kind.ASSUMED, 0.064, None, "5.3"),
+        *("N", 1000.0, "axis to 500 (Fig. 17b)"),
+    ),
+    "dsa": PaperSensor(
+        *("B5", "DSA matrix", "low", "bad", None, Kind.ASSUMED, 0.16, None, "5.4"),
+        *("mV", 100.0, "axis to 5·10⁶ (Fig. 19b)"),
+    ),
 }
 """Table 1 and sections 4.3, 5.1 to 5.4."""
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.reports.run_account import setting_of
 from controller.reports.section import Printed
@@ -53,7 +54,7 @@ METHOD_NAMES = {"paper": "the paper's", "ours": "ours"}
 
 def rows_of(runs: Sequence[Run]) -> list[Any]:
     """All trials that were measured, of all runs."""
-    return [row for run in runs for row in run.trials if row.get("outcome") in ("contact", "no_contact")]
+    return [row for run in runs for row in run.trials if row.get("outcome") not in UNMEASURED]
 
 
 def printed_of(run: Run) -> Mapping[str, Printed]:

@@ -18,7 +18,8 @@ from controller.reports.paper import CITATION, SETTLE, STATIC_HZ, STATIC_KINDS, 
 from controller.reports.run_account import series_of, setting_of
 from controller.reports.section import Block, Figure, Kind, Notes, Result, Section
 from controller.reports.section_texts import SectionTexts
-from controller.reports.text import NOTHING, number, signed
+from controller.reports.text import number, quantity, signed
+from controller.scales import NOTHING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -127,11 +128,14 @@ def _body(
 
 
 def _sentence(condition: StaticCondition) -> str:
-    """`0.1 Hz above the paper's 28 Hz without contact: 28.1 Hz, the probe at 0.0 mm.`"""
-    off, paper = condition.difference_hz, STATIC_HZ[condition.name]
-    shown = f"{number(abs(off), 1)} Hz {'below' if off < 0.0 else 'above'} the paper's {paper:g} Hz"
+    """`No contact: 0.1 Hz above the paper's 28 Hz, at 28.1 Hz, the probe at 0.0 mm.`"""
+    off, paper = round(condition.difference_hz, 1), quantity("paper_hz", STATIC_HZ[condition.name], 0)
+    beside = (
+        f"{quantity('off_hz', abs(off), 1)} {'below' if off < 0.0 else 'above'}" if off else "the same as"
+    )
+    shown = f"{beside} the paper's {paper}"
     place_m = setting_of(condition.trials[0][0], "behavior", f"{condition.name}_m")
-    place = f", the probe at {number(place_m, 1, 1000.0)} mm" if isinstance(place_m, int | float) else ""
+    place = f", the probe at {quantity('place_m', place_m, 1)}" if isinstance(place_m, int | float) else ""
     name = NAMES[condition.name].capitalize()
     return f"{name}: {shown}, at {number(condition.frequency_hz.mean, 1)} Hz{place}."
 
@@ -160,9 +164,9 @@ def _row(condition: StaticCondition) -> dict[str, Any]:
     difference = signed(condition.difference_hz, 1)
     return {name: mean if mean.n > 1 else mean.mean for name, mean in means.items()} | {
         "contact": NAMES[condition.name] + (f" (n = {n})" if n > 1 else ""),
-        "paper": f"{STATIC_HZ[condition.name]:g}",
-        "difference": difference,
-        "tolerance": f"± {STATIC_TOLERANCE_HZ[condition.name]:g}" if difference != NOTHING else NOTHING,
+        "paper_hz": f"{STATIC_HZ[condition.name]:g}",
+        "difference_hz": difference,
+        "tolerance_hz": f"± {STATIC_TOLERANCE_HZ[condition.name]:g}" if difference != NOTHING else NOTHING,
         "met": condition.met if kind == Kind.MEASURED else str(kind),
     }
 

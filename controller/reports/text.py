@@ -5,17 +5,25 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from controller.scales import NOTHING, scale_of
+
 if TYPE_CHECKING:
     from controller.reports.approaches import Mean
 
-NOTHING = "–"
-
 
 def number(value: object, digits: int = 2, scale: float = 1.0) -> str:
-    """A number times `scale` with a fixed number of decimals; a dash for None and NaN."""
+    """A number times `scale` with a fixed number of decimals, without the sign of what is rounded to zero; a dash for
+    None and NaN.
+    """
     if not isinstance(value, int | float) or math.isnan(value):
         return NOTHING
-    return f"{value * scale:.{digits}f}".replace("-", "−")
+    return f"{value * scale:z.{digits}f}".replace("-", "−")
+
+
+def quantity(name: str, value: object, digits: int = 2) -> str:
+    """A column's value with its unit, for a sentence: `3.81 mm`."""
+    scale = scale_of(name)
+    return f"{number(value, digits, scale.factor)} {scale.unit}".rstrip()
 
 
 def signed(value: float, digits: int = 2, scale: float = 1.0) -> str:

@@ -15,7 +15,7 @@ from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Fig
 from controller.reports.paper import CITATION, SETTLE
 from controller.reports.section import Figure, Kind, Result, Section
 from controller.reports.section_texts import SectionTexts
-from controller.reports.text import number
+from controller.reports.text import quantity
 
 TEXTS = SectionTexts("tradeoff")
 
@@ -50,7 +50,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             for name, each in scores.items()
         )
         summary.append(Result(kind, TEXTS.sentence("best", n=n, best=best)))
-    facts: dict[str, Any] = {"soon": number(SOON_S, 0, 1e3), "later": number(LATER_S, 1)}
+    facts: dict[str, Any] = {"soon": quantity("soon_s", SOON_S, 3), "later": quantity("later_s", LATER_S, 1)}
     return Section(
         title="Sensitivity against false contacts (A5)",
         body=[
@@ -97,5 +97,6 @@ def _draw(figures: Figures, scores: dict[str, Scores], names: Any) -> str:
         right.set_xlim(-1.0, 40.0)
         right.set_xlabel("false contacts (% of approaches)")
         right.set_ylabel("detected in time (%)")
-        right.legend(loc="lower right")
+        curves = right.get_legend_handles_labels()
+        drawing.figure.legend(*curves, loc="outside upper left", ncols=3, borderaxespad=0.0)
         return drawing.save("tradeoff")

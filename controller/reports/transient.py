@@ -11,6 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from controller.measures.transient import ONSET_N
+from controller.measures.truth import not_before
 from controller.recording.reader import Run
 from controller.reports.approaches import (
     NOISE,
@@ -31,11 +32,11 @@ from controller.reports.counts import beside_bound, values
 from controller.reports.detector_scores import DetectorScore, score_detectors
 from controller.reports.figures import Figures
 from controller.reports.paper import CITATION, COLUMNS, RESONANCE, SETTLE, TABLE_1, PaperColumn
-from controller.reports.run_account import setting_of
-from controller.reports.section import Block, Column, Figure, Kind, Result, Section, Text
+from controller.reports.run_account import acting_of, criterion_of, setting_of
+from controller.reports.section import Block, Column, Figure, Kind, Printed, Result, Section, Text
 from controller.reports.section_texts import SectionTexts
 from controller.reports.settings import shown
-from controller.reports.text import NOTHING, number, share, signed, spread, title
+from controller.reports.text import number, quantity, share, signed, spread, title
 from controller.reports.transient_figures import (
     draw_locations,
     draw_speeds,
@@ -44,6 +45,7 @@ from controller.reports.transient_figures import (
     representative,
     trace_of,
 )
+from controller.scales import NOTHING, scale_of
 
 TEXTS = SectionTexts("transient")
 
@@ -53,13 +55,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     approaches = read_approaches(runs)
     rows = table_rows(approaches)
     beside = compare_columns(approaches, rows)
-    acting = str(setting_of(runs[0], "behavior", "detector") or "contact")
+    acting = acting_of(runs[0])
     outcomes = Counter(each.outcome for each in approaches).most_common()
     other = _Beside(rows, acting)
     n = len(approaches)
     body: list[Block] = [
         TEXTS.text(
             "intro",
+            criterion=criterion_of(runs[0], acting),
             onset=f"{ONSET_N:g}",
             approaches=f"{n} {'approach' if n == 1 else 'approaches'}",
             outcomes=", ".join(f"{count} {title(name)}" for name, count in outcomes),
@@ -81,8 +84,18 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         summary=_summary(approaches, beside, runs[0].simulated),
         not_the_papers=_not_the_papers(runs[0]),
         terminal=TEXTS.table("terminal", other.rows(rows), other.columns("mean_s")) if rows else None,
-        printed=SETTLE | {f"detectors.{acting}.{name}": printed for name, printed in RESONANCE.items()},
+        printed=SETTLE | _printed_of(runs[0]),
     )
+
+
+def _printed_of(run: Run) -> dict[str, Printed]:
+    """What the paper prints of its detector, by the path of the setting of each of that kind."""
+    return {
+        f"detectors.{detector}.{name}": printed
+        for detector, table in (setting_of(run, "detectors") or {}).items()
+        if table.get("kind") == "resonance.paper"
+        for name, printed in RESONANCE.items()
+    }
 
 
 class _Beside:
@@ -96,7 +109,7 @@ class _Beside:
 
     def columns(self, delay: str) -> list[Column]:
         """`delay` is what is printed of it: `delay_s` with its spread, or `mean_s`."""
-        heads = (("n", "true", None), ("false", "false", None), ("s", delay, 2)) if self.name else ()
+        heads = (("n", "true", None), ("false", "false", None), ("", delay, 2)) if self.name else ()
         return [
             Column(head, f"beside.{of}", decimals, group=f"detector {self.name}")
             for head, of, decimals in heads
@@ -146,7 +159,7 @@ def _beside_the_paper(
     """Table I, its bounds and trends, and what of the contacts was false."""
     plain = [approach for approach in approaches if approach.plain]
     more = [
-        Column(head, f"{each.name}.{whose}", look=look, group=f"{each.title}, {each.unit}")
+        Column(head, f"{whose}.{each.name}", look=look, group=each.title)
         for each in COLUMNS
         for head, whose, look in (("here", "here", "mine"), ("paper", "paper", "theirs"), ("Δ", "off", ""))
     ]
@@ -154,9 +167,11 @@ def _beside_the_paper(
     asterisk = " An asterisk marks what the simulated finger was fitted to." if star else ""
     observer = TEXTS.sentence("beside", detector=other.name) if other.name else ""
     more += other.columns("delay_s")
-    table = TEXTS.table("table_1", other.rows(rows), more, asterisk=asterisk, beside=observer)
+    table = TEXTS.table("table_1", other.rows(rows), more, asterisk=asterisk, beside=observer, acting=acting)
     all_contacts = Row("", 0.0, plain, None)
-    overall = [spread(all_contacts.mean(each.name), each.decimals, each.scale) for each in COLUMNS]
+    overall = [
+        spread(all_contacts.mean(each.name), each.decimals, scale_of(each.name).factor) for each in COLUMNS
+    ]
     foot = ["all true contacts", *[""] * 4, *(text for mean in overall for text in (mean, "", ""))]
     foot += [str(other.all.true), str(other.all.false), spread(other.all.delay_s)] if other.all else []
     yield replace(table, foot=foot)
@@ -187,11 +202,13 @@ def _summary(
             + (f", {n - contacts - false} otherwise." if n > contacts + false else "."),
         )
     ]
-    results += [
-        Result(Kind.PREDICTED if simulated else Kind.MEASURED, _compared(each), each.agrees)
-        for each in beside
-        if each.worst is not None
-    ]
+    noisy = sum(_onset_is_noise(each) for each in approaches)
+    if noisy:
+        results.append(
+            Result(None, TEXTS.sentence("noisy", noisy=noisy, contacts=contacts, onset=f"{ONSET_N:g}"))
+        )
+    kind = Kind.PREDICTED if simulated else Kind.MEASURED
+    results += [result for each in beside if each.worst for result in _compared(each, kind)]
     peaks = [each.force_peak_n for each in approaches if each.detected and each.force_peak_n is not None]
     if peaks:
         results.append(
@@ -204,31 +221,39 @@ def _summary(
     return results
 
 
-def _compared(each: ColumnComparison) -> str:
-    """`Time: 2.5 times quicker than Table I in 14 of 14 rows; mean 0.12 s, 2.4 times below the paper's 0.30 s.`"""
+def _onset_is_noise(each: ApproachedTrial) -> bool:
+    """Whether the load cell reached its onset before the probe touched, where that is known."""
+    onset_s, touch_s = each.onset_s, each.truth_contact_s
+    return each.detected and onset_s is not None and touch_s is not None and not not_before(onset_s, touch_s)
+
+
+def _compared(each: ColumnComparison, kind: Kind) -> Iterator[Result]:
+    """A column beside Table I, and beside the bound that the paper states: one comparison, one verdict."""
     column = each.column
-    bound = (
-        f"{column.over} {_printed(column, each.value)}, {beside_bound(each.value, column.bound)} the paper's "
-    )
-    bound += f"{_printed(column, column.bound)} ({column.source})"
-    if each.effect is None:
-        return f"{column.title.capitalize()} at detection: {bound}."
-    scatter = {
-        None: "",
-        True: ", within the rows' scatter",
-        False: ", beyond the rows' scatter",
-    }[each.effect.agrees]
-    return f"{column.title.capitalize()}: {each.effect.sentence(column.comparatives, 'Table I')}{scatter}; {bound}."
+    name = column.title.capitalize()
+    if each.effect is not None:
+        agrees = each.effect.agrees
+        scatter = {None: "", True: ", within the rows' scatter", False: ", beyond the rows' scatter"}[agrees]
+        yield Result(
+            kind, f"{name}: {each.effect.sentence(column.comparatives, 'Table I')}{scatter}.", agrees
+        )
+    bound = f"{beside_bound(each.value, column.bound)} the paper's {_printed(column, column.bound)}"
+    text = f"{name} at detection: {column.over} {_printed(column, each.value)}, {bound} ({column.source})."
+    yield Result(kind, text, each.met)
 
 
 def _printed(column: PaperColumn, value: float) -> str:
-    return f"{number(value, column.decimals, column.scale)} {column.unit}"
+    return quantity(column.name, value, column.decimals)
 
 
 def _not_the_papers(run: Run) -> list[str]:
-    speeds = [number(row.speed_m_s[0], 3, 1000.0) for row in TABLE_1 if row.fitted]
+    speeds = [quantity("speed_m_s", row.speed_m_s[0], 3) for row in TABLE_1 if row.fitted]
     text = TEXTS.sentence("fitted", speeds=", ".join(speeds), rest=len(TABLE_1) - len(speeds))
-    return [*([text] if run.simulated else []), *TEXTS.each("ours")]
+    acting = acting_of(run)
+    kind = setting_of(run, "detectors", acting, "kind")
+    another = TEXTS.sentence("another", detector=acting, kind=kind)
+    said = [another] * (kind != "resonance.paper") + [text] * run.simulated
+    return [*said, *TEXTS.each("ours")]
 
 
 def _learned(run: Run, acting: str) -> str:
@@ -253,7 +278,7 @@ def _table_row(row: Row) -> dict[str, Any]:
         "false_contacts": row.false_contacts,
     }
     for column in COLUMNS:
-        here, shape = row.mean(column.name), (column.decimals, column.scale)
+        here, shape = row.mean(column.name), (column.decimals, scale_of(column.name).factor)
         theirs = getattr(paper, column.name) if paper else None
         printed = NOTHING if theirs is None else spread(Mean(theirs[0], theirs[1], 0), *shape)
         off = NOTHING if theirs is None else signed(here.mean - theirs[0], *shape)
@@ -263,7 +288,7 @@ def _table_row(row: Row) -> dict[str, Any]:
             "off": off + " *" * fitted(row, column),
         }
         means = {"mean": here.mean, "printed": theirs[0] if theirs else None}
-        cells |= {f"{column.name}.{whose}": value for whose, value in (texts | means).items()}
+        cells |= {f"{whose}.{column.name}": value for whose, value in (texts | means).items()}
     return cells
 
 
@@ -271,12 +296,12 @@ def _bound(each: ColumnComparison) -> dict[str, Any]:
     column, worst = each.column, each.worst
     why = "No approach ended by a contact."
     if worst is not None:
-        speed = f"{number(worst.speed_m_s, 2, 1000.0)} mm/s"
+        speed = quantity("speed_m_s", worst.speed_m_s)
         why = f"Largest: {_printed(column, getattr(worst, column.name))} in trial {worst.trial}, "
         why += f"location {worst.location} at {speed}."
         why += _filter_share(worst) if column.name == "delay_s" else ""
         if column.name == "force_n":
-            why += f" Its instantaneous peak, stop included, is {number(worst.force_peak_n, 3)} N."
+            why += f" Its instantaneous peak, stop included, is {quantity('force_peak_n', worst.force_peak_n, 3)}."
     return {
         "what": f"{column.over} {column.title}",
         "limit": _printed(column, column.bound),
@@ -306,10 +331,11 @@ def _figures(figures: Figures, approaches: Sequence[ApproachedTrial], rows: Sequ
             "figure_5",
             trial=example.trial,
             location=example.location,
-            speed=number(example.speed_m_s, 3, 1000.0),
-            delay=number(example.delay_s),
+            speed=quantity("speed_m_s", example.speed_m_s, 3),
+            delay=quantity("delay_s", example.delay_s),
+            statistic=trace.label,
             onset=f"{ONSET_N:g}",
-            force=number(example.force_n, 3),
+            force=quantity("force_n", example.force_n, 3),
         )
         yield Figure(Markup(draw_trial(figures, trace)), caption)
     papers = [row.paper for row in rows if row.paper and row.contacts]
@@ -326,12 +352,12 @@ def _study(figures: Figures, cells: Sequence[StudyCell]) -> Iterator[Block]:
         return
     names = list(dict.fromkeys(name for cell in cells for name in cell.varied))
     rows = [
-        {name: shown(cell.varied.get(name)) for name in names}
+        {name: cell.varied.get(name) for name in names}
         | {"delay_s": cell.delay_s, "false": share(cell.false_contacts, cell.n)}
         for cell in cells
     ]
     yield Text("What varied settings do", heading=True)
-    yield TEXTS.table("study", rows, [Column(name, name) for name in names])
+    yield TEXTS.table("study", rows, [Column(scale_of(name).label, name) for name in names])
     drawn = [
         (cell, {name: value for name, value in cell.varied.items() if name not in (NOISE, SAMPLE_HZ)})
         for cell in cells
@@ -360,17 +386,19 @@ def _stops(approaches: Sequence[ApproachedTrial]) -> Iterator[Block]:
         for each in approaches
     ]
     table = []
-    for name, key, digits, scale in (
-        ("detection to stop command, ms", "to_command_s", 2, 1000.0),
-        ("command to standstill, ms", "to_standstill_s", 1, 1000.0),
-        ("travel, detection to standstill, mm", "stop_travel_m", 3, 1000.0),
-        ("peak force, N", "contact_peak_n", 3, 1.0),
+    for name, key, digits in (
+        ("detection to stop command", "to_command_s", 2),
+        ("command to standstill", "to_standstill_s", 1),
+        ("travel, detection to standstill", "stop_travel_m", 3),
+        ("peak force of true contacts", "contact_peak_n", 3),
     ):
         known = sorted(values(rows, key))
         if known:
             high = known[min(len(known) - 1, int(0.95 * len(known)))]
             three = {"median": statistics.median(known), "high": high, "largest": known[-1]}
-            table.append({"name": name} | {key: number(value, digits, scale) for key, value in three.items()})
+            _, unit, factor = scale_of(key)
+            texts = {key: number(value, digits, factor) for key, value in three.items()}
+            table.append({"name": f"{name}, {unit}"} | texts)
     yield Text("Stop certificates", heading=True)
     yield TEXTS.text("stops_text")
     if not table:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.recording.series import Series
+from controller.recording.series import DETECTOR, Series
 from controller.reports.approaches import NOISE, SAMPLE_HZ, ApproachedTrial, Row, StudyCell, figure_rows
 from controller.reports.figures import FAINT, FALSE, INK, OURS, PAPER, Figures
 from controller.reports.paper import TABLE_1, PaperRow
-from controller.reports.run_account import series_of
+from controller.reports.run_account import series_of, statistic_of
+from controller.scales import scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,8 +33,9 @@ class Trace:
     approach: ApproachedTrial
     force: Series
     period: Series
-    average_s: Floats
-    average_hz: Floats
+    statistic: Series
+    """What the acting detector compared, and its threshold, decision by decision; empty where it was not recorded."""
+    label: str
     zero_n: float
     contact_s: Sequence[tuple[float, bool]]
 
@@ -57,9 +59,8 @@ def trace_of(approach: ApproachedTrial) -> Trace | None:
         return None
     mine = [event for event in run.events if event.get("trial") == approach.trial]
     acting = approach.acting
-    rate_hz = approach.setting("detectors", acting, "sample_hz")
-    samples = approach.setting("detectors", acting, "average_samples") or 1
-    average_s, average_hz = moving_average(period.times_s, 1.0 / period.values[:, 0], rate_hz, int(samples))
+    statistic = recording.stream(f"{DETECTOR}{acting}")
+    name, unit = statistic_of(run, acting)
     begun_s = next((event["t_s"] for event in mine if event.get("next") == "APPROACH"), force.times_s[-1])
     before = force.between(-math.inf, float(begun_s)).values
     switches = [
@@ -67,36 +68,13 @@ def trace_of(approach: ApproachedTrial) -> Trace | None:
         for event in mine
         if event.get("event") in ("Contact", "ContactLost") and event.get("detector") == acting
     ]
-    return Trace(
-        approach, force, period, average_s, average_hz, float(before.mean()) if len(before) else 0.0, switches
-    )
-
-
-def moving_average(
-    times_s: Floats, frequency_hz: Floats, rate_hz: float | None, samples: int
-) -> tuple[Floats, Floats]:
-    """The detector's filter, drawn again: the first whole period in each cell of the sampling grid, averaged.
-
-    Args:
-        times_s: Ends of the periods, shape (n,).
-        frequency_hz: One over each period, shape (n,).
-        rate_hz: Of the grid; None takes every period.
-        samples: Length of the average.
-
-    Returns:
-        Times (m,) and averages (m,), from the first full window on.
-    """
-    if rate_hz is not None:
-        cells = np.floor(times_s * rate_hz)
-        first = np.flatnonzero(np.diff(cells, prepend=-np.inf) > 0)
-        times_s, frequency_hz = times_s[first], frequency_hz[first]
-    if len(times_s) < samples:
-        return np.empty(0), np.empty(0)
-    return times_s[samples - 1 :], np.convolve(frequency_hz, np.ones(samples) / samples, "valid")
+    zero_n = float(before.mean()) if len(before) else 0.0
+    return Trace(approach, force, period, statistic, f"{name} ({unit})" if unit else name, zero_n, switches)
 
 
 def draw_trial(figures: Figures, trace: Trace) -> str:
-    """Fig. 5: force, raw and filtered frequency with the threshold, contact state."""
+    """Fig. 5: force, what the detector compares with its threshold (beside the raw frequency, where it is one), contact
+    state."""
     approach = trace.approach
     onset_s, detect_s = approach.onset_s or 0.0, approach.detect_s or 0.0
     start_s = max(float(trace.force.times_s[0]), onset_s - BEFORE_S)
@@ -107,7 +85,7 @@ def draw_trial(figures: Figures, trace: Trace) -> str:
         top.plot(force.times_s, force.values[:, 0] - trace.zero_n, color=OURS, lw=0.7)
         top.axhline(0.0, color=FAINT, lw=0.6, zorder=0)
         top.set_ylabel("force (N)")
-        _draw_frequency(middle, trace, start_s, end_s)
+        _draw_statistic(middle, trace, start_s, end_s)
         _draw_state(bottom, trace, start_s, end_s)
         for axes in (top, middle, bottom):
             axes.axvline(onset_s, color=INK, lw=0.7, ls=(0, (4, 2)))
@@ -121,19 +99,19 @@ def draw_trial(figures: Figures, trace: Trace) -> str:
         return drawing.save("fig_5_trial")
 
 
-def _draw_frequency(axes: Axes, trace: Trace, start_s: float, end_s: float) -> None:
-    period = trace.period.between(start_s, end_s)
-    inside = (trace.average_s >= start_s) & (trace.average_s <= end_s)
-    raw_hz = 1.0 / period.values[:, 0]
-    axes.plot(
-        period.times_s, raw_hz, color=FAINT, lw=0.8, marker=".", ms=3, mec=PAPER, mfc=PAPER, label="raw"
-    )
-    axes.plot(
-        trace.average_s[inside], trace.average_hz[inside], color=OURS, marker="o", ms=2.6, label="filtered"
-    )
-    if trace.approach.threshold_hz is not None:
-        axes.axhline(trace.approach.threshold_hz, color=FALSE, lw=0.9, ls=(0, (5, 2)), label="threshold")
-    axes.set_ylabel("frequency (Hz)")
+def _draw_statistic(axes: Axes, trace: Trace, start_s: float, end_s: float) -> None:
+    period, held = trace.period.between(start_s, end_s), trace.statistic.between(start_s, end_s)
+    frequency = trace.statistic.unit == "Hz" or not len(trace.statistic)
+    if frequency:
+        raw: Any = {"color": FAINT, "lw": 0.8, "marker": ".", "ms": 3, "mec": PAPER, "mfc": PAPER}
+        axes.plot(period.times_s, 1.0 / period.values[:, 0], **raw, label="frequency, raw")
+    if len(held):
+        style: Any = {"drawstyle": "steps-post"}  # it stands until the next decision
+        axes.plot(held.times_s, held.values[:, 0], color=OURS, marker="o", ms=2.6, label=trace.label, **style)
+        axes.plot(
+            held.times_s, held.values[:, 1], color=FALSE, lw=0.9, ls=(0, (5, 2)), label="threshold", **style
+        )
+    axes.set_ylabel("frequency (Hz)" if frequency else f"statistic ({trace.statistic.unit})")
     axes.legend(loc="upper left", ncols=3)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.12 * (high - low))  # room for the legend
@@ -168,11 +146,11 @@ def draw_locations(figures: Figures, rows: Sequence[Row], side: str) -> str:
 
 def draw_speeds(figures: Figures, rows: Sequence[Row]) -> str:
     """Fig. 9: force and extent against speed, at the middle of the pad."""
-    papers = [paper for paper in TABLE_1 if paper.location == "f"]
+    papers, scale = [paper for paper in TABLE_1 if paper.location == "f"], scale_of("speed_m_s")
     with figures.figure(2.8, columns=2) as drawing:
-        _draw_pair(drawing.axes, rows, papers, lambda paper: paper.speed_m_s[0] * 1000.0, (0.0, 13.5))
+        _draw_pair(drawing.axes, rows, papers, lambda paper: paper.speed_m_s[0] * scale.factor, (0.0, 13.5))
         for axes in drawing.axes:
-            axes.set_xlabel("speed (mm/s)")
+            axes.set_xlabel(scale.heading)
         return drawing.save("fig_9_speed")
 
 
@@ -186,11 +164,10 @@ def _draw_pair(
     """Force on the left, extent on the right, at `along` of each row of the paper."""
     mine = [(along(row.paper), row) for row in rows if row.paper in papers and row.paper]
     printed = [(along(paper), paper) for paper in papers]
-    for panel, measure, scale, name in zip(
-        axes, ("force_n", "extent_m"), (1.0, 1000.0), ("force at detection (N)", "extent (mm)"), strict=True
-    ):
-        _draw_means(panel, mine, printed, measure, scale, shift=0.009 * (limits[1] - limits[0]))
-        panel.set_ylabel(name)
+    for panel, measure in zip(axes, ("force_n", "extent_m"), strict=True):
+        scale = scale_of(measure)
+        _draw_means(panel, mine, printed, measure, scale.factor, shift=0.009 * (limits[1] - limits[0]))
+        panel.set_ylabel(f"{scale.heading}, at detection" if measure == "force_n" else scale.heading)
         panel.set_xlim(limits)
         panel.set_ylim(bottom=min(0.0, panel.get_ylim()[0]))
     handles, names = axes[0].get_legend_handles_labels()

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
-from controller.reports.run_account import setting_of
+from controller.reports.run_account import acting_of, setting_of, statistic_of
 from controller.reports.text import title
+from controller.scales import displayed, scale_of
 from controller.wording import spaced
 
 Floats = NDArray[np.float64]
@@ -54,10 +55,11 @@ def payload(runs: Sequence[Run], room: int) -> str:
         recording = run.readable(trial)
         if recording is None:
             continue
-        curves = list(_chosen(run, recording))
+        events = [event for event in run.events if event.get("trial") == trial]
+        curves = list(_chosen(run, recording, _deciding(run, events)))
         share = room / max(1, min(len(trials), fitting)) / max(1, len(curves)) / BYTES_A_POINT
         points = int(min(POINTS, max(LEAST_POINTS, share)))
-        signals[key_of(runs, run, trial)] = _trial(run, trial, curves, points)
+        signals[key_of(runs, run, trial)] = _trial(run, trial, events, curves, points)
     # "</" would end the element that it stands in, "<!--" would hide its end
     return json.dumps(signals, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
 
@@ -67,14 +69,28 @@ def key_of(runs: Sequence[Run], run: Run, trial: int) -> str:
     return f"r{[each.folder.path for each in runs].index(run.folder.path)}t{trial}"
 
 
-def _chosen(run: Run, recording: TrialRecording) -> Iterator[tuple[str, str, Series, int]]:
-    """Curves as (panel, name, series, channel): first the detectors' statistics, then the streams they subscribe to,
-    then what else the profile names."""
+def _deciding(run: Run, events: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Detectors that decided in a trial, those whose events led to another state; else the one that would have."""
+    found = [
+        str(event["detector"])
+        for event in events
+        if event.get("detector") is not None
+        and event.get("next") != event.get("state")
+        and not event["event"].startswith("Baseline")
+    ]
+    return list(dict.fromkeys(found or [acting_of(run)]))
+
+
+def _chosen(
+    run: Run, recording: TrialRecording, deciding: Sequence[str]
+) -> Iterator[tuple[str, str, Series, int]]:
+    """Curves as (panel, name, series, channel): first the detectors' statistics, of what decided before the others';
+    then the streams they subscribe to, then what else the profile names."""
     named = json.dumps([setting_of(run, part) for part in ("detectors", "behavior", "limits")], default=str)
 
     def place(stream: str) -> int:
         if stream.startswith(DETECTOR):
-            return -1
+            return -1 - (stream.removeprefix(DETECTOR) in deciding)
         found = named.find(f'"{stream}"')
         return found if found >= 0 else len(named)
 
@@ -90,23 +106,23 @@ def _chosen(run: Run, recording: TrialRecording) -> Iterator[tuple[str, str, Ser
 
 
 def _trial(
-    run: Run, trial: int, curves: Sequence[tuple[str, str, Series, int]], points: int
+    run: Run,
+    trial: int,
+    events: Sequence[Mapping[str, Any]],
+    curves: Sequence[tuple[str, str, Series, int]],
+    points: int,
 ) -> dict[str, Any]:
     row = next((row for row in run.trials if row["trial"] == trial), {})
-    events = [event for event in run.events if event.get("trial") == trial]
     panels: dict[str, dict[str, Any]] = {}
     for stream, name, series, channel in curves:
-        values, unit = series.values[:, channel], series.unit
-        if stream.endswith(".period"):  # as a frequency, in which the detectors' thresholds are
-            values, unit = 1.0 / values, "Hz"
-        elif unit == "m":
-            values, unit = 1e3 * values, "mm"
-        detector = stream.removeprefix(DETECTOR) if stream.startswith(DETECTOR) else ""
-        label = f"{detector}, statistic" if detector else stream
-        fresh = {"label": f"{label}, {unit}" if unit else label, "whose": _whose(run, detector), "curves": []}
+        values, unit = displayed(stream, series.values[:, channel], series.unit)
+        if stream.startswith(DETECTOR):
+            panels[stream] = _statistic(run, events, stream.removeprefix(DETECTOR), series, points)
+            continue
+        fresh = {"label": f"{stream}, {unit}" if unit else stream, "whose": "ours", "curves": []}
         panel = panels.setdefault(stream, fresh)
         panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points)})
-    factors = ", ".join(f"{name} {row[name]}" for name in run.factors if row.get(name) is not None)
+    factors = ", ".join(scale_of(name).said(row[name]) for name in run.factors if row.get(name) is not None)
     return {
         "title": f"Trial {trial}, {factors}: {title(str(row.get('outcome', 'not ended')))}",
         "run": run.folder.path.name,
@@ -121,6 +137,25 @@ def _trial(
             and name.endswith("_s")
             and isinstance(value, int | float)
         ],
+    }
+
+
+def _statistic(
+    run: Run, events: Sequence[Mapping[str, Any]], detector: str, series: Series, points: int
+) -> dict[str, Any]:
+    """The panel of a detector's statistic and of its threshold, which is packed where it changes."""
+    values, unit = displayed(DETECTOR, series.values, series.unit)
+    decided_s = [event["t_s"] for event in events if event.get("detector") == detector]
+    times_s, shown = _measured(series.times_s, values[:, 0], whole=True)
+    limits = values[:, 1]
+    changes = np.flatnonzero(~np.isclose(limits, np.roll(limits, 1), rtol=1e-12, equal_nan=True))
+    places = np.union1d([0, len(limits) - 1], changes)
+    return {
+        "label": f"{detector}, {unit}" if unit else detector,
+        "title": f"{detector}: {statistic_of(run, detector)[0]}",
+        "whose": _whose(run, detector),
+        "curves": [{"name": "", **_packed(times_s, shown, points, decided_s)}],
+        "threshold": _packed(series.times_s[places], limits[places], points),
     }
 
 
@@ -142,31 +177,39 @@ def _thresholds(
     panels: Mapping[str, Mapping[str, Any]],
     curves: Sequence[tuple[str, str, Series, int]],
 ) -> Iterator[list[Any]]:
-    """Panel (-1 is none), detector and threshold: as it was recorded, or from the detector's last event."""
-    thresholds = {str(e["detector"]): (-1, e["threshold"]) for e in events if e.get("threshold") is not None}
+    """Panel (-1 is none), detector, threshold and its unit: as it was recorded; of a detector that shows nothing from
+    the last event that its statistic led to."""
+    thresholds: dict[str, tuple[int, float, str]] = {
+        str(event["detector"]): (-1, event["threshold"], "")
+        for event in events
+        if event.get("threshold") is not None and not event["event"].startswith("Baseline")
+    }
     for number, stream in enumerate(panels):
         if stream.startswith(DETECTOR):
-            column = next(series.values[:, 1] for name, _, series, _ in curves if name == stream)
+            series = next(series for name, _, series, _ in curves if name == stream)
+            column, unit = displayed(stream, series.values[:, 1], series.unit)
             known = column[np.isfinite(column)]
             if len(known):
-                thresholds[stream.removeprefix(DETECTOR)] = number, float(known[-1])
-    for detector, (number, threshold) in thresholds.items():
-        yield [number, detector, threshold]
+                thresholds[stream.removeprefix(DETECTOR)] = number, float(known[-1]), unit
+    for detector, (number, threshold, unit) in thresholds.items():
+        yield [number, detector, threshold, unit]
 
 
-def _measured(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """A curve with a break where there was no subscriber; the few samples before the first stretch are left out."""
+def _measured(times_s: Floats, values: Floats, *, whole: bool = False) -> tuple[Floats, Floats]:
+    """A curve with a break where there was no subscriber; but for a `whole` one the few samples before the first
+    stretch are left out."""
     steps_s = np.diff(times_s)
     cuts = np.flatnonzero(steps_s > SILENCE * np.median(steps_s)) + 1
-    first = next((cut for cut in cuts[::-1] if cut <= FEW * len(times_s)), 0)
+    first = 0 if whole else next((cut for cut in cuts[::-1] if cut <= FEW * len(times_s)), 0)
     cuts = cuts[cuts > first] - first
     times_s, values = times_s[first:], values[first:]
     return np.insert(times_s, cuts, times_s[cuts - 1]), np.insert(values, cuts, np.nan)
 
 
-def _packed(times_s: Floats, values: Floats, points: int) -> dict[str, Any]:
-    """A curve in two rows of 16-bit numbers between their ends; 65535 is no value."""
-    keep = extremes(values, points)
+def _packed(times_s: Floats, values: Floats, points: int, kept_s: Sequence[float] = ()) -> dict[str, Any]:
+    """A curve in two rows of 16-bit numbers between their ends, its samples at `kept_s` among them; 65535 is no
+    value."""
+    keep = np.union1d(extremes(values, points), np.flatnonzero(np.isin(times_s, kept_s)))
     ends = [float(times_s[0]), float(times_s[-1])]
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)

@@ -15,7 +15,8 @@ from controller.reports.figures import FAINT, FALSE, GOOD, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Block, Figure, Kind, Result, Section
 from controller.reports.section_texts import SectionTexts
-from controller.reports.text import number
+from controller.reports.text import number, quantity
+from controller.scales import scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +44,7 @@ def read_bridges(runs: Sequence[Run]) -> list[Bridge]:
         uncertainty = max(uncertainty, float(setting_of(run, "behavior", "weight_uncertainty") or 0.0))
         for row in run.trials:
             trial, name = int(row["trial"] or 0), str(row.get("bridge"))
-            if name in BRIDGES and row.get("outcome") == "contact":
+            if name in BRIDGES and run.succeeded(row):
                 recording = run.readable(trial)
                 if recording is not None:
                     found.setdefault(name, []).append(_steps(run, recording, name))
@@ -116,12 +117,18 @@ def _sentence(bridge: Bridge, simulated: bool) -> Result:
     )
     off = 100.0 * (gain.value / paper.gain_v_n.value - 1.0)
     text = f"{paper.force}: gain {number(abs(off), 1)} % {'below' if off < 0.0 else 'above'} the paper's "
-    text += f"{paper.gain_v_n.value:.4f} V/N, {number(gain.value, 4)} V/N; {verdict}."
+    text += (
+        f"{quantity('gain_v_n', paper.gain_v_n.value, 4)}, {quantity('gain_v_n', gain.value, 4)}; {verdict}."
+    )
     return Result(Kind.FITTED if simulated else Kind.MEASURED, text, not missed)
 
 
 def _rows(bridge: Bridge) -> Iterator[Mapping[str, Any]]:
-    names = ("gain, V/N", "hysteresis, % of full scale", f"resolution ({DETECTED_SIGMA:g} σ), N")
+    names = (
+        scale_of("gain_v_n").heading,
+        "hysteresis, % of full scale",
+        f"resolution ({DETECTED_SIGMA:g} σ), {scale_of('resolution_n').unit}",
+    )
     for name, (estimate, printed, scale, digits) in zip(names, _estimates(bridge), strict=True):
         yield {
             "bridge": BRIDGES[bridge.name].force,
@@ -143,7 +150,7 @@ def _note(bridge: Bridge) -> str:
         top_n=found.top_n,
         repeat=number(100.0 * found.repeat_v_n / found.gain_v_n.value, 3),
         nonlinearity=number(100.0 * found.nonlinearity, 1),
-        zero=number(1000.0 * found.zero_v, 2),
+        zero=quantity("zero_v", found.zero_v, 5),
         remanence=number(100.0 * found.remanence, 1),
     )
 

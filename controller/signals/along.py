@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -63,6 +63,7 @@ class Along:
         self._signal = signal
         self._encoder = encoder
         unit = np.asarray(direction, dtype=np.float64)
+        unit = unit / np.max(np.abs(unit))  # whose square is a number
         self._direction = unit / np.linalg.norm(unit)
         self._doing = doing
         self.rate_hz: float | None = None

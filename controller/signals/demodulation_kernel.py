@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.compiled import compiled
+from drivers.core.compiled import compiled
 
 ANY_ORDER: Final = {"reassoc", "contract"}
 """For sums that are exact: their order is the compiler's."""

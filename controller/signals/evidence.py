@@ -28,7 +28,7 @@ from controller.signals.whitening import (
     Settling,
     innovate,
 )
-from drivers.compiled import compiled
+from drivers.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 
 from controller.signals.beat import SEGMENT_S, Beat
 from controller.signals.lowpass import CIC_DECIMATION_MAX, SPAN
-from drivers.messages import SampleBlock, Saturated, StreamInfo
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock, Saturated, StreamInfo
+from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
 
 if TYPE_CHECKING:
     from controller.signals.demodulation import Demodulator
@@ -56,7 +56,7 @@ class IqSettings(Settings):
     channel: int = Field(default=0, ge=0, le=63)
     """The finger's: 0 is the right one, 1 the left."""
 
-    drive_hz: float = Field(default=40_000.0, gt=0.0, le=500_000.0)
+    drive_hz: DriveHz = Field(default=40_000.0, gt=0.0, le=500_000.0)
     """Of the tone, to a millihertz. 40 kHz: Rupavatharam et al., III.A.2."""
 
     output_hz: float = Field(default=1000.0, ge=OUTPUT_MIN_HZ, le=4000.0)
@@ -83,6 +83,14 @@ class IqSettings(Settings):
     def silent_s(self) -> float:
         """Time over which the beat is measured before the first I and Q, s; 0 where it is not tracked."""
         return SEGMENT_S + SPAN / self.output_hz if self.clocks == "tracked" else 0.0
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """What sound at the rate of a run cannot give."""
+        misfit = self.misfit()
+        if misfit is not None:
+            yield Mismatch(path, *misfit)
 
     def misfit(self, rate_hz: float = CONVERTER_HZ) -> tuple[str, str] | None:
         """Which setting does not suit sound at this frame rate, and the reason as text; None where all do."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
-from drivers.messages import SampleBlock, Saturated, StreamInfo
+from drivers.core.messages import SampleBlock, Saturated, StreamInfo
 
 
 class Signal(Protocol):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, Strict
 
-from drivers.messages import SampleBlock, Saturated, StreamInfo
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import SampleBlock, Saturated, StreamInfo
+from drivers.core.settings import Settings, StreamName
 
 Three = Annotated[tuple[float, float, float], Strict(False)]
 

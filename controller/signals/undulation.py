@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.compiled import compiled
+from drivers.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -43,7 +43,7 @@ FLOOR_FS = 1e-7
 
 STILL = 0.125
 """Share of a still background's power that counts as its spread. With a threshold of some ten an object's wave must
-be a little larger than the background's. Chosen on simulated rooms (benchmarks/pretouch/rooms.py)."""
+be a little larger than the background's. Chosen on simulated rooms (benchmarks/pretouch_rooms.py)."""
 
 
 class Way(NamedTuple):

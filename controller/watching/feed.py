@@ -6,7 +6,7 @@ import json
 import os
 import selectors
 import socket
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,9 +17,11 @@ import numpy as np
 
 from controller.campaign import Console, Watching
 from controller.console import PAUSED, ConsoleOperator
-from controller.glimpse import Glimpse, displayed
+from controller.glimpse import Glimpse
+from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
-from drivers.clock import monotonic_s, rest
+from controller.scales import displayed, scale_of
+from drivers.core.clock import monotonic_s, rest
 
 SOCKET = "watch.sock"
 """In the run folder, as long as the run goes on: a user who may write there may watch."""
@@ -48,6 +50,12 @@ ROWS = 200
 COMMAND_BYTES = 4096
 """Longest line that is received (assumption: ten times any there is)."""
 
+REFUSAL_CHARACTERS = 200
+"""Longest reason for a refusal that goes back to its client."""
+
+COMMANDS = ("pause", "resume", "stop")
+"""What a client may press."""
+
 
 @dataclass
 class _Client:
@@ -73,9 +81,17 @@ class Watched:
         console: The person's own.
         operator: Receives the clients' commands.
         began: Called with the run's folder once it can be watched.
+        successes: Outcomes that are success; None where the experiment declares none.
     """
 
-    def __init__(self, console: Console, operator: ConsoleOperator, began: Any = None) -> None:
+    def __init__(
+        self,
+        console: Console,
+        operator: ConsoleOperator,
+        began: Any = None,
+        successes: Collection[str] | None = None,
+    ) -> None:
+        self._successes = successes
         self._console = console
         self._operator = operator
         self._began = began
@@ -106,7 +122,8 @@ class Watched:
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
         """Notes the trial."""
         self._factors = dict(factors)
-        self._present = self._present | {"trial": trial, "factors": self._factors, "state": ""}
+        said = ", ".join(scale_of(name).said(value) for name, value in factors.items())
+        self._present = self._present | {"trial": trial, "factors": said, "state": ""}
         self._console.trial_started(trial, factors)
 
     def state(self, name: str, t_s: float) -> None:
@@ -124,7 +141,9 @@ class Watched:
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Notes what came out."""
-        self._rows.append([trial, outcome, self._factors | dict(row)])
+        values = {scale_of(name): value for name, value in {**self._factors, **row}.items()}
+        scaled = {scale.heading: scale.cell(value) for scale, value in values.items()}
+        self._rows.append([trial, outcome, scaled, is_success(outcome, self._successes)])
         self._console.trial_ended(trial, outcome, row)
 
     def campaign_ended(self, line: str) -> None:
@@ -137,14 +156,25 @@ class Watched:
 
     # on the publishing thread
 
-    def receive(self, line: bytes) -> None:
-        """A client's command: `{"do": "stop"}`, `pause`, `resume`, or `answer` with `number` and `done`."""
-        with suppress(ValueError, KeyError, TypeError):
+    def receive(self, line: bytes) -> str:
+        """A client's command: `{"do": "stop"}`, `pause`, `resume`, or `answer` with `number` and `done`.
+
+        Returns:
+            Why it was refused; "" where it was not.
+        """
+        try:
             message = json.loads(line)
             if message["do"] == "answer":
                 self._operator.reply(int(message["number"]), bool(message["done"]))
+            elif message["do"] in COMMANDS:
+                self._operator.press(message["do"])
             else:
-                self._operator.press(str(message["do"]))
+                return f"do must be answer, {', '.join(COMMANDS)}"
+        except (
+            Exception
+        ) as error:  # whatever a line holds, a number without end too: the next one may be a stop
+            return f"no command: {type(error).__name__}: {error}"[:REFUSAL_CHARACTERS]
+        return ""
 
     def news(self, client: _Client) -> bytes:
         """What is new since a client's last message, as a line."""
@@ -194,13 +224,19 @@ class Watched:
             times.append(block.times)
             parts.append(block.physical)
         times_s, values = np.concatenate(times), np.concatenate(parts)
-        shown, unit = displayed(stream, values[:, 0], fresh[0].unit)
+        shown, unit = displayed(stream, values, fresh[0].unit)
+        shown, thresholds = shown[:, 0], shown[:, 1:]
         span_s = min(LATE_S, float(times_s[-1] - times_s[0]))
         keep = extremes(shown, max(4, round(POINTS_HZ * span_s)))
         keep = keep[np.isfinite(shown[keep])]
-        news = {"t": times_s[keep].round(4).tolist(), "y": shown[keep].tolist(), "unit": unit}
-        if values.shape[1] == 2 and stream.startswith(DETECTOR) and np.isfinite(values[-1, 1]):
-            news["threshold"] = float(values[-1, 1])
+        news = {
+            "t": times_s[keep].round(4).tolist(),
+            "y": shown[keep].tolist(),
+            "label": glimpse.label(stream, unit),
+            "title": glimpse.title(stream),
+        }
+        if stream.startswith(DETECTOR) and np.isfinite(thresholds[-1, 0]):
+            news["threshold"] = float(thresholds[-1, 0])
         return news
 
 
@@ -287,7 +323,13 @@ class _Feed:
             data = b""
         *lines, client.received = (client.received + data).split(b"\n")
         for line in lines:
-            self._watched.receive(line)
+            refusal = self._watched.receive(line)
+            if (
+                refusal and len(client.out) < COMMAND_BYTES
+            ):  # a client that does not read gets no more of them
+                client.out += json.dumps({"refused": refusal}).encode() + b"\n"
+        if client.out:
+            self._send(client)
         if not data or len(client.received) > COMMAND_BYTES:
             self._drop(client)
 

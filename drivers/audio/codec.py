@@ -23,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import CodecError
+from drivers.core.errors import CodecError
 
 MAGIC: Final = b"TBA1"
 

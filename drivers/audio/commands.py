@@ -7,8 +7,8 @@ from typing import Final
 
 from drivers.audio.oscillator import STEPS_PER_HZ
 from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, STREAM, UNIT
-from drivers.errors import CommandError
-from drivers.messages import Chirp, Command, Excite, Listen, StreamInfo, Tone
+from drivers.core.errors import CommandError
+from drivers.core.messages import Chirp, Command, Excite, Listen, StreamInfo, Tone
 
 CHIRP_MAX_S: Final = 600.0
 """Longest chirp (assumption)."""

@@ -21,8 +21,8 @@ from drivers.audio.source import (
     Swept,
     make_source,
 )
-from drivers.errors import PortError, ProtocolError, SilentError
-from drivers.messages import (
+from drivers.core.errors import PortError, ProtocolError, SilentError
+from drivers.core.messages import (
     Chirp,
     Command,
     DeviceInfo,
@@ -34,7 +34,7 @@ from drivers.messages import (
     Status,
     Tone,
 )
-from drivers.wire import WireDriver
+from drivers.core.wire import WireDriver
 
 BITS_MIN: Final = 24
 """Of a sample: the fingers' sound moves by less than 16 bits resolve (III.B: a 24-bit converter)."""
@@ -49,7 +49,7 @@ MENDING: Final = "see docs/reference/audio.md"
 
 
 class Audio(WireDriver[SoundSource]):
-    """The fingers' sound; implements `drivers.protocols.Device`. It moves nothing.
+    """The fingers' sound; implements `drivers.core.protocols.Device`. It moves nothing.
 
     The stream `<name>.fingers` has raw 24-bit counts of the right and the left finger. Its `seq` counts the frames of
     the converter, which also drives: a tone's phase is zero at frame 0 (`level * cos(2 pi f seq / rate)`, but for

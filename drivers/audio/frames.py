@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from drivers.audio.source import SoundPacket
-from drivers.clock import Clock
-from drivers.messages import SampleBlock, StreamInfo
-from drivers.numbering import DeviceClock, StreamTrack
+from drivers.core.clock import Clock
+from drivers.core.messages import SampleBlock, StreamInfo
+from drivers.core.numbering import ENDLESS, DeviceClock, StreamTrack
 
 
 class CounterError(ValueError):
@@ -42,7 +42,7 @@ class SoundFrames:
         self._rate_hz = info.rate_hz
         self._channels = list(channels)
         self._bench = clock
-        self._track = StreamTrack(self.clock, info.rate_hz)
+        self._track = StreamTrack(self.clock, info.rate_hz, ENDLESS)
         self._last = -1
 
     def begin(self) -> None:

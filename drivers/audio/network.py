@@ -18,9 +18,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drivers.audio.codec import FrameDecoder, SoundMessage, encode_line
 from drivers.audio.settings import AudioSettings
 from drivers.audio.source import Declined, Drive, SoundPacket, SourceEvent, SourceFound, Swept
-from drivers.clock import Clock
-from drivers.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
-from drivers.messages import Chirp, Tone
+from drivers.core.clock import Clock
+from drivers.core.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
+from drivers.core.messages import Chirp, Tone
 
 CHUNK_BYTES: Final = 1 << 16
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from drivers.audio.settings import FULL_SCALE, AudioSettings
 from drivers.audio.source import Drive, SoundPacket, SourceEvent, SourceFound, Swept
-from drivers.clock import Clock
-from drivers.errors import PortError, ProtocolError
-from drivers.messages import Chirp
+from drivers.core.clock import Clock
+from drivers.core.errors import PortError, ProtocolError, lacking
+from drivers.core.messages import Chirp
 
 if TYPE_CHECKING:
     import soundfile
@@ -60,9 +60,11 @@ class Recording:
 
     def open(self) -> SourceFound:
         """See `Source.open`."""
-        import soundfile
-
         doing = f"opening {self._path}"
+        try:
+            import soundfile
+        except ImportError as error:
+            raise PortError(self._device, doing, *lacking("soundfile", "sound")) from error
         if not self._path.is_file():
             raise PortError(self._device, doing, "there is no such file", 'name one: port = "file:take.wav"')
         try:

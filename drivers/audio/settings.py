@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 from pydantic import Field, Strict
 
-from drivers.settings import Settings
+from drivers.core.settings import Settings
 
 RATE_HZ: Final = 96_000
 """Frames a second: a converter's rate above twice 40 kHz (Rupavatharam et al., III.B)."""

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from drivers.audio.oscillator import ChirpWave, Silence, ToneWave, Wave
 from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
 from drivers.audio.source import Declined, Drive, SoundPacket, SourceEvent, SourceFound, Swept
-from drivers.clock import Clock
-from drivers.errors import PortError
-from drivers.messages import Chirp, Tone
+from drivers.core.clock import Clock
+from drivers.core.errors import PortError, lacking
+from drivers.core.messages import Chirp, Tone
 
 WAITING_PACKETS: Final = 4096
 """Buffers that were not taken (20 s of 5 ms): beyond, the oldest are dropped, and their frames count as lost
@@ -96,8 +96,7 @@ class SoundCard:
         try:
             import sounddevice
         except ImportError as error:
-            advice = "install it: .venv/bin/python -m pip install -r requirements/sound.txt"
-            raise PortError(self._device, doing, "it is not installed", advice) from error
+            raise PortError(self._device, doing, *lacking("sounddevice", "sound")) from error
         except OSError as error:
             advice = "install it, on Debian and Ubuntu: sudo apt install libportaudio2"
             raise PortError(self._device, doing, "PortAudio is missing", advice) from error

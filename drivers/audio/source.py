@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.audio.settings import AudioSettings
-from drivers.clock import Clock
-from drivers.errors import PortError
-from drivers.messages import Chirp, Excite, Tone
+from drivers.core.clock import Clock
+from drivers.core.errors import PortError
+from drivers.core.messages import Chirp, Excite, Tone
 
 Drive = Tone | Chirp | Excite
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from drivers.can_frame import CanFrame
-from drivers.errors import CodecError
+from drivers.core.can_frame import CanFrame
+from drivers.core.errors import CodecError
 
 HOST: Final = 0
 """Node of the host (docs/reference/barrett_hand.md: a finger's reply is to a group, so it need not be given)."""

@@ -10,11 +10,11 @@ from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
-from drivers.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can, strange_frames
-from drivers.errors import CodecError, check_streams, wrong
-from drivers.messages import Command, DeviceInfo, Listen, Tare
-from drivers.numbering import Runs, StreamTrack, host_clock
-from drivers.wire import Inquiry, WireDriver
+from drivers.core.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can, strange_frames
+from drivers.core.errors import CodecError, check_streams, wrong
+from drivers.core.messages import Command, DeviceInfo, Listen, Tare
+from drivers.core.numbering import ENDLESS, Runs, StreamTrack, host_clock
+from drivers.core.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 10
 """How often a finger is queried while opening (assumption: frames may be lost, or missed by a busy machine)."""
@@ -43,7 +43,7 @@ class BarrettHandSettings(CanPort, FingerStrainSettings):
 
 
 class BarrettHand(WireDriver[CanLink]):
-    """The torques of a hand's fingers; implements `drivers.protocols.Device`. It moves nothing.
+    """The torques of a hand's fingers; implements `drivers.core.protocols.Device`. It moves nothing.
 
     The link's thread polls periodically, all fingers with one query, or a single finger where only one is subscribed.
     Sample k is dated at the start of its cycle, k / `poll_hz`; it was polled then or up to half a period later.
@@ -72,7 +72,8 @@ class BarrettHand(WireDriver[CanLink]):
         self._subscribed: frozenset[int] = frozenset()
         self._received_s = self._clock.monotonic_s()
         self._tracks = {
-            finger: StreamTrack(host_clock(), self._settings.poll_hz) for finger in self._settings.fingers
+            finger: StreamTrack(host_clock(), self._settings.poll_hz, ENDLESS)
+            for finger in self._settings.fingers
         }
 
     def _identify(self, link: CanLink) -> DeviceInfo:

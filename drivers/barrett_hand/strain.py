@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.barrett_hand import codec
-from drivers.messages import SampleBlock, Saturated, StreamInfo
-from drivers.settings import Settings
+from drivers.core.messages import SampleBlock, Saturated, StreamInfo
+from drivers.core.settings import Settings
 
 TARE_SAMPLES = 50
 """Readings that a new zero is the mean of: 50 ms at 1 kHz (assumption)."""

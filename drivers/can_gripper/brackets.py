@@ -10,9 +10,9 @@ from pydantic import Field, model_validator
 
 from drivers.can_gripper import units
 from drivers.can_gripper.messages import DriveOrder, GripperState
-from drivers.can_link import CanPort
-from drivers.errors import CommandError
-from drivers.messages import Command, Grip, Home, Listen, Release, Stop
+from drivers.core.can_link import CanPort
+from drivers.core.errors import CommandError
+from drivers.core.messages import Command, Grip, Home, Listen, Release, Stop
 
 CLOSED_MIN_M = 0.008
 CLOSED_MAX_M = 0.085 - units.STROKE_M

@@ -13,7 +13,6 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from drivers.can_frame import CanFrame
 from drivers.can_gripper.messages import (
     ASKED,
     PLAIN,
@@ -34,7 +33,8 @@ from drivers.can_gripper.messages import (
     Poll,
     Watchdog,
 )
-from drivers.errors import CodecError
+from drivers.core.can_frame import CanFrame
+from drivers.core.errors import CodecError
 
 NODES: Final = 16
 """Node numbers are 0 to 15 (docs/reference/can_gripper.md)."""

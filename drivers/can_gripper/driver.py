@@ -26,8 +26,8 @@ from drivers.can_gripper.messages import (
 )
 from drivers.can_gripper.units import LONGEST_S
 from drivers.can_gripper.watch import Watch
-from drivers.can_link import CanLink, ReceivedFrame, open_can
-from drivers.messages import (
+from drivers.core.can_link import CanLink, ReceivedFrame, open_can
+from drivers.core.messages import (
     Applied,
     Command,
     DeviceInfo,
@@ -38,8 +38,8 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.numbering import Runs, SampleRun
-from drivers.wire import WireDriver
+from drivers.core.numbering import Runs, SampleRun
+from drivers.core.wire import WireDriver
 
 IDLE = DriveOrder(0, 0, 0, activate=False, go=False)
 
@@ -50,7 +50,7 @@ class _Sample(NamedTuple):
 
 
 class CanGripper(WireDriver[CanLink]):
-    """A gripper whose jaws open and close; implements `drivers.protocols.Device`.
+    """A gripper whose jaws open and close; implements `drivers.core.protocols.Device`.
 
     `Home` clears faults and calibrates where that has not been done since power-up: the jaws open and close
     fully, so they must be empty. `Grip` is one frame, written before `apply` returns: a grip that tightens

@@ -17,10 +17,10 @@ from drivers.can_gripper.messages import (
     Order,
     Poll,
 )
-from drivers.can_link import CanLink, ReceivedFrame, strange_frames
-from drivers.clock import Clock
-from drivers.errors import CodecError
-from drivers.wire import Inquiry
+from drivers.core.can_link import CanLink, ReceivedFrame, strange_frames
+from drivers.core.clock import Clock
+from drivers.core.errors import CodecError
+from drivers.core.wire import Inquiry
 
 ATTEMPTS = 4
 """How often a query is sent (assumption: three frames may be lost)."""

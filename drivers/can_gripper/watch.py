@@ -6,13 +6,27 @@ import math
 
 from drivers.can_gripper.brackets import Brackets
 from drivers.can_gripper.messages import GripFinding, GripperState
-from drivers.messages import Command, Grip, Gripped, Home, Reached, Release, Stalled, Standstill, Status, Stop
+from drivers.core.messages import (
+    Command,
+    Grip,
+    Gripped,
+    Home,
+    Reached,
+    Release,
+    Stalled,
+    Standstill,
+    Status,
+    Stop,
+)
 
 CALIBRATION_S = 32.0
 """Longest calibration: the gripper itself gives up after 30 s (docs/reference/can_gripper.md)."""
 
 STILL_S = 0.05
 """A position that does not change for this long stands still, where no finding reports it (assumption)."""
+
+STUCK_COUNTS = 1
+"""A position that has changed by no more has not changed: the resolution of what the gripper reports."""
 
 FAULTS = {
     "over_temperature": "it is too hot",
@@ -26,8 +40,9 @@ class Watch:
     """Follows the last command of one gripper.
 
     A state counts only where it was requested after the command was sent. The jaws have an object when
-    something holds them for `hold_s`; the bits of its direction are not trusted. What the jaws do is followed apart
-    from the last command: a `Stop` or a `Home` that drives nothing leaves a grip a grip.
+    something holds them for `hold_s`; the bits of its direction are not trusted. Jaws that stood free where they had
+    been sent, and that a `Grip` does not move, have none: they are stuck. What the jaws do is followed apart from the
+    last command: a `Stop` or a `Home` that drives nothing leaves a grip a grip.
 
     Args:
         device: Name in the profile.
@@ -57,6 +72,7 @@ class Watch:
         self._state: GripperState | None = None
         self._driving: Command | None = None  # the last command that drove the jaws
         self._driven_s = -math.inf
+        self._free: int | None = None  # where they stood free before, with nothing between them
         self._under_way = False  # whether the jaws have not yet come to where it ends
 
     def begin(self, command: Command, sent_s: float, *, drives: bool) -> None:
@@ -70,6 +86,7 @@ class Watch:
         self._command, self._sent_s, self.busy = command, sent_s, True
         self._gripped, self._still_s = None, math.inf
         if drives:
+            self._free = self._stands_free()
             self._driving, self._driven_s, self._under_way = command, sent_s, True
             self._held_s = self._state = None
 
@@ -145,6 +162,9 @@ class Watch:
         if found is None or found is self._gripped:
             return []
         self._gripped, self.busy = found, False
+        if found and self._free is not None and abs(state.position - self._free) <= STUCK_COUNTS:
+            reason = f"{self._held_at(state)}, where they stood before; they grip nothing"
+            return [Stalled(t_s, self._device, reason, command_id=self._id)]
         width_m, force_n = self._brackets.width_m(state.position), self._brackets.force_n(state.current_ma)
         return [Gripped(t_s, self._device, found, width_m, force_n, command_id=self._id)]
 
@@ -152,10 +172,9 @@ class Watch:
         if found is None or not self.busy:
             return []
         self.busy = False
-        width_m = self._brackets.width_m(state.position)
         if found:
-            reason = f"something holds its jaws at {width_m * 1e3:.1f} mm"
-            return [Stalled(t_s, self._device, reason, command_id=self._id)]
+            return [Stalled(t_s, self._device, self._held_at(state), command_id=self._id)]
+        width_m = self._brackets.width_m(state.position)
         return [Reached(t_s, self._device, width_m, command_id=self._id)]
 
     def _stopping(
@@ -168,6 +187,17 @@ class Watch:
         self.busy = self._under_way = False
         width_m = self._brackets.width_m(state.position)
         return [Standstill(t_s, self._device, width_m, command_id=self._id)]
+
+    def _held_at(self, state: GripperState) -> str:
+        return f"something holds its jaws at {self._brackets.width_m(state.position) * 1e3:.1f} mm"
+
+    def _stands_free(self) -> int | None:
+        """Where the jaws stand, if nothing holds them where they were sent; None where that is not known. Jaws that
+        were stopped stand wherever they were, at an object perhaps."""
+        state = self._state
+        if state is None or state.finding is not GripFinding.AT_POSITION or isinstance(self._driving, Stop):
+            return None
+        return state.position
 
     def _found(self, t_s: float, state: GripperState) -> bool | None:
         """Whether an object stopped the jaws; None while nothing has."""

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.errors import CodecError
 from drivers.dsa_matrix.packets import MatrixPacket
-from drivers.errors import CodecError
 
 TEXEL_MAX: Final = 0xFFF
 """Texels have 12 bits (docs/reference/dsa_matrix.md)."""

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
+from drivers.core.errors import CodecError, RefusedError, check_streams, wrong
+from drivers.core.links import SerialLink, SerialPort, open_serial
+from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
+from drivers.core.wire import WireDriver
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.frames import MatrixFrames
 from drivers.dsa_matrix.identify import MatrixIdentity, identify
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
-from drivers.errors import CodecError, RefusedError, check_streams, wrong
-from drivers.links import SerialLink, SerialPort, open_serial
-from drivers.messages import Command, DeviceInfo, Listen, StreamInfo
-from drivers.wire import WireDriver
 
 BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
@@ -52,7 +52,7 @@ class _Order:
 
 
 class DsaMatrix(WireDriver[SerialLink]):
-    """The texels of tactile matrices; implements `drivers.protocols.Device`. It moves nothing.
+    """The texels of tactile matrices; implements `drivers.core.protocols.Device`. It moves nothing.
 
     The controller reports its matrices and their cells. The stream `<name>.taxels` has one channel for each cell,
     `m<matrix>.r<row>.c<column>`, raw counts of about a millivolt; frames are dated by the controller's own clock

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import Clock
+from drivers.core.clock import Clock
+from drivers.core.messages import Lost, SampleBlock, Saturated, Status, StreamInfo
+from drivers.core.numbering import DeviceClock, SampleStream
 from drivers.dsa_matrix import codec
-from drivers.messages import Lost, SampleBlock, Saturated, Status, StreamInfo
-from drivers.numbering import DeviceClock, SampleStream
 
 
 class MatrixFrames:

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from drivers.clock import Clock
+from drivers.core.clock import Clock
+from drivers.core.errors import CodecError, ProtocolError, RefusedError
+from drivers.core.links import SerialLink
+from drivers.core.wire import Inquiry
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
-from drivers.errors import CodecError, ProtocolError, RefusedError
-from drivers.links import SerialLink
-from drivers.wire import Inquiry
 
 ATTEMPTS = 3
 """How often a query is sent to a controller that has answered before (assumption)."""

@@ -14,8 +14,8 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
-from drivers.errors import CodecError
-from drivers.messages import Ask, LoadWeight
+from drivers.core.errors import CodecError
+from drivers.core.messages import Ask, LoadWeight
 from drivers.operator.requests import request_text
 
 LINE_MAX = 4096

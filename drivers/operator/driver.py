@@ -7,14 +7,24 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from drivers.clock import Clock
-from drivers.errors import PortError
-from drivers.links import SerialLink, SerialPort, open_serial
-from drivers.messages import Answered, Applied, Ask, Command, DeviceInfo, Listen, Loaded, LoadWeight, Refused
+from drivers.core.clock import Clock
+from drivers.core.errors import PortError
+from drivers.core.links import SerialLink, SerialPort, open_serial
+from drivers.core.messages import (
+    Answered,
+    Applied,
+    Ask,
+    Command,
+    DeviceInfo,
+    Listen,
+    Loaded,
+    LoadWeight,
+    Refused,
+)
+from drivers.core.protocols import Question
+from drivers.core.wire import Inquiry, WireDriver
 from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, encode, request_of
 from drivers.operator.requests import LoadLimits, Loads, load_stream, request_text, valid
-from drivers.protocols import Question
-from drivers.wire import Inquiry, WireDriver
 
 CONSOLE = "console"
 """The port of a person at the terminal that the program runs in."""
@@ -71,7 +81,7 @@ def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink
 
 
 class Person(WireDriver[SerialLink | ConsolePerson]):
-    """Puts requests to a person; implements `drivers.protocols.Device` and `Asking`.
+    """Puts requests to a person; implements `drivers.core.protocols.Device` and `Asking`.
 
     It answers when the person does; the behavior decides how long that may take. A newer request replaces one that is
     not answered yet. On the console the program itself reads the keyboard (`question`, `answer`), for there is only
@@ -148,13 +158,13 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
 
     @property
     def question(self) -> Question | None:
-        """What the console has to ask, or None; see `drivers.protocols.Asking`."""
+        """What the console has to ask, or None; see `drivers.core.protocols.Asking`."""
         if self._asked is None or not isinstance(self._link, ConsolePerson):
             return None
         return Question(self._number, f"{request_text(self._asked)}, {HOW_TO_ANSWER}")
 
     def answer(self, number: int, done: bool) -> None:
-        """The person has answered on the console; see `drivers.protocols.Asking`."""
+        """The person has answered on the console; see `drivers.core.protocols.Asking`."""
         self._settle(self._clock.now(), PersonAnswer(number, done, "" if done else "the person says no"))
 
     def account(self) -> Mapping[str, object]:

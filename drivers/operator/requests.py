@@ -8,9 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
-from drivers.errors import CommandError
-from drivers.messages import Ask, Command, LoadWeight, SampleBlock, StreamInfo
-from drivers.settings import Settings
+from drivers.core.errors import CommandError
+from drivers.core.messages import Ask, Command, LoadWeight, SampleBlock, StreamInfo
+from drivers.core.settings import Settings
 
 BRIDGES: Mapping[str, str] = {"x": "Fx", "y": "Fy", "t": "Ft"}
 """The bridges of the fingertip, and the force that each reads."""

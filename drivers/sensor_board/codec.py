@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from drivers.errors import CodecError
+from drivers.core.errors import CodecError
 from drivers.sensor_board.framing import frame
 
 MAX_STREAMS: Final = 32

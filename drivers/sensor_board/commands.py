@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from pydantic import Field
 
-from drivers.errors import check_streams, wrong
-from drivers.messages import Command, Excite, Listen, SetTendon, Tare
-from drivers.settings import Settings
+from drivers.core.errors import check_streams, wrong
+from drivers.core.messages import Command, Excite, Listen, SetTendon, Tare
+from drivers.core.settings import Settings
 
 
 class BoardLimits(Settings):

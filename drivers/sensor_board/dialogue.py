@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.clock import Clock
-from drivers.errors import CodecError, ProtocolError
-from drivers.links import SerialLink
-from drivers.messages import Command
+from drivers.core.clock import Clock
+from drivers.core.errors import CodecError, ProtocolError
+from drivers.core.links import SerialLink
+from drivers.core.messages import Command
+from drivers.core.wire import Inquiry
 from drivers.sensor_board.codec import (
     BoardCode,
     BoardHello,
@@ -18,7 +19,6 @@ from drivers.sensor_board.codec import (
     encode,
 )
 from drivers.sensor_board.framing import BoardFrameDecoder
-from drivers.wire import Inquiry
 
 HELLO_ATTEMPTS = 4
 """How often a board is asked for its hello. Assumption: the first answer may be lost in a partial frame."""

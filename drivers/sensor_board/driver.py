@@ -8,15 +8,15 @@ from dataclasses import asdict
 
 from pydantic import Field, model_validator
 
-from drivers.errors import CodecError, PortError, ProtocolError
-from drivers.links import SerialLink, SerialPort, open_serial
-from drivers.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
+from drivers.core.errors import CodecError, PortError, ProtocolError
+from drivers.core.links import SerialLink, SerialPort, open_serial
+from drivers.core.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
+from drivers.core.wire import TURN_S, WireDriver
 from drivers.sensor_board.codec import BoardCode, BoardReply, ReplyStatus, Samples, Times, decode
 from drivers.sensor_board.commands import BoardLimits, valid
 from drivers.sensor_board.dialogue import BoardDialogue, BoardOrder, identify
 from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.sensor_board.streams import BoardStreams, stream_info
-from drivers.wire import TURN_S, WireDriver
 
 CLOSE_S = 0.25
 """Longest wait at close for the board to acknowledge that all is off (assumption: as long as a reply may take)."""
@@ -58,7 +58,7 @@ class SensorBoardSettings(SerialPort, BoardLimits):
 
 
 class SensorBoard(WireDriver[SerialLink]):
-    """A board of sensor streams; implements `drivers.protocols.Device`.
+    """A board of sensor streams; implements `drivers.core.protocols.Device`.
 
     The board reports its streams. Blocks carry raw counts with their scale; their times come from the board's clock
     through the lower envelope of arrivals (`clock_model`), never from an arrival. Loss is found by the board's own

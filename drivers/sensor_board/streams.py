@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import Clock
-from drivers.errors import CodecError
-from drivers.messages import SampleBlock, StreamInfo
-from drivers.numbering import DeviceClock, StreamTrack
-from drivers.sensor_board.codec import TIME_MODULUS, Samples, Times
+from drivers.core.clock import Clock
+from drivers.core.errors import CodecError
+from drivers.core.messages import SampleBlock, StreamInfo
+from drivers.core.numbering import DeviceClock, StreamTrack
+from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS, Samples, Times
 
 PERIOD_S = 0.2
 """Longest time between two samples of an irregular stream, s. Assumption: five periods of a finger at 28 Hz."""
@@ -59,7 +59,9 @@ class BoardStreams:
         self.clock = DeviceClock(max_drift_ppm, wrap_s=TIME_MODULUS * 1e-6)
         self._bench = clock
         self._infos = infos
-        self._tracks = {number: StreamTrack(self.clock, info.rate_hz) for number, info in infos.items()}
+        self._tracks = {
+            number: StreamTrack(self.clock, info.rate_hz, COUNTER_MODULUS) for number, info in infos.items()
+        }
 
     def begin(self, numbers: Iterable[int]) -> None:
         """These streams were subscribed again: what is missing before their next samples is not lost."""

@@ -1,1 +1,1 @@
-"""A Universal Robots arm through its controller, with the ur_rtde client in a process of its own."""
+"""A Universal Robots arm through its controller: ur_rtde, and the dashboard."""

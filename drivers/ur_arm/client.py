@@ -11,12 +11,14 @@ import socket
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-from drivers.clock import Clock, rest
-from drivers.ur_arm.controller import PLAYING, PROTECTIVE_STOP, trouble
+from drivers.arm.link import CALLS_S, BrokenError
+from drivers.arm.settings import Pose
+from drivers.core.clock import Clock, rest
+from drivers.ur_arm.controller import PROTECTIVE_STOP, ControllerState
 from drivers.ur_arm.dashboard import Dashboard
-from drivers.ur_arm.pipe import ArmRow, BrokenError
-from drivers.ur_arm.settings import Pose, UrArmSettings
+from drivers.ur_arm.settings import UrArmSettings
 
 SPEED_S = 0.002
 """The `t` of `speedl`: after one cycle of the controller the script looks for a newer speed (control script)."""
@@ -26,11 +28,6 @@ SPEED_STOP_M_S2 = 3.0
 
 LOOK_S = 0.05
 """Time between two looks at the controller while it recovers (assumption)."""
-
-CALLS_S = 0.04
-"""How far an emulated bench's time may go after a cycle of commands was due: more than the client's calls need of the
-controller's cycles (`zeroFtSensor` 20 ms, measured), less than half of the watchdog's usual 0.1 s."""
-
 
 CONTROL_GONE = "the control link is gone"
 
@@ -76,14 +73,17 @@ def _rtde_sockets() -> Iterator[tuple[int, int]]:
 
 
 class RtdeClient:
-    """The control interface of one arm; see `drivers.ur_arm.controller.Client`.
+    """The control interface of one arm; see `drivers.arm.link.Client`.
 
     Args:
         settings: Of the arm.
         dashboard: A connection of our own.
         clock: For what takes too long.
-        latest: The latest row of the receive interface.
+        latest: The controller as its latest row shows it.
         receiving: The receive interface's link.
+
+    Attributes:
+        tcp_offset: The tool's point in the flange's frame, as the controller has it: m and rotation vector.
 
     Raises:
         BrokenError: the client does not connect, or the controller does not run its script.
@@ -94,7 +94,7 @@ class RtdeClient:
         settings: UrArmSettings,
         dashboard: Dashboard,
         clock: Clock,
-        latest: Callable[[], ArmRow],
+        latest: Callable[[], ControllerState],
         receiving: RtdeSockets,
     ) -> None:
         from rtde_control import RTDEControlInterface
@@ -109,31 +109,29 @@ class RtdeClient:
         except (RuntimeError, ValueError) as error:
             raise BrokenError("refused", f"the client reports: {error}", _advice(str(error))) from error
         self._link = RtdeSockets(receiving)
-        self._watch()
+        x, y, z, rx, ry, rz = self._control.getTCPOffset()
+        self.tcp_offset: Pose = (x, y, z, rx, ry, rz)
+        self._watch()  # from here on commands are due
 
     def speed(self, twist: Pose, acceleration_m_s2: float) -> bool:
         """See `Client.speed`."""
-        self._check_link()
         self._speeds = True
-        return bool(self._control.speedL(list(twist), acceleration_m_s2, SPEED_S))
+        return bool(self._live.speedL(list(twist), acceleration_m_s2, SPEED_S))
 
     def end_speed(self) -> bool:
         """See `Client.end_speed`."""
-        self._check_link()
         self._speeds = False
-        return bool(self._control.speedStop(SPEED_STOP_M_S2))
+        return bool(self._live.speedStop(SPEED_STOP_M_S2))
 
     def move(self, pose: Pose, speed_m_s: float, acceleration_m_s2: float) -> bool:
         """See `Client.move`."""
-        self._check_link()
         # A second mover ends the controller's program: this one call is the last to be sure.
         assert not self._speeds, "a move while tool speeds are on"
-        return bool(self._control.moveL(list(pose), speed_m_s, acceleration_m_s2, True))
+        return bool(self._live.moveL(list(pose), speed_m_s, acceleration_m_s2, True))
 
     def end_move(self, deceleration_m_s2: float) -> bool:
         """See `Client.end_move`."""
-        self._check_link()
-        self._control.stopL(deceleration_m_s2, True)
+        self._live.stopL(deceleration_m_s2, True)
         return True
 
     def busy(self) -> bool:
@@ -142,13 +140,11 @@ class RtdeClient:
 
     def kick(self) -> bool:
         """See `Client.kick`."""
-        self._check_link()
-        return bool(self._control.kickWatchdog())
+        return bool(self._live.kickWatchdog())
 
     def zero_force(self) -> bool:
         """See `Client.zero_force`."""
-        self._check_link()
-        return bool(self._control.zeroFtSensor())
+        return bool(self._live.zeroFtSensor())
 
     def halt(self) -> None:
         """See `Client.halt`."""
@@ -156,7 +152,7 @@ class RtdeClient:
 
     def recover(self) -> str:
         """See `Client.recover`."""
-        self._check_link()
+        control = self._live
         self._clock.leave()  # it may take long
         self._speeds = False
         deadline_s = self._clock.monotonic_s() + self._settings.recover_s
@@ -166,11 +162,11 @@ class RtdeClient:
             return "remote control is off at the pendant"
         # The registers outlive the program: a speed that is left in them would move the arm as soon as the
         # script runs again. Where no program runs, this clears them.
-        self._control.kickWatchdog()
-        self._control.reuploadScript()
-        while self._latest().runtime != PLAYING:
+        control.kickWatchdog()
+        control.reuploadScript()
+        while not self._latest().playing:
             if self._clock.monotonic_s() > deadline_s:
-                return trouble(self._latest()) or "the controller does not run the script"
+                return self._latest().trouble or "the controller does not run the script"
             rest(LOOK_S)
         self._watch()
         return ""
@@ -180,11 +176,11 @@ class RtdeClient:
         return self._link.stands() and bool(self._control.isConnected())
 
     def leave(self) -> None:
-        """End the controller's program; the client's sockets end with the process."""
+        """See `Client.leave`; the client's sockets end with the process."""
         self._control.stopScript()
 
     def _unlock(self, deadline_s: float) -> str:
-        while reason := _safety(self._latest()):
+        while reason := self._latest().danger:
             if not self._latest().safety_bits & PROTECTIVE_STOP or self._clock.monotonic_s() > deadline_s:
                 return reason
             self._dashboard.ask("close safety popup")
@@ -193,18 +189,17 @@ class RtdeClient:
         return ""
 
     def _watch(self) -> None:
-        # The watchdog counts from here: an emulated bench waits for this thread as long as it is set.
+        # The watchdog counts from here, and this thread looks at the clock again within the calls of a cycle.
         self._clock.hold(self._clock.monotonic_s() + CALLS_S)
         if not self._control.setWatchdog(self._settings.watchdog_hz):
             raise BrokenError("refused", "the controller takes no watchdog", "is it in remote control?")
 
-    def _check_link(self) -> None:
+    @property
+    def _live(self) -> Any:
+        """The control interface, whose link stands."""
         if not self.connected():
             raise BrokenError("silent", CONTROL_GONE, "is the cable in, and the controller up?")
-
-
-def _safety(row: ArmRow) -> str:
-    return trouble(row._replace(runtime=PLAYING))
+        return self._control
 
 
 def _advice(error: str) -> str:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 import socket
-from contextlib import suppress
 
-from drivers.ur_arm.pipe import BrokenError
+from drivers.arm.link import BrokenError
 
 PORT = 29999
 """Port of the dashboard server (manual)."""
@@ -62,12 +61,6 @@ class Dashboard:
         """PolyScope's version, or "" where the answer has none."""
         found = _VERSION.search(self.ask("PolyscopeVersion"))
         return found[0] if found else ""
-
-    def close(self) -> None:
-        """Close the connection; never raises."""
-        with suppress(OSError):
-            self._lines.close()
-            self._socket.close()
 
     def _line(self) -> str:
         try:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.errors import CodecError
+from drivers.core.errors import CodecError
 
 IDS = 100
 """Message ids are 0 to 99 (Zaber ASCII protocol)."""
@@ -27,6 +27,9 @@ VELOCITY_SCALE = 1.6384
 
 ACCELERATION_SCALE = 1.6384e-4
 """Acceleration data is microsteps per second squared times this (Zaber ASCII protocol)."""
+
+FIRMWARE = (7, 25)
+"""The first firmware in which `move abs` takes a speed (Zaber Motion Library, `move_absolute`)."""
 
 LONGEST_S = 0.05
 """Longest time between two positions while all is well, s. Assumption: five at 100 Hz."""

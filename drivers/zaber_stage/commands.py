@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from drivers.errors import CommandError
-from drivers.messages import Command, Home, Listen, MoveAt, MoveTo, Stop
+from drivers.core.errors import CommandError
+from drivers.core.messages import Command, Home, Listen, MoveAt, MoveTo, Stop
 from drivers.zaber_stage.mounting import Mounting, StageLimits
 
 RENEWAL_S = 0.05

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from drivers.clock import Clock
-from drivers.errors import CodecError
-from drivers.links import SerialLink
+from drivers.core.clock import Clock
+from drivers.core.errors import CodecError
+from drivers.core.links import SerialLink
 from drivers.zaber_stage import codec
 
 AXIS = 1

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import asdict
+from typing import TypeVar
 
 import numpy as np
 
-from drivers.errors import PortError, ProtocolError, RefusedError, SilentError
-from drivers.links import SerialLink, open_serial
-from drivers.messages import (
+from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.links import SerialLink, open_serial
+from drivers.core.messages import (
     Applied,
     Command,
     DeviceInfo,
@@ -23,8 +24,8 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.numbering import Runs
-from drivers.wire import WireDriver
+from drivers.core.numbering import Runs
+from drivers.core.wire import WireDriver
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import doing, valid
 from drivers.zaber_stage.dialogue import StageAnswer, StageDialogue, StageQuestion
@@ -39,19 +40,21 @@ from drivers.zaber_stage.procedures import (
     StageWay,
 )
 
+T = TypeVar("T")
+
 OPEN_TURN_S = 0.0005
 """Pause between two looks at the port while opening (assumption: a tenth of an exchange at 115,200 baud)."""
 
 
 class ZaberStage(WireDriver[SerialLink]):
-    """A stage on its approach axis; implements `drivers.protocols.Device`.
+    """A stage on its approach axis; implements `drivers.core.protocols.Device`.
 
     A motion is a chain of absolute moves: the first goes as far as the command's `blind_travel_m`, the next ones are
     sent while the stage moves, each as far beyond its last known position, so that it never slows down before the end.
-    The limit of an approach is set in the device's travel limits beforehand and read back. So nothing need be done
-    when the host dies or is stopped: the stage halts by itself. `Stop` is written at once, ahead of everything
-    else. A move before homing is refused; `Home` goes to the stage's home end, which the device does by itself. A newer
-    motion replaces an older.
+    None goes beyond the limit of an approach, and the travel is set in the device's own limits at opening and put back
+    at closing. So nothing need be done when the host dies or is stopped: the stage halts by itself. `Stop` is written
+    at once, ahead of everything else. A move before homing is refused; `Home` goes to the stage's home end, which the
+    device does by itself. A newer motion replaces an older.
 
     The stream `<name>.position` (raw microsteps, irregular) has one sample for each poll that was answered,
     dated midway between poll and answer; one that was not is a jump in the sequence. Before homing the
@@ -92,8 +95,7 @@ class ZaberStage(WireDriver[SerialLink]):
         """A stage that is found moving, left so by a host that died, is stopped."""
         s = self._settings
         dialogue = StageDialogue(link, s.address, self._clock, retry_s=s.retry_s, timeout_s=s.reply_timeout_s)
-        found = self._converse(link, dialogue, self._procedures.identify())
-        dialogue.checksums_due = found.checksums
+        found = self._converse(link, dialogue)
         self._dialogue = dialogue
         return DeviceInfo(
             self.name,
@@ -106,7 +108,10 @@ class ZaberStage(WireDriver[SerialLink]):
         )
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
+        self._abandon()
         self._dialogue.ask("stop")
+        if failure is None:
+            self._play(self._dialogue, self._procedures.put_back())
 
     def apply(self, command: Command) -> Applied:
         """Queue a command; a `Stop` is on the wire when this returns. Too great a speed is clamped.
@@ -302,21 +307,16 @@ class ZaberStage(WireDriver[SerialLink]):
 
     # the rest
 
-    def _converse(self, link: SerialLink, dialogue: StageDialogue, procedure: Opening) -> StageFound:
-        """Carry a procedure through, waiting for each reply."""
-        question = dialogue.ask(next(procedure).text)
+    def _converse(self, link: SerialLink, dialogue: StageDialogue) -> StageFound:
+        """Identify the stage; what was changed in one that is refused is put back."""
         try:
-            while dialogue.fault is None:
-                for answered, answer in dialogue.turn():
-                    if answered is question:
-                        question = dialogue.ask(procedure.send(answer.reply).text)
-                self._clock.rest(OPEN_TURN_S)
-        except StopIteration as end:
-            found: StageFound = end.value
-            return found
+            found = self._play(dialogue, self._procedures.identify())
         except RejectedError as rejection:
-            advice = "hold travel and speed in the profile against the stage's data sheet"
-            raise RefusedError(self.name, "opening", str(rejection), advice) from None
+            self._play(dialogue, self._procedures.put_back())
+            raise RefusedError(self.name, "opening", str(rejection), rejection.advice) from None
+        if found is not None:
+            dialogue.checksums_due = True
+            return found
         port, address = self._settings.port, self._settings.address
         if link.fault is not None:
             raise PortError(self.name, "opening", f"{port}: {link.fault}", "see: ls /dev/serial/by-id")
@@ -327,3 +327,23 @@ class ZaberStage(WireDriver[SerialLink]):
             )
         advice = f"is it powered, set to the ASCII protocol, and device {address} on its line?"
         raise SilentError(self.name, "opening", f"{dialogue.fault} from {port}", advice)
+
+    def _play(
+        self, dialogue: StageDialogue, procedure: Generator[StageLine, codec.StageReply, T]
+    ) -> T | None:
+        """Carry a procedure through, waiting for each reply; None where one does not come.
+
+        No checksum is asked for: the procedure may switch them.
+        """
+        dialogue.checksums_due = False
+        try:
+            question = dialogue.ask(next(procedure).text)
+            while dialogue.fault is None:
+                for answered, answer in dialogue.turn():
+                    if answered is question:
+                        question = dialogue.ask(procedure.send(answer.reply).text)
+                self._clock.rest(OPEN_TURN_S)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        return None

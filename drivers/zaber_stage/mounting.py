@@ -7,9 +7,9 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.links import SerialPort
-from drivers.messages import MoveAt, MoveTo
-from drivers.settings import Settings
+from drivers.core.links import SerialPort
+from drivers.core.messages import MoveAt, MoveTo
+from drivers.core.settings import Settings
 from drivers.zaber_stage import codec
 
 ROUNDING = 1e-6
@@ -24,7 +24,10 @@ class StageLimits(Settings):
     """
 
     microstep_m: float = Field(default=codec.MICROSTEP_M, gt=0.0, le=1e-4)
-    """Metres per microstep (`codec.MICROSTEP_M`)."""
+    """Metres per microstep (data sheet; `codec.MICROSTEP_M`)."""
+    travel_m: float = Field(default=0.0254, gt=0.0, le=3.0)
+    """Length of the rail in metres (data sheet: a stage of one inch). A real stage whose own limit disagrees is
+    refused, for its microstep is another one."""
     forward: Literal[1, -1] = 1
     """1 where the approach axis points away from the home end, -1 where it points towards it."""
     origin_m: float = Field(default=0.0, ge=0.0, le=3.0)
@@ -32,7 +35,7 @@ class StageLimits(Settings):
     travel_min_m: float = Field(default=0.0, ge=-3.0, le=3.0)
     """Least position in metres; set in the device as well."""
     travel_max_m: float = Field(default=0.0254, ge=-3.0, le=3.0)
-    """Greatest position in metres; set in the device as well (51,200 microsteps: a stage of one inch)."""
+    """Greatest position in metres; set in the device as well."""
     max_speed_m_s: float = Field(default=0.025, gt=0.0, le=2.0)
     """Greatest speed in m/s; set in the device as well (assumption: twice the paper's fastest approach)."""
 
@@ -46,6 +49,11 @@ class StageLimits(Settings):
         if min(ends_m) < -ROUNDING * self.microstep_m:
             raise ValueError(
                 f"the travel reaches {-min(ends_m):g} m beyond the home end; check origin_m and forward"
+            )
+        if max(ends_m) > self.travel_m + ROUNDING * self.microstep_m:
+            raise ValueError(
+                f"the travel ends {max(ends_m):g} m from the home end, but travel_m is {self.travel_m:g}; check"
+                " origin_m, forward and the data sheet"
             )
         return self
 
@@ -117,7 +125,7 @@ class Mounting:
         """The count of a device position."""
         return self._forward * (device - self._origin)
 
-    def limits(self, lowest: int, highest: int) -> dict[str, int]:
-        """The device's limit settings for a range of counts."""
-        ends = sorted((self.device(lowest), self.device(highest)))
+    def limits(self) -> dict[str, int]:
+        """The device's limit settings for the travel."""
+        ends = sorted((self.device(self.lowest), self.device(self.highest)))
         return {"limit.min": ends[0], "limit.max": ends[1]}

@@ -6,17 +6,24 @@ A procedure is a generator: it yields lines and is sent the reply to each. It to
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from drivers.messages import Command, MoveAt, MoveTo
+from drivers.core.messages import Command, MoveAt, MoveTo
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import NOT_HOMED, refusal
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
 
 RENEWED_SHARE = 0.25
 """How much of the blind travel is used up before the stage is sent on (assumption: it leaves three more chances)."""
+
+
+AGREES = 0.01
+"""How far the device's own limit may be from the profile's travel (assumption: makers set it to the microstep, and
+pitches differ by more)."""
+
+DATA_SHEET = "hold travel and speed in the profile against the stage's data sheet"
 
 
 class StageLine(NamedTuple):
@@ -27,7 +34,16 @@ class StageLine(NamedTuple):
 
 
 class RejectedError(Exception):
-    """Why a procedure cannot go on."""
+    """Why a procedure cannot go on.
+
+    Args:
+        reason: Why.
+        advice: What to do about it.
+    """
+
+    def __init__(self, reason: str, advice: str = DATA_SHEET) -> None:
+        super().__init__(reason)
+        self.advice = advice
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +53,13 @@ class StageFound:
     device_id: str
     serial: str
     firmware: str
+    microstep_m: float
+    travel_m: float
     acceleration_m_s2: float
     limits_found_m: tuple[float, float]
     limits_set_m: tuple[float, float]
     max_speed_m_s: float
     flags: tuple[str, ...]
-    checksums: bool
 
 
 class StageWay(NamedTuple):
@@ -67,7 +84,7 @@ Moving = Generator[StageLine, codec.StageReply, StageWay | None]
 
 
 class Procedures:
-    """The procedures of one stage; remembers the limits that the device holds.
+    """The procedures of one stage; remembers what opening changed in it.
 
     Args:
         settings: Of the stage.
@@ -77,48 +94,63 @@ class Procedures:
     def __init__(self, settings: ZaberStageSettings, mounting: Mounting) -> None:
         self._settings = settings
         self._mounting = mounting
-        self._limits: dict[str, int] = {}
+        self._serial = ""
+        self._found: dict[str, int] = {}
         self._acceleration_m_s2 = math.nan
 
     def identify(self) -> Opening:
-        """Queries its identity, stops it where it moves, sets travel and speed limits.
+        """Queries its identity, stops it where it moves, holds it against the profile, sets travel and speed limits.
 
         Raises:
-            RejectedError: it does not take a limit.
+            RejectedError: it is too old, disagrees with the profile, or does not take a limit.
         """
-        s, mounting = self._settings, self._mounting
+        s = self._settings
         status = yield StageLine("")
         if status.busy:
             yield from _accepted(StageLine("stop"))
-        checksums = (yield StageLine("set comm.checksum 1")).accepted
-        device_id = yield from _accepted(StageLine("get deviceid"))
-        serial = yield from _accepted(StageLine("get system.serial"))
         firmware = yield from _accepted(StageLine("get version"))
+        _check_firmware(firmware.data)
+        serial = yield from _accepted(StageLine("get system.serial"))
+        if serial.data != self._serial:
+            self._serial = serial.data
+            self._found.clear()
+        yield from self._hold("comm.checksum", 1)
+        device_id = yield from _accepted(StageLine("get deviceid"))
         acceleration = yield from _asked("accel")
         self._acceleration_m_s2 = codec.acceleration_m_s2(acceleration, s.microstep_m)
+        limits = {}
         for name in ("limit.min", "limit.max"):
-            self._limits[name] = yield from _asked(name)
-        found_m = self._limits_m()
-        yield from self._set_limits(mounting.lowest, mounting.highest)
-        yield from _set("maxspeed", codec.velocity_data(s.max_speed_m_s, s.microstep_m))
+            limits[name] = yield from _asked(name)
+        wanted = self._mounting.limits()
+        self._check_limits(limits, wanted, device_id.data)
+        for name, value in wanted.items():
+            yield from self._hold(name, value)
+        yield from self._hold("maxspeed", codec.velocity_data(s.max_speed_m_s, s.microstep_m))
         warnings = yield from _accepted(StageLine("warnings clear"))
         return StageFound(
             device_id=device_id.data,
             serial=serial.data,
             firmware=firmware.data,
+            microstep_m=s.microstep_m,
+            travel_m=s.travel_m,
             acceleration_m_s2=self._acceleration_m_s2,
-            limits_found_m=found_m,
-            limits_set_m=self._limits_m(),
+            limits_found_m=self._metres(limits),
+            limits_set_m=self._metres(wanted),
             max_speed_m_s=s.max_speed_m_s,
             flags=tuple(warnings.data.split()[1:]),
-            checksums=checksums,
         )
+
+    def put_back(self) -> Generator[StageLine, codec.StageReply, None]:
+        """Sets what opening changed to what it found: the device keeps its settings for good."""
+        for name, value in reversed(self._found.items()):
+            yield StageLine(f"set {name} {value}")
+        self._found.clear()
 
     def carry_out(self, command: Command) -> Moving:
         """Homes or moves.
 
         Raises:
-            RejectedError: it is not homed, is beyond the limit, or rejects a line.
+            RejectedError: it is not homed, is beyond the target, or rejects a line.
         """
         warnings = yield from _accepted(StageLine("warnings clear"))
         if not isinstance(command, MoveAt | MoveTo):
@@ -127,11 +159,8 @@ class Procedures:
         if codec.UNHOMED.intersection(warnings.data.split()):
             raise RejectedError(NOT_HOMED)
         mounting = self._mounting
-        target, ends = mounting.target(command), (mounting.lowest, mounting.highest)
+        target = mounting.target(command)
         velocity_m_s = command.velocity_m_s if isinstance(command, MoveAt) else command.speed_m_s
-        if isinstance(command, MoveAt):  # the device itself holds the limit
-            ends = (mounting.lowest, target) if velocity_m_s > 0.0 else (target, mounting.highest)
-        yield from self._set_limits(*ends)
         here = mounting.counts((yield from _asked("pos")))
         reason = refusal(mounting, command, here, self._acceleration_m_s2)
         if reason:
@@ -153,25 +182,56 @@ class Procedures:
         enough = used >= RENEWED_SHARE * way.blind_travel_m or (bound == way.target and used)
         return way._replace(bound=bound) if enough else None
 
-    def _set_limits(self, lowest: int, highest: int) -> Generator[StageLine, codec.StageReply, None]:
-        """Writes what differs, for the device keeps its limits in flash; the wider end comes first."""
-        wanted = self._mounting.limits(lowest, highest)
-        held = {name: self._limits.get(name, value) for name, value in wanted.items()}
-        narrows = {
-            "limit.min": wanted["limit.min"] > held["limit.min"],
-            "limit.max": wanted["limit.max"] < held["limit.max"],
-        }
-        for name in sorted(wanted, key=narrows.__getitem__):
-            if self._limits.get(name) != wanted[name]:
-                self._limits.pop(name, None)  # unknown until it is read back: a stop may come in between
-                yield from _set(name, wanted[name])
-                self._limits[name] = wanted[name]
+    def _check_limits(self, found: Mapping[str, int], wanted: Mapping[str, int], device_id: str) -> None:
+        """The limits tell the pitch: a device counts its rail in microsteps, and names neither.
 
-    def _limits_m(self) -> tuple[float, float]:
+        Where the upper one is what this profile sets, it was set after this check, by a program that was killed.
+        """
+        s, counts = self._settings, found["limit.max"]
+        length_m = codec.length_m(counts, s.microstep_m)
+        if counts != wanted["limit.max"] and abs(length_m - s.travel_m) > AGREES * s.travel_m:
+            raise RejectedError(
+                f"its limit.max of {counts} microsteps is {length_m:.4g} m at microstep_m = {s.microstep_m:g}, not"
+                f" travel_m = {s.travel_m:g}",
+                f"enter both from the data sheet of device id {device_id}; where they are right, its limit was"
+                " changed: the maker's comes back with 'system restore'",
+            )
+        if wanted["limit.min"] < found["limit.min"] or wanted["limit.max"] > counts:
+            lowest_m, highest_m = self._metres(found)
+            raise RejectedError(
+                f"its own limits are at {lowest_m:.6g} and {highest_m:.6g} m from its home end, inside the profile's",
+                "choose travel_min_m and travel_max_m inside them",
+            )
+
+    def _hold(self, setting: str, value: int) -> Generator[StageLine, codec.StageReply, None]:
+        """Sets what differs, and reads it back; what was found is kept for `put_back`."""
+        found = yield from _asked(setting)
+        if found == value:
+            return
+        self._found.setdefault(setting, found)  # of this stage, before it was first changed
+        yield from _accepted(StageLine(f"set {setting} {value}"))
+        held = yield from _asked(setting)
+        if held != value:
+            raise RejectedError(f"it was sent {setting} = {value} and holds {held}")
+
+    def _metres(self, limits: Mapping[str, int]) -> tuple[float, float]:
         microstep_m = self._settings.microstep_m
         return (
-            codec.length_m(self._limits["limit.min"], microstep_m),
-            codec.length_m(self._limits["limit.max"], microstep_m),
+            codec.length_m(limits["limit.min"], microstep_m),
+            codec.length_m(limits["limit.max"], microstep_m),
+        )
+
+
+def _check_firmware(found: str) -> None:
+    """Raises `RejectedError` where it is too old for `move abs` with a speed."""
+    major, _, minor = found.partition(".")
+    if not (major.isdecimal() and minor.isdecimal()):
+        raise RejectedError(f"it answers 'get version' with {found!r}")
+    if (int(major), int(minor)) < codec.FIRMWARE:
+        oldest = "{}.{}".format(*codec.FIRMWARE)
+        raise RejectedError(
+            f"its firmware {found} takes no speed in 'move abs', {oldest} is the first that does",
+            "update it, or use another stage",
         )
 
 
@@ -189,11 +249,3 @@ def _asked(setting: str) -> Generator[StageLine, codec.StageReply, int]:
         return int(reply.data)
     except ValueError:
         raise RejectedError(f"it answers 'get {setting}' with {reply.data!r}") from None
-
-
-def _set(setting: str, value: int) -> Generator[StageLine, codec.StageReply, None]:
-    """Sets and reads back."""
-    yield from _accepted(StageLine(f"set {setting} {value}"))
-    held = yield from _asked(setting)
-    if held != value:
-        raise RejectedError(f"it was sent {setting} = {value} and holds {held}")

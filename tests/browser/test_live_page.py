@@ -73,13 +73,13 @@ def ending(browser, tmp_path):
 
 def test_it_shows_the_state_the_signals_the_margins_the_trials_and_the_events(watching):
     page = watching.look()
-    assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed_m_s 0.003785: APPROACH")
+    assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed 3.785 mm/s: APPROACH")
     assert page.locator("#diagram .here").text_content() == "APPROACH"
     for stream in ("detector.contact", "board.period", "board.load_cell", "stage.position"):
         page.wait_for_selector(f'[data-stream="{stream}"] .bk-Figure')
     assert "force 0.0" in page.locator("#margins").inner_text()
     assert "board.load_cell" in page.locator("#streams").inner_text()
-    assert page.locator("#rows tr").inner_text().split() == ["2", "contact", "f", "0.003785", "0.212", "0.04"]
+    assert page.locator("#rows tr").inner_text().split() == ["2", "contact", "f", "3.785", "0.212", "0.04"]
     assert "contact: contact, value" in page.locator("#events").inner_text()
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from controller.comparing import side_by_side
 from controller.reports.report import PAGE, build_report
 from tests.browser.conftest import SOON_MS
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
@@ -45,7 +46,7 @@ def shown(page):
 def test_the_signal_of_the_longest_delay_is_three_clicks_away(page):
     page.set_viewport_size({"width": 1280, "height": 900})
     page.get_by_role("link", name="Trials", exact=True).click()
-    head = page.get_by_role("button", name="delay_s", exact=True)
+    head = page.get_by_role("button", name="delay, s", exact=True)
     assert head.bounding_box()["x"] + head.bounding_box()["width"] < 1280, "seen without scrolling"
     head.click()
     assert page.locator("th[data-name=delay_s]").get_attribute("aria-sort") == "descending"
@@ -114,3 +115,15 @@ def test_text_in_the_figures_is_text(page):
 def test_the_page_is_small_enough_to_be_mailed(report):
     assert report.stat().st_size + LIMIT_BYTES > PAGE
     assert report.stat().st_size <= LIMIT_BYTES
+
+
+def test_every_column_of_a_comparison_is_within_reach(browser, tmp_path):
+    first, second = (write_transient(tmp_path, [Given("d", 0.004487, delay_s)]) for delay_s in DELAYS_S[:2])
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.goto(side_by_side(first, second, []).as_uri())
+    page.get_by_text("Every trial", exact=True).click()
+    for table in page.locator(".scroll:visible").all():
+        assert table.evaluate("table => table.getBoundingClientRect().x") >= 0.0, (
+            "no page scrolls to the left of 0"
+        )
+    page.close()

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from drivers.errors import CommandError
-from drivers.messages import (
+from drivers.core.errors import CommandError
+from drivers.core.messages import (
     Chirp,
     Command,
     Excite,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivers.messages import Listen, SampleBlock, Status
+from drivers.core.messages import Listen, SampleBlock, Status
 
 TURN_S = 0.005
 """Time between two turns, as of a loop at 200 Hz."""

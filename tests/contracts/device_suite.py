@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from drivers.errors import CommandError
-from drivers.messages import (
+from drivers.core.errors import CommandError
+from drivers.core.messages import (
     Excite,
     Grip,
     Home,

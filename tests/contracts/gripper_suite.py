@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import CommandError
-from drivers.messages import (
+from drivers.core.errors import CommandError
+from drivers.core.messages import (
     Command,
     Excite,
     Grip,
@@ -28,8 +28,8 @@ from drivers.messages import (
     Status,
     Stop,
 )
-from drivers.mock.physics.jaws import GripObject, JawsSettings
-from drivers.mock.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws import GripObject, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.crank import TURN_S, Crank
 
 SCENE = JawsSettings(
@@ -212,6 +212,15 @@ class GripperContract:
         bench.change(lambda drive: drive.jam())
         bench.device.apply(Release("gripper", 0.1))
         assert "something holds its jaws" in bench.until(Stalled).reason
+
+    def test_jaws_that_a_grip_does_not_move_have_stalled_and_hold_nothing(self, bench: GripperBench) -> None:
+        bench.device.apply(Release("gripper", 0.1))
+        bench.until(Reached)
+        bench.change(lambda drive: drive.jam())
+        bench.device.apply(GRIP)
+        assert "68.0 mm, where they stood before" in bench.until(Stalled).reason
+        bench.turn(0.1)
+        assert not [status for status in bench.statuses if isinstance(status, Gripped | Stalled)]
 
     def test_width_and_force_come_while_they_are_subscribed(self, bench: GripperBench) -> None:
         bench.turn(0.1)

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from drivers.errors import CommandError
-from drivers.messages import (
+from drivers.core.errors import CommandError
+from drivers.core.messages import (
     Command,
     Home,
     Listen,

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from drivers.errors import CommandError
-from drivers.messages import Command, Excite, Listen, Lost, Saturated
-from drivers.mock.physics.fingertip_settings import Matrix
+from drivers.core.errors import CommandError
+from drivers.core.messages import Command, Excite, Listen, Lost, Saturated
+from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.crank import Crank
 from tests.steady import SteadyTexels
 

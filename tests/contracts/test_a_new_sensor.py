@@ -6,14 +6,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.look_ahead import Snapshot
-from drivers.clock import VirtualClock
-from drivers.errors import CommandError, SilentError
-from drivers.messages import Failed, Listen, Lost, MoveTo, Sent
-from drivers.mock.devices.faults import Fault, FaultSchedule
+from simulator.look_ahead import Snapshot
 from tests.contracts.crank import Crank
 from tests.data.force_sensor import codec
-from tests.data.force_sensor.device import MockForceSensor, MockForceSensorSettings
+from tests.data.force_sensor.device import MockForceSensor
+from tests.data.force_sensor.driver import ForceSensorSettings
+from touchbench import (
+    CommandError,
+    Failed,
+    Fault,
+    FaultSchedule,
+    Listen,
+    Lost,
+    MoveTo,
+    Sent,
+    SilentError,
+    VirtualClock,
+)
 
 FORCE = "scale.force"
 
@@ -21,15 +30,20 @@ ROOM = Path("tests/data/force_sensor")
 
 
 class Weighed:
-    """What presses on it."""
+    """A bench whose tool is pressed with 1.5 N, all the time."""
 
-    force_n = 1.5
+    def feel(self, on: bool) -> None:
+        """There is nothing to compute."""
+
+    advance = feel
+
+    def wrench(self, times_s: np.ndarray, direction: tuple[float, ...]) -> np.ndarray:
+        return np.tile([*(-1.5 * np.array(direction)), 0.0, 0.0, 0.0], (len(times_s), 1))
 
 
 def sensor(*faults: Fault) -> MockForceSensor:
-    return MockForceSensor(
-        "scale", MockForceSensorSettings(), VirtualClock(), Weighed(), FaultSchedule(faults)
-    )
+    settings = ForceSensorSettings(port="mock")
+    return MockForceSensor("scale", settings, VirtualClock(), Weighed(), FaultSchedule(faults))
 
 
 @pytest.fixture

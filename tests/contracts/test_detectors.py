@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from behaviors.events import BaselineRefused
-from config.assemble import DETECTORS
-from controller.detectors.protocol import Compiled
-from controller.named import found, settings_of
-from drivers.messages import SampleBlock
+from behaviors.events import Contact
+from controller.detectors.contract import ALARMS, CLAUSES, check_contract, trace
+from controller.detectors.protocol import NOTHING
+from controller.registry import KINDS, find
+from drivers.core.messages import SampleBlock
 
 
 def resonance_input():
@@ -86,9 +86,6 @@ def level_input():
     return [SampleBlock("signals.right", 0, 0.0, values, rate_hz=rate_hz, unit="FS")]
 
 
-ALARMS = ("Contact", "PreTouch", "SlipStarted")
-"""What a detector reports because its number exceeds its threshold."""
-
 INPUTS = {
     "level": level_input,
     "level.paper": level_input,
@@ -102,99 +99,68 @@ INPUTS = {
 }
 
 
-def cut(block, size):
-    for start in range(0, len(block), size):
-        part = slice(start, start + size)
-        times_s = block.times[part]
-        yield SampleBlock(
-            block.stream,
-            block.seq + start,
-            float(times_s[0]),
-            block.values[part],
-            rate_hz=block.rate_hz,
-            times_s=None if block.times_s is None else times_s,
-            unit=block.unit,
-            scale=block.scale,
-        )
-
-
 def made(kind):
-    entry = DETECTORS[kind]
-    return found(entry.made)(
-        "name", (found(entry.settings) if entry.settings else settings_of(found(entry.made)))()
-    )
+    detector, settings, _ = find("detector", kind)
+    return detector("name", settings())
 
 
-@pytest.mark.parametrize("size", [1, 7, 64])
-@pytest.mark.parametrize("kind", DETECTORS)
-def test_blocks_of_any_size_give_the_same_events(kind, size):
-    whole, pieces = made(kind), made(kind)
-    expected = [event for block in INPUTS[kind]() for event in whole.push(block)]
-    events = [event for block in INPUTS[kind]() for part in cut(block, size) for event in pieces.push(part)]
-    assert len(expected) >= 2
-    assert events == expected
+@pytest.mark.parametrize("clause", CLAUSES, ids=lambda clause: clause.__name__)
+@pytest.mark.parametrize("kind", KINDS["detector"])
+def test_each_detector_keeps_each_clause(kind, clause):
+    clause(lambda: made(kind), INPUTS[kind]())
 
 
-@pytest.mark.parametrize("kind", DETECTORS)
-def test_after_a_reset_it_is_as_new(kind):
-    detector = made(kind)
-    first = [event for block in INPUTS[kind]() for event in detector.push(block)]
-    detector.reset()
-    assert [event for block in INPUTS[kind]() for event in detector.push(block)] == first
+@pytest.mark.parametrize("kind", KINDS["detector"])
+def test_the_clauses_are_tried_with_an_alarm_and_readings(kind):
+    events, readings = trace(made(kind), INPUTS[kind]())
+    assert ALARMS & {type(event).__name__ for event in events}
+    assert len(readings) > 10
 
 
-@pytest.mark.parametrize("kind", DETECTORS)
-def test_events_bear_their_samples_time_and_never_go_back(kind):
-    detector = made(kind)
-    times_s = [event.t_s for block in INPUTS[kind]() for event in detector.push(block)]
-    known = {t_s for block in INPUTS[kind]() for t_s in block.times.tolist()}
-    assert set(times_s) <= known
-    assert times_s == sorted(times_s)
+class Peak:
+    """Contact where the largest sample so far exceeds 1; `flaw` breaks a clause."""
+
+    def __init__(self, flaw):
+        self.name, self.inputs, self.flaw = "peak", ("board.fingertip",), flaw
+        self._contact, self.readings = False, NOTHING
+
+    def reset(self):
+        self._contact, self.readings = self.flaw == "remembers", NOTHING
+
+    def warm_up(self):
+        self._contact |= self.flaw == "warms"
+
+    def push(self, block):
+        values = block.physical[:, 0]
+        (above,) = np.nonzero(~(values < 1.0) if self.flaw == "nan" else np.isfinite(values) & (values > 1.0))
+        self.readings = NOTHING
+        if self._contact or not above.size:
+            return []
+        self._contact = self.flaw != "repeats"
+        now_s = float(block.times[-1 if self.flaw == "late" else above[0]])
+        now_s += 1e-4 * (self.flaw == "between")
+        value = float(values[above[0]])
+        self.readings = np.array([[now_s, value, 2.0 if self.flaw == "reading" else 1.0]])
+        return [Contact(now_s, self.name, value, 1.0)]
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("kind", DETECTORS)
-def test_values_that_are_not_finite_raise_no_alarm_and_no_error(kind, bad):
-    detector = made(kind)
-    for block in INPUTS[kind]():
-        spoiled = SampleBlock(
-            block.stream,
-            0,
-            block.t0_s,
-            np.full_like(block.values, bad),
-            rate_hz=block.rate_hz,
-            times_s=block.times_s,
-            unit=block.unit,
-        )
-        events = detector.push(spoiled)
-        # a missing baseline may be reported
-        assert [event for event in events if not isinstance(event, BaselineRefused)] == []
+@pytest.mark.parametrize(
+    ("flaw", "said"),
+    [
+        ("repeats", "blocks of 1 give"),
+        ("late", "blocks of 1 give"),
+        ("remembers", "after a reset it gives"),
+        ("between", "no sample has the time"),
+        ("nan", "samples that are all nan"),
+        ("warms", "warm_up changes its state"),
+        ("reading", "beside the readings"),
+    ],
+)
+def test_a_detector_that_breaks_a_clause_is_refused(flaw, said):
+    with pytest.raises(AssertionError, match=said):
+        check_contract(lambda: Peak(flaw), force_input())
 
 
-@pytest.mark.parametrize("kind", [kind for kind in DETECTORS if isinstance(made(kind), Compiled)])
-def test_warming_up_in_the_middle_of_it_changes_nothing(kind):
-    warmed, other = made(kind), made(kind)
-    parts = [part for block in INPUTS[kind]() for part in cut(block, 500)]
-    expected = [event for part in parts for event in other.push(part)]
-    events = []
-    for part in parts:
-        warmed.warm_up()
-        events += warmed.push(part)
-    assert events == expected
-    assert expected
-
-
-@pytest.mark.parametrize("kind", DETECTORS)
-def test_what_it_alarms_by_is_shown_beside_its_threshold_in_the_push_that_alarms(kind):
-    detector = made(kind)
-    shown = 0
-    for block in INPUTS[kind]():
-        for part in cut(block, 64):
-            alarms = [event for event in detector.push(part) if type(event).__name__ in ALARMS]
-            for alarm in alarms:
-                assert alarm.value <= detector.reading.statistic
-                assert alarm.threshold == detector.reading.threshold < detector.reading.statistic
-                shown += 1
-    assert shown
-    detector.reset()
-    assert detector.reading is None
+def test_samples_in_which_nothing_is_found_prove_nothing():
+    with pytest.raises(AssertionError, match="no event follows"):
+        check_contract(lambda: Peak(""), force_input()[:0])

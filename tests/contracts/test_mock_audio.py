@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.errors import RefusedError
-from drivers.messages import Chirp, Failed, Lost, Reached, Refused, Saturated, Status
-from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.drivers.audio import MockAudio, MockAudioSettings
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import RefusedError
+from drivers.core.messages import Chirp, Failed, Lost, Reached, Refused, Saturated, Status
+from simulator.devices.faults import Fault, FaultSchedule
+from simulator.mocks.audio import MockAudio, MockAudioSettings
 from tests.contracts.audio_suite import FINGERS, GAINS, TONE, AudioContract, AudioTrial, SteadyFingers
 
 

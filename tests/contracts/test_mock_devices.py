@@ -2,7 +2,7 @@
 
 import pytest
 
-from config.assemble import Table, build_rig
+from config.assemble import build_rig
 from config.profile import load_profile
 from controller.rig import TrialScene
 from tests.contracts.device_suite import Bench, DeviceContract
@@ -13,7 +13,7 @@ class _MockBench:
 
     @pytest.fixture
     def bench(self):
-        profile = load_profile(self.profile, {}, table=Table())
+        profile = load_profile(self.profile, {})
         rig = build_rig(profile)
         rig.begin_trial(TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json")))
         opened = Bench(rig)

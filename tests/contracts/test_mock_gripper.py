@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.mock.drivers.can_gripper import MockCanGripper, MockCanGripperSettings
-from drivers.mock.physics.jaws_drive import JawsDrive
+from drivers.core.clock import VirtualClock
+from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
+from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import (
     SCENE,
     FreshGripperContract,

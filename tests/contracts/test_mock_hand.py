@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.messages import Failed, Lost, Saturated, Status
-from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.drivers.barrett_hand import MockBarrettHand, MockBarrettHandSettings
+from drivers.core.clock import VirtualClock
+from drivers.core.messages import Failed, Lost, Saturated, Status
+from simulator.devices.faults import Fault, FaultSchedule
+from simulator.mocks.barrett_hand import MockBarrettHand, MockBarrettHandSettings
 from tests.contracts.hand_suite import F1, FORCES_N, HandBench, HandContract
 from tests.steady import SteadyForces
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.messages import Failed, Lost, Saturated, Status
-from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.drivers.dsa_matrix import MockDsaMatrix, MockDsaMatrixSettings
+from drivers.core.clock import VirtualClock
+from drivers.core.messages import Failed, Lost, Saturated, Status
+from simulator.devices.faults import Fault, FaultSchedule
+from simulator.mocks.dsa_matrix import MockDsaMatrix, MockDsaMatrixSettings
 from tests.contracts.matrix_suite import TEXELS, MatrixBench, MatrixContract, steady
 
 

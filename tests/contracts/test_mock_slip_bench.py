@@ -5,11 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from config.assemble import Table, build_rig
+from config.assemble import build_rig
 from config.profile import load_profile
 from controller.rig import TrialScene
-from drivers.errors import CommandError
-from drivers.messages import Home, Listen, MoveAt, Reached, Tare, Twist
+from drivers.core.errors import CommandError
+from drivers.core.messages import Home, Listen, MoveAt, Reached, Tare, Twist
 from tests.contracts.device_suite import Bench
 
 STREAMS = {
@@ -22,7 +22,7 @@ STREAMS = {
 
 
 def listening(sensor, streams=STREAMS):
-    profile = load_profile("mock/slip", {}, table=Table())
+    profile = load_profile("mock/slip", {})
     rig = build_rig(profile)
     plant = profile.plant.settings.model_dump(mode="json")
     rig.begin_trial(TrialScene(1, 1, {"sensor": sensor}, plant))

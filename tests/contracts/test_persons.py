@@ -8,11 +8,22 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.errors import CommandError, RefusedError
-from drivers.messages import Answered, Ask, Command, Excite, Listen, Loaded, LoadWeight, Refused, Sent, Status
-from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.drivers.operator import MockPerson, MockPersonSettings
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import CommandError, RefusedError
+from drivers.core.messages import (
+    Answered,
+    Ask,
+    Command,
+    Excite,
+    Listen,
+    Loaded,
+    LoadWeight,
+    Refused,
+    Sent,
+    Status,
+)
+from simulator.devices.faults import Fault, FaultSchedule
+from simulator.mocks.operator import MockPerson, MockPersonSettings
 from tests.contracts.crank import Crank
 
 

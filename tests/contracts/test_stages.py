@@ -14,9 +14,9 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from drivers.clock import VirtualClock
-from drivers.errors import CommandError
-from drivers.messages import (
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import CommandError
+from drivers.core.messages import (
     Command,
     Excite,
     Grip,
@@ -32,13 +32,13 @@ from drivers.messages import (
     Stop,
     Twist,
 )
-from drivers.mock.devices.memory_line import MemoryLine
-from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
-from drivers.mock.drivers.zaber_stage import MockZaberStage, MockZaberStageSettings
-from drivers.mock.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
 from drivers.zaber_stage.codec import MICROSTEP_M
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
+from simulator.devices.memory_line import MemoryLine
+from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.mocks.zaber_stage import MockZaberStage, MockZaberStageSettings
+from simulator.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
 from tests.contracts.crank import Crank
 
 LAG_M = 0.001

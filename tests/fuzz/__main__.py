@@ -37,9 +37,9 @@ INPUT_S = 10
 CORPUS_BYTES = 6000
 """Of each target, at most."""
 
-INSTRUMENTED = ("config", "controller", "drivers", "mcap", "tomllib")
+INSTRUMENTED = ("config", "controller", "drivers", "simulator", "mcap", "tomllib")
 
-COMPILED = ("drivers/mock/physics/*", "controller/signals/*", "controller/detectors/*")
+COMPILED = ("simulator/physics/*", "controller/signals/*", "controller/detectors/*")
 """What numba compiles as it is written; it decodes nothing."""
 
 STATS = re.compile(r"stat::(\w+):\s+(\d+)")

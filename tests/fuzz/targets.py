@@ -21,7 +21,6 @@ from typing import Final
 
 import numpy as np
 
-from config.assemble import Table
 from config.profile import load_profile
 from config.source import ProfileError
 from config.trials import read_csv
@@ -34,35 +33,35 @@ from drivers.audio import codec as sound
 from drivers.audio.recording import Recording
 from drivers.audio.settings import AudioSettings
 from drivers.barrett_hand import codec as hand
-from drivers.can_frame import CanFrame
 from drivers.can_gripper import codec as gripper
-from drivers.clock import VirtualClock
+from drivers.core.can_frame import CanFrame
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import CodecError, DeviceError
+from drivers.core.messages import StreamInfo
 from drivers.dsa_matrix import codec as dsa
 from drivers.dsa_matrix.frames import MatrixFrames
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
-from drivers.errors import CodecError, DeviceError
-from drivers.messages import StreamInfo
-from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
-from drivers.mock.devices.barrett_hand import (
-    EmulatedBarrettHand,
-    EmulatedBarrettHandSettings,
-)
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
-from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
-from drivers.mock.devices.slcan import EmulatedSlcan
-from drivers.mock.devices.ur_controller.controller import UrController, UrControllerSettings
-from drivers.mock.devices.ur_controller.dashboard import DashboardSession
-from drivers.mock.devices.ur_controller.rtde import PackageError
-from drivers.mock.devices.ur_controller.session import RtdeSession, ScriptSession
-from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
-from drivers.mock.physics.fingertip_settings import Matrix
-from drivers.mock.physics.stage_axis import StageAxis
-from drivers.mock.wiring.control_port import ControlPort
 from drivers.operator import codec as person
 from drivers.sensor_board import codec as board
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from drivers.sensor_board.streams import BoardStreams
 from drivers.zaber_stage import codec as zaber
+from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
+from simulator.devices.barrett_hand import (
+    EmulatedBarrettHand,
+    EmulatedBarrettHandSettings,
+)
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from simulator.devices.slcan import EmulatedSlcan
+from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.dashboard import DashboardSession
+from simulator.devices.ur_controller.rtde import PackageError
+from simulator.devices.ur_controller.session import RtdeSession, ScriptSession
+from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.physics.fingertip_settings import Matrix
+from simulator.physics.stage_axis import StageAxis
+from simulator.wiring.control_port import ControlPort
 from tests.contracts.audio_suite import SteadyFingers
 from tests.steady import SteadyForces, SteadyTexels
 from tests.unit.drivers.sensor_board.board_bench import Source
@@ -478,7 +477,7 @@ def _played(data: bytes) -> None:
 def _profile(data: bytes) -> None:
     path = _file("profile.toml", data)
     with suppress(ProfileError):
-        load_profile(path, table=Table())
+        load_profile(path)
 
 
 def _profile_seeds() -> Iterable[bytes]:

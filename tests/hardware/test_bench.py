@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from config.assemble import Table, build_rig
+from config.assemble import build_rig
 from config.profile import load_profile
 from controller.doctor import examine
 from controller.rig import TrialScene
@@ -12,7 +12,7 @@ from controller.rig import TrialScene
 
 @pytest.mark.hardware
 def test_every_device_of_the_bench_answers_and_every_sensor_sends():
-    rig = build_rig(load_profile(os.environ["TOUCHBENCH_PROFILE"], {}, table=Table()))
+    rig = build_rig(load_profile(os.environ["TOUCHBENCH_PROFILE"], {}))
     try:
         findings = list(examine(rig, TrialScene(0, 0, {})))
     finally:

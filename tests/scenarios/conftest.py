@@ -73,11 +73,11 @@ def run_profile(tmp_path):
         name="mock/transient", *, trials=(16,), seed=1, script=None, faults=(), wrap=None, **sets
     ) -> Bench:
         overrides = {**QUICK, **{key.replace("__", "."): value for key, value in sets.items()}}
-        profile = load_profile(name, overrides, table=assemble.Table())
+        profile = load_profile(name, overrides)
         if faults:
             from dataclasses import replace
 
-            from drivers.mock.devices.faults import Fault
+            from simulator.devices.faults import Fault
 
             profile = replace(profile, faults=tuple(Fault(**fault) for fault in faults))
         rig = assemble.build_rig(profile)

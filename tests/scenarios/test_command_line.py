@@ -124,26 +124,33 @@ def test_what_check_prints_is_a_profile_again(verb, tmp_path):
 @pytest.mark.parametrize(
     ("name", "setting", "message"),
     [
+        ("mock/transient", "behavior.period_stream=board.perio", "[behavior] period_stream = board.perio"),
+        ("mock/transient", "limits.force_stream=board.lode_cell", "did you mean board.load_cell?"),
+        ("mock/slip", "signals.tip.input=board.x", "[signals.tip] input = board.x"),
+        ("mock/slip", "behavior.sensors.dsa.stream=board.x", "[behavior.sensors.dsa] stream = board.x"),
         (
-            "mock/transient",
-            "behavior.period_stream=board.perio",
-            "behavior subscribes to board.perio: the bench has no such",
+            "mock/weights",
+            "detectors.unused={ kind = 'resonance', input = 'board.nothing' }",
+            "[detectors.unused] input = board.nothing",
         ),
-        ("mock/transient", "detectors.contact.input=stage.period", "contact subscribes to stage.period"),
-        ("mock/pretouch", "signals.right.input=audio.finger", "signals.right subscribes to audio.finger"),
-        ("mock/pretouch", "limits.position_stream=arm.positon", "limits.position_stream = arm.positon"),
+        ("hardware/transient", "detectors.contact.input=stage.period", 'input = "stage.period"'),
+        ("emulated/pretouch", "signals.right.input=audio.finger", "did you mean 'audio.fingers'?"),
         ("mock/touch", "behavior.contact=nix", "no such detector to stop an approach that touches"),
     ],
 )
 def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(verb, name, setting, message):
     code, _, err = verb("check", name, "--set", setting)
     assert code == 2
-    assert message in err.splitlines()[0]
+    assert err.count("\n") == 1
+    assert message in err
 
 
-def test_check_finds_nothing_wrong_with_a_stream_that_no_state_listens_to(verb):
-    unused = "detectors.unused={ kind = 'resonance', input = 'board.nothing' }"
-    assert verb("check", "mock/weights", "--set", unused)[0] == 0
+def test_check_tells_which_streams_are_known_only_to_the_open_device(verb):
+    code, out, err = verb("check", "hardware/transient", "--set", "limits.force_stream=board.lode_cell")
+    assert (code, err) == (0, "")
+    (line,) = [line for line in out.splitlines() if "--connect" in line]
+    assert "board.lode_cell" in line
+    assert "stage.position" not in line
 
 
 def test_check_connect_reads_every_sensor_of_the_mock_bench(verb):
@@ -151,6 +158,16 @@ def test_check_connect_reads_every_sensor_of_the_mock_bench(verb):
     assert code == 0
     assert "    board.load_cell: " in out
     assert "    stage.position: " in out
+
+
+def test_check_connect_refuses_a_stream_that_the_open_device_has_not(verb):
+    code, out, err = verb(
+        "check", "mock/transient", "--connect", "--set", "limits.force_stream=board.lode_cell"
+    )
+    assert code == 2
+    assert "    board.load_cell: " in out
+    assert err.count("\n") == 1
+    assert "did you mean board.load_cell?" in err
 
 
 def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):

@@ -15,7 +15,7 @@ from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
 from controller.recording.series import TrialRecording
 from controller.recording.tables import read_columns
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 TRIALS = (2, 16)
 
@@ -120,7 +120,7 @@ def test_a_lerobot_dataset_holds_every_sample_at_its_own_time(run, tmp_path):
 def test_an_acceleration_is_an_imu(tmp_path):
     recording = TrialRecording(1)
     values = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    recording.add(SampleBlock("board.accelerometer", 0, 0.5, values, 1000.0, None, "m/s^2"))
+    recording.add(SampleBlock("board.accelerometer", 0, 0.5, values, 1000.0, None, "m/s2"))
     run = SimpleNamespace(recorded_trials=[1], trial=lambda _: recording)
     (bag,) = export(run, "rosbag2", tmp_path)
     found = read_columns(bag, "/board/accelerometer:linear_acceleration.x,linear_acceleration.z", 2)
@@ -133,9 +133,9 @@ def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, r
     assert lines[:2] == ["behavior.hold_s: 0.3 → 0.2", "seed: 1 → 2"]
     assert "2 pairs of trials, of 2 and 3" in lines
     assert "outcome: equal in 2" in lines
-    (delay,) = [line for line in lines if line.startswith("delay_s: ")]
+    (delay,) = [line for line in lines if line.startswith("delay, s: ")]
     both = run.table.merge(other.table, on="trial")
-    assert f"{(both['delay_s_y'] - both['delay_s_x']).mean():+.4g} (" in delay
+    assert f"{(both['delay_s_y'] - both['delay_s_x']).mean():+.4g} (".replace("-", "−") in delay
     assert delay.endswith("n = 2")
 
 
@@ -147,12 +147,12 @@ def test_two_runs_tables_and_figures_stand_side_by_side_on_one_page(run, run_pro
             (one.folder.path / "figures" / f"{name}.svg").write_text(f"<svg>{one.folder.path.name}</svg>")
     page = side_by_side(run, other, ["a < b"]).read_text()
     assert "<li>a &lt; b</li>" in page
-    assert page.index("fig_5.svg") < page.index("fig_7.svg")
+    assert page.index("<h2>fig 5</h2>") < page.index("<h2>fig 7</h2>")
     assert page.count("<img") == 3
     assert page.count("not drawn") == 1
     cells = [re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in page.split("<tr>")]
     delays = [{row["trial"]: row["delay_s"] for row in each.trials} for each in (run, other)]
-    (means,) = [row for row in cells if row[:1] == ["delay_s"]]
+    (means,) = [row for row in cells if row[:1] == ["delay, s"]]
     assert [float(cell.split()[0]) for cell in means[1:3]] == pytest.approx(
         [np.mean([*each.values()]) for each in delays], rel=1e-3
     )

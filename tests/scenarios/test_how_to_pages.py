@@ -1,14 +1,19 @@
 """The how-to pages, followed as they are printed: their files are written, their commands are run."""
 
 import json
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-PAGES = Path(__file__).parents[2] / "docs" / "how-to"
+ROOT = Path(__file__).parents[2]
+PAGES = ROOT / "docs" / "how-to"
 PROGRAM = [".venv/bin/python", "run.py"]
+SHELL = ("mkdir", "cp")
 
 
 @pytest.fixture
@@ -22,11 +27,25 @@ def follow(verb, tmp_path, monkeypatch):
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path).write_text(text, encoding="utf-8")
         outputs = []
-        for command in re.findall(r"^    (\S+python run\.py .*)$", page, re.MULTILINE):
-            *program, asked, profile = shlex.split(command)[:4]
-            code, out, err = verb(asked, profile, *shlex.split(command)[4:])
-            assert (program, code) == (PROGRAM, 0), f"{command}: {err}"
-            outputs.append(out)
+        for command in re.findall(r"^    (\S.*)$", page, re.MULTILINE):
+            words = shlex.split(command)
+            if words[0] in SHELL:
+                subprocess.run(
+                    [ROOT / word if word.startswith("tests/") else word for word in words], check=True
+                )
+            elif words[:3] == [PROGRAM[0], "-m", "pytest"]:
+                there = {
+                    **os.environ,
+                    "PYTHONPATH": str(ROOT),
+                }  # the page is followed in the project's folder
+                tested = subprocess.run(
+                    [sys.executable, *words[1:]], env=there, capture_output=True, check=True
+                )
+                assert b" 1 passed" in tested.stdout
+            elif words[:2] == PROGRAM:
+                code, out, err = verb(*words[2:])
+                assert code == 0, f"{command}: {err}"
+                outputs.append(out)
         return outputs
 
     return run
@@ -38,6 +57,20 @@ def test_a_detector_is_added_as_the_page_says(follow):
     assert "3 contact" in run
     events = [json.loads(line)["event"] for line in replayed.splitlines()]
     assert events[:2] == ["BaselineReady", "Contact"]
+
+
+def test_a_device_is_added_as_the_page_says(follow, tmp_path):
+    checked, run = follow("add_a_device.md")
+    assert 'driver = "my_lab.device:ForceSensor"' in checked
+    assert "3 contact" in run
+    (folder,) = tmp_path.glob("runs/*")
+    rows = (folder / "trials.csv").read_text().splitlines()[1:]
+    events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    contacts = [
+        event for event in events if (event["event"], event.get("detector")) == ("Contact", "contact")
+    ]
+    assert len(contacts) == len(rows) == 3
+    assert all(event["value"] > event["threshold"] for event in contacts)
 
 
 def test_an_experiment_is_added_as_the_page_says(follow, tmp_path):

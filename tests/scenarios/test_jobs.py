@@ -18,7 +18,7 @@ from distributed import KilledWorker
 from mcap.reader import make_reader
 
 from config import jobs
-from config.assemble import Table, plan_campaign
+from config.assemble import plan_campaign
 from config.jobs import DEATHS, PART_S, Crew, JobsError, cluster, cores, in_parts, parts
 from config.profile import load_profile
 from controller.parts import RunPart
@@ -114,7 +114,7 @@ def test_three_shards_are_merged_into_the_folder_that_one_run_writes(verb, one, 
 
 
 def test_shards_of_different_runs_are_not_merged(verb, one, tmp_path):
-    assert verb("run", "mock/transient", *SHORT, "--shard", "1/14", "--seed", "1", "--out", tmp_path)[0] == 0
+    verb("run", "mock/transient", *SHORT, "--shard", "1/14", "--seed", "1", "--out", tmp_path)
     code, _, err = verb("merge", one, run_of(tmp_path))
     assert code == 2
     assert "not of the same run" in err
@@ -205,7 +205,7 @@ def threads():
 
 def in_two(tmp_path, console, crew=threads, **sets):
     """A short campaign by two workers, threads where a test does not ask for others."""
-    profile = load_profile("mock/transient", {**SETS, **sets}, table=Table())
+    profile = load_profile("mock/transient", {**SETS, **sets})
     plan = plan_campaign(profile, profile.trials(0), 0)
     with closing(crew()) as workers:
         return in_parts(workers, profile, plan, console, tmp_path).run()
@@ -330,6 +330,23 @@ def test_a_worker_that_does_not_end_in_time_is_killed(monkeypatch):
     children.append(Deaf())
     crew.close()
     assert children[0].done == ("terminate", "join", "is_alive", "kill", "join")
+
+
+def test_a_worker_that_hands_over_its_result_is_not_ended_in_the_middle_of_it(monkeypatch):
+    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("ended"))
+    monkeypatch.setattr(jobs, "_WORKER", SimpleNamespace(working=False, leaving=False))
+    with jobs._at_work():
+        pass
+    jobs._leave(signal.SIGTERM, None)  # the pool reads what it hands over whole, or waits for ever
+    with pytest.raises(pytest.fail.Exception, match="ended"), jobs._at_work():
+        pass  # it begins nothing more
+
+
+def test_a_worker_at_its_work_is_ended_at_once(monkeypatch):
+    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("ended"))
+    monkeypatch.setattr(jobs, "_WORKER", SimpleNamespace(working=False, leaving=False))
+    with pytest.raises(pytest.fail.Exception, match="ended"), jobs._at_work():
+        jobs._leave(signal.SIGTERM, None)
 
 
 class Broken(Executor):

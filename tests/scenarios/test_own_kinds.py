@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from config.assemble import Table
 from config.jobs import JobsError, Order, run_part
 from config.profile import load_profile
 from controller.named import forget_own
@@ -21,7 +20,7 @@ DETECTOR = '''
 import math
 
 from behaviors.events import BaselineReady, Contact
-from drivers.settings import Settings, StreamName
+from drivers.core.settings import Settings, StreamName
 
 
 class EdgeSettings(Settings):
@@ -52,8 +51,8 @@ class Edge:
 EXPERIMENT = '''
 """Rest, and measure the force."""
 
-from behaviors.machine import Behavior, StatePlan, on, with_failures
-from drivers.settings import Settings, StreamName
+from behaviors.machine import Behavior, StatePlan, on
+from drivers.core.settings import Settings, StreamName
 
 COLUMNS = ("force_n",)
 
@@ -68,7 +67,7 @@ class RestFactors(Settings):
 
 
 class Rest(Behavior):
-    table = with_failures(
+    table = (
         on("deadline", "RESTING", "DONE"),
     )
 
@@ -77,7 +76,7 @@ class Rest(Behavior):
         super().__init__({"RESTING": StatePlan(settings.rest_s, measures=measured)})
 
     def enter_DONE(self) -> None:
-        self.conclude("no_contact")
+        self.conclude("rested")
 
 
 def measure(evidence, settings, outcome):
@@ -90,8 +89,8 @@ SIGNAL = '''
 
 from dataclasses import replace
 
-from drivers.messages import StreamInfo
-from drivers.settings import Settings, StreamName
+from drivers.core.messages import StreamInfo
+from drivers.core.settings import Settings, StreamName
 
 
 class DoubleSettings(Settings):
@@ -113,18 +112,33 @@ class Double:
 DEVICE = '''
 """A board by another name."""
 
-from drivers.mock.drivers.sensor_board import MockSensorBoard, MockSensorBoardSettings
-from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
+from simulator.mocks.sensor_board import MockSensorBoard
+from drivers.sensor_board.driver import SensorBoard
 
 
 class Cell(SensorBoard):
-    def __init__(self, name: str, settings: SensorBoardSettings, clock) -> None:
-        super().__init__(name, settings, clock)
+    """Settings: those of the class from which it derives."""
 
 
 class MockCell(MockSensorBoard):
-    def __init__(self, name: str, settings: MockSensorBoardSettings, *rest) -> None:
-        super().__init__(name, settings, *rest)
+    """Likewise."""
+'''
+
+PLANT = '''
+"""The finger's bench, by another name."""
+
+from simulator.physics.bench import Bench
+from simulator.physics.finger_part import FingerBenchSettings, FingerPart
+
+
+class SpongeSettings(FingerBenchSettings):
+    depth_m: float = 0.01
+
+
+class Sponge(Bench):
+    def __init__(self, settings):
+        super().__init__(settings, "probe")
+        FingerPart(self, settings)
 '''
 
 TOUCH = """
@@ -167,6 +181,7 @@ def lab(tmp_path, monkeypatch):
         ("my_lab/rest.py", EXPERIMENT),
         ("my_lab/cell.py", DEVICE),
         ("my_lab/double.py", SIGNAL),
+        ("my_lab/sponge.py", PLANT),
     ):
         (tmp_path / "lab" / name).write_text(text)
     monkeypatch.chdir(tmp_path)
@@ -202,6 +217,40 @@ def test_a_signal_of_the_users_own_is_what_its_detector_gets(verb, lab):
     (contact,) = (event for event in events if event["event"] == "Contact")
     assert contact["value"] > 0.2
     assert contact["state"] == "APPROACH"
+
+
+@pytest.mark.parametrize("bench", ["mock", "emulated"])
+def test_a_plant_of_the_users_own_is_what_is_touched(verb, lab, bench):
+    sets = ["--set", "behavior.settle_s=2.0", "--set", "plant.depth_m=0.02"]
+    name = "touch.toml"
+    if bench == "emulated":
+        name = "wire.toml"
+        (lab / name).write_text(
+            'extends = "emulated/transient"\n[detectors.contact]\nkind = "my_lab.edge:Edge"\n'
+            '[trials]\nrepeats = 1\nlist = [ { location = "f", speed_m_s = 0.004 } ]\n'
+        )
+    profile = lab / name
+    profile.write_text(profile.read_text() + '[plant]\nkind = "my_lab.sponge:Sponge"\n')
+    code, _, err = verb("run", lab / name, *sets, "--out", "runs", "--no-report")
+    assert code == 0, err
+    (run,) = lab.parent.glob("runs/*")
+    assert json.loads((run / "manifest.json").read_text())["profile"]["resolved"]["plant"]["depth_m"] == 0.02
+    assert (run / "trials.csv").read_text().splitlines()[1].startswith("1,contact,")
+
+
+def test_settings_of_the_users_own_are_held_against_the_rest_by_their_own_rule(verb, lab):
+    rule = """
+    def mismatches(self, path, profile):
+        if profile["limits",].force_n < self.threshold_n:
+            yield path, "threshold_n", " is above the guard's force; lower it"
+"""
+    path = lab / "my_lab" / "edge.py"
+    path.write_text(
+        path.read_text().replace("threshold_n: float = 0.1\n", "threshold_n: float = 0.1\n" + rule)
+    )
+    code, _, err = verb("check", lab / "touch.toml", "--set", "detectors.contact.threshold_n=900.0")
+    assert code == 2
+    assert err == "--set: [detectors.contact] threshold_n is above the guard's force; lower it\n"
 
 
 def test_a_file_is_replayed_by_a_detector_that_is_found_in_the_present_folder(verb, lab, monkeypatch):
@@ -264,11 +313,11 @@ def test_what_an_own_module_imports_of_its_folder_is_recorded_and_holds_a_resume
 def test_a_worker_that_outlives_a_campaign_loads_own_code_anew_and_refuses_another_one(helped):
     def order() -> Order:
         forget_own()
-        profile = load_profile(helped / "rest.toml", table=Table())
+        profile = load_profile(helped / "rest.toml")
         return Order.of(profile, profile.trials(0), ("number",), 0)
 
     first = order()
-    trials = load_profile(helped / "rest.toml", table=Table()).trials(0)[:1]
+    trials = load_profile(helped / "rest.toml").trials(0)[:1]
     assert run_part(first, trials).error == ""
     assert sys.modules["helper"].FACTOR == 1.0
     (helped / "helper.py").write_text("FACTOR = 2.0\n")
@@ -298,9 +347,10 @@ def test_a_run_is_not_resumed_by_another_version_of_the_users_own_code(verb, lab
         ("my_lab.rest:Rest", "is no detector: it has no push, reset"),
         ("my_lab.broken:Edge", "my_lab.broken cannot be imported: SyntaxError: "),
         ("my_lab.lacking:Edge", "cannot be imported: ModuleNotFoundError: No module named 'nothing_such' ("),
-        ("my_lab.plain:Edge", "the type of settings must be a class of Settings"),
+        ("my_lab.plain:Edge", "no EdgeSettings, a class of Settings, beside the class Edge"),
         ("my_lab.script:Edge", "my_lab.script cannot be imported: SystemExit: 3 ("),
         ("config:Edge", "the name config is taken by a module of the program"),
+        ("my_lab.helped:Edge", "the name config is taken by a module of the program"),
     ],
 )
 def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, message):
@@ -308,6 +358,7 @@ def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, message):
     (lab / "my_lab" / "lacking.py").write_text("import nothing_such\n")
     (lab / "my_lab" / "script.py").write_text("raise SystemExit(3)\n")
     (lab / "my_lab" / "plain.py").write_text("class Edge:\n    push = reset = None\n")
+    (lab / "my_lab" / "helped.py").write_text("from config import helper\n")
     (lab / "config").mkdir()
     code, _, err = verb("check", lab / "touch.toml", "--set", f"detectors.contact.kind={kind}")
     assert code == 2
@@ -345,3 +396,20 @@ def test_a_driver_of_the_users_own_has_no_emulated_device(verb, lab):
     )
     assert code == 2
     assert 'port = "emulated": my_lab.cell:Cell has no emulated device; write "mock" or a real port' in err
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("devices.board.driver=my_lab.lone:Lone", "lone.py has no MockLone; the mock bench takes MockLone("),
+        ("devices.board.driver=my_lab.bare:Bare", "no MockBareSettings"),
+        ("devices.board.driver=none", 'write board = "none" in [devices]'),
+    ],
+)
+def test_a_driver_that_lacks_something_is_told_what(verb, lab, setting, said):
+    (lab / "my_lab" / "lone.py").write_text("class Lone:\n    pass\n")
+    parts = "open = close = apply = read = poll = account = None"
+    (lab / "my_lab" / "bare.py").write_text(f"class MockBare:\n    {parts}\n")
+    code, _, err = verb("check", lab / "touch.toml", "--set", setting, "--set", "devices.board.port=mock")
+    assert code == 2
+    assert said in err

@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from config.assemble import Table
 from config.parts import parts_of
 from config.profile import load_profile
 from config.source import ProfileError, profile_names
@@ -123,7 +122,7 @@ def test_what_a_part_is_run_with_is_planned_and_checked_with_it(verb, tmp_path):
 def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_valid(name):
     for arguments in parts_of(name).runs:
         context = cli.commands["run"].make_context("run", list(arguments))
-        profile = load_profile(context.params["profile"], context.params["overrides"], table=Table())
+        profile = load_profile(context.params["profile"], context.params["overrides"])
         assert profile.bench == "mock"
         assert set(context.params["numbers"]) <= {trial.id for trial in profile.trials(0)}
 

@@ -51,7 +51,7 @@ def run_pointer(out, force_n=1.0, operator=None, **sets):
         "trials.list": f"[{{ detectors.touch.threshold = {force_n} }}]",
         **{key.replace("__", "."): value for key, value in sets.items()},
     }
-    profile = load_profile("mock/pointer", overrides, table=assemble.Table())
+    profile = load_profile("mock/pointer", overrides)
     plan = assemble.plan_campaign(profile, profile.trials(0), 2)
     outcome = Campaign(plan, assemble.build_rig(profile), operator or Quiet(), out).run()
     return outcome, open_run(outcome.folder)
@@ -98,7 +98,7 @@ def test_the_row_and_the_report_show_the_same(runs):
 
 def test_without_a_table_there_is_no_contact(tmp_path):
     outcome, run = run_pointer(tmp_path, plant__surface_m="0.05")
-    assert outcome.exit_code == 0
+    assert outcome.exit_code == 1, "no trial succeeded"
     assert run.trials[0]["outcome"] == "no_contact"
     assert run.trials[0]["touches"] == 0
 

@@ -12,10 +12,10 @@ from controller.loop import Loop
 
 
 def ran(name, folder, *, together):
-    profile = load_profile(name, {}, table=assemble.Table())
+    profile = load_profile(name, {})
     rig = assemble.build_rig(profile)
     if not together:
-        rig = replace(rig, plants=lambda: None)
+        rig = replace(rig, ahead=None)
     plan = assemble.plan_campaign(profile, profile.trials(1)[:1], 1)
     found = Campaign(plan, rig, Silent(), folder).run().folder
     return [(found / file).read_bytes() for file in ("trials.csv", "events.jsonl")]
@@ -41,7 +41,7 @@ def test_rows_and_events_are_the_same_to_the_byte(name, times, tmp_path, monkeyp
 
 def test_what_is_looked_at_at_once_is_not_cut_where_a_stream_could_fall_silent(tmp_path, monkeypatch):
     """With nothing to fear from a device, 4,000 turns of a trial are some 60 looks."""
-    looked, look = [], Loop._try_until
-    monkeypatch.setattr(Loop, "_try_until", lambda loop, t_s: looked.append(1) or look(loop, t_s))
+    looked, look = [], Loop._look
+    monkeypatch.setattr(Loop, "_look", lambda loop: looked.append(1) or look(loop))
     ran("mock/pretouch", tmp_path, together=True)
     assert len(looked) < 120

@@ -6,7 +6,7 @@ import pytest
 from config import assemble
 from config.profile import load_profile
 from config.script import run_trials
-from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD, Campaign
+from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_FAILED, EXIT_GUARD, Campaign
 from controller.recording.reader import open_run
 
 SENSORS = ("fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa")
@@ -182,7 +182,6 @@ def test_a_pause_in_the_descent_lifts_before_the_tip_turns_and_the_trial_is_run_
     profile = load_profile(
         "mock/slip",
         {"trials.list": '[{ sensor = "fingertip" }]', "trials.repeats": "1"},
-        table=assemble.Table(),
     )
     plan = assemble.plan_campaign(profile, profile.trials(1), 1)
     outcome = Campaign(plan, assemble.build_rig(profile), script, tmp_path).run()
@@ -215,7 +214,7 @@ def test_a_fault_while_it_slides_ends_the_run_in_one_line_with_the_arm_still(
 
 def test_a_missing_table_is_no_contact(tmp_path):
     outcome, run = run_slip(tmp_path, "fingertip", **{"plant.surface_m": "0.05"})
-    assert outcome.exit_code == EXIT_DONE
+    assert outcome.exit_code == EXIT_FAILED, "no trial succeeded"
     row = row_of(run, "fingertip")
     assert (row["outcome"], row["slips"]) == ("no_contact", 0)
 

@@ -5,7 +5,7 @@ import pytest
 from config.script import run_trials
 from controller.campaign import EXIT_DEVICE, EXIT_DONE
 from controller.reports.report import build_report
-from drivers.messages import Standstill, Stop
+from drivers.core.messages import Standstill, Stop
 
 
 def run_aura(out, profile, rows, seed=1, **settings):
@@ -76,13 +76,18 @@ def test_the_rate_of_turns_changes_no_event_of_a_detector(tmp_path):
 
 
 def test_a_touch_stops_the_arm_and_is_reported_to_its_end(tmp_path):
-    outcome, run = run_aura(tmp_path, "mock/touch", [{"side": "back", "speed_m_s": 0.01}] * 5)
+    rows = [{"side": side, "speed_m_s": 0.01} for side in ("normal", "normal", "back", "back", "back")]
+    outcome, run = run_aura(tmp_path, "mock/touch", rows, seed=0)
     assert outcome.exit_code == EXIT_DONE
     felt = [row for row in run.trials if row["felt_ours"]]
-    assert len(felt) >= 3, "back is a side that feels; a false contact ends a trial too"
+    assert len(felt) >= 3, "both sides feel; a false contact ends a trial too"
     for row in felt:
         assert row["touches"] == row["held_ours"] == row["ended_ours"] == 1
         assert 0.0 <= row["delay_s_ours"] < 0.3
+        assert row["truth_contact_s"] < row["truth_release_s"]
+    delays_s = [row["delay_s_paper"] for row in run.trials if row["felt_paper"]]
+    assert delays_s
+    assert min(delays_s) >= 0.0, "what comes before the touch is no hit"
 
 
 def test_a_sound_that_ends_stops_the_arm_with_one_line(tmp_path):
@@ -103,4 +108,4 @@ def test_each_report_shows_its_experiment(approaches, tmp_path):
     page = build_report([approaches], tmp_path).read_text("utf-8")
     assert "Pre-touch (C2)" in page
     assert "SonicFinger" in page
-    assert "Undulations per cm of the normal side: 2.33 at 0.01 m/s, 2.33 at 0.03 m/s." in page
+    assert "Undulations per cm of the normal side: 2.33 at 10 mm/s, 2.33 at 30 mm/s." in page

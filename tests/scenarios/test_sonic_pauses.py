@@ -9,7 +9,7 @@ from behaviors.aura import Aura
 from behaviors.centering import Centering
 from config import assemble
 from config.profile import load_profile
-from controller.campaign import EXIT_DONE, Campaign
+from controller.campaign import EXIT_DONE, EXIT_FAILED, Campaign
 from controller.recording.reader import open_run
 
 PAUSE_AFTER = 15
@@ -19,14 +19,12 @@ START_X_M = 0.4
 """Base frame: devices.arm.start_pose of mock/bench_aura."""
 
 
-def run_one(out, operator, name, row, **sets):
-    profile = load_profile(
-        name, {"trials.repeats": "1"} | sets, table=assemble.Table(), rows=[row], labels=["the trial"]
-    )
+def run_one(out, operator, name, row, code=EXIT_DONE, **sets):
+    profile = load_profile(name, {"trials.repeats": "1"} | sets, rows=[row], labels=["the trial"])
     plan = assemble.plan_campaign(profile, profile.trials(0), 1)
-    rig = replace(assemble.build_rig(profile), plants=lambda: None)  # turn by turn: the operator counts them
+    rig = replace(assemble.build_rig(profile), ahead=None)  # turn by turn: the operator counts them
     outcome = Campaign(plan, rig, operator, out).run()
-    assert outcome.exit_code == EXIT_DONE, outcome.line
+    assert outcome.exit_code == code, outcome.line
     return open_run(outcome.folder)
 
 
@@ -61,11 +59,11 @@ def test_a_touch_that_is_paused_everywhere_is_made_and_goes_no_deeper_than_its_p
 def test_a_search_that_is_paused_everywhere_finds_the_middle_and_touches_nothing(tmp_path, script):
     pause_everywhere(script, Centering)
     row = {"object_x_m": 0.006, "speed_m_s": 0.01, "method": "ours"}
-    (measured,) = run_one(tmp_path, script, "mock/centering", row).trials
+    (measured,) = run_one(tmp_path, script, "mock/centering", row, code=EXIT_FAILED).trials
     braking = {"REVERSING", "TURNING", "STOPPING"}
     after_a_grip_that_was_not_broken_off = {"CONFIRMING", "HOLDING", "BACKING_OFF"}
     assert paused_in(script) >= alive(Centering) - braking - after_a_grip_that_was_not_broken_off
-    assert measured["outcome"] == "no_contact", "a pause broke the grip off"
+    assert measured["outcome"] == "not_gripped", "a pause broke the grip off"
     assert measured["touched"] == 0
     assert abs(measured["error_m"]) < 0.0032, "docs: the level crossing of the matched filter"
 
@@ -78,4 +76,4 @@ def test_a_grip_that_was_confirmed_stands_after_a_pause(tmp_path, script, state)
     names = [name for name, _ in script.seen]
     after = names[names.index("PAUSED") + 1 :]
     assert after == list(dict.fromkeys([state, "RELEASING", "LEAVING", "DONE"]))
-    assert measured["outcome"] == "contact"
+    assert measured["outcome"] == "centered"

@@ -4,8 +4,8 @@ import pytest
 
 from behaviors.transient import Transient
 from controller.campaign import EXIT_DEVICE, EXIT_FAILED, EXIT_GUARD, EXIT_INTERRUPTED
-from drivers.errors import SilentError
-from drivers.messages import MOTION, Stop
+from drivers.core.errors import SilentError
+from drivers.core.messages import MOTION, Stop
 
 
 def when(run_profile, state, **settings):

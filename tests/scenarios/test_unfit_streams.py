@@ -21,7 +21,7 @@ def run(tmp_path, script):
 
     def run(name, wrap=None, **sets):
         overrides = {key.replace("__", "."): value for key, value in sets.items()}
-        profile = load_profile(name, overrides, table=assemble.Table())
+        profile = load_profile(name, overrides)
         rig = assemble.build_rig(profile)
         if wrap is not None:
             wrap(rig)
@@ -72,14 +72,14 @@ def test_a_detector_that_loses_its_rate_while_the_arm_descends_stops_the_arm(run
 
 
 @pytest.mark.parametrize(
-    ("limits", "reason"),
+    ("name", "limits", "reason"),
     [
-        ({"limits__force_stream": "arm.nix"}, "limits.force_stream = arm.nix: the bench has no such stream"),
-        ({"limits__force_channels": "[9]"}, "channel 9 is to be watched, but it has 6"),
+        ("mock/transient", {"limits__force_stream": "board.nix"}, "board.nix: the bench has no such stream"),
+        ("mock/pretouch", {"limits__force_channels": "[9]"}, "channel 9 is to be watched, but it has 6"),
     ],
 )
-def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, limits, reason):
-    outcome, kept, _ = run("mock/pretouch", **limits)
+def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, name, limits, reason):
+    outcome, kept, _ = run(name, **limits)
     assert outcome.exit_code == EXIT_GUARD
     assert reason in outcome.line
     assert [row["outcome"] for row in kept.trials] == ["guard"]
@@ -90,17 +90,17 @@ def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, lim
 
 
 def test_a_trial_that_its_behavior_cannot_run_is_refused_before_the_bench_is_opened():
-    profile: Any = load_profile("mock/touch", {"behavior.contact": "nix"}, table=assemble.Table())
+    profile: Any = load_profile("mock/touch", {"behavior.contact": "nix"})
     with pytest.raises(ProfileError, match="contact = nix: no such detector to stop an approach"):
         assemble.plan_campaign(profile, profile.trials(0), 0)
-    profile = load_profile("mock/pretouch", {"trials.list": '[{ axis = "z" }]'}, table=assemble.Table())
+    profile = load_profile("mock/pretouch", {"trials.list": '[{ axis = "z" }]'})
     along_x = profile.behavior.model_copy(update={"paths": {"x": profile.behavior.paths["x"]}})
     with pytest.raises(ProfileError, match="axis = z: no such path"):
         assemble.plan_campaign(replace(profile, behavior=along_x), profile.trials(0), 0)
 
 
 def test_a_detector_that_a_behavior_listens_to_must_be_there():
-    profile = load_profile("mock/centering", {}, table=assemble.Table())
+    profile = load_profile("mock/centering", {})
     others = {name: entry for name, entry in profile.detectors.items() if name != "left_ours"}
     without = replace(profile, detectors=others)
     with pytest.raises(ProfileError, match="listens to a detector 'left_ours'"):
@@ -110,13 +110,13 @@ def test_a_detector_that_a_behavior_listens_to_must_be_there():
 def test_an_acting_detector_that_is_not_there_is_a_mistake_of_the_profile():
     for name in ("mock/pointer", "mock/transient"):
         with pytest.raises(ProfileError, match="no detector 'nix'"):
-            load_profile(name, {"behavior.detector": "nix"}, table=assemble.Table())
+            load_profile(name, {"behavior.detector": "nix"})
 
 
 def test_signals_that_are_made_of_each_other_are_a_mistake_of_the_profile():
     circle = {"signals.right.input": "signals.left", "signals.left.input": "signals.right"}
     with pytest.raises(ProfileError, match="goes in a circle, right → left → right"):
-        load_profile("mock/pretouch", circle, table=assemble.Table())
+        load_profile("mock/pretouch", circle)
 
 
 def test_a_fault_of_the_program_is_called_one_and_debug_shows_where(tmp_path, monkeypatch, capsys):

@@ -5,7 +5,7 @@ import socket
 from contextlib import closing
 from pathlib import Path
 
-from config.assemble import Table, build_rig, plan_campaign
+from config.assemble import build_rig, plan_campaign
 from config.jobs import Silent
 from config.profile import load_profile
 from controller.campaign import Campaign
@@ -16,7 +16,7 @@ from tests.scenarios.conftest import QUICK
 
 def rows(out, watchers):
     """The rows of a run of two trials with so many clients that never read."""
-    profile = load_profile("mock/transient", QUICK, table=Table())
+    profile = load_profile("mock/transient", QUICK)
     plan = plan_campaign(profile, profile.trials(0)[:2], 0)
     deaf = [socket.socket(socket.AF_UNIX) for _ in range(watchers)]
 

@@ -13,8 +13,8 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
-from drivers.compiled import compiled
-from drivers.mock.physics.finger_settings import LOCATIONS, FingerSettings
+from drivers.core.compiled import compiled
+from simulator.physics.finger_settings import LOCATIONS, FingerSettings
 
 _REAL = 1e-20
 """An eigenvalue whose imaginary part is smaller is real, 1/s: what is left of it is the digits' own rounding."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from drivers.mock.physics.finger import FingerPlant, FingerSettings
+from simulator.physics.finger import FingerPlant, FingerSettings
 
 GAP_M, SPEED_M_S, END_S = 0.001, 0.03, 0.12
 

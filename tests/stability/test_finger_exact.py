@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from drivers.mock.physics.finger import FingerPlant, FingerSettings
+from simulator.physics.finger import FingerPlant, FingerSettings
 from tests.stability.finger_oracles import arm_and_stiffness, modal, naive
 
 ALL = frozenset({"switches"})

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from drivers.mock.physics.finger import FingerPlant, FingerSettings
+from simulator.physics.finger import FingerPlant, FingerSettings
 from tests.stability.finger_oracles import modal
 from tests.steady import energy_j
 
@@ -162,7 +162,7 @@ def test_the_load_cell_ends_at_its_range():
 
 
 def test_a_contact_beyond_all_means_ends_with_a_clear_error(monkeypatch):
-    monkeypatch.setattr("drivers.mock.physics.finger_course.MOST_PIECES", 10_000)
+    monkeypatch.setattr("simulator.physics.finger_course.MOST_PIECES", 10_000)
     settings = FingerSettings(**QUIET).model_copy(
         update={"contact_n_s_m": 1e9}
     )  # more than a profile may ask for
@@ -174,8 +174,11 @@ def test_a_contact_beyond_all_means_ends_with_a_clear_error(monkeypatch):
 
 def test_an_unaffordable_damping_is_refused_with_its_cost():
     assert FingerSettings(contact_n_s_m=1e6).contact_n_s_m == 1e6
-    with pytest.raises(ValueError, match=r"would cost 5.6e\+03 s of computing.* must be <= 1e\+06 N s/m"):
+    with pytest.raises(ValueError, match=r"contact_n_s_m = 1e\+09: .* 8.8e\+03 s of computing"):
         FingerSettings(contact_n_s_m=1e9)
+    for name, value in (("joint_n_m_s_rad", 1e6), ("base_n_m_s_rad", 1e6), ("high_pass_quality", 1e-310)):
+        with pytest.raises(ValueError, match=rf"{name} = .* that is free would cost .* s of computing"):
+            FingerSettings(**{name: value})
 
 
 def test_memory_does_not_grow_with_virtual_time():

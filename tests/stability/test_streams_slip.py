@@ -5,7 +5,7 @@ import pytest
 
 from behaviors.events import BaselineReady, SlipEnded, SlipStarted
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 RATE_HZ = 1000.0
 

@@ -1,9 +1,13 @@
 """What `pip install .` takes along, and what the project states about itself."""
 
+import ast
 import fnmatch
 import re
+import sys
 import tomllib
 from collections import defaultdict
+from importlib import metadata
+from itertools import chain
 from pathlib import Path
 
 from click.testing import CliRunner
@@ -26,6 +30,7 @@ def test_every_folder_of_the_program_is_installed_with_all_that_is_in_it():
     folders = {path.name for path in ROOT.iterdir() if (path / "__init__.py").exists()} - NOT_INSTALLED
     assert {pattern.rstrip("*") for pattern in SETUPTOOLS["packages"]["find"]["include"]} == folders
     for package in folders:
+        assert (ROOT / package / "py.typed").is_file(), "a type checker takes what it gives for Any"
         for path in files_of(package):
             if path.suffix == ".py":
                 assert (path.parent / "__init__.py").exists(), f"{path.parent} is no package"
@@ -33,13 +38,22 @@ def test_every_folder_of_the_program_is_installed_with_all_that_is_in_it():
                 name = path.relative_to(ROOT / package).as_posix()
                 assert any(fnmatch.fnmatch(name, each) for each in SETUPTOOLS["package-data"][package]), path
     assert SETUPTOOLS["py-modules"] == ["run"]
-    assert PROJECT["project"]["scripts"] == {"touchbench": "run:cli"}
+    assert PROJECT["project"]["scripts"] == {"touchbench": "touchbench.__main__:main"}
 
 
-def test_what_is_installed_needs_what_the_program_needs():
-    (file,) = SETUPTOOLS["dynamic"]["dependencies"]["file"]
-    assert (ROOT / file).is_file()
-    assert not any(line.startswith("-") for line in (ROOT / file).read_text("utf-8").splitlines())
+def test_what_is_imported_is_named_and_what_is_named_is_imported():
+    project = PROJECT["project"]
+    wanted = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+    named = {re.split(r"[<=]", each)[0] for each in wanted}
+    ours = {"run", *(path.name for path in ROOT.iterdir() if (path / "__init__.py").exists())}
+    files = [ROOT / "run.py", *(path for room in ours - NOT_INSTALLED for path in files_of(room))]
+    trees = [ast.parse(path.read_text("utf-8")) for path in files if path.suffix == ".py"]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    modules = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    modules |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom) and node.level == 0}
+    others = {module.partition(".")[0] for module in modules} - ours - sys.stdlib_module_names
+    bringing = {"rtde_control": ["ur-rtde"], "rtde_receive": ["ur-rtde"], **metadata.packages_distributions()}
+    assert {name.lower() for module in others for name in bringing[module]} == named
 
 
 def test_the_version_is_the_projects_and_the_citations():
@@ -52,7 +66,7 @@ def test_the_version_is_the_projects_and_the_citations():
 
 def test_each_public_class_has_a_name_of_its_own() -> None:
     places: dict[str, list[str]] = defaultdict(list)
-    for room in ("config", "controller", "behaviors", "drivers", "benchmarks"):
+    for room in ("config", "controller", "behaviors", "drivers", "simulator", "benchmarks"):
         for path in (ROOT / room).rglob("*.py"):
             for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
                 places[name].append(str(path.relative_to(ROOT)))

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from controller.campaign import Campaign, Outcome
-from drivers.bench_clock import BenchClock
-from drivers.mock.devices.faults import FaultSchedule
-from drivers.mock.wiring.emulator import STEP_S
-from drivers.mock.wiring.far_ends import EmulatedDevice, FarEnd, Line
-from drivers.mock.wiring.pace import Pace
+from drivers.core.bench_clock import BenchClock
+from simulator.devices.faults import FaultSchedule
+from simulator.wiring.emulator import STEP_S
+from simulator.wiring.far_ends import EmulatedDevice, FarEnd, Line
+from simulator.wiring.pace import Pace
 from tests.wire.emulated_ur import EmulatedUr
 from tests.wire.ur_hand import Hand
 

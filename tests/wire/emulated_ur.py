@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.bench_clock import BenchClock, ClockPage
+from drivers.core.bench_clock import BenchClock, ClockPage
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -58,7 +58,8 @@ class EmulatedUr:
         self.process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         endpoints = json.loads(self._line())
         assert endpoints["arm"]["host"] == self.host
-        self.clock = BenchClock(ClockPage(endpoints["clock"]))
+        self.page = ClockPage(endpoints["clock"])
+        self.clock = BenchClock(self.page)
 
     def __enter__(self) -> Self:
         return self

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from drivers.audio.driver import Audio, AudioSettings
-from drivers.clock import WallClock
-from drivers.errors import DeviceError, PortError, ProtocolError, SilentError
-from drivers.messages import Failed, Lost, Refused, SampleBlock
-from drivers.mock.devices.audio import EmulatedAudio, EmulatedAudioSettings
-from drivers.mock.devices.faults import Fault, FaultSchedule
-from drivers.mock.wiring.tcp_line import TcpLine
+from drivers.core.clock import WallClock
+from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
+from drivers.core.messages import Failed, Lost, Refused, SampleBlock
+from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
+from simulator.devices.faults import Fault, FaultSchedule
+from simulator.wiring.tcp_line import TcpLine
 from tests.contracts.audio_suite import FINGERS, TONE, AudioContract, AudioTrial, SteadyFingers
 
 PATIENT = {"reply_timeout_s": 5.0, "silence_timeout_s": 5.0}

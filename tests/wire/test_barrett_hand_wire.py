@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.errors import SilentError
-from drivers.messages import Failed, Lost
-from drivers.mock.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings
-from drivers.mock.devices.slcan import EmulatedSlcan
+from drivers.core.errors import SilentError
+from drivers.core.messages import Failed, Lost
+from simulator.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings
+from simulator.devices.slcan import EmulatedSlcan
 from tests.contracts.hand_suite import F1, F2, F3, FORCES_N, HandBench, HandContract
 from tests.steady import SteadyForces
 

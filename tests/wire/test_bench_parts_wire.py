@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.bench_clock import BenchClock, ClockPage
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
+from drivers.core.bench_clock import BenchClock, ClockPage
+from drivers.core.errors import RefusedError
+from drivers.core.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
-from drivers.errors import RefusedError
-from drivers.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
-from drivers.mock.wiring.emulator_process import EmulatorProcess
+from simulator.wiring.emulator_process import EmulatorProcess
 
-DEVICES = "drivers.mock.devices"
+DEVICES = "simulator.devices"
 BENCHES = {
-    "finger": ("drivers.mock.wiring.benches:finger", "drivers.mock.physics.finger_part:FingerBenchSettings"),
-    "slip": ("drivers.mock.wiring.benches:slip", "drivers.mock.physics.fingertip_settings:SlipBenchSettings"),
-    "aura": ("drivers.mock.wiring.benches:aura", "drivers.mock.physics.gripper_part:AuraBenchSettings"),
+    "finger": ("simulator.wiring.benches:finger", "simulator.physics.finger_part:FingerBenchSettings"),
+    "slip": ("simulator.wiring.benches:slip", "simulator.physics.fingertip_settings:SlipBenchSettings"),
+    "aura": ("simulator.wiring.benches:aura", "simulator.physics.gripper_part:AuraBenchSettings"),
 }
 
 

@@ -9,16 +9,16 @@ from typing import Any
 
 import pytest
 
-from drivers.can_frame import CanFrame
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
-from drivers.can_link import CanPort, open_can
-from drivers.clock import WallClock
-from drivers.errors import SilentError
-from drivers.messages import Failed, Grip, Gripped, Listen, Lost, Stalled
-from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
-from drivers.mock.devices.slcan import EmulatedSlcan
-from drivers.mock.physics.jaws_drive import JawsDrive
+from drivers.core.can_frame import CanFrame
+from drivers.core.can_link import CanPort, open_can
+from drivers.core.clock import WallClock
+from drivers.core.errors import SilentError
+from drivers.core.messages import Failed, Grip, Gripped, Listen, Lost, Stalled
+from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from simulator.devices.slcan import EmulatedSlcan
+from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import (
     GRIP,
     SCENE,

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from drivers.can_frame import CanFrame
-from drivers.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can
-from drivers.clock import WallClock
-from drivers.errors import PortError
-from drivers.mock.devices.slcan import EmulatedSlcan
+from drivers.core.can_frame import CanFrame
+from drivers.core.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can
+from drivers.core.clock import WallClock
+from drivers.core.errors import PortError
+from simulator.devices.slcan import EmulatedSlcan
 
 ASK = CanFrame(0x100, b"\x01")
 

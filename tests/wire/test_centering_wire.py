@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from config.assemble import Table, build_rig, plan_campaign, start_emulator
+from config.assemble import build_rig, plan_campaign, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DONE, Campaign
 from controller.doctor import examine
@@ -30,7 +30,7 @@ def centering(tmp_path):
     emulators = []
 
     def call(deeds=None, **settings):
-        profile = load_profile("emulated/centering", {**SHORT, **settings}, table=Table())
+        profile = load_profile("emulated/centering", {**SHORT, **settings})
         emulator = start_emulator(profile)
         emulators.append(emulator)
         hand = Hand({state: lambda deed=deed: deed(emulator) for state, deed in (deeds or {}).items()})
@@ -60,7 +60,7 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_released(centering):
         "DONE",
     ]
     (row,) = done.trials
-    assert (row["outcome"], row["gripped"]) == ("contact", 1)
+    assert (row["outcome"], row["gripped"]) == ("centered", 1)
     assert abs(row["error_m"]) < 0.0025, "what the project aims at (NUMERICS, Centering)"
     assert row["contact_left_s"] > 0.0 and row["contact_right_s"] > 0.0, "both fingers felt it"
     for finger in ("left", "right"):
@@ -76,7 +76,7 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_released(centering):
 
 
 def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing():
-    profile = load_profile("emulated/centering", SHORT, table=Table())
+    profile = load_profile("emulated/centering", SHORT)
     emulator = start_emulator(profile)
     try:
         rig = build_rig(profile, emulator.endpoints)

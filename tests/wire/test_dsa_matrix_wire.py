@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.core.messages import Failed, Lost
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
-from drivers.messages import Failed, Lost
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
-from drivers.mock.physics.fingertip_settings import Matrix
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.matrix_suite import TEXELS, MatrixBench, MatrixContract, steady
 from tests.steady import SteadyTexels
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from drivers.clock import WallClock
-from drivers.mock.devices.faults import FaultSchedule
-from drivers.mock.wiring.emulator import PASS_S, Emulator
-from drivers.mock.wiring.pace import AHEAD_S
-from drivers.settings import Settings
+from drivers.core.clock import WallClock
+from drivers.core.settings import Settings
+from simulator.devices.faults import FaultSchedule
+from simulator.wiring.emulator import PASS_S, Emulator
+from simulator.wiring.pace import AHEAD_S
 
 HELD_UP_S = 0.2
 

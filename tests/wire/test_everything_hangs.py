@@ -29,13 +29,13 @@ from controller.loop import Loop, LoopSettings
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
 from controller.rig import Rig
-from drivers.can_frame import CanFrame
-from drivers.can_link import CanPort, open_can
-from drivers.clock import VirtualClock
-from drivers.links import SerialPort, open_serial
-from drivers.messages import DeviceInfo, Home, SampleBlock, Sent, Standstill, Stop, StreamInfo
-from drivers.protocols import Question
-from drivers.ur_arm.pipe import Pipe
+from drivers.arm.pipe import Pipe
+from drivers.core.can_frame import CanFrame
+from drivers.core.can_link import CanPort, open_can
+from drivers.core.clock import VirtualClock
+from drivers.core.links import SerialPort, open_serial
+from drivers.core.messages import DeviceInfo, Home, SampleBlock, Sent, Standstill, Stop, StreamInfo
+from drivers.core.protocols import Question
 
 HANG_S = 5.0
 """How long the trial lasts, in bench time: 1000 turns."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.messages import Ask, Failed, Listen, Loaded, LoadWeight, Refused, Sent
-from drivers.mock.devices.operator import EmulatedPerson
-from drivers.mock.physics.weight_set import HandSettings
+from drivers.core.messages import Ask, Failed, Listen, Loaded, LoadWeight, Refused, Sent
 from drivers.operator.driver import Person, PersonSettings
+from simulator.devices.operator import EmulatedPerson
+from simulator.physics.weight_set import HandSettings
 
 
 class Bench:

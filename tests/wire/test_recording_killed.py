@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 folder = RunFolder.create(Path(sys.argv[1]), "mock/transient", datetime.now(UTC))
 folder.write_manifest({"bench": "mock", "exit": {"status": "running"}})

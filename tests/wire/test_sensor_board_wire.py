@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.messages import Excite, Failed, Listen, Lost, SampleBlock, Sent, Status
-from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from drivers.core.messages import Excite, Failed, Listen, Lost, SampleBlock, Sent, Status
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
+from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 
 FORCE = "board.load_cell"
 ACCELERATION = "board.accelerometer"

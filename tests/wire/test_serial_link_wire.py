@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock import WallClock
-from drivers.errors import PortError
-from drivers.links import SerialLink, SerialPort, open_serial
+from drivers.core.clock import WallClock
+from drivers.core.errors import PortError
+from drivers.core.links import SerialLink, SerialPort, open_serial
 
 
 class Pty:

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from config.assemble import Table, start_emulator
+from config.assemble import start_emulator
 from config.profile import load_profile
 from controller.recording.reader import open_run
 from tests.wire.wire_campaign import QUICK
@@ -31,7 +31,7 @@ class Started:
     """A run as a process of its own, at a terminal, on an emulator that lives on."""
 
     def __init__(self, folder: Path) -> None:
-        profile = load_profile("emulated/transient", QUICK, table=Table())
+        profile = load_profile("emulated/transient", QUICK)
         self.emulator = start_emulator(profile)
         self.out = folder / "runs"
         (folder / "bench.json").write_text(json.dumps(self.emulator.endpoints))

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from can.interfaces.slcan import slcanBus
 
-from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
-from drivers.mock.devices.slcan import EmulatedSlcan
-from drivers.mock.physics.jaws import GripObject, JawsSettings
-from drivers.mock.physics.jaws_drive import JawsDrive
+from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from simulator.devices.slcan import EmulatedSlcan
+from simulator.physics.jaws import GripObject, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
 
 spectral = pytest.importorskip("Spectral_BLDC.Spectral_BLDC", reason="the vendor's client is not installed")
 

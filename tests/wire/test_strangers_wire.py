@@ -7,9 +7,9 @@ import pytest
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
-from drivers.clock import Clock, WallClock
+from drivers.core.clock import Clock, WallClock
+from drivers.core.errors import PortError, ProtocolError, SilentError
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
-from drivers.errors import PortError, ProtocolError, SilentError
 from drivers.operator.driver import Person, PersonSettings
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
 from drivers.zaber_stage.driver import ZaberStage

@@ -6,8 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.errors import CommandError
-from drivers.messages import (
+from drivers.arm.axis import Axis
+from drivers.core.errors import CommandError
+from drivers.core.messages import (
     Command,
     Home,
     Listen,
@@ -24,7 +25,6 @@ from drivers.messages import (
     Tare,
     Twist,
 )
-from drivers.ur_arm.settings import Axis
 from tests.wire.emulated_ur import EmulatedUr, resting
 from tests.wire.ur_hand import FORCE, POSITION, Hand, settings
 
@@ -85,6 +85,20 @@ def test_streams_come_at_500_hz_with_the_controller_s_time_and_their_loss_is_cou
         assert (np.diff(times) > 0.0).all()
     positions = np.concatenate([block.values for block in one.blocks if block.stream == POSITION])
     assert (np.diff(positions[:, 0]) > -1e-12).all()
+
+
+def test_at_125_hz_nothing_is_lost(hand: Callable[..., Hand]) -> None:
+    h = hand(rate_hz=125.0)
+    h.arm.apply(Listen("arm", frozenset({FORCE})))
+    h.do(MoveAt("arm", 0.02, 0.01), Reached)
+    first, last = h.blocks[0], h.blocks[-1]
+    assert first.device_t0_s is not None and last.device_t0_s is not None
+    rows = sum(map(len, h.blocks))
+    assert (
+        rows - len(last) == round((last.device_t0_s - first.device_t0_s) * 125.0) == last.seq - first.seq > 50
+    )
+    assert not [status for status in h.statuses if isinstance(status, Lost)]
+    assert h.arm.account()["rows_lost"] == 0
 
 
 def test_the_force_of_a_touch_comes_through_and_can_be_tared() -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.messages import (
+from drivers.core.messages import (
     Failed,
     Home,
     Listen,
@@ -113,8 +113,8 @@ def test_without_a_second_try_a_lost_client_is_a_failure_and_the_arm_stops_all_t
 
 HOST = """
 import sys
-from drivers.bench_clock import BenchClock, ClockPage
-from drivers.messages import MoveAt
+from drivers.core.bench_clock import BenchClock, ClockPage
+from drivers.core.messages import MoveAt
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings
 clock = BenchClock(ClockPage(sys.argv[2]))
@@ -152,7 +152,7 @@ def test_a_host_that_dies_or_hangs_leaves_an_arm_that_stops(
     given = settings(emulated)
     start_m = given.start_pose[2]
     host = subprocess.Popen(
-        [sys.executable, "-c", HOST, given.model_dump_json(), emulated.clock.path],
+        [sys.executable, "-c", HOST, given.model_dump_json(), emulated.page.path],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         process_group=0,  # it is stopped and continued by no other process

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from drivers.clock import WallClock
-from drivers.errors import PortError, RefusedError, SilentError
+from drivers.core.clock import WallClock
+from drivers.core.errors import PortError, RefusedError, SilentError
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings
 from tests.wire.emulated_ur import EmulatedUr, free_host
@@ -52,6 +52,26 @@ def test_a_protective_stop_at_the_start_is_a_refusal_and_stays(emulated: Emulate
     emulated.order(protective_stop=True)
     refused(emulated, RefusedError, "protective stop")
     assert emulated.order()["safety"] == "PROTECTIVE_STOP"
+
+
+TOOL = {"tcp_offset": (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), "payload_kg": 1.25, "payload_cog_m": (0.0, 0.0, 0.05)}
+
+
+def test_an_arm_with_another_tool_than_the_profile_s_is_refused_before_it_moves(emulated: EmulatedUr) -> None:
+    place = emulated.order()["pose"]
+    refused(emulated, RefusedError, "^arm: its tcp_offset is .* payload_kg is 0, .*pendant$", **TOOL)
+    state = emulated.until(lambda state: state["runtime"] == "STOPPED")
+    assert state["pose"] == pytest.approx(place)
+
+
+def test_an_arm_with_the_profile_s_tool_is_opened_and_records_it() -> None:
+    with EmulatedUr(**TOOL) as emulated:
+        arm = UrArm("arm", settings(emulated, **TOOL), emulated.clock)
+        details = arm.open().details
+        arm.close()
+        for name, value in TOOL.items():
+            assert details[name] == pytest.approx(value)
+        assert details["not_stated_by_the_profile"] == ()
 
 
 OTHER_CLIENT = """

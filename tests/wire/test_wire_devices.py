@@ -2,7 +2,7 @@
 
 import pytest
 
-from config.assemble import Table, build_rig, start_emulator
+from config.assemble import build_rig, start_emulator
 from config.profile import load_profile
 from controller.rig import TrialScene
 from tests.contracts.device_suite import Bench, DeviceContract
@@ -15,13 +15,13 @@ class _WireBench:
     @classmethod
     def emulator(cls):
         """One for all tests, as a real bench is: each finds the devices as the one before it closed them."""
-        emulator = start_emulator(load_profile(cls.profile, table=Table()))
+        emulator = start_emulator(load_profile(cls.profile))
         yield emulator
         emulator.close()
 
     @pytest.fixture
     def bench(self, emulator):
-        profile = load_profile(self.profile, table=Table())
+        profile = load_profile(self.profile)
         rig = build_rig(profile, emulator.endpoints)
         try:
             rig.clock.restart()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from config.assemble import Table, build_rig, start_emulator
+from config.assemble import build_rig, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD
 from controller.doctor import examine
@@ -16,7 +16,7 @@ from tests.wire.wire_campaign import QUICK, run
 @pytest.fixture
 def emulated():
     """A profile and an emulator of it that outlives the run, so that one can look at the bench afterwards."""
-    profile = load_profile("emulated/transient", QUICK, table=Table())
+    profile = load_profile("emulated/transient", QUICK)
     emulator = start_emulator(profile)
     yield profile, emulator
     emulator.close()
@@ -36,7 +36,7 @@ def test_an_approach_over_the_wire_ends_by_contact(emulated, tmp_path):
     force = done.trial(2).stream("board.load_cell")
     assert not force.gaps
     assert done.manifest["bench"] == "emulated"
-    assert done.manifest["clock"] == "wall"
+    assert done.manifest["clock"] == "held"
 
 
 @pytest.mark.parametrize("device", ["board", "stage"])

@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from config.assemble import Table, build_rig, start_emulator
+from config.assemble import build_rig, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DEVICE, EXIT_DONE
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
-from drivers.messages import Home, Listen, MoveAt, MoveTo, Reached, Stalled
+from drivers.core.messages import Home, Listen, MoveAt, MoveTo, Reached, Stalled
 from tests.contracts.device_suite import Bench
 from tests.wire.wire_campaign import QUICK, run
 
@@ -21,7 +21,7 @@ from tests.wire.wire_campaign import QUICK, run
 @pytest.fixture
 def emulated():
     """A profile and an emulator of it that outlives the run, so that one can look at the bench afterwards."""
-    profile = load_profile("emulated/transient_arm", QUICK, table=Table())
+    profile = load_profile("emulated/transient_arm", QUICK)
     emulator = start_emulator(profile)
     yield profile, emulator
     emulator.close()
@@ -132,7 +132,7 @@ def test_the_doctor_reads_the_arm_and_moves_nothing(emulated):
 
 def test_two_movers_do_not_share_a_probe():
     two = {"devices.stage.driver": "zaber_stage", "devices.stage.port": "emulated"}
-    profile = load_profile("emulated/transient_arm", two, table=Table())
+    profile = load_profile("emulated/transient_arm", two)
     with pytest.raises(Exception, match="another mover carries it already") as refusal:
         start_emulator(profile)
     assert "\n" not in str(refusal.value)

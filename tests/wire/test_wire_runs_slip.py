@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from config.assemble import Table, build_rig, plan_campaign, start_emulator
+from config.assemble import build_rig, plan_campaign, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DONE, Campaign
 from controller.recording.reader import open_run
@@ -22,7 +22,7 @@ SHORT = {
 
 
 def run(tmp_path, **settings):
-    profile = load_profile("emulated/slip", {**SHORT, **settings}, table=Table())
+    profile = load_profile("emulated/slip", {**SHORT, **settings})
     emulator = start_emulator(profile)
     hand = Hand({})
     try:

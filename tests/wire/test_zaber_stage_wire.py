@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import SilentError
-from drivers.messages import (
+from drivers.core.errors import SilentError
+from drivers.core.messages import (
     Failed,
     Listen,
     MoveAt,
@@ -61,20 +61,10 @@ def test_after_a_failed_opening_the_port_is_free_again(serve: Any) -> None:
     stage.close()
 
 
-def test_an_approach_ends_at_its_limit_which_the_device_holds_itself(bench: Callable[..., Bench]) -> None:
+def test_an_approach_ends_at_its_limit(bench: Callable[..., Bench]) -> None:
     b = bench()
     b.begin(MoveAt("stage", 0.01, 0.002))
-    reached = b.expect(Reached)
-    lines = b.wire.lines()
-    begun = lines.index("warnings clear", lines.index("set limit.max 4031") - 1)
-    assert lines[begun : begun + 5] == [
-        "warnings clear",
-        "set limit.max 4031",
-        "get limit.max",
-        "get pos",
-        "move abs 4031 33026",
-    ]
-    assert 0.002 - STEP_M < reached.position_m <= 0.002
+    assert 0.002 - STEP_M < b.expect(Reached).position_m <= 0.002
 
 
 def test_a_stop_ends_in_a_standstill_where_the_stage_is(bench: Callable[..., Bench]) -> None:
@@ -116,4 +106,4 @@ def test_closing_stops_a_stage_that_moves(bench: Callable[..., Bench]) -> None:
     b.begin(MoveAt("stage", 0.002, 0.02))
     b.stage.close()
     b.clock.rest(0.1)  # the far end reads it in its own turn
-    assert b.wire.lines()[-1] == "stop"
+    assert "stop" in b.wire.lines()

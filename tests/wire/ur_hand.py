@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.messages import (
+from drivers.core.messages import (
     Command,
     Lost,
     SampleBlock,
@@ -27,6 +27,7 @@ def settings(emulated: EmulatedUr, **changes: Any) -> UrArmSettings:
         "travel_min_m": -0.04,
         "travel_max_m": 0.04,
         "open_timeout_s": 15.0,
+        "realtime_priority": 0,
         **changes,
     }
     return UrArmSettings.model_validate(given)
@@ -89,7 +90,7 @@ def child(hand: Hand) -> int:
     found = [
         int(pid)
         for pid in (entry.name for entry in Path("/proc").iterdir())
-        if pid.isdigit() and _cmdline(pid)[-2:-1] == ["drivers.ur_arm.child"] and _parent(pid) == os.getpid()
+        if pid.isdigit() and _cmdline(pid)[-2:-1] == ["drivers.arm.process"] and _parent(pid) == os.getpid()
     ]
     assert len(found) == 1
     return found[0]

@@ -73,22 +73,24 @@
     };
   };
   const figure_of = (trial, number, x_range, ink) => {
-    const {label, whose, curves} = trial.panels[number];
+    const {label, title = "", whose, curves, threshold} = trial.panels[number];
     const plot = chart(ink, {
-      height: 170, x_range, y_axis_label: label, tools: "box_zoom,xpan,xwheel_zoom,reset,save", toolbar_location: number ? null : "above",
+      height: 170, x_range, y_axis_label: label, title, tools: "box_zoom,xpan,xwheel_zoom,reset,save", toolbar_location: number ? null : "above",
     });
     for (const axis of plot.xaxes) Object.assign(axis, {visible: number === trial.panels.length - 1, axis_label: "time since the trial began (s)"});
     const of = (method) => (method === "paper" ? ink["paper-s"] : ink.ours);
     const lines = [of(whose), ink.rival, ink["paper-s"]];
     const seen = curves.map((curve, place) => {
-      const data = unpacked(curve);
+      const data = threshold ? steps(unpacked(curve)) : unpacked(curve);
       const source = new Bokeh.ColumnDataSource({data});
       return plot.line({field: "t"}, {field: "y"}, {source, line_color: lines[place % 3], line_width: 1.2, name: curve.name});
     });
     plot.add_tools(new Bokeh.HoverTool({renderers: seen, mode: "mouse", tooltips: [["t", "@t{0.0000} s"], [label, "@y{0.0000000}"]]}));
     const across = (dimension, location, options) => plot.add_layout(new Bokeh.Span({dimension, location, ...options}));
-    for (const [place, , threshold] of trial.thresholds)
-      if (place === number) across("width", threshold, {line_color: ink.truth, line_dash: [6, 4]});
+    if (threshold) {
+      const source = new Bokeh.ColumnDataSource({data: steps(unpacked(threshold))});
+      plot.line({field: "t"}, {field: "y"}, {source, line_color: ink.truth, line_dash: [6, 4]});
+    }
     for (const [t] of trial.states) across("height", t, {line_color: ink.rule, line_width: 1});
     for (const [t, , whose] of trial.marks) across("height", t, {line_color: of(whose), line_width: 1.5});
     for (const [, t] of trial.truths) across("height", t, {line_color: ink.truth, line_dash: [2, 3], line_width: 1.5});
@@ -120,7 +122,7 @@
       summary.textContent = [
         `States: ${trial.states.map(at).join(", ") || "none"}.`,
         `Detections: ${trial.marks.map(at).join(", ") || "none"}.`,
-        trial.thresholds.length ? `Threshold: ${trial.thresholds.map(([, name, value]) => `${name} ${value.toPrecision(5)}`).join(", ")}.` : "",
+        trial.thresholds.length ? `Threshold: ${trial.thresholds.map(([, name, value, unit]) => `${name} ${value.toPrecision(5)} ${unit}`.trim()).join(", ")}.` : "",
         trial.truths.length ? `Truth: ${trial.truths.map(([name, t]) => at([t, name])).join(", ")}.` : "",
       ].join(" ");
       const x_range = new Bokeh.Range1d({start: from, end: to});

@@ -26,15 +26,14 @@
     button.addEventListener("click", () => send({do: "answer", number: question.number, done: Boolean(button.dataset.done)}));
 
   // --- messages from the run
-  const number = (value) => typeof value === "number" ? Number(value.toPrecision(4)) : value ?? "–";
   const cells = (row, values, kind = "td") => { row.append(...values.map((value) => { const cell = document.createElement(kind); cell.textContent = value; return cell; })); return row; };
   const line = (values, kind) => cells(document.createElement("tr"), values, kind);
   const update = (message) => {
+    if (message.refused) return console.warn(message.refused);
     if (message.diagram) { signals = {}; charts = {}; at("panels").replaceChildren(); at("events").replaceChildren(); diagram(message.diagram); }
     now = {...now, ...message};
     at("title").textContent = `${now.run.title} · ${now.run.folder}`;
-    const factors = Object.entries(now.factors ?? {}).map(([name, value]) => `${name} ${number(value)}`).join(", ");
-    at("now").textContent = now.ended ? now.ended : `Trial ${now.trial ?? "–"}, ${factors}: ${now.state || "begins"}, ${number(now.t_s ?? 0)} s`;
+    at("now").textContent = now.ended ? now.ended : `Trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${now.state || "begins"}, ${Number((now.t_s ?? 0).toPrecision(4))} s`;
     document.body.dataset.state = now.ended ? "ended" : now.state;
     pause.textContent = now.paused ? "Resume" : "Pause";
     stop.setAttribute("aria-pressed", now.stopped);
@@ -51,10 +50,12 @@
       return label;
     }));
     at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => line([name, `${Math.max(0, age_s).toFixed(2)} s`, lost])));
-    for (const [trial, outcome, row] of message.rows) {
+    for (const [trial, outcome, row, success] of message.rows) {
       const names = ["trial", "outcome", ...Object.keys(row)].slice(0, 9);
       at("heads").replaceChildren(line(names, "th"));
-      at("rows").prepend(line([trial, outcome, ...Object.values(row).map(number)].slice(0, 9)));
+      const result = line([trial, outcome.replaceAll("_", " "), ...Object.values(row)].slice(0, 9));
+      result.classList.toggle("missed", !success);
+      at("rows").prepend(result);
     }
     at("count").textContent = `${at("rows").rows.length} of ${now.run.trials}`;
     for (const [t_s, text] of message.events ?? []) {
@@ -67,9 +68,9 @@
   };
 
   // --- charts: a signal each, with the threshold that it is held against
-  const grow = (stream, {t, y, unit, threshold}) => {
-    const seen = signals[stream] ??= {t: [], y: [], threshold: NaN, unit: ""};
-    if (unit !== undefined) seen.unit = unit;
+  const grow = (stream, {t, y, label, title, threshold}) => {
+    const seen = signals[stream] ??= {t: [], y: [], threshold: NaN, label: stream};
+    if (label !== undefined) Object.assign(seen, {label, title});
     if (threshold !== undefined) seen.threshold = threshold;
     seen.t.push(...t);
     seen.y.push(...y);
@@ -79,16 +80,15 @@
   const show = (stream, seen) => {
     if (!seen.t.length) return;
     const drawn = charts[stream] ??= draw(stream, seen);
-    drawn.source.data = {t: seen.t.slice(), y: seen.y.slice()};
+    drawn.source.data = stream.startsWith("detector.") ? steps(seen) : {t: seen.t.slice(), y: seen.y.slice()};
     const span = {start: Math.max(0, now.t_s - SPAN_S), end: Math.max(now.t_s, 1)};
     drawn.limit.data = Number.isFinite(seen.threshold) ? {t: [span.start, span.end], y: [seen.threshold, seen.threshold]} : {t: [], y: []};
     Object.assign(drawn.range, span);
   };
-  const draw = (stream, {unit}) => {
+  const draw = (stream, {label, title}) => {
     const ink = inks();
-    const label = stream.startsWith("detector.") ? `${stream.slice(9)}, statistic` : unit ? `${stream}, ${unit}` : stream;
     const range = new Bokeh.Range1d({start: 0, end: 1});
-    const plot = chart(ink, {height: 150, x_range: range, y_axis_label: label, tools: "", toolbar_location: null});
+    const plot = chart(ink, {height: 150, x_range: range, y_axis_label: label, title, tools: "", toolbar_location: null});
     const source = new Bokeh.ColumnDataSource({data: {t: [], y: []}});
     plot.line({field: "t"}, {field: "y"}, {source, line_color: ink.ours, line_width: 1.4});
     const limit = new Bokeh.ColumnDataSource({data: {t: [], y: []}});

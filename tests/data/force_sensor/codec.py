@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 
-from drivers.errors import CodecError
+from touchbench import CodecError
+
+COUNTER_MODULUS = 1 << 16
+"""It counts its samples in a u16."""
 
 TIME_MODULUS = 1 << 32
 """Its milliseconds are a u32."""
@@ -30,7 +33,7 @@ class Done:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One sample: its number modulo 65,536, the sensor's time in ms, the force in counts."""
+    """One sample: its number modulo `COUNTER_MODULUS`, the sensor's time in ms, the force in counts."""
 
     counter: int
     time_ms: int

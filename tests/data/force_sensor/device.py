@@ -5,17 +5,23 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from drivers.mock.drivers.base import OverMemory
-from tests.data.force_sensor import codec
-from tests.data.force_sensor.driver import ForceSensor, ForceSensorSettings
+import numpy as np
+
+from touchbench import OverMemory
+
+from . import codec
+from .driver import ForceSensor
 
 RATE_HZ = 100.0
 
 NEWTON_PER_COUNT = 0.001
 
+TOWARDS = (-1.0, 0.0, 0.0)
+"""Direction in which the tool presses on it, unit vector: compression is positive."""
+
 
 class EmulatedForceSensor:
-    """Answers as the sensor does: bytes in, bytes out, and time from outside. It feels `bench.force_n`."""
+    """Answers as the sensor does: bytes in, bytes out, time from outside. It feels what the bench does to its tool."""
 
     def __init__(self, settings: object, bench: Any) -> None:
         self._bench = bench
@@ -35,6 +41,7 @@ class EmulatedForceSensor:
             if command == "id":
                 sent += codec.encode_message(codec.Identity("0042", RATE_HZ, NEWTON_PER_COUNT))
             else:
+                self._bench.feel(command == "go")
                 self._next = math.floor(t_s * RATE_HZ) + 1 if command == "go" else None
                 sent += codec.encode_message(codec.Done(command))
         return sent
@@ -43,8 +50,12 @@ class EmulatedForceSensor:
         """Samples sent by `t_s`."""
         sent = b""
         while self._next is not None and self.due_s <= t_s:
-            counts = round(self._bench.force_n / NEWTON_PER_COUNT)
-            sample = codec.Sample(self._next % 65536, round(self._next * 1e3 / RATE_HZ), counts)
+            self._bench.advance(self.due_s)
+            force_n = self._bench.wrench(np.array([self.due_s]), TOWARDS)[0, 0]
+            counts = round(force_n / NEWTON_PER_COUNT)
+            sample = codec.Sample(
+                self._next % codec.COUNTER_MODULUS, round(self._next * 1e3 / RATE_HZ), counts
+            )
             sent += codec.encode_message(sample)
             self._next += 1
         return sent
@@ -52,12 +63,6 @@ class EmulatedForceSensor:
     def inject(self, kind: str, t_s: float) -> None:
         """It simulates no faults."""
         raise ValueError(f"a force sensor has no fault {kind}")
-
-
-class MockForceSensorSettings(ForceSensorSettings):
-    """The real one's, at a port that is none."""
-
-    port: str = "mock"
 
 
 class MockForceSensor(OverMemory, ForceSensor):

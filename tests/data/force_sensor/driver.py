@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from drivers.errors import CodecError, check_streams, wrong
-from drivers.links import SerialLink, SerialPort, open_serial
-from drivers.messages import Command, DeviceInfo, Listen, StreamInfo
-from drivers.numbering import DeviceClock, SampleStream
-from drivers.wire import Inquiry, WireDriver
-from tests.data.force_sensor import codec
+from touchbench import (
+    CodecError,
+    Command,
+    DeviceClock,
+    DeviceInfo,
+    Inquiry,
+    Listen,
+    SampleStream,
+    SerialLink,
+    SerialPort,
+    StreamInfo,
+    WireDriver,
+    check_streams,
+    open_serial,
+    wrong,
+)
+
+from . import codec
 
 
 class ForceSensorSettings(SerialPort):
@@ -26,7 +37,7 @@ class ForceSensorSettings(SerialPort):
 
 
 class ForceSensor(WireDriver[SerialLink]):
-    """A force sensor; implements `drivers.protocols.Device`. Its stream is `<name>.force`, in N."""
+    """A force sensor; a `touchbench.Device`. Its stream is `<name>.force`, in N."""
 
     _settings: ForceSensorSettings
     _opens = staticmethod(open_serial)
@@ -49,9 +60,7 @@ class ForceSensor(WireDriver[SerialLink]):
             link,
             self._clock,
             s.reply_timeout_s,
-            strange=lambda: (
-                f"{self._malformed} lines arrived that are not its own" if self._malformed else ""
-            ),
+            strange=lambda: f"{self._malformed} lines that are not its own arrived" * bool(self._malformed),
             stranger="is another device at this port, or the baud rate wrong?",
             silent="is it powered, and is this its port?",
         )
@@ -59,10 +68,9 @@ class ForceSensor(WireDriver[SerialLink]):
         found: codec.Identity = inquiry.ask(lambda: link.send(codec.encode("id")), self._identity, 3)
         info = StreamInfo(self._name, ("force",), "N", found.newton_per_count, found.rate_hz, noisy=True)
         clock = DeviceClock(max_drift_ppm=200.0, wrap_s=codec.TIME_MODULUS * 1e-3)
-        self._stream = SampleStream[tuple[int]](info, clock, self._clock, np.int32)
-        return DeviceInfo(
-            self.name, "FS1", found.serial, streams={info.name: info}, clock=f"{self.name} milliseconds"
-        )
+        self._stream = SampleStream[tuple[int]](info, clock, self._clock, np.int32, codec.COUNTER_MODULUS)
+        streams, ticks = {info.name: info}, f"{self.name} milliseconds"
+        return DeviceInfo(self.name, "FS1", found.serial, streams=streams, clock=ticks)
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
         link.send(codec.encode("halt"))
@@ -93,17 +101,15 @@ class ForceSensor(WireDriver[SerialLink]):
                 if lost is not None:
                     self._lost(t_s, self._name, lost)
         self._blocks += self._stream.take()
-        silent = (
-            self._listening
-            and self._clock.monotonic_s() - self._received_s > self._settings.silence_timeout_s
-        )
-        return f"no sample in {self._settings.silence_timeout_s:g} s; is it powered?" if silent else None
+        limit_s, silent_s = self._settings.silence_timeout_s, self._clock.monotonic_s() - self._received_s
+        silent = self._listening and silent_s > limit_s
+        return f"no sample in {limit_s:g} s; is it powered?" if silent else None
 
     def _identity(self, arrived: tuple[float, bytes]) -> codec.Identity | None:
         messages = (message for _, message in self._messages([arrived]))
         return next((message for message in messages if isinstance(message, codec.Identity)), None)
 
-    def _messages(self, arrived: list[tuple[float, bytes]]) -> list[tuple[float, Any]]:
+    def _messages(self, arrived: list[tuple[float, bytes]]) -> list[tuple[float, codec.Message]]:
         messages = []
         for arrival_s, data in arrived:
             for line in self._lines.feed(data):

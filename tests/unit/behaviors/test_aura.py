@@ -3,7 +3,18 @@ import pytest
 from behaviors.aura import Aura, AuraFactors, AuraSettings
 from behaviors.chirp import ChirpFactors, ChirpSettings, ChirpSweep
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
-from drivers.messages import Chirp, Excite, Failed, Home, MovePose, Reached, Release, Standstill, Stop, Tone
+from drivers.core.messages import (
+    Chirp,
+    Excite,
+    Failed,
+    Home,
+    MovePose,
+    Reached,
+    Release,
+    Standstill,
+    Stop,
+    Tone,
+)
 
 PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.051, 0.0, 0.0)}}
 DETECTORS = frozenset({"pretouch_ours", "contact_ours", "contact_paper"})
@@ -60,7 +71,7 @@ def test_it_goes_along_the_path_and_back():
     behavior, commands = to("LEAVING")
     assert commands == [go(0.0, 0.1, 0.05)]
     assert behavior.handle(arm(20.0)) == [Excite("audio", False)]
-    assert behavior.outcome == "no_contact"
+    assert behavior.outcome == "approached"
 
 
 def test_events_stop_nothing_in_an_approach_that_does_not_touch():
@@ -113,7 +124,7 @@ def test_a_sweep_is_silence_chirp_silence():
     assert sweep.handle(Reached(2.0, "arm", 0.0)) == [], "another device's answer"
     sweep.handle(Reached(4.2, "audio", 0.0))
     sweep.handle(Tick(4.4))
-    assert (sweep.done, sweep.outcome) == (True, "no_contact")
+    assert (sweep.done, sweep.outcome) == (True, "swept")
 
 
 def test_an_approach_that_a_pause_broke_off_is_made_again():
@@ -145,7 +156,7 @@ def test_a_touch_that_stands_before_the_approach_lets_none_begin(reported, event
         behavior.handle(each)
     assert behavior.handle(event) == [go(0.0, 0.1, 0.05)], "up and away from what it touches"
     behavior.handle(arm(8.0))
-    assert (behavior.done, behavior.outcome) == (True, "contact")
+    assert (behavior.done, behavior.outcome) == (True, "touched")
     assert "contact_ours reported a touch at rest and not its end" in behavior.reason
 
 

@@ -5,15 +5,25 @@ import pytest
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
 from behaviors.flexion import Flexion
-from behaviors.machine import Behavior, StatePlan, on, trigger_of, with_failures
+from behaviors.machine import Behavior, StatePlan, on, trigger_of
 from behaviors.static import Static, StaticFactors, StaticSettings
 from behaviors.transient import Transient, TransientFactors, TransientSettings
-from config.assemble import Table
 from config.diagrams import PAGE, page
 from config.profile import load_profile
-from controller.experiments import EXPERIMENTS
 from controller.named import found
-from drivers.messages import Excite, Failed, Home, MoveAt, MoveTo, Reached, Refused, Stalled, Standstill, Stop
+from controller.registry import EXPERIMENTS
+from drivers.core.messages import (
+    Excite,
+    Failed,
+    Home,
+    MoveAt,
+    MoveTo,
+    Reached,
+    Refused,
+    Stalled,
+    Standstill,
+    Stop,
+)
 
 
 def transient(detectors=("contact",), **settings):
@@ -95,13 +105,13 @@ def test_a_failure_in_any_state_stops_the_mover_and_ends_the_trial(state, event,
     assert getattr(event, "device", "") in behavior.reason
 
 
-@pytest.mark.parametrize("behavior", [found(entry.behavior) for entry in EXPERIMENTS.values()])
+@pytest.mark.parametrize("behavior", [found(entry.made) for entry in EXPERIMENTS.values()])
 def test_every_state_has_a_deadline_and_something_follows_from_it(behavior):
     for state in behavior.states:
         if state in behavior.final:
             continue
         # Rows with a condition may come before; one without is what follows in any case.
-        rows = [row for row in behavior.table if row["trigger"] == "deadline" and "conditions" not in row]
+        rows = [row for row in behavior.rows if row["trigger"] == "deadline" and "conditions" not in row]
         sources = [source for row in rows for source in _sources(row)]
         assert sources.count(state) == 1, state
 
@@ -121,10 +131,10 @@ def test_a_plan_for_a_state_that_no_row_names_is_refused():
         Misspelt(TransientSettings(), TransientFactors(speed_m_s=0.005), frozenset({"contact"}))
 
 
-@pytest.mark.parametrize("behavior", [found(entry.behavior) for entry in EXPERIMENTS.values()])
+@pytest.mark.parametrize("behavior", [found(entry.made) for entry in EXPERIMENTS.values()])
 def test_every_alive_state_can_fail(behavior):
     for trigger in ("refused", "stalled", "failed", "guard_stopped"):
-        sources = {source for row in behavior.table if row["trigger"] == trigger for source in _sources(row)}
+        sources = {source for row in behavior.rows if row["trigger"] == trigger for source in _sources(row)}
         assert sources == set(behavior.states) - behavior.final
 
 
@@ -174,14 +184,14 @@ ACTING = {
 
 
 def first_trial(name):
-    profile = load_profile(f"mock/{name}", table=Table())
+    profile = load_profile(f"mock/{name}")
     trial = next(
         trial
         for trial in profile.trials(0)
         if trial.factors.get("method", "ours") == "ours"
         and trial.factors.get("sensor", "fingertip") == "fingertip"
     )
-    made = found(EXPERIMENTS[profile.experiment].behavior)
+    made = found(EXPERIMENTS[profile.experiment].made)
     return lambda: made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
 
 
@@ -199,7 +209,7 @@ def test_a_baseline_that_is_refused_ends_the_trial_of_a_detector_that_it_acts_on
 
 def test_a_behavior_that_does_not_name_what_it_acts_on_acts_on_all_that_it_arms():
     class Mine(Behavior):
-        table = with_failures(on("deadline", "LISTENING", "DONE"))
+        table = (on("deadline", "LISTENING", "DONE"),)
 
     behavior = Mine({"LISTENING": StatePlan(1.0, frozenset({"mine"}))})
     behavior.begin(0.0)

@@ -4,7 +4,7 @@ import pytest
 
 from behaviors.centering import Centering, CenteringFactors, CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
-from drivers.messages import (
+from drivers.core.messages import (
     Excite,
     Failed,
     Grip,
@@ -79,6 +79,19 @@ def to(state, **settings):
     return behavior, commands
 
 
+@pytest.mark.parametrize(("width_m", "state"), [(0.0509, "CONFIRMING"), (0.0511, "FAILED")])
+def test_jaws_that_hold_wider_than_the_fingers_came_together_in_the_search_hold_no_object(width_m, state):
+    """They were 56 mm apart, and one came 5 mm to the right and the other 1 mm to the left without a touch."""
+    behavior, _ = to("CLOSING")
+    commands = behavior.handle(Gripped(12.0, "gripper", True, width_m, 10.0))
+    assert behavior.state == state
+    if state == "FAILED":
+        assert commands == [Stop("arm"), Stop("gripper"), Excite("audio", False)]
+        assert behavior.outcome == "fault"
+        assert "51.1 mm" in behavior.reason
+        assert "at most 50.0 mm" in behavior.reason
+
+
 def test_it_searches_one_way_then_the_other_and_goes_to_the_middle():
     assert to("CLEARING")[1] == [MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)]
     assert to("CALIBRATING")[1] == [Home("gripper")]
@@ -93,7 +106,7 @@ def test_it_searches_one_way_then_the_other_and_goes_to_the_middle():
     assert to("RELEASING")[1] == [Release("gripper", 0.02)]
     behavior, _ = to("LEAVING")
     assert behavior.handle(arm(15.0)) == [Excite("audio", False)]
-    assert (behavior.done, behavior.outcome) == (True, "contact")
+    assert (behavior.done, behavior.outcome) == (True, "centered")
 
 
 def test_a_finger_that_reports_no_place_is_taken_to_be_where_the_arm_came_to_stand():
@@ -113,7 +126,7 @@ def test_a_sweep_that_sees_nothing_leaves_and_names_the_finger():
     behavior, _ = to("SEEKING_BACKWARD")
     assert behavior.handle(arm(9.0, -0.017)) == [MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)]
     behavior.handle(arm(10.0))
-    assert behavior.outcome == "no_contact"
+    assert behavior.outcome == "not_found"
     assert "right finger saw nothing" in behavior.reason
 
 
@@ -238,7 +251,7 @@ def test_a_touch_that_stands_before_the_search_lets_none_begin(reported, event, 
         behavior.handle(each)
     assert behavior.handle(event) == [AWAY]
     behavior.handle(arm(8.0))
-    assert (behavior.done, behavior.outcome) == (True, "contact")
+    assert (behavior.done, behavior.outcome) == (True, "touched")
     assert behavior.reason.startswith("left_contact reported a touch at rest and not its end")
 
 
@@ -256,7 +269,7 @@ def test_a_touch_that_is_held_while_the_arm_turns_ends_the_search_where_it_stand
     behavior.handle(seen(6.5, "left_ours", 0.005))
     assert behavior.handle(held(6.6, finger)) == [], "it is stopping already"
     assert behavior.handle(Standstill(6.7, "arm", 0.0055)) == [AWAY]
-    assert (behavior.outcome, behavior.reason) == ("contact", "touched during the search")
+    assert (behavior.outcome, behavior.reason) == ("touched", "touched during the search")
 
 
 def test_a_touch_that_begins_while_the_arm_turns_is_heeded_when_it_is_held():
@@ -308,4 +321,4 @@ def test_a_grip_that_a_pause_broke_off_reports_it():
     assert behavior.handle(Resumed(12.0)) == [Release("gripper", 0.02)]
     behavior.handle(jaws(13.0))
     behavior.handle(arm(14.0))
-    assert (behavior.outcome, behavior.reason) == ("no_contact", "a pause broke the grip off")
+    assert (behavior.outcome, behavior.reason) == ("not_gripped", "a pause broke the grip off")

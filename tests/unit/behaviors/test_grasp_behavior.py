@@ -4,7 +4,7 @@ import pytest
 
 from behaviors.events import Contact, ContactLost, PreTouch, Resumed, SlipEnded, SlipStarted, Tick
 from behaviors.grasp import Grasp, GraspFactors, GraspSettings
-from drivers.messages import Grip, Gripped, MovePose, Reached, Release, Standstill
+from drivers.core.messages import Grip, Gripped, MovePose, Reached, Release, Standstill
 
 NAMES = frozenset({"left_ours", "right_ours", "left_contact", "right_contact", "slip"})
 FOUND = [
@@ -36,6 +36,14 @@ def lifting():
     return behavior, commands
 
 
+UP_S = 12.2 + 0.3
+"""When the lift, begun at the last contact, has gone 3 mm at 10 mm/s."""
+
+
+def harder(force_n):
+    return Grip("gripper", 0.0, 0.02, force_n)
+
+
 def slip(t_s):
     return SlipStarted(t_s, "slip", 20.0, 10.0)
 
@@ -47,33 +55,52 @@ def test_what_both_fingers_feel_is_lifted_from_the_middle_held_and_set_down_ther
     assert behavior.state == "HOLDING"
     lower = behavior.handle(Tick(15.0))
     assert lower == [MovePose("arm", (0.002, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)]
-    assert behavior.outcome == "contact"
+    assert behavior.outcome == "held"
     assert behavior.handle(Reached(17.0, "arm", 0.002)) == [Release("gripper", 0.02)]
 
 
-def test_slip_makes_the_jaws_press_harder_up_to_the_most_and_the_lift_goes_on(lifting):
+def test_a_knock_while_the_pads_take_up_the_weight_is_no_slip(lifting):
     behavior, _ = lifting
     deadline_s = behavior.wake_s
-    assert behavior.handle(slip(12.5)) == [Grip("gripper", 0.0, 0.02, 12.0)]
-    assert behavior.handle(slip(12.6)) == [Grip("gripper", 0.0, 0.02, 13.0)]
-    assert not behavior.handle(slip(12.7))
-    assert (behavior.state, behavior.wake_s) == ("LIFTING", deadline_s)
+    assert not behavior.handle(slip(12.25))
+    assert behavior.wake_s == pytest.approx(UP_S), "a slip would last until the weight is taken up"
+    assert not behavior.handle(SlipEnded(12.42, "slip", 5.0, 10.0))
+    assert behavior.wake_s == deadline_s
+    assert not behavior.handle(Tick(12.6))
 
 
-def test_while_it_slips_on_each_grip_is_followed_by_a_harder_one(lifting):
+def test_a_slip_that_outlasts_the_take_up_makes_the_jaws_press_harder(lifting):
     behavior, _ = lifting
-    behavior.handle(slip(12.5))
-    assert behavior.handle(Gripped(12.6, "gripper", True, 0.019, 12.0)) == [Grip("gripper", 0.0, 0.02, 13.0)]
-    behavior.handle(SlipEnded(12.7, "slip", 5.0, 10.0))
-    assert not behavior.handle(Gripped(12.8, "gripper", True, 0.019, 13.0))
+    assert not behavior.handle(slip(12.25))
+    assert not behavior.handle(Tick(12.49))
+    assert behavior.handle(Tick(12.5)) == [harder(12.0)]
+
+
+def test_later_a_slip_makes_the_jaws_press_harder_at_once(lifting):
+    behavior, _ = lifting
+    assert behavior.handle(slip(13.0)) == [harder(12.0)]
+    behavior.handle(Gripped(13.1, "gripper", True, 0.019, 12.0))
+    behavior.handle(SlipEnded(13.2, "slip", 5.0, 10.0))
+    assert not behavior.handle(Tick(13.4)), "it is over"
+    assert behavior.handle(slip(13.5)) == [harder(13.0)], "the tightest"
+    assert not behavior.handle(Gripped(13.6, "gripper", True, 0.019, 13.0))
+    assert not behavior.handle(Tick(13.9)), "it slips on, and no more can be done"
     assert behavior.state == "LIFTING"
+
+
+def test_a_slip_gets_its_time_to_end_before_the_jaws_press_harder_still(lifting):
+    behavior, _ = lifting
+    behavior.handle(slip(13.0))
+    assert not behavior.handle(Gripped(13.1, "gripper", True, 0.019, 12.0))
+    assert not behavior.handle(Tick(13.3))
+    assert behavior.handle(Tick(13.35)) == [harder(13.0)]
 
 
 def test_what_falls_out_of_the_jaws_is_no_grasp(lifting):
     behavior, _ = lifting
     behavior.handle(Gripped(13.0, "gripper", False, 0.0, 0.0))
     assert behavior.state == "LOWERING"
-    assert (behavior.outcome, behavior.reason) == ("no_contact", "the object was lost in LIFTING")
+    assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in LIFTING")
 
 
 def test_what_a_finger_no_longer_feels_at_the_end_is_no_grasp(lifting):
@@ -81,7 +108,7 @@ def test_what_a_finger_no_longer_feels_at_the_end_is_no_grasp(lifting):
     behavior.handle(Reached(14.0, "arm", 0.002))
     behavior.handle(ContactLost(14.5, "left_contact", 0.0, 5.0))
     behavior.handle(Tick(15.0))
-    assert (behavior.outcome, behavior.reason) == ("no_contact", "the object was lost in HOLDING")
+    assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in HOLDING")
 
 
 def test_a_pause_sets_it_down(lifting):

@@ -3,7 +3,7 @@ from pydantic import ValidationError
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
 from behaviors.pointer import Pointer, PointerFactors, PointerSettings
-from drivers.messages import Failed, Home, MoveAt, Reached, Refused, Stalled, Standstill, Stop, Twist
+from drivers.core.messages import Failed, Home, MoveAt, Reached, Refused, Stalled, Standstill, Stop, Twist
 
 
 def pointer(**settings):

@@ -9,7 +9,7 @@ from behaviors.events import BaselineRefused, Contact, GuardStopped, Resumed, Sl
 from behaviors.machine import UNDECIDED
 from behaviors.slip import RollSlip
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
-from drivers.messages import Home, MoveAt, Reached, Sent, Standstill, Stop, Tare, Twist
+from drivers.core.messages import Home, MoveAt, Reached, Sent, Standstill, Stop, Tare, Twist
 
 RUN = {
     "stream": "board.fingertip",

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from behaviors.aura import Aura, AuraFactors, AuraSettings
 from behaviors.centering import Centering, CenteringFactors, CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
-from drivers.messages import (
+from drivers.core.messages import (
     Grip,
     Gripped,
     Home,

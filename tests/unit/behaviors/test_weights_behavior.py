@@ -3,7 +3,7 @@ from pydantic import ValidationError
 
 from behaviors.events import GuardStopped, Resumed, Tick
 from behaviors.weights import Weights, WeightsFactors, WeightsSettings
-from drivers.messages import Answered, Ask, Failed, Loaded, LoadWeight, Refused
+from drivers.core.messages import Answered, Ask, Failed, Loaded, LoadWeight, Refused
 
 
 def weights(bridge="x", **settings):
@@ -56,7 +56,7 @@ def test_a_cycle_goes_up_through_all_weights_and_down_again():
     behavior = weights(weights_x_n=(1.0, 2.0, 3.0), cycles=2, preloads=1)
     cycle = [1.0, 2.0, 3.0, 2.0, 1.0, 0.0]
     assert run(behavior) == [0.0, 3.0, 0.0, *cycle, *cycle]
-    assert behavior.outcome == "contact"
+    assert behavior.outcome == "calibrated"
 
 
 def test_listed_weights_come_in_their_order():

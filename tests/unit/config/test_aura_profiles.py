@@ -2,13 +2,12 @@
 
 import pytest
 
-from config.assemble import Table
 from config.profile import load_profile
 from config.source import ProfileError, read_source
 
 
 def loaded(name, overrides=None):
-    return load_profile(name, overrides, table=Table())
+    return load_profile(name, overrides)
 
 
 @pytest.mark.parametrize("experiment", ["centering", "chirp", "pretouch"])

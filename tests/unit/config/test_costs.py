@@ -1,22 +1,24 @@
 """What a campaign takes is estimated before it is run."""
 
-from config.assemble import Table, plan_campaign
+import re
+
+from config.assemble import plan_campaign
 from config.costs import cost, duration, planned
 from config.jobs import jobs_for
+from config.listing import listed_profiles
 from config.profile import load_profile
+from config.trials import distinct
 
 
 def plan_of(name, **sets):
-    profile = load_profile(
-        name, {key.replace("__", "."): value for key, value in sets.items()}, table=Table()
-    )
+    profile = load_profile(name, {key.replace("__", "."): value for key, value in sets.items()})
     plan = plan_campaign(profile, profile.trials(0), 0)
     return profile, plan
 
 
 def lines_of(name, **sets):
     profile, plan = plan_of(name, **sets)
-    return list(planned(profile, plan.left, next(iter(plan.trials)), 1))
+    return list(planned(profile, plan.left, plan_campaign(profile, distinct(plan.left), 0).trials, 1))
 
 
 def test_what_was_never_measured_is_reported_as_such():
@@ -34,8 +36,8 @@ def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
     assert "0.011997 m/s; the guard stops beyond 0.015 m/s" in plan
     assert "the guard stops at 2 N; 3.3 N at the most if it alone does" in plan
     assert "15 ms (median and a turn) x 7300 N/m" in plan
-    assert "SETTLING            skipped: no subscriber" in plan
-    assert "APPROACH            contact (board.period), ours (board.accelerometer)" in plan
+    assert "SETTLING, RETRACTING\n          skipped: no subscriber" in plan
+    assert "BASELINE, APPROACH\n          contact (board.period), ours (board.accelerometer)" in plan
     assert lines_of("emulated/pointer")[0].startswith("emulated/pointer: 1 trial of pointer")
 
 
@@ -59,3 +61,15 @@ def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):
 
 def test_a_speed_that_stands_deep_in_the_settings_is_planned():
     assert any("of travel, at 0.01 m/s" in line for line in lines_of("mock/slip"))
+
+
+def test_list_counts_the_trials_that_are_run():
+    listed, name = {}, ""
+    for line in listed_profiles():
+        if line and not line.startswith(" "):
+            name = line.split()[0]
+        elif found := re.match(r" +(\d+) trials?:", line):
+            listed[name] = int(found[1])
+    assert listed["mock/grasp"] == 6
+    for name, count in listed.items():
+        assert count == len(load_profile(name).trials(0)), name

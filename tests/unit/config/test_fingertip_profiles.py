@@ -2,14 +2,14 @@
 
 import pytest
 
-from config.assemble import Table
 from config.profile import load_profile
 from config.source import read_source
 from controller.reports.fernandez import BRIDGES
+from tests.unit.config.shipped import on_the_mock_bench
 
 
 def loaded(name):
-    return load_profile(name, {}, table=Table())
+    return load_profile(name, {})
 
 
 @pytest.mark.parametrize("experiment", ["weights", "pointer"])
@@ -18,7 +18,7 @@ def test_other_benches_differ_in_ports_and_in_what_their_titles_state_as_shorten
     mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
     for section in ("experiment", "detectors", "limits", "signals"):
         assert other.get(section) == mock.get(section)
-    assert {name: {**device, "port": "mock"} for name, device in other["devices"].items()} == mock["devices"]
+    assert on_the_mock_bench(other["devices"]) == mock["devices"]
     if bench == "hardware":
         assert (other["behavior"], other["trials"]) == (mock["behavior"], mock["trials"])
     else:

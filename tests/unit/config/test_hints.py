@@ -2,7 +2,8 @@
 
 import pytest
 
-from config.hints import did_you_mean, near_or_all, si_unit, unknown_key
+from config.hints import did_you_mean, near_or_all, unknown_key
+from controller.scales import si_unit
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from config.assemble import Table
 from config.parts import parts_of
 from config.profile import load_profile
 from config.sections import KEYS
@@ -24,7 +23,7 @@ EXAMPLE, PARTS, JOINED, CROSSED = blocks("toml")
 
 def load(text, path, **extra):
     path.write_text(text)
-    return load_profile(path, table=Table(), **extra)
+    return load_profile(path, **extra)
 
 
 def test_the_example_is_a_profile(tmp_path):

@@ -2,10 +2,10 @@
 
 import pytest
 
-from config.assemble import Table
 from config.profile import load_profile
 from config.sections import referred
 from config.source import ProfileError, profile_names, read_source
+from tests.unit.config.shipped import COMPARED, on_the_mock_bench
 
 EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not name.startswith("papers/")]
 
@@ -35,7 +35,7 @@ TABLE_I = [
 
 
 def loaded(name, overrides=None):
-    return load_profile(name, overrides, table=Table())
+    return load_profile(name, overrides)
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -64,7 +64,13 @@ def test_other_benches_differ_in_ports_plant_settling_and_trials_alone(bench, ex
         assert other.get(section) == mock.get(section)
     acting = {"detector": "ours"} if bench == "emulated" and "transient" in experiment else {}
     assert other["behavior"] == {**mock["behavior"], **acting, "settle_s": other["behavior"]["settle_s"]}
-    assert {name: {**device, "port": "mock"} for name, device in other["devices"].items()} == mock["devices"]
+    assert on_the_mock_bench(other["devices"]) == mock["devices"]
+
+
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name.startswith("hardware/")])
+def test_on_hardware_it_states_what_the_devices_are_held_against(name):
+    for device in read_source(name).data["devices"].values():
+        assert device.keys() >= COMPARED.get(device["driver"], set())
 
 
 def test_transient_runs_the_rows_of_table_i_three_times_each():

@@ -4,7 +4,6 @@ import re
 
 import pytest
 
-from config.assemble import Table
 from config.profile import load_profile, load_resolved
 from config.source import PROFILES, ProfileError, read_source
 
@@ -19,7 +18,7 @@ PRINTED_SLIP_S = {
 
 
 def loaded(name="mock/slip", overrides=None):
-    return load_profile(name, overrides, table=Table())
+    return load_profile(name, overrides)
 
 
 @pytest.mark.parametrize("sensor", PRINTED_SLIP_S)
@@ -116,7 +115,7 @@ def test_limits_of_another_mover_are_in_the_resolved_profile_and_load_again():
     profile = loaded(overrides=LIFT)
     assert profile.limits.movers["arm"].speed_m_s == 0.03
     assert "position_stream" not in profile.resolved["limits"]["movers"]["arm"]
-    again = load_resolved("again", profile.resolved, table=Table())
+    again = load_resolved("again", profile.resolved)
     assert again.limits == profile.limits
     assert again.hash == profile.hash
 
@@ -128,5 +127,5 @@ def test_a_home_is_held_to_the_limits_of_its_own_mover():
 
 
 def test_limits_of_a_mover_that_is_not_there_are_refused_with_their_place():
-    with pytest.raises(ProfileError, match=r"\[limits.movers\] lift is no device of this bench"):
+    with pytest.raises(ProfileError, match=r"\[limits\] movers = .lift.: no device 'lift'; known: "):
         loaded(overrides={"limits.movers.lift.travel_m": "0.1"})

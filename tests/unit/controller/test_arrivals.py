@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.arrivals import Arrivals
-from drivers.messages import SampleBlock, StreamInfo
+from drivers.core.messages import SampleBlock, StreamInfo
 
 LOAD = StreamInfo("board.load", ("force",), "N", 1e-3, rate_hz=1000.0, noisy=True)
 PERIOD = StreamInfo("board.period", ("period",), "s", 1e-7, longest_s=0.3)

@@ -21,10 +21,11 @@ from rich.console import Console as Terminal
 from controller import console as console_module
 from controller import live
 from controller.campaign import foremost
-from controller.console import DIGITS, RESULTS, ConsoleOperator, PlainConsole, figure, key_results
-from controller.experiments import EXPERIMENTS
+from controller.console import RESULTS, ConsoleOperator, PlainConsole, key_results
 from controller.live import LiveConsole
-from drivers.protocols import Question
+from controller.registry import EXPERIMENTS
+from controller.scales import DIGITS, figure
+from drivers.core.protocols import Question
 
 
 class Asker:
@@ -297,7 +298,7 @@ def test_off_a_terminal_each_trial_is_one_line(keyboard):
     console.campaign_ended("2 contact")
     assert lines == [
         "mock/transient: 2 trials into runs/x",
-        "[1/2] trial 7 location=f speed_m_s=0.004843: false contact delay_s=0.21 extent_m=0.001 force_n=0.05",
+        "[1/2] trial 7 location f, speed 4.843 mm/s: false contact, delay 0.21 s, extent 1 mm, force 0.05 N",
     ]
 
 
@@ -368,7 +369,11 @@ def test_every_measure_names_columns_of_its_own():
 
 
 def test_what_was_not_seen_is_a_dash():
-    assert (figure(None), figure(0.123456), figure(3), figure("f")) == ("-", "0.1235", "3", "f")
+    assert (figure(None), figure(0.123456), figure(3), figure("f")) == ("–", "0.1235", "3", "f")
+
+
+def test_a_frequency_of_tens_of_kilohertz_has_no_exponent():
+    assert (figure(40000.0), figure(39188.4), figure(-39188.4)) == ("40000", "39188", "−39188")
 
 
 @given(value=st.floats(), width=st.integers(7, 14))
@@ -376,16 +381,16 @@ def test_what_was_not_seen_is_a_dash():
 @example(value=-2.2250738585072014e-308, width=7)
 @example(value=99999.5, width=7)
 def test_any_number_fits_its_width_and_reads_back_within_the_digits_that_are_shown(value, width):
-    text = figure(value, width)
+    text = figure(value, width).replace("−", "-")
     assert len(text) <= width
     if not math.isfinite(value):
-        assert text == str(value)
+        assert text == ("–" if math.isnan(value) else str(value))
         return
     digits = len(re.sub(r"e.*|[-.]", "", text).lstrip("0"))
     places = -Decimal(text).as_tuple().exponent
     assert abs(Decimal(text) - Decimal(value)) <= Decimal(5).scaleb(-places - 1)
-    assert digits <= DIGITS
-    wider = figure(value)
+    assert digits <= DIGITS or 1e4 <= abs(value) < 1e6
+    wider = figure(value).replace("−", "-")
     assert text == wider or len(wider) > width, "no digit is given away that there was room for"
 
 
@@ -394,14 +399,14 @@ def test_any_number_fits_its_width_and_reads_back_within_the_digits_that_are_sho
 
 @pytest.fixture
 def screen(keyboard, monkeypatch):
-    """A live view on a terminal of 72 characters, drawn whenever the loop polls; `text()` is what it shows last.
+    """A live view on a terminal of 80 characters, drawn whenever the loop polls; `text()` is what it shows last.
 
     `drawn(text)` waits for its thread until the text is on the terminal.
     """
     monkeypatch.setattr(live, "REFRESH_S", -1.0)
     file = io.StringIO()
     console = LiveConsole(
-        ConsoleOperator(keyboard.file), Terminal(file=file, force_terminal=True, width=72, height=24)
+        ConsoleOperator(keyboard.file), Terminal(file=file, force_terminal=True, width=80, height=24)
     )
 
     def text():
@@ -429,10 +434,10 @@ def test_the_view_shows_trial_state_results_and_counts(screen):
     lines = screen.text()
     assert lines[0] == "mock/transient  runs/x"
     assert "11 of 42 trials" in lines[1]
-    assert lines[3].split() == ["trial", "location", "speed_m_s", "outcome", "delay_s", "extent_m", "force_n"]
+    assert " ".join(lines[3].split()) == "trial location speed, mm/s outcome delay, s extent, mm force, N"
     assert [line.split()[0] for line in lines[4:12]] == [str(trial) for trial in range(4, 12)]
-    assert lines[13].startswith("trial 12  APPROACH since 92.25 s, for 0 s  location a  speed_m_s 0.003785")
-    assert lines[14] == "10 contact, 1 false contact"
+    assert lines[13].startswith("trial 12  APPROACH since 92.25 s, for 0 s  location a  speed 3.785 mm/s")
+    assert lines[14] == "10 contact, 1 false contact: 10 of 11 succeeded"
     assert lines[15] == "Ctrl+C pauses"
     screen.campaign_ended("11 trials")
     assert screen.text()[-1].startswith("   11"), "what is left is the table; the line of the outcome follows"
@@ -443,8 +448,8 @@ def test_the_table_shows_every_number_and_text_whole(screen):
     screen.trial_started(1, {"sensor": "barrett_finger", "speed_m_s": -6.3231e-05})
     screen.trial_ended(1, "false_contact", {"delay_s": None, "extent_m": -1.2345e-100, "force_n": 6.3231e-05})
     head, row = screen.text()[3:5]
-    assert row.split() == ["1", "barrett_finger", "-6.32e-5", "false", "contact", "-", "-1e-100"]
-    assert "force_n" not in head, "what there is no room for is left out whole"
+    assert row.split() == ["1", "barrett_finger", "−0.06323", "false", "contact", "–", "−1.2e−97"]
+    assert "force" not in head, "what there is no room for is left out whole"
     assert len(head) == len(row), "names stand above their columns"
     screen.campaign_ended("")
 

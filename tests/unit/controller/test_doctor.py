@@ -7,9 +7,9 @@ import pytest
 
 from controller.doctor import examine
 from controller.rig import Rig, TrialScene
-from drivers.clock import VirtualClock
-from drivers.errors import SilentError
-from drivers.messages import DeviceInfo, Listen, Lost, SampleBlock, StreamInfo
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import SilentError
+from drivers.core.messages import DeviceInfo, Listen, Lost, SampleBlock, StreamInfo
 
 SCENE = TrialScene(0, 0, {})
 

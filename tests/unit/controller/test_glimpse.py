@@ -4,10 +4,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from controller.detectors.protocol import Quantity
 from controller.glimpse import BARS, SPARKS, Glimpse, sparkline
 from controller.guard import GuardSettings
 from controller.recording.series import TrialRecording
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 
 def block(stream, values, unit, start_s=0.0):
@@ -43,6 +44,29 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
     assert margins == "force 0.04 of 2.0 N  travel 3.10 of 12.0 mm"
 
 
+def test_what_decides_is_shown_whatever_the_profiles_order():
+    recording = TrialRecording(1)
+    detectors = {"contact": SimpleNamespace(inputs=("board.period",)), "ours": Waveform()}
+    behavior = SimpleNamespace(deciding=["ours"])
+    glimpse = Glimpse(recording, detectors, GuardSettings(travel_m=0.012), behavior)
+    recording.add(block("board.period", [0.5, 1.0], "s"))
+    recording.add(block("board.accelerometer", [1.0, 1.5], "m/s2"))
+    for name, held, unit in (("contact", [28.0, 28.2], "Hz"), ("ours", [2.1, 5.3], "σ")):
+        recording.add(
+            SampleBlock(f"detector.{name}", 0, 1.0, np.array([held]), times_s=np.ones(1), unit=unit)
+        )
+    (signal,) = glimpse.lines()
+    assert signal.startswith("board.accelerometer  ")
+    assert signal.endswith("1.5 m/s²  ours 2.1 of 5.3 σ")
+    assert glimpse.panels()[0] == "detector.ours"
+    assert (glimpse.label("detector.ours", "σ"), glimpse.title("detector.ours")) == (
+        "ours, σ",
+        "ours: departure",
+    )
+    assert glimpse.title("detector.contact") == "contact: statistic"
+    assert glimpse.title("board.period") == ""
+
+
 def test_the_latest_samples_come_from_the_last_blocks():
     recording = TrialRecording(1)
     for start in range(0, 9, 3):
@@ -50,6 +74,10 @@ def test_the_latest_samples_come_from_the_last_blocks():
     values, unit = recording.latest("a", 4)
     assert (values[:, 0].tolist(), unit) == ([5.0, 6.0, 7.0, 8.0], "N")
     assert len(recording.latest("b", 4)[0]) == 0
+
+
+class Waveform:
+    inputs, quantity = ("board.accelerometer",), Quantity("departure", "σ")
 
 
 class Raising:

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from controller.guard import Guard, GuardRefusal, GuardSettings
-from drivers.messages import (
+from controller.guard import BRAKING_S, Guard, GuardRefusal, GuardSettings
+from controller.limits import MoverLimits, watched
+from drivers.core.messages import (
     MOTION,
     Command,
     Excite,
@@ -17,10 +18,12 @@ from drivers.messages import (
     Release,
     SampleBlock,
     Saturated,
+    SetTendon,
     Stop,
     StreamInfo,
     Twist,
 )
+from drivers.core.settings import HomeSpeed, Settings
 
 
 def guard(*, quiet=True, **changes):
@@ -583,6 +586,87 @@ def test_the_next_trial_may_begin_in_contact_again():
     assert watched.watch(0.02, [force(np.full(20, 6.0))], moving=True) is None
 
 
+# --- a stop holds
+
+
+def stopped(*before, **changes):
+    """A guard whose trial was stopped at 1 s, after these motions."""
+    watched = guard(**changes)
+    for command in before:
+        watched.admit(command)
+    watched.latch(1.0)
+    return watched
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Stop("stage"),
+        Home("stage"),
+        Release("gripper", 0.02),
+        MoveAt("stage", -0.01, 0.0),
+        MoveTo("stage", 0.0, 0.01),
+        SetTendon("board", 0.0),
+        Excite("board", True),
+    ],
+)
+def test_after_a_stop_what_takes_load_away_is_admitted(command):
+    assert stopped(MoveAt("stage", 0.01, 0.012)).admit(command) == command
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        MoveAt("stage", 0.01, 0.012),
+        MoveTo("stage", 0.005, 0.01),
+        Twist("stage", (-0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1),
+        MovePose("stage", (0.0,) * 6, 0.01),
+        Grip("gripper", 0.01, 0.01, 5.0),
+        SetTendon("board", 0.001),
+    ],
+)
+def test_after_a_stop_nothing_else_moves_until_the_next_trial(command):
+    watched = stopped(reach_m=0.1, reach_rad=1.0)
+    for _ in range(2):
+        with pytest.raises(
+            GuardRefusal, match=r"the trial was stopped; until its end only Stop, Home, Release"
+        ):
+            watched.admit(command)
+    watched.reset()
+    assert watched.admit(command) == command
+
+
+@pytest.mark.parametrize("before", [MoveAt("stage", -0.01, 0.0), MoveTo("stage", 0.0, 0.01)])
+def test_after_a_stop_on_the_way_back_there_is_no_way_but_home(before):
+    watched = stopped(MoveAt("stage", 0.01, 0.012), before)
+    with pytest.raises(GuardRefusal, match="the trial was stopped"):
+        watched.admit(MoveAt("stage", -0.01, 0.0))
+    assert watched.admit(Home("stage")) == Home("stage")
+
+
+def test_after_a_stop_what_presses_may_grow_while_movers_brake_and_then_only_fall():
+    watched = stopped()
+    then_s = 1.0 + BRAKING_S
+    for t_s, force_n in ((1.02, 3.0), (1.04, 6.0)):
+        assert watched.watch(t_s, [force(np.full(20, force_n), round(t_s * 1000) - 20)], moving=True) is None
+    assert watched.watch(then_s + 0.02, [force(np.full(20, 5.0), 1320)], moving=True) is None
+    assert watched.watch(then_s + 0.04, [force(np.full(20, 5.19), 1340)], moving=True) is None
+    assert "5.210 N" in watched.watch(then_s + 0.06, [force(np.full(20, 5.21), 1360)], moving=True)
+
+
+def test_after_a_stop_beyond_the_travel_the_place_is_no_reason_to_stop_the_way_back():
+    watched = stopped()
+    assert watched.watch(2.0, [position([0.013])], moving=True) is None
+    watched.reset()
+    assert watched.watch(0.1, [position([0.013])], moving=True)
+
+
+def test_after_a_stop_a_late_loop_and_a_sensor_beyond_its_range_stop_again():
+    assert "late" in stopped().watch(2.0, [], moving=True, late_s=0.2)
+    beyond = Saturated(2.0, "board", "signals.tip", 9.0)
+    assert "beyond its range" in stopped().watch(2.0, [], moving=True, saturated=[beyond])
+
+
 def test_translation_and_turn_of_a_twist_are_held_apart():
     limits = arm(reach_m=0.1, reach_rad=1.5, turn_rad_s=0.5)
     twist = Twist("arm", (0.02, 0.0, 0.0, 0.5, 0.0, 0.0), 1.0)
@@ -643,3 +727,27 @@ def test_an_empty_block_hides_none_that_follows_it():
 def test_a_stream_that_the_guard_does_not_know_passes_it():
     block = SampleBlock("board.accelerometer", 0, 0.0, np.full((5, 1), 99.0), rate_hz=1000.0, unit="m/s2")
     assert guard().watch(0.005, [block], moving=False) is None
+
+
+def test_what_views_show_beside_its_limit_is_force_and_travel_where_they_are_watched():
+    limits = GuardSettings(travel_m=0.01, force_stream="board.force", force_n=0.5, force_channels=(1,))
+    assert list(watched(limits)) == [
+        ("force", "board.force", (1,), 0.5, "N"),
+        ("travel", "stage.position", (0,), 0.01, "m"),
+    ]
+    assert list(watched(GuardSettings(travel_m=0.01, position_stream=None))) == []
+
+
+class HomingSettings(Settings):
+    """Of a mover that homes at a speed of its own."""
+
+    home_speed_m_s: HomeSpeed = 0.02
+
+
+def test_homing_is_no_faster_than_its_mover_may_be():
+    stage = HomingSettings()
+    other = {"other": MoverLimits(travel_m=0.01, speed_m_s=0.03)}
+    limits = GuardSettings(travel_m=0.01, speed_m_s=0.01, movers=other)
+    (found,) = limits.mismatches((), {("devices", "stage"): stage, ("devices", "other"): stage})
+    assert (found.path, found.key) == (("devices", "stage"), "home_speed_m_s")
+    assert "speed_m_s = 0.01" in found.mistake

@@ -1,19 +1,20 @@
 """The loop on small devices in virtual time: what it does in a turn, in which order, and how it ends."""
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from behaviors.events import Contact, GuardStopped, Paused, Resumed, Tick
-from behaviors.machine import Behavior, StatePlan, on, with_failures
+from behaviors.machine import Behavior, Row, StatePlan, on
 from controller import loop as loop_module
-from controller.detectors.protocol import Reading
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.rig import Rig
-from drivers.clock import VirtualClock
-from drivers.messages import (
+from drivers.core.clock import VirtualClock
+from drivers.core.messages import (
     DeviceInfo,
     Excite,
     Failed,
@@ -146,7 +147,7 @@ class Doubled:
 class Approach(Behavior):
     """Rests, approaches until contact, stops, is done."""
 
-    table = with_failures(
+    table: ClassVar[Sequence[Row]] = (
         on("deadline", "REST", "APPROACH"),
         on("contact", "APPROACH", "STOPPING"),
         on("reached", "APPROACH", "DONE"),
@@ -173,10 +174,44 @@ class Approach(Behavior):
         self.conclude("contact")
 
 
-class Deaf(Approach):
-    """Ignores the guard's stop."""
+ENDS = [(GuardStopped, "guard"), (Failed, "fault"), (Stalled, "fault")]
 
-    table = tuple(row for row in Approach.table if row["trigger"] != "guard_stopped")
+
+class Deaf(Approach):
+    """Ignores what ends a trial."""
+
+    def handle(self, event):
+        return () if isinstance(event, GuardStopped | Failed | Stalled) else super().handle(event)
+
+
+class Stubborn(Approach):
+    """Presses on, whatever happens."""
+
+    table = (
+        *Approach.table,
+        *(
+            on(name, ["APPROACH", "STOPPING"], "APPROACH")
+            for name in ("guard_stopped", "failed", "stalled", "standstill")
+        ),
+    )
+
+
+class Cautious(Approach):
+    """Goes back where the trial cannot go on, and calls that a contact."""
+
+    table = (
+        *Approach.table,
+        *(on(name, "APPROACH", "LEAVING") for name in ("guard_stopped", "failed", "stalled")),
+        on("reached", "LEAVING", "DONE"),
+    )
+
+    def __init__(self):
+        plans = {"REST": StatePlan(0.1), "STOPPING": StatePlan(1.0), "LEAVING": StatePlan(60.0)}
+        listening = StatePlan(1.0, detectors=frozenset({"contact"}))
+        Behavior.__init__(self, plans | {"APPROACH": listening}, "stage")
+
+    def enter_LEAVING(self):
+        self.command(MoveTo("stage", 0.0, 0.01))
 
 
 class ScriptedGuard(Guard):
@@ -216,7 +251,7 @@ class Bench:
         self.detector, self.guard = LevelDetector(), ScriptedGuard(**limits)
         self.signals = ()
         self.requests, self.shown, self.suspended = [], [], []
-        self.recorded, self.kept, self.skipped, self.readings = [], [], [], []
+        self.recorded, self.kept, self.skipped, self.read = [], [], [], []
         self.failure = None
         self.settings = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=50.0)
 
@@ -225,8 +260,8 @@ class Bench:
     def record(self, blocks):
         self.recorded += blocks
 
-    def reading(self, detector, reading):
-        self.readings.append((detector, reading))
+    def readings(self, detector, readings, decided_s):
+        self.read.append((detector, readings.tolist(), decided_s))
 
     def skip(self, stream, t0_s, t1_s):
         if t1_s > t0_s:
@@ -243,7 +278,7 @@ class Bench:
         return None
 
     def suspend(self):
-        self.suspended.append((round(self.clock.now(), 6), sorted(self.loop._moving)))
+        self.suspended.append((round(self.clock.now(), 6), sorted(self.loop._trial.moving)))
         self.clock.wait_until(self.clock.now() + 60.0)
 
     def state(self, name, t_s):
@@ -422,13 +457,79 @@ def test_losses_of_one_stream_are_added_up(bench):
 # --- the guard ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("behavior", [Approach, Deaf])
-def test_the_guards_stop_stops_every_mover_whatever_the_behavior_makes_of_it(behavior):
+def end(bench, kind, at_s):
+    """Let something end the trial."""
+    if kind is GuardStopped:
+        bench.guard.stop_s = at_s
+    else:
+        bench.board.report(kind, "it broke", at_s=at_s)
+
+
+@pytest.mark.parametrize(("kind", "outcome"), ENDS)
+@pytest.mark.parametrize("behavior", [Approach, Deaf, Stubborn, Cautious])
+def test_what_ends_a_trial_stops_every_mover_whatever_the_behavior_makes_of_it(behavior, kind, outcome):
     bench = Bench(behavior())
-    bench.guard.stop_s = 0.15
-    bench.run()
+    end(bench, kind, 0.15)
+    account = bench.run().account
     assert bench.stops[:2] == [(0.15, Stop("stage")), (0.15, Stop("other"))]
-    assert bench.behavior.outcome == ("fault" if behavior is Deaf else "guard")
+    assert account.outcome == outcome
+    assert ("the test stops it" if kind is GuardStopped else "board") in account.reason
+    assert [name for name, *_ in bench.kept].count(kind.__name__) == 1
+    moves = bench.sent(MoveTo, since_s=0.15)
+    assert [move.position_m for _, move in moves] == ([0.0] if behavior is Cautious else [])
+
+
+@pytest.mark.parametrize("behavior", [Deaf, Stubborn])
+@pytest.mark.parametrize(("kind", "outcome"), ENDS)
+def test_a_trial_without_a_way_out_ends_in_the_turn_that_ended_it(behavior, kind, outcome):
+    bench = Bench(behavior())
+    end(bench, kind, 0.15)
+    account = bench.run().account
+    assert not [t_s for t_s, *_ in bench.guard.seen if t_s > 0.15 + 1e-9]
+    assert ("refused MoveTo(stage)" in account.reason) == (behavior is Stubborn)
+
+
+def test_a_way_out_makes_no_success_of_a_trial():
+    bench = Bench(Cautious())
+    bench.guard.stop_s = 0.15
+    loop = bench.run()
+    assert bench.behavior.outcome == "contact"
+    assert loop.account.outcome == "guard"
+    assert dict(loop.visits)["DONE"] == pytest.approx(0.25)
+
+
+def test_a_way_out_has_ten_seconds():
+    bench = Bench(Cautious())
+    bench.guard.stop_s, bench.stage.travel_s = 0.15, None
+    bench.run()
+    assert bench.guard.seen[-1][0] == pytest.approx(10.15)
+
+
+def test_what_ends_a_trial_on_its_way_out_leaves_it_no_more_time():
+    bench = Bench(Cautious())
+    bench.guard.stop_s, bench.stage.travel_s = 0.15, None
+    bench.board.report(Failed, "the link is gone", at_s=0.2)
+    account = bench.run().account
+    assert bench.guard.seen[-1][0] == pytest.approx(0.2)
+    assert (account.outcome, account.reason) == ("guard", "the test stops it")
+
+
+def test_a_stream_that_is_missing_stops_every_mover_in_that_turn(monkeypatch):
+    bench = Bench(Cautious())
+    bench.guard.real, bench.stage.travel_s = True, 0.5
+    read = bench.board.read
+    sent = lambda: [block for block in read() if block.stream != "board.force"]  # noqa: E731
+    monkeypatch.setattr(bench.board, "read", sent)
+    loop = bench.run()
+    since_s = next(round(event.t_s, 6) for event in loop.events if isinstance(event, Failed))
+    assert bench.stops[:2] == [(since_s, Stop("stage")), (since_s, Stop("other"))]
+    assert dict(loop.visits)["LEAVING"] == pytest.approx(since_s), "the behavior itself stopped nothing"
+
+
+def test_a_command_for_a_device_that_is_not_there_is_refused(bench):
+    bench.behavior.enter_APPROACH = lambda: bench.behavior.command(Stop("nowhere"))
+    with pytest.raises(GuardRefusal, match="no such device; the bench has stage, other, board"):
+        bench.run()
 
 
 def test_the_guards_stop_is_kept_before_all_else_of_its_turn_with_its_reason(bench):
@@ -444,7 +545,7 @@ def test_after_the_guards_stop_the_answer_to_the_motion_ends_nothing(bench):
     bench.behavior = Deaf()
     bench.guard.stop_s = 0.15
     bench.run()
-    assert bench.behavior.state == "FAILED", "it never got the arrival"
+    assert bench.behavior.state == "APPROACH", "it never got the arrival"
 
 
 def test_the_guard_is_shown_motion_lateness_and_what_left_its_range(bench):
@@ -830,14 +931,17 @@ def test_what_a_detector_finds_in_one_block_outlives_the_next_of_its_turn(bench)
 
 
 def test_what_a_detector_holds_against_its_threshold_is_recorded_by_its_name(bench):
-    bench.detector.reading = Reading(0.12, 0.3, 0.5)
+    bench.detector.readings, bench.detector.above = np.array([[0.12, 0.3, 0.5]]), 0.15
     bench.run()
-    assert set(bench.readings) == {("contact", bench.detector.reading)}
-    bench.readings.clear()
-    del bench.detector.reading
+    assert {(name, *map(tuple, read)) for name, read, _ in bench.read} == {("contact", (0.12, 0.3, 0.5))}
+    assert [decided_s for _, _, decided_s in bench.read if decided_s] == [
+        [event.t_s for event in bench.loop.events if isinstance(event, Contact)]
+    ]
+    bench.read.clear()
+    bench.detector.readings = "none"
     bench.clock, bench.behavior = VirtualClock(), Approach()
     bench.run()
-    assert bench.readings == []
+    assert bench.read == []
 
 
 def test_an_event_is_kept_with_the_state_before_the_state_after_and_the_commands(bench):
@@ -857,14 +961,13 @@ def test_visits_bear_the_time_of_the_event_that_led_to_them(bench):
     bench.detector.above = 0.15
     loop = bench.run()
     visits = dict(loop.visits)
-    assert visits["STOPPING"] == loop.entered_s["STOPPING"] == pytest.approx(0.151)
+    assert visits["STOPPING"] == pytest.approx(0.151)
     assert [name for name, _ in loop.visits] == ["REST", "APPROACH", "STOPPING", "DONE"]
 
 
 def test_what_comes_after_the_end_is_kept_and_moves_nothing(bench):
-    """Arrived and failed in one turn: the behavior was done with the first."""
-    bench.board.report(Failed, "the link is gone", at_s=0.2)
-    bench.run()
+    bench.board.report(Failed, "the link is gone", at_s=0.205)
+    assert bench.run().account.outcome == ""
     assert bench.behavior.outcome == "contact"
     assert ("Failed", "DONE", "DONE", []) in bench.kept
 
@@ -878,17 +981,6 @@ def test_a_mover_counts_as_moving_while_it_moves_or_is_commanded_to_stop_and_not
     assert [t_s for t_s, moves in moving if moves] == pytest.approx(
         np.arange(bench.sent(Stop)[0][0] + TURN_S, bench.sent(Stop)[1][0], TURN_S)
     )
-
-
-def test_a_stalled_mover_does_not_count_as_moving(bench):
-    class Unaware(Deaf):
-        table = tuple(row for row in Deaf.table if row["trigger"] != "stalled")
-
-    bench.behavior = Unaware()
-    bench.stage.travel_s = None
-    bench.stage.report(Stalled, "it hit something", at_s=0.15)
-    bench.run()
-    assert {moving for t_s, _, moving, *_ in bench.guard.seen if 0.16 < t_s < 1.0} == {False}
 
 
 # --- the operator ---------------------------------------------------------------------------------
@@ -933,9 +1025,7 @@ def test_in_a_pause_the_behavior_gets_nothing_but_what_ends_the_trial(bench, mon
     assert bench.behavior.outcome == "contact"
 
 
-@pytest.mark.parametrize(
-    ("kind", "outcome"), [(GuardStopped, "guard"), (Failed, "fault"), (Stalled, "fault")]
-)
+@pytest.mark.parametrize(("kind", "outcome"), ENDS)
 def test_a_pause_ends_with_the_trial_where_the_bench_fails(bench, kind, outcome):
     bench.requests = [("pause", 0.15)]
     bench.stage.brake_s = 0.2

@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from behaviors.machine import Behavior, StatePlan, on, with_failures
+from behaviors.machine import Behavior, StatePlan, on
 from controller.guard import Guard, GuardSettings
 from controller.loop import Loop, LoopSettings
 from controller.rig import Rig
-from drivers.clock import VirtualClock
-from drivers.messages import DeviceInfo, MoveTo, Reached, Refused, Stalled, Standstill, Stop
+from drivers.core.clock import VirtualClock
+from drivers.core.messages import DeviceInfo, MoveTo, Reached, Refused, Stalled, Standstill, Stop
 
 
 class Mover:
@@ -46,7 +46,7 @@ class Mover:
 class Hasty(Behavior):
     """Sends a second motion before the first is answered."""
 
-    table = with_failures(
+    table = (
         on("deadline", "FIRST", "SECOND"),
         on("reached", "SECOND", "DONE"),
     )
@@ -96,7 +96,7 @@ def test_the_answer_to_an_older_command_ends_nothing(run):
     loop, _, behavior = run()
     first, second = [event for event in loop.events if isinstance(event, Reached)]
     assert (first.t_s, second.t_s) == pytest.approx((0.10, 0.15)), "both are kept in the record"
-    assert loop.entered_s["DONE"] == second.t_s
+    assert dict(loop.visits)["DONE"] == second.t_s
     assert behavior.outcome == "contact"
 
 

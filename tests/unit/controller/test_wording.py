@@ -1,8 +1,8 @@
 import pytest
 
 from behaviors.events import Contact, GuardStopped
-from controller.wording import as_text, unit_of
-from drivers.messages import Excite, Gripped, Listen, MoveAt, MoveTo, Reached, Refused, Sent, Stop
+from controller.wording import as_text
+from drivers.core.messages import Excite, Gripped, Listen, MoveAt, MoveTo, Reached, Refused, Sent, Stop
 
 MOVE = MoveTo("stage", 0.003, 0.005)
 
@@ -11,7 +11,7 @@ MOVE = MoveTo("stage", 0.003, 0.005)
     ("message", "text"),
     [
         (MOVE, "stage: move to 3 mm, speed 5 mm/s"),
-        (MoveAt("stage", -0.0038, 0.012), "stage: move at -3.8 mm/s, limit 12 mm"),
+        (MoveAt("stage", -0.0038, 0.012), "stage: move at −3.8 mm/s, limit 12 mm"),
         (Stop("stage"), "stage: stop"),
         (Excite("board", on=False), "board: excite, off"),
         (
@@ -28,9 +28,3 @@ MOVE = MoveTo("stage", 0.003, 0.005)
 )
 def test_commands_and_events_are_text_with_units(message, text):
     assert as_text(message) == text
-
-
-def test_the_unit_of_a_column_is_in_its_name():
-    assert unit_of("stop_travel_m") == ("stop travel", "mm", 1e3)
-    assert unit_of("gain_v_n") == ("gain", "V/N", 1.0)
-    assert unit_of("outcome") == ("outcome", "", 1.0)

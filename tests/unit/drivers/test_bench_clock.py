@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers import bench_clock
-from drivers.bench_clock import ABSENCE_S, LOOK_S, PATIENCE_S, PLACES, SLACK_S, BenchClock, ClockPage
-from drivers.mock.wiring import pace
-from drivers.mock.wiring.pace import AHEAD_S, UNREAD_S, Pace
+from drivers.core import bench_clock
+from drivers.core.bench_clock import ABSENCE_S, LOOK_S, PATIENCE_S, PLACES, SLACK_S, BenchClock, ClockPage
+from simulator.wiring import pace
+from simulator.wiring.pace import AHEAD_S, UNREAD_S, Pace
 
 STEP_S = 0.002
 

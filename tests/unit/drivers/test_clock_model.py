@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.clock_model import GAP, PATIENCE_S, SETTLING_S, WINDOW_S, ClockModel, Timeline
+from drivers.core.clock_model import GAP, PATIENCE_S, SETTLING_S, WINDOW_S, ClockModel, Timeline
 
 Floats = NDArray[np.float64]
 

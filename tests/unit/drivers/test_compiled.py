@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.compiled import compiled, make_signed
-from drivers.compiling import DAY_S, KEPT_S
+from drivers.core.compiled import compiled, make_signed
+from drivers.core.compiling import DAY_S, KEPT_S
 
 ROOT = Path(__file__).parents[3]
 
 FAR = """
-from drivers.compiled import compiled
+from drivers.core.compiled import compiled
 
 BASE = 2.0
 SHARED = BASE + 0.5
@@ -33,7 +33,7 @@ def far(x):
 NEAR = """
 from typing import NamedTuple
 
-from drivers.compiled import compiled
+from drivers.core.compiled import compiled
 
 from far import SHARED, far
 
@@ -120,14 +120,13 @@ def test_an_equal_tree_elsewhere_loads_and_another_one_does_not_disturb_it(tmp_p
 
 def test_a_kernel_of_the_program_follows_an_edit_of_the_file_that_it_calls_into(tmp_path, kept):
     def copied(name):
-        shutil.copytree(
-            ROOT / "drivers", tmp_path / name / "drivers", ignore=shutil.ignore_patterns("__pycache__")
-        )
+        for room in ("drivers", "simulator"):
+            shutil.copytree(ROOT / room, tmp_path / name / room, ignore=shutil.ignore_patterns("__pycache__"))
         return tmp_path / name
 
     def echoed(folder):
         code = (
-            "import numpy as np; from drivers.mock.physics.aura_kernel import echoed; out = np.zeros(1);"
+            "import numpy as np; from simulator.physics.aura_kernel import echoed; out = np.zeros(1);"
             "echoed(1, 2, 3, np.array([4]), np.array([1.0]), out); print(out[0])"
         )
         done = subprocess.run(
@@ -139,7 +138,7 @@ def test_a_kernel_of_the_program_follows_an_edit_of_the_file_that_it_calls_into(
     first, printed = echoed(copied("first"))
     assert "compiling what this machine has not compiled before" in printed
     assert echoed(copied("second")) == (first, ""), "loaded: nothing is compiled"
-    noise = tmp_path / "second" / "drivers" / "mock" / "physics" / "noise.py"
+    noise = tmp_path / "second" / "simulator" / "physics" / "noise.py"
     noise.write_text(noise.read_text().replace("_ROUNDS = 10", "_ROUNDS = 9"))
     assert echoed(tmp_path / "second")[0] != first
 
@@ -221,7 +220,7 @@ def test_a_kernel_calls_itself_and_one_in_an_enclosing_function(kept):
 def test_all_compiled_code_of_the_program_is_kept_by_its_content():
     direct = [
         str(file.relative_to(ROOT))
-        for room in ("config", "controller", "behaviors", "drivers")
+        for room in ("config", "controller", "behaviors", "drivers", "simulator")
         for file in (ROOT / room).rglob("*.py")
         if re.search(r"^\s*(import|from) numba", file.read_text(), re.MULTILINE)
         and file.name != "compiling.py"

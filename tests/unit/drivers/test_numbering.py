@@ -10,9 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from drivers.numbering import COUNTER_MODULUS, DeviceClock, Placed, Runs, StreamTrack, host_clock
+from drivers.core.numbering import ENDLESS, DeviceClock, Placed, Runs, StreamTrack, host_clock
 
 RATE_HZ = 1000.0
+COUNTER_MODULUS = 1 << 16
 WRAP_S = 2**32 * 1e-6
 """Of a clock of u32 microseconds."""
 
@@ -30,10 +31,11 @@ class Device:
     """What it counts the first sample as."""
     lag_s: float = 0.0
     """Time that passed on the host while it was off."""
+    modulus: int = COUNTER_MODULUS
     clock: DeviceClock = field(default_factory=lambda: DeviceClock(200.0, WRAP_S))
 
     def __post_init__(self) -> None:
-        self.track = StreamTrack(self.clock, RATE_HZ)
+        self.track = StreamTrack(self.clock, RATE_HZ, self.modulus)
 
     def true_s(self, sample: int) -> float:
         return 1000.0 + sample / RATE_HZ / (1 + self.drift_ppm * 1e-6) + self.lag_s
@@ -41,7 +43,7 @@ class Device:
     def send(self, sample: int, late_s: float = 0.0, n: int = 10) -> Placed:
         shown_us = round((self.uptime_s + sample / RATE_HZ) * 1e6) % 2**32
         arrival_s = self.true_s(sample + n - 1) + late_s
-        counter = (self.counter + sample) % COUNTER_MODULUS
+        counter = (self.counter + sample) % self.modulus
         return self.track.place(shown_us * 1e-6, arrival_s, n, counter=counter)
 
     def reboot(self, off_s: float, uptime_s: float = 0.0, counter: int = 0) -> None:
@@ -114,7 +116,7 @@ def test_a_device_that_reboots_begins_a_segment_at_the_right_time(
 
 def test_of_several_streams_each_begins_a_segment_when_the_device_reboots() -> None:
     device = Device()
-    other = StreamTrack(device.clock, None)
+    other = StreamTrack(device.clock, None, 256)
     device.send(0)
     assert other.place(20.005, device.true_s(12), counter=7).lost is None
     device.reboot(3.0)
@@ -161,6 +163,25 @@ def test_what_is_missing_is_counted_exactly_however_late_the_next_frame_is(
         assert (placed.seq, placed.lost) == (65_000 + sample, missing)
 
 
+@pytest.mark.parametrize("modulus", [100, 256, 1 << 32, ENDLESS], ids=["digits", "u8", "u32", "endless"])
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 99), st.lists(st.integers(1, 5000), max_size=5))
+def test_a_counter_of_any_width_wraps_without_loss_and_counts_a_true_one(
+    modulus: int, counter: int, gaps: list[int]
+) -> None:
+    device, sample = Device(counter=counter, modulus=modulus), 0
+    for missing in (0, *gaps):
+        sample += missing
+        losses = [device.send(at).lost for at in range(sample, sample + 600, 10)]
+        assert losses == [missing or None, *[None] * 59]
+        sample += 600
+
+
+def test_a_counter_without_its_modulus_is_an_error() -> None:
+    with pytest.raises(ValueError, match="counter_modulus"):
+        StreamTrack(DeviceClock(200.0), RATE_HZ).place(0.0, 1000.0, counter=0)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.sampled_from(["send", "lose", "slip", "reboot", "begin"]), max_size=60), st.randoms())
 def test_numbers_and_times_ascend_and_no_gap_looks_closed_whatever_happens(
@@ -193,7 +214,7 @@ def test_numbers_and_times_ascend_and_no_gap_looks_closed_whatever_happens(
 
 
 def test_irregular_samples_are_lost_by_their_counter_and_a_counter_that_turns_back_has_slipped() -> None:
-    track = StreamTrack(DeviceClock(200.0, WRAP_S), None)
+    track = StreamTrack(DeviceClock(200.0, WRAP_S), None, COUNTER_MODULUS)
     assert track.place(0.1, 1000.1, counter=65_530, n=2, span_s=0.05).lost is None
     assert track.place(0.9, 1000.9, counter=65_540 - COUNTER_MODULUS).lost == 8
     assert track.place(1.0, 1001.0, counter=3).lost == 0
@@ -221,7 +242,7 @@ def test_times_of_samples_that_join_one_block_go_on_by_its_rate() -> None:
 
 
 def test_on_the_hosts_own_clock_times_are_as_they_are() -> None:
-    track = StreamTrack(host_clock(), 1000.0)
+    track = StreamTrack(host_clock(), 1000.0, ENDLESS)
     assert track.place(5000.0, 5000.4, counter=0) == (0, 5000.0, 5000.0, None)
     assert track.place(5000.003, 5000.5, counter=3)[:2] == (3, 5000.003)
     # Another question has another grid, and counts from zero.

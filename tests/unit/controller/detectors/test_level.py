@@ -6,7 +6,7 @@ import pytest
 from behaviors.events import Contact, ContactHeld, ContactLost
 from controller.detectors.calibration import calibrate, span_maxima
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 RATE_HZ = 1000.0
 REST = 0.09 + 0.04j

@@ -11,7 +11,7 @@ from controller.detectors.calibration import calibrate, calibrate_pieces
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from controller.signals.undulation import undulate
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 RATE_HZ = 1000.0
 SURFACE_M = 0.055

@@ -5,7 +5,7 @@ import pytest
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHeld, ContactLost
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 RATE_HZ = 1000.0
 

@@ -6,7 +6,7 @@ import pytest
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 
 def periods(frequencies_hz, t0_s=0.0):
@@ -119,7 +119,7 @@ def test_reset_forgets_everything():
     detector = ResonancePaperDetector("contact", ResonancePaperSettings())
     first = detector.push(block)
     detector.reset()
-    assert detector.reading is None
+    assert len(detector.readings) == 0
     assert detector.push(block) == first
 
 

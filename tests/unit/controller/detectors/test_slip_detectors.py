@@ -4,9 +4,9 @@ from pydantic import ValidationError
 
 from behaviors.events import BaselineReady, BaselineRefused, SlipEnded, SlipStarted
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
-from drivers.messages import SampleBlock
-from drivers.mock.physics.slip import SlipPlant
-from drivers.mock.physics.slip_sensors import SENSORS
+from drivers.core.messages import SampleBlock
+from simulator.physics.slip import SlipPlant
+from simulator.physics.slip_sensors import SENSORS
 
 STREAM = "board.tangential"
 

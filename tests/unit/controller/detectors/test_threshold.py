@@ -5,7 +5,7 @@ import pytest
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost
 from controller.detectors.threshold import ForceThresholdDetector, ForceThresholdSettings
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 SETTINGS = {"baseline_s": 0.1, "average_s": 0.01, "threshold": 1.0, "release_ratio": 0.5}
 

@@ -9,7 +9,7 @@ from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
 from controller.measures import aura, centering
 from controller.measures.trial import TrialEvidence
 from controller.recording.series import TrialRecording
-from drivers.messages import Gripped, MoveAt, Reached, SampleBlock, Sent, Standstill, Stop
+from drivers.core.messages import Gripped, MoveAt, Reached, SampleBlock, Sent, Standstill, Stop
 
 PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.05, 0.0, 0.0)}}
 SPEED_M_S = 0.01
@@ -46,7 +46,7 @@ def row_of(events, truth=(), **extra):
     gap_m = extra.pop("end_gap_m", 0.0)
     settings = AuraSettings(paths=PATHS, end_gap_m=gap_m, methods=extra.pop("methods", ("paper", "ours")))
     known = None if truth is None else list(truth)
-    return aura.measure(approach(events, known, **extra), settings, "no_contact")[1]
+    return aura.measure(approach(events, known, **extra), settings, "approached")[1]
 
 
 def near(t_s, method="ours"):
@@ -85,10 +85,10 @@ def test_an_approach_that_a_pause_broke_off_is_no_approach_and_the_next_one_is_o
     evidence = approach([near(4.0)], [])
     broken = [("BASELINE", 0.0), ("APPROACHING", 0.5), ("RETRACTING", 1.0), ("BASELINE", 1.5)]
     evidence.visits = [*broken, *evidence.visits[1:]]
-    _, row = aura.measure(evidence, AuraSettings(paths=PATHS, end_gap_m=0.0), "no_contact")
+    _, row = aura.measure(evidence, AuraSettings(paths=PATHS, end_gap_m=0.0), "approached")
     assert (row["approaches"], row["seen_ours"]) == (1, 1)
     evidence.visits = [*broken[:3], ("LEAVING", 1.5)]
-    _, row = aura.measure(evidence, AuraSettings(paths=PATHS, end_gap_m=0.0), "no_contact")
+    _, row = aura.measure(evidence, AuraSettings(paths=PATHS, end_gap_m=0.0), "approached")
     assert row["approaches"] == 0
 
 
@@ -107,6 +107,37 @@ def test_a_touch_is_felt_held_and_ended():
     assert (row["touches"], row["felt_ours"], row["held_ours"], row["ended_ours"]) == (1, 1, 1, 1)
     assert row["delay_s_ours"] == pytest.approx(0.02)
     assert row["false_ours"] == 0
+
+
+@pytest.mark.parametrize(
+    ("before_s", "felt", "false"), [(-0.02, 1, 0), (0.0, 1, 0), (0.0009, 1, 0), (0.0011, 0, 1), (0.05, 0, 1)]
+)
+def test_a_contact_more_than_a_step_before_the_touch_is_false_and_no_hit(before_s, felt, false):
+    row = row_of([Contact(6.0 - before_s, "contact_ours", 9.0, 5.0)], TOUCH)
+    assert (row["felt_ours"], row["false_ours"]) == (felt, false)
+    assert row["delay_s_ours"] == (pytest.approx(max(0.0, -before_s)) if felt else None)
+
+
+def test_a_touch_that_follows_a_false_contact_of_its_approach_is_no_hit():
+    touch = Contact(6.01, "contact_ours", 9.0, 5.0)
+    in_the_rest, on_the_way = (
+        row_of([Contact(t_s, "contact_ours", 9.0, 5.0), touch], TOUCH) for t_s in (1.0, 5.99)
+    )
+    assert (in_the_rest["felt_ours"], in_the_rest["false_ours"]) == (1, 1), "it stops nothing"
+    assert (on_the_way["felt_ours"], on_the_way["false_ours"]) == (0, 1)
+
+
+def test_a_contact_reported_after_the_force_is_gone_is_false():
+    within, after = (row_of([Contact(t_s, "contact_ours", 9.0, 5.0)], TOUCH) for t_s in (9.49, 9.51))
+    assert (within["false_ours"], after["false_ours"]) == (0, 1)
+
+
+def test_a_contact_may_end_from_the_return_on_while_the_foam_unloads():
+    felt = [Contact(6.02, "contact_ours", 9.0, 5.0), ContactHeld(6.5, "contact_ours", 9.0, 5.0)]
+    for lost_s, counts in ((8.99, (0, 0)), (9.0, (1, 1)), (9.45, (1, 1)), (10.1, (1, 0))):
+        row = row_of([*felt, ContactLost(lost_s, "contact_ours", 1.0, 5.0)], TOUCH)
+        assert (row["held_ours"], row["ended_ours"]) == counts, lost_s
+    assert (row["truth_contact_s"], row["truth_release_s"]) == (6.0, 9.5)
 
 
 def test_a_contact_that_is_taken_back_too_soon_is_not_held():
@@ -178,7 +209,7 @@ def test_reports_are_counted_by_approach():
     evidence = approach(events, None, until_s=28.0)
     first = [*evidence.visits[:-1], ("BASELINE", 14.0)]
     evidence.visits = [*first, *((state, t_s + 14.0) for state, t_s in evidence.visits[1:])]
-    _, row = aura.measure(evidence, AuraSettings(paths=PATHS), "no_contact")
+    _, row = aura.measure(evidence, AuraSettings(paths=PATHS), "approached")
     assert row["approaches"] == 2
     assert reported(row) == (2, 0, 1, 2, 0)
 
@@ -198,7 +229,7 @@ def test_the_error_is_where_it_stands_less_where_the_object_is():
         Standstill(8.1, "arm", -0.0016),
         Reached(9.0, "arm", 0.0017),
     ]
-    _, row = centering.measure(search(events, VISITS), CenteringSettings(), "no_contact")
+    _, row = centering.measure(search(events, VISITS), CenteringSettings(), "centered")
     assert row["error_m"] == pytest.approx(-0.0003)
     assert (row["left_m"], row["right_m"]) == (0.005, -0.0016)
     assert row["search_s"] == pytest.approx(2.1)
@@ -208,7 +239,7 @@ def test_the_error_is_where_it_stands_less_where_the_object_is():
 def test_a_search_that_never_ended_has_no_error_and_counts_touches():
     truth = [(5.0, True), (5.5, False), (6.2, True)]
     _, row = centering.measure(
-        search([], [("SEEKING_FORWARD", 6.0), ("LEAVING", 7.0)], truth), CenteringSettings(), "contact"
+        search([], [("SEEKING_FORWARD", 6.0), ("LEAVING", 7.0)], truth), CenteringSettings(), "touched"
     )
     assert (row["error_m"], row["touched"]) == (None, 1)
 
@@ -220,7 +251,7 @@ def test_the_result_of_a_search_before_a_pause_is_discarded():
     _, row = centering.measure(
         search([*events, Reached(24.0, "arm", 0.03)], [*VISITS[:3], *again]),
         CenteringSettings(),
-        "no_contact",
+        "centered",
     )
     assert all(row[name] is None for name in ("error_m", "middle_m", "left_m", "right_m", "search_s"))
 
@@ -232,7 +263,7 @@ def test_a_grasp_reports_when_each_finger_felt_it():
         Gripped(12.0, "gripper", True, 0.019, 10.0),
     ]
     visits = [*VISITS, ("CLOSING", 11.0), ("RELEASING", 14.0)]
-    _, row = centering.measure(search(events, visits), CenteringSettings(), "contact")
+    _, row = centering.measure(search(events, visits), CenteringSettings(), "centered")
     assert row["gripped"] == 1
     assert row["contact_left_s"] == pytest.approx(0.4)
     assert row["contact_right_s"] is None
@@ -246,8 +277,8 @@ def test_the_stops_are_timed_from_the_samples_that_saw_the_object():
         Sent(8.02, "arm", Stop("arm")),
     ]
     visits = [("SEEKING_FORWARD", 6.0), ("TURNING", 6.5), ("SEEKING_BACKWARD", 6.6), ("STOPPING", 8.0)]
-    _, row = centering.measure(search(events, visits), CenteringSettings(), "no_contact")
+    _, row = centering.measure(search(events, visits), CenteringSettings(), "centered")
     assert row["seen_to_stop_left_s"] == pytest.approx(0.012)
     assert row["seen_to_stop_right_s"] == pytest.approx(0.02)
-    _, unseen = centering.measure(search(events, visits[:1]), CenteringSettings(), "no_contact")
+    _, unseen = centering.measure(search(events, visits[:1]), CenteringSettings(), "centered")
     assert unseen["seen_to_stop_left_s"] is None

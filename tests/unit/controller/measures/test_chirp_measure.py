@@ -9,7 +9,7 @@ from behaviors.chirp import ChirpSettings
 from controller.measures import chirp
 from controller.measures.trial import TrialEvidence
 from controller.recording.series import TrialRecording
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.06])
@@ -31,7 +31,7 @@ def test_the_best_frequency_is_where_most_comes_back_however_late_it_comes(late_
         SampleBlock("audio.fingers", 0, 0.0, tone[:, None] * [1.0, 0.5] + noise, rate_hz=96_000.0, unit="FS")
     )
     evidence = TrialEvidence({}, recording, entered_s={"SWEEPING": 0.1, "RINGING": 1.1 + late_s})
-    _, row = chirp.measure(evidence, settings, "no_contact")
+    _, row = chirp.measure(evidence, settings, "swept")
     assert row["best_hz"] == pytest.approx(39_500.0, abs=chirp.STEP_HZ)
     # half a band, and a millisecond of 26 kHz a second
     assert row["unsure_hz"] == pytest.approx(125.0 + 26.0)
@@ -50,7 +50,7 @@ def test_a_sweep_that_a_pause_broke_off_is_not_taken_for_silence():
     values = np.column_stack([sound + noise] * 2)
     recording.add(SampleBlock("audio.fingers", 0, 0.0, values, rate_hz=96_000.0, unit="FS"))
     evidence = TrialEvidence({}, recording, entered_s={"SILENT": 2.0, "SWEEPING": 3.0, "RINGING": 4.0})
-    _, row = chirp.measure(evidence, ChirpSettings(duration_s=1.0), "no_contact")
+    _, row = chirp.measure(evidence, ChirpSettings(duration_s=1.0), "swept")
     # half a square over the noise's variance
     assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.5 / 1e-6), abs=1.0)
 

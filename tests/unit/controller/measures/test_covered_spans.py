@@ -5,7 +5,7 @@ import pytest
 
 from controller.measures.trial import EDGE_S, MissingDataError, TrialEvidence
 from controller.recording.series import TrialRecording
-from drivers.messages import SampleBlock, StreamInfo
+from drivers.core.messages import SampleBlock, StreamInfo
 
 FORCE = StreamInfo("board.force", ("force",), "N", rate_hz=1000.0)
 PLACE = StreamInfo("arm.position", ("position",), "m", rate_hz=500.0, longest_s=0.02)

@@ -7,7 +7,7 @@ import pytest
 
 from controller.measures.ladder import DETECTED_SIGMA, Step, calibrate, steps_of
 from controller.recording.series import TrialRecording
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 LOADS_N = [1.0, 2.0, 3.0, 4.0]
 GAIN_V_N, WIDTH, TOP_N = 0.05, 0.06, 4.0

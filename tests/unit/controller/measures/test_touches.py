@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from controller.measures.touches import Touch, errors_of, loop_of, spans_of, touches_of, turned_rad
 from controller.recording.series import TrialRecording
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 DOWN = Rotation.from_rotvec([0.0, 3.1416, 0.0])
 """The start pose: the tool looks down. Its rotation vector is as long as half a turn, where the sign jumps."""

@@ -9,7 +9,6 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from behaviors.events import Contact, GuardStopped
-from controller.detectors.protocol import Reading
 from controller.limits import GuardSettings
 from controller.recording import disk
 from controller.recording.event_log import EventLog
@@ -17,11 +16,11 @@ from controller.recording.layouts import FOXGLOVE, PLOTJUGGLER, write_layouts
 from controller.recording.ledger import read_ledger
 from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
-from controller.recording.recorder import Recorder
+from controller.recording.recorder import BIN_S, Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
 from controller.recording.series import Gap, Span
 from controller.recording.stream_writer import MOST_ROWS, StreamWriter
-from drivers.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
+from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 STREAMS = {
@@ -387,9 +386,9 @@ def test_a_recorder_may_be_closed_twice(folder):
 def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(folder):
     recorder = recorder_in(folder)
     kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
-    readings = [Reading(1.0 + 0.01 * n, 0.1 * n, 7.0) for n in range(25)]
+    readings = [(1.0 + 0.03 * n, 0.1 * n, 7.0) for n in range(25)]
     for reading in readings:
-        recorder.reading("near", reading)
+        recorder.readings("near", np.array([reading]), [])
     assert 0 < len(kept.stream("detector.near")) < len(readings), "some at a time"
     recorder.end_trial("contact", {})
     recorder.close()
@@ -402,12 +401,38 @@ def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(fol
     assert [(d.t_s, d.statistic, d.threshold) for d in plotted] == readings
 
 
+@pytest.mark.parametrize("size", [1, 64, 1000])
+def test_of_readings_faster_than_the_rate_the_least_the_largest_and_the_deciding_ones_are_kept(folder, size):
+    times_s = 2.0 + np.arange(1000) / 1024.0
+    statistic = np.random.default_rng(3).normal(size=1000)
+    readings = np.column_stack([times_s, statistic, np.full(1000, 1.5)])
+    decided = int(np.argmax(statistic > 1.5))
+    recorder = recorder_in(folder)
+    kept = recorder.begin_trial(1, {}, 0.0)
+    for begin in range(0, 1000, size):
+        part = readings[begin : begin + size]
+        recorder.readings("near", part, [t_s for t_s in part[:, 0] if t_s == times_s[decided]])
+    recorder.end_trial("contact", {})
+    recorder.close()
+    wanted = {decided}
+    for low_s in np.arange(2.0, 3.0, BIN_S):
+        inside = np.flatnonzero((times_s >= low_s - 1e-9) & (times_s < low_s + BIN_S - 1e-9))
+        wanted |= (
+            {int(inside[pick(statistic[inside])]) for pick in (np.argmin, np.argmax)}
+            if len(inside)
+            else set()
+        )
+    found = kept.stream("detector.near")
+    np.testing.assert_array_equal(found.times_s, times_s[sorted(wanted)])
+    np.testing.assert_array_equal(found.values, readings[sorted(wanted), 1:])
+
+
 def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
     recorder = recorder_in(folder)
     limits = GuardSettings(force_stream="board.load_cell", force_n=2.0, position_stream=None, travel_m=0.01)
     recorder.begin_trial(4, {"location": "f"}, 0.0, limits)
     recorder.record([load_cell(1000), load_cell(1010), periods(3, [1.01, 1.046])])
-    recorder.reading("contact", Reading(1.0, 28.0, 28.2))
+    recorder.readings("contact", np.array([[1.0, 28.0, 28.2]]), [])
     contact = Contact(1.03, "contact", 30.0, 29.0)
     recorder.event(contact, state="APPROACH", next_state="STOPPING", commands=[Stop("stage")])
     recorder.end_trial("contact", {"delay_s": 0.2})

@@ -167,3 +167,16 @@ def test_a_resumed_run_writes_over_no_recording(tmp_path):
         names.append(path.name)
     assert names[:3] == ["recording.mcap", "recording_2.mcap", "recording_3.mcap"]
     assert [path.name for path in folder.recordings] == names
+
+
+def test_a_run_whose_devices_could_not_be_opened_is_never_the_latest(tmp_path):
+    first = RunFolder.create(tmp_path, "mock/transient", STARTED)
+    first.write_manifest({"exit": {"status": "done"}})
+    later = RunFolder.create(tmp_path, "mock/transient", STARTED.replace(year=2027))
+    later.write_manifest({"exit": {"status": "running"}})
+    assert RunFolder.find("latest", root=tmp_path).path == later.path, "its devices are being opened"
+    later.write_manifest({"exit": {"status": "fault"}})
+    for text in ("latest", "latest:mock/transient"):
+        assert RunFolder.find(text, root=tmp_path).path == first.path
+    later.trials_path.write_text("trial,outcome\n")
+    assert RunFolder.find("latest", root=tmp_path).path == later.path

@@ -13,7 +13,7 @@ from controller.recording.schemas import (
     encode_block,
     log_schema,
 )
-from drivers.messages import SampleBlock, StreamInfo
+from drivers.core.messages import SampleBlock, StreamInfo
 
 BLOCK = block_schema()
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

@@ -1,7 +1,7 @@
 import numpy as np
 
 from controller.recording.series import Gap, Span, TrialRecording
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 
 def block(seq, count, *, rate_hz=1000.0):

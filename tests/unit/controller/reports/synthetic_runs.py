@@ -14,7 +14,7 @@ from behaviors.events import BaselineReady, Contact, GuardStopped
 from controller.recording.reader import Run, open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
-from drivers.messages import SampleBlock, Stop, StreamInfo
+from drivers.core.messages import SampleBlock, Stop, StreamInfo
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 STREAMS = {
@@ -190,7 +190,7 @@ def write_static(root: Path, frequencies_hz: dict[str, float], *, bench: str = "
             "force_n": {"none": 0.0, "light": 0.1, "full": 0.6}[condition],
             "force_peak_n": {"none": 0.0, "light": 0.3, "full": 0.8}[condition],
         }
-        recorder.end_trial("no_contact" if condition == "none" else "contact", row)
+        recorder.end_trial("recorded", row)
     recorder.close()
     return open_run(folder.path)
 

@@ -164,12 +164,13 @@ def test_a_detector_that_only_listened_is_scored_against_the_truth(approaches_of
             Given(observer_s=0.05, delay_s=0.2),
             Given(observer_s=-0.3),
             Given(observer_s=-0.005),  # before onset, after the touch: the truth is 10 ms before the onset
+            Given(observer_s=-0.0115),  # a step and a half before the touch
             Given(observer_s=None),
         )
     )
     acting, observer = scores
-    assert (acting.name, acting.n, acting.true, acting.false, acting.silent) == ("contact", 4, 4, 0, 0)
-    assert (observer.true, observer.false, observer.silent) == (2, 1, 1)
+    assert (acting.name, acting.n, acting.true, acting.false, acting.silent) == ("contact", 5, 5, 0, 0)
+    assert (observer.true, observer.false, observer.silent) == (2, 2, 1)
     assert observer.delay_s.mean == pytest.approx((0.05 - 0.005) / 2)
 
 

@@ -17,7 +17,7 @@ from controller.reports.figures import Figures
 from controller.reports.pointer import read_sweeps
 from controller.reports.report import build_report
 from controller.reports.weights import read_bridges
-from drivers.messages import Loaded, SampleBlock, StreamInfo
+from drivers.core.messages import Loaded, SampleBlock, StreamInfo
 from tests.unit.controller.reports.synthetic_runs import text_of
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
@@ -54,7 +54,7 @@ def opened(root, experiment, bench, settings, factors):
 # --- B6 ----------------------------------------------------------------------------------------------
 
 
-def write_weights(root, *, bench="mock", gains=None, outcome="contact", cycles=3):
+def write_weights(root, *, bench="mock", gains=None, outcome="calibrated", cycles=3):
     """A ladder for each bridge: the loop of a hysteresis as wide as printed, about a line of the gain given."""
     behavior = {
         "load_stream": "operator.load",
@@ -218,7 +218,7 @@ def test_the_page_states_the_error_over_the_whole_range(tmp_path, undrawn):
         f"From −57° to +57° the contact's angle is off by {rms:.2f}° (root mean square), at most 5.16° (3.0 N)"
         in text
     )
-    assert "1.00 N 6 +0.57 1.26 1.28 1.72 2.29 0.00" in text
+    assert "1.00 6 +0.57 1.26 1.28 1.72 2.29 0.00" in text
     assert "The simulated tip reads Fn sin θ and Fn cos θ exactly" in text
 
 

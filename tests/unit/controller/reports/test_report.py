@@ -3,6 +3,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +11,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from behaviors.events import Contact
-from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.recording import reader
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
+from controller.registry import ExperimentKind
 from controller.reports import report
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import Figures
 from controller.reports.pages import library
 from controller.reports.report import build_report, build_report_with_summary
+from controller.reports.section import Printed, ReportTable
+from controller.reports.settings import settings_table
 from controller.reports.static import read_conditions
-from controller.reports.transient_figures import moving_average, representative, trace_of
-from drivers.messages import SampleBlock
+from controller.reports.transient import section
+from controller.reports.transient_figures import representative, trace_of
 from tests.unit.controller.reports.synthetic_runs import (
     ONSET_S,
     Given,
@@ -135,6 +137,7 @@ def test_the_guards_stop_and_the_stop_certificates_are_reported(campaign):
     )
     assert "detection to stop command, ms 5.00 5.00 5.00" in text
     assert "command to standstill, ms 25.0 25.0 25.0" in text
+    assert "peak force of true contacts, N" in text, "an approach that a false contact ended never pressed"
 
 
 def test_simulated_numbers_are_called_simulated_and_real_ones_are_not(tmp_path, undrawn):
@@ -149,7 +152,7 @@ def test_simulated_numbers_are_called_simulated_and_real_ones_are_not(tmp_path, 
 def test_a_figure_of_a_simulated_bench_is_marked_as_such(tmp_path):
     drawn = {}
     for simulated in (True, False):
-        figures = Figures(tmp_path / str(simulated), simulated=simulated)
+        figures = Figures(tmp_path / str(simulated), simulated="simulated" if simulated else "")
         with figures.figure(2.0) as drawing:
             drawing.save("a")
             drawn[simulated] = [text.get_text() for text in drawing.figure.texts]
@@ -291,7 +294,7 @@ def test_several_runs_are_pooled_by_experiment(tmp_path):
     assert path == tmp_path / "report.html"
     assert "7 approaches: 7 contact" in text
     assert (
-        "plant.noise_scale detectors.contact.sample_hz delay s, mean (σ) false contacts 0.5 10 0.20 (–)"
+        "plant.noise scale detectors.contact.sample, Hz delay, mean (σ), s false contacts 0.5 10 0.20 (–)"
         in text
     )
     assert "light contact 33.00 30 +3.0 ± 2 assumed" in text
@@ -334,6 +337,17 @@ def test_runs_of_different_settings_stand_apart_and_the_page_says_what_differs(t
     assert "settle_s" not in differing
 
 
+@pytest.mark.parametrize(
+    ("rates_hz", "here"), [([28.0], "28"), ([None, None], "15"), ([None, 28.0], "15 (varied: 15, 28)")]
+)
+def test_the_settings_are_those_that_the_trials_were_run_with(tmp_path, rates_hz, here):
+    run = write_transient(tmp_path, [Given(sample_hz=rate_hz, noise_scale=1.0) for rate_hz in rates_hz])
+    table = settings_table(run, {"detectors.contact.sample_hz": Printed("not printed", "V.B")})
+    assert ["detectors.contact.sample_hz", here] in [[*row[:2]] for row in table.rows]
+    rest = {row[0]: row[1] for row in settings_table(run, {}).rows}
+    assert f"sample_hz {here}," in rest["detectors.contact"]
+
+
 def test_trials_in_which_a_setting_was_varied_are_in_no_row_of_the_others(tmp_path, undrawn):
     varied = Given(delay_s=0.9, noise_scale=2.0, sample_hz=28.0)
     text = text_of(build_report([write_transient(tmp_path, [Given(delay_s=0.2), varied])]))
@@ -346,7 +360,13 @@ def test_trials_in_which_a_setting_was_varied_are_in_no_row_of_the_others(tmp_pa
 
 
 def test_the_profile_on_the_page_is_the_manifests(tmp_path, undrawn):
-    detector = {**CONTACT, "kind": "resonance", "baseline_s": 10.0, "sample_hz": 28.0, "threshold_sigma": 5.0}
+    detector = {
+        **CONTACT,
+        "kind": "resonance.paper",
+        "baseline_s": 10.0,
+        "sample_hz": 28.0,
+        "threshold_sigma": 5.0,
+    }
     run = with_settings(
         write_transient(tmp_path, [Given()] * 10),
         detectors={"contact": detector},
@@ -414,7 +434,8 @@ def test_a_new_experiment_has_its_columns_means_spreads_and_a_plot_without_any_c
     assert "delay, s" in text
     assert "0.35 ± 0.071 (2)" in text, "of the two trials with equal factors"
     assert "0.2 (1)" in text
-    assert "Contact: 100.0 % (43.9 to 100.0)." in text
+    assert "Succeeded: 100.0 % (43.9 to 100.0)." in text
+    assert "Contact: 100.0 %" not in text, "said once"
     assert path.read_text("utf-8").count("<svg aria-label") == 1
     assert {file.suffix for file in (path.parent / "figures").iterdir()} == {".svg", ".pdf", ".png"}
 
@@ -446,33 +467,6 @@ def test_fig_5s_force_is_tared_before_the_approach_and_its_onset_is_where_it_say
     assert trace.contact_s == [(ONSET_S + 0.40, True)]
 
 
-def test_the_moving_average_takes_the_first_period_of_each_cell_of_the_grid():
-    times_s = np.array([0.01, 0.04, 0.11, 0.19, 0.21, 0.35])
-    frequency_hz = np.array([10.0, 99.0, 20.0, 99.0, 30.0, 40.0])
-    averaged = moving_average(times_s, frequency_hz, 10.0, 2)
-    assert averaged[0].tolist() == [0.11, 0.21, 0.35]
-    assert averaged[1].tolist() == pytest.approx([15.0, 25.0, 35.0])
-    every = moving_average(times_s, frequency_hz, None, 3)
-    assert every[1].tolist() == pytest.approx([129 / 3, 218 / 3, 149 / 3, 169 / 3])
-    assert len(moving_average(times_s, frequency_hz, 10.0, 9)[0]) == 0
-
-
-def test_the_moving_average_that_is_drawn_is_the_one_that_the_detector_decided_on():
-    rng = np.random.default_rng(5)
-    frequency_hz = np.concatenate([28.0 + 0.1 * rng.normal(size=200), np.linspace(28.0, 34.0, 60)])
-    times_s = np.cumsum(1.0 / frequency_hz)
-    detector = ResonancePaperDetector(
-        "contact", ResonancePaperSettings(sample_hz=15.0, average_samples=10, baseline_s=4.0)
-    )
-    periods_s = (1.0 / frequency_hz).reshape(-1, 1)
-    events = detector.push(SampleBlock("board.period", 0, times_s[0], periods_s, None, times_s, "s"))
-    average_s, average_hz = moving_average(times_s, frequency_hz, 15.0, 10)
-    contacts = [event for event in events if isinstance(event, Contact)]
-    assert contacts
-    for event in contacts:
-        assert average_hz[np.flatnonzero(average_s == event.t_s)] == pytest.approx(event.value, abs=1e-9)
-
-
 def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path):
     run = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0})
     conditions = read_conditions([run])
@@ -490,3 +484,98 @@ def test_the_static_page_says_what_falls_and_how_erratic_light_contact_is(tmp_pa
     assert "Amplitude of motion 6.4 times smaller with full contact than without; it falls from none" in text
     assert "that of the acceleration as well" in text
     assert "wanders 20 times as much" in text
+
+
+def own(run, loss=None, **devices):
+    """The run as one of an experiment of the user's own, with these devices."""
+    profile = run.manifest["profile"]
+    resolved = {**profile["resolved"], "title": "Poke a sponge", "devices": devices}
+    named = {
+        "experiment": "my_lab.poke:Poke",
+        "profile": {**profile, "resolved": resolved},
+        "loss": loss or {},
+    }
+    run.folder.write_manifest({**run.manifest, **named})
+    return open_run(run.folder.path)
+
+
+@pytest.fixture
+def unsectioned(monkeypatch, undrawn):
+    """No module of one's own is looked for: the standard section reports it."""
+    monkeypatch.setattr(report, "experiment_of", lambda *_: ExperimentKind(""))
+
+
+def test_the_page_of_ones_own_experiment_has_its_title_and_nothing_of_a_paper(tmp_path, unsectioned):
+    run = write_transient(tmp_path, [Given()])
+    page, lines = build_report_with_summary([own(run)])
+    text = text_of(page)
+    assert lines[0] == "Poke a sponge, mock"
+    assert "my_lab.poke:Poke" in text.partition("How it was run Dark")[2], "in the account alone"
+    assert "my lab" not in text
+    assert "ours and not" not in text
+    assert "Where the numbers come from" in text
+    assert "Fitted" not in text
+    assert ">the paper</th>" not in page.read_text("utf-8")
+    assert "partly simulated" not in text
+
+
+def test_a_device_at_a_port_of_its_own_on_a_simulated_bench_is_called_measured(tmp_path, unsectioned):
+    devices = {"stage": {"port": "emulated"}, "scale": {"port": "/dev/ttyUSB0"}}
+    run = own(write_transient(tmp_path, [Given()], bench="emulated"), **devices)
+    text = text_of(build_report([run]))
+    assert "partly simulated" in text
+    assert "What scale sent came through a port of its own and is measured." in text
+
+
+def test_samples_lost_stand_at_the_terminals_end(tmp_path, unsectioned):
+    run = own(write_transient(tmp_path, [Given()]), loss={"scale.force": 12, "stage.position": 0})
+    *_, last = build_report_with_summary([run])[1]
+    assert last == "Samples lost: 12 of scale.force."
+
+
+def test_a_page_of_two_runs_leaves_the_page_of_each_alone(tmp_path, undrawn):
+    runs = [write_transient(tmp_path, [Given()]) for _ in range(2)]
+    before = [build_report([run]).read_bytes() for run in runs]
+    page = build_report(runs)
+    assert page.parent.parent == tmp_path
+    assert page.parent.name == f"report_{runs[0].folder.path.name}_{runs[1].folder.path.name}"
+    assert [(run.folder.path / "report.html").read_bytes() for run in runs] == before
+
+
+def test_one_bound_has_one_verdict_on_the_whole_page(tmp_path, undrawn):
+    quick = [Given("d", 0.004487, 0.1 + 0.01 * n, 0.05) for n in range(2)]
+    quick += [
+        Given("e", 0.004885, 0.1, 0.05),
+        Given("f", 0.004843, 0.1, 0.2),
+        Given("g", 0.004555, 0.12, 0.05),
+    ]
+    found = section([write_transient(tmp_path, quick)], Figures(tmp_path / "figures"))
+    tables = [block for block in found.body if isinstance(block, ReportTable)]
+    (bounds,) = [table for table in tables if table.heads[0] == "bound"]
+    at_top = [result for result in found.summary if "at detection:" in result.text]
+    above = {result.text.partition(" ")[0].lower(): result.met for result in at_top}
+    below = {row[0].split()[-1]: row[4] for row in bounds.rows}
+    assert above == below
+    assert below["force"] is False
+    assert not any("Table I" in result.text for result in at_top), "one comparison in a line"
+
+
+def test_an_onset_that_was_noise_is_said_to_lengthen_the_time(tmp_path, undrawn):
+    """In this writer's truth the probe touches 10 ms before the load cell's onset."""
+    run = write_transient(tmp_path, [Given("d", 0.004487, 0.3), Given("d", 0.004487, 0.3)])
+    assert "noise reached" not in text_of(build_report([run]))
+    late = [{**run.trials[0], "truth_contact_s": ONSET_S + 0.01}, *run.trials[1:]]
+    text = text_of(build_report([replace(run, trials=late)]))
+    assert "In 1 of 2 contacts the load cell's noise reached 0.005 N before the probe touched" in text
+
+
+def test_what_is_rounded_to_zero_has_no_sign(tmp_path, undrawn):
+    text = text_of(build_report([write_transient(tmp_path, [Given("d", 0.004487, 0.3, -4e-6)])]))
+    assert " 0.0000 " in text
+    assert not re.search(r"[-−]0(\.0+)?(?![.\d])", text)
+
+
+def test_a_frequency_that_is_the_papers_is_neither_below_nor_above_it(tmp_path, undrawn):
+    text = text_of(build_report([write_static(tmp_path, {"none": 27.98, "light": 30.2, "full": 49.0})]))
+    assert "No contact: the same as the paper's 28 Hz, at 28.0 Hz" in text
+    assert "Light contact: 0.2 Hz above the paper's 30 Hz" in text

@@ -1,19 +1,23 @@
 """The section on B1 to B5 and B8, from rows written by hand."""
 
 from datetime import UTC, datetime
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from controller.measures.slip import COLUMNS
-from controller.recording.reader import open_run
+from controller.recording.reader import Run, open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
+from controller.recording.series import Series
+from controller.reports import slip
 from controller.reports.figures import Figures
 from controller.reports.report import build_report
 from controller.reports.slip import interval
-from controller.reports.slip_scores import PLAIN, PLANT, TABLE_1, condition_of, read_scores
+from controller.reports.slip_scores import PLAIN, PLANT, SENSORS, TABLE_1, condition_of, read_scores
 from controller.reports.slip_verdicts import NOT_JUDGED, verdict_of
-from drivers.mock.physics.fingertip_settings import SlipBenchSettings
+from simulator.physics.fingertip_settings import SlipBenchSettings
 from tests.unit.controller.reports.synthetic_runs import text_of
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
@@ -95,7 +99,7 @@ def test_a_share_missed_is_one_of_those_detected_or_missed(tmp_path, undrawn):
     # one of five is regular, one of ten would be regular too, but of the ten five were never there to be missed
     assert scores_of(run)["fingertip", TABLE_1, "paper"].verdict == "regular"
     text = text_of(build_report([run]))
-    assert "B1 fingertip the paper's 5 of 10 1 of 5 (4 to 62 %) 50 50 regular good" in text
+    assert "B1 fingertip the paper's 5 of 10 1 of 5 (4 to 62 %) 0.050 0.050 regular good" in text
     assert "Beside that, 5 of 10 slips were called before they began." in text
 
 
@@ -226,3 +230,22 @@ def test_table_1_states_that_it_is_not_at_equal_false_alarms(tmp_path, undrawn):
 )
 def test_a_verdict_needs_three_slips_that_were_detected_or_missed(delays_s, grade):
     assert verdict_of(delays_s) == grade
+
+
+@pytest.mark.parametrize(
+    ("sensor", "unit", "shown", "factor"),
+    [("dsa", "V", "mV", 1e3), ("fingertip", "V", "V", 1.0), ("barrett_finger", "N", "N", 1.0)],
+)
+def test_the_product_is_in_the_unit_that_the_paper_draws_or_said_not_to_compare(
+    tmp_path, undrawn, monkeypatch, sensor, unit, shown, factor
+):
+    times_s = np.arange(200) / SENSORS[sensor].rate_hz
+    series = Series(times_s, np.zeros((200, 1)), unit)
+    run = write(tmp_path, [trial(sensor, peak_product=0.0025, peak_product_before=0.001)])
+    monkeypatch.setattr(Run, "recorded_trials", [1])
+    monkeypatch.setattr(Run, "readable", lambda *_: SimpleNamespace(stream=lambda _: series))
+    (row,) = slip._frequencies([run])
+    assert row["unit"] == f"{shown}² Hz"
+    assert row["peak_product"] == pytest.approx(0.0025 * factor**2)
+    assert (row["why"] == "yes") == (shown == SENSORS[sensor].signal)
+    assert row["paper_product"] == SENSORS[sensor].product

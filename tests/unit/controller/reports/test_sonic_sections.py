@@ -38,7 +38,7 @@ def undrawn(monkeypatch):
 
 
 def write(root, experiment, rows, *, bench="mock", behavior=None, planned=None):
-    """A run whose trials are these rows: factors, measures and, where it is not `no_contact`, the outcome."""
+    """A run whose trials are these rows: factors, measures and, where it is not `approached`, the outcome."""
     measures = {"aura": aura_measures, "centering": centering_measures}[experiment].COLUMNS
     factors = list(dict.fromkeys(name for row in rows for name in row if name not in (*measures, "outcome")))
     folder = RunFolder.create(root, f"{bench}/{experiment}", START)
@@ -61,14 +61,16 @@ def write(root, experiment, rows, *, bench="mock", behavior=None, planned=None):
     for trial, row in enumerate(rows, start=1):
         recorder.begin_trial(trial, {name: row.get(name) for name in factors}, 100.0 * trial)
         recorder.end_trial(
-            row.get("outcome", "no_contact"), {name: row[name] for name in row if name in measures}
+            row.get("outcome", "approached"), {name: row[name] for name in row if name in measures}
         )
     recorder.close()
     return open_run(folder.path)
 
 
 def section_of(module, *runs):
-    return module.section(runs, Figures(runs[0].folder.path / "figures", simulated=runs[0].simulated))
+    return module.section(
+        runs, Figures(runs[0].folder.path / "figures", simulated="simulated" if runs[0].simulated else "")
+    )
 
 
 def table(section, name):
@@ -174,13 +176,21 @@ def test_touches_are_counted_by_side_and_detector(tmp_path):
     section = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True}))
     counted = table(section, "touches")
     # Wilson by hand: centre (p + z²/2n) / (1 + z²/n), half width z √(p(1-p)/n + z²/4n²) / (1 + z²/n), z² = 3.8415
-    assert counted["normal", "ours"] == ["3", "66.7 % (20.8 to 93.9)", "100", "2", "1", "1 of 3"]
+    assert counted["normal", "ours"] == ["3", "66.7 % (20.8 to 93.9)", "0.100", "2", "1", "1 of 3"]
     assert counted["normal", "the paper's"] == ["3", "0.0 % (0.0 to 56.1)", "–", "0", "0", "1 of 3"]
     assert counted["top", "ours"][0] == "1"
     assert table(section, "reported") is None
     (felt,) = [result for result in section.summary if "2 of 3 touches detected" in result.text]
     assert not felt.met, "the paper's finger felt every touch of that side"
     assert felt.mark == "neither", "but what the simulated finger feels was assumed"
+
+
+def test_contact_of_the_papers_method_that_does_not_come_out_is_missed(tmp_path):
+    rows = [approached(object="mug", felt_paper=felt, false_paper=1 - felt) for felt in (0, 1)]
+    for felt, mark in ((rows, "missed"), (rows[1:], "neither")):
+        section = section_of(aura, write(tmp_path, "aura", felt, behavior={"touch": True}))
+        marks = [r.mark for r in section.summary if "contact, the paper's" in r.text.lower()]
+        assert marks == [mark, mark], "rate of touches, and of approaches without a false contact"
 
 
 def test_a_finger_need_not_feel_with_its_top(tmp_path):
@@ -207,6 +217,8 @@ def test_soft_objects_and_the_pipe_are_not_compared_with_the_papers_rates(tmp_pa
     for text in (
         f"Pre-touch, ours: 7.6 points above the paper's 92.4 % of its own objects: 2 of 2 approaches, {all_of_two}.",
         f"Contact, ours: 6.3 points above the paper's 93.7 % of its own objects: 2 of 2 touches, {all_of_two}.",
+        "No false contact, ours: 1.3 points above the paper's 98.7 % of its own objects: "
+        f"2 of 2 approaches, {all_of_two}.",
     ):
         assert (Kind.ASSUMED, text, True) in section.summary
     seen, felt = table(section, "pre-touch"), table(section, "contact")
@@ -218,6 +230,8 @@ def test_soft_objects_and_the_pipe_are_not_compared_with_the_papers_rates(tmp_pa
     assert seen["all but the soft ones and the pipe",][::2] == ["2", all_of_two]
     assert seen["sponge (soft)",][2].startswith("0.0 %")
     assert seen["nothing: not reported",][::2] == ["4", "75.0 % (30.1 to 95.4)"]
+    alarms = [result.text for result in section.summary if "approaches to nothing" in result.text]
+    assert any("ours: 1 alarms in 4 approaches to nothing, 25.0 % (4.6 to 69.9);" in text for text in alarms)
     assert felt["all but the soft ones and the pipe", "ours"] == ["2", all_of_two, "2", all_of_two]
     assert felt["sponge (soft)", "ours"][:2] == ["1", "0.0 % (0.0 to 79.3)"]
     assert table(section, "sides")["normal", "x"][1] == "3", "the soft ones are not in it"
@@ -243,8 +257,8 @@ def test_distances_are_medians_by_side_and_speed(tmp_path):
         for each in tables(section_of(aura, write(tmp_path, "aura", rows)))
         if CAPTIONS["sides"] in each.caption
     )
-    assert slow == ["normal", "x", "0.01", "3", "2.35", "3 of 3", "2.0", "2 of 3", "3.0"]
-    assert fast[2:4] == ["0.03", "1"]
+    assert slow == ["normal", "x", "10", "3", "2.35", "3 of 3", "20", "2 of 3", "30"]
+    assert fast[2:4] == ["30", "1"]
 
 
 # --- C3 ----------------------------------------------------------------------------------------------
@@ -261,8 +275,8 @@ def test_a_trial_that_does_not_vary_a_factor_has_the_behaviors_default(tmp_path)
     assert {
         tuple(row[:3]) for row in tables(section_of(centering, write(tmp_path, "centering", rows)))[0].rows
     } == {
-        ("paper cylinder", "the paper's", "0.03"),
-        (default.object, default.method, f"{default.speed_m_s:g}"),
+        ("paper cylinder", "the paper's", "30"),
+        (default.object, default.method, f"{1000 * default.speed_m_s:g}"),
     }
 
 
@@ -275,13 +289,13 @@ def test_errors_searches_and_stops_are_counted(tmp_path):
         centred(None, touched=1),
     ]
     section = section_of(centering, write(tmp_path, "centering", rows))
-    assert table(section, "errors") == {("pipe", "ours"): ["0.01", "3", "1", "3.00", "−1.00", "2.83", "2.00"]}
-    assert table(section, "grasps") == {("pipe", "ours"): ["0.01", "4.0", "2", "1 of 2 (50 %)"]}
+    assert table(section, "errors") == {("pipe", "ours"): ["10", "3", "1", "3.00", "−1.00", "2.83", "2.00"]}
+    assert table(section, "grasps") == {("pipe", "ours"): ["10", "4.0", "2", "1 of 2 (50 %)"]}
     assert table(section, "stops") == {("mock", "ours"): ["4", "25.0", "39.7", "40.0", "7"]}
     assert section.summary == [
         (
             Kind.PREDICTED,
-            "Pipe, ours, 0.01 m/s: 1.2 times above the 2.5 mm aimed at: worst error 3.00 mm in 2 trials; 1 of 3 found "
+            "Pipe, ours, 10 mm/s: 1.2 times above the 2.5 mm aimed at: worst error 3.00 mm in 2 trials; 1 of 3 found "
             "no middle.",
             False,
         )
@@ -290,7 +304,7 @@ def test_errors_searches_and_stops_are_counted(tmp_path):
 
 def test_unknown_touches_and_grasps_are_not_called_none(tmp_path):
     section = section_of(centering, write(tmp_path, "centering", [centred(0.001)], bench="hardware"))
-    assert table(section, "grasps") == {("pipe", "ours"): ["0.01", "–", "unknown", "not requested"]}
+    assert table(section, "grasps") == {("pipe", "ours"): ["10", "–", "unknown", "not requested"]}
 
 
 # --- runs that ended early ---------------------------------------------------------------------------
@@ -336,13 +350,15 @@ def test_a_trial_that_was_run_again_counts_once(tmp_path):
 
 def test_the_papers_method_beside_its_own_worst_is_no_good_news_and_ours_is_compared_with_it(tmp_path):
     rows = [centred(0.0035, method="paper"), centred(0.0002)]
-    theirs, ours = section_of(centering, write(tmp_path, "centering", rows)).summary[::-1]
-    assert theirs.text.startswith(
-        "Pipe, the paper's, 0.01 m/s: 2.3 times below the 8.0 mm that the paper has"
-    )
+    theirs, beside, ours = section_of(centering, write(tmp_path, "centering", rows)).summary[::-1]
+    assert theirs.text.startswith("Pipe, the paper's, 10 mm/s: 2.3 times below the 8.0 mm that the paper has")
     assert theirs.mark == "neither"
-    assert (
-        "17.5 times smaller than the paper's method on this bench, 12.5 times below the 2.5 mm aimed at"
-        in ours.text
-    )
+    assert "12.5 times below the 2.5 mm aimed at" in ours.text
+    assert "17.5 times smaller than the paper's method's on this bench" in beside.text
     assert ours.mark == "met"
+
+
+def test_an_approach_along_another_axis_has_a_result(tmp_path):
+    rows = [approached(axis="y", touches=0, seen_ours=seen, distance_m_ours=0.02) for seen in (1, 0)]
+    found = section_of(aura, write(tmp_path, "aura", rows)).summary
+    assert "seen in 1 of 2 approaches; 20 mm of the way left" in found[1].text

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.signals.along import UNKNOWN, Along
-from drivers.messages import SampleBlock
+from drivers.core.messages import SampleBlock
 
 ALONG_X = (1.0, 0.0, 0.0)
 

@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from controller.signals.iq import Iq, IqSettings
 from drivers.audio.oscillator import ToneWave
-from drivers.messages import SampleBlock, Saturated
+from drivers.core.messages import SampleBlock, Saturated
 
 RATE_HZ = 96_000
 FS = 2.0**-23

@@ -3,7 +3,7 @@
 import numpy as np
 
 from controller.signals.protocol import Signals
-from drivers.messages import SampleBlock, Saturated, StreamInfo
+from drivers.core.messages import SampleBlock, Saturated, StreamInfo
 
 
 class Doubled:

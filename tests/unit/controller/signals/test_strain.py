@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.signals.strain import CHANNELS, Strain, StrainSettings
-from drivers.messages import SampleBlock, Saturated
+from drivers.core.messages import SampleBlock, Saturated
 
 GAINS = np.array([0.0694, 0.0326, 1.0291])
 COUNT_V = 20.0 / 2**16

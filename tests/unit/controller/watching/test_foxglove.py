@@ -16,7 +16,7 @@ from controller.recording import layouts
 from controller.recording.stream_writer import StreamWriter
 from controller.reports import figures
 from controller.watching.foxglove import FoxgloveStream
-from drivers.messages import SampleBlock, StreamInfo
+from drivers.core.messages import SampleBlock, StreamInfo
 
 INFO = StreamInfo("board.load_cell", ("force",), "N")
 

@@ -95,7 +95,12 @@ def test_a_late_client_gets_the_last_minute(run):
     with watcher(run) as peer, peer.makefile() as lines:
         first = json.loads(lines.readline())
     assert first["rows"] == [
-        [2, "contact", {"location": "f", "speed_m_s": 0.003785, "delay_s": 0.212, "force_n": 0.04}]
+        [
+            2,
+            "contact",
+            {"location": "f", "speed, mm/s": "3.785", "delay, s": "0.212", "force, N": "0.04"},
+            True,
+        ]
     ]
     signal = first["signals"]["board.load_cell"]
     assert signal["t"][0] <= 1.02
@@ -106,13 +111,43 @@ def test_a_late_client_gets_the_last_minute(run):
 
 def test_a_client_that_does_not_read_gets_nothing_more_and_holds_nothing_up(run):
     with watcher(run) as deaf, watcher(run) as peer, peer.makefile() as lines:
+        for _ in range(100):
+            deaf.sendall(b"\n" * 2000)
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         for _ in range(5):
             assert json.loads(lines.readline())["trial"] == 3
         peer.sendall(b'no json\n{"do": "answer"}\n{"do": 3}\n{"do": "pause"}\n')
-        while not json.loads(lines.readline())["paused"]:
+        while not json.loads(lines.readline()).get("paused"):
             pass
     assert run.received() == ["pause"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"do": "answer", "number": 1e999, "done": 1}',
+        b'{"do": "answer", "number": NaN, "done": 1}',
+        b"[" * 3000,
+        b'{"do":' * 600,
+        b"9" * 4000,
+        b'{"do": ["stop"]}',
+        b'{"do": {"stop": 1}}',
+        b'{"do": "jump"}',
+        b"\xff\xfe",
+        b"null",
+        b"",
+    ],
+)
+def test_no_line_keeps_a_stop_from_being_heard_and_its_sender_gets_the_reason(run, line):
+    with watcher(run) as peer, peer.makefile() as lines:
+        peer.sendall(line + b"\n")
+        while "refused" not in (answer := json.loads(lines.readline())):
+            pass
+        assert "\n" not in answer["refused"]
+        peer.sendall(b'{"do": "stop"}\n')
+        while not json.loads(lines.readline())["stopped"]:
+            pass
+    assert run.received() == ["abort"]
 
 
 def test_a_detector_that_cannot_be_shown_ends_neither_the_run_nor_the_watching(run, monkeypatch):

@@ -17,7 +17,7 @@ from drivers.audio.codec import (
     pack24,
     unpack24,
 )
-from drivers.errors import CodecError
+from drivers.core.errors import CodecError
 
 # Two frames of two channels from frame 2^32 + 1 on: (1, -1), (8388607, -8388608).
 SOUND = bytes.fromhex("54 42 41 31 01 02 02 00 01 00 00 00 01 00 00 00 01 00 00 ff ff ff ff ff 7f 00 00 80")

@@ -11,9 +11,9 @@ import pytest
 
 from drivers.audio.driver import Audio, AudioSettings
 from drivers.audio.source import Declined, SoundPacket, SourceFound, Swept
-from drivers.clock import VirtualClock
-from drivers.errors import PortError, ProtocolError, SilentError
-from drivers.messages import (
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import PortError, ProtocolError, SilentError
+from drivers.core.messages import (
     Chirp,
     Excite,
     Failed,

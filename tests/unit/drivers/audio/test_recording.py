@@ -14,9 +14,9 @@ import pytest
 import soundfile
 
 from drivers.audio.driver import Audio, AudioSettings
-from drivers.clock import VirtualClock, WallClock
-from drivers.errors import CommandError, DeviceError, PortError, ProtocolError
-from drivers.messages import (
+from drivers.core.clock import VirtualClock, WallClock
+from drivers.core.errors import CommandError, DeviceError, PortError, ProtocolError
+from drivers.core.messages import (
     Chirp,
     Failed,
     Listen,

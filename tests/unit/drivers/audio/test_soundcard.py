@@ -18,9 +18,9 @@ from drivers.audio.driver import Audio, AudioSettings
 from drivers.audio.oscillator import ToneWave
 from drivers.audio.soundcard import SoundCard
 from drivers.audio.source import Swept
-from drivers.clock import WallClock
-from drivers.errors import PortError, ProtocolError
-from drivers.messages import Chirp, Excite, Failed, Listen, Lost, Reached, Refused, SampleBlock, Tone
+from drivers.core.clock import WallClock
+from drivers.core.errors import PortError, ProtocolError
+from drivers.core.messages import Chirp, Excite, Failed, Listen, Lost, Reached, Refused, SampleBlock, Tone
 
 RATE_HZ = 96_000
 ROUND_TRIP = 2400  # frames from the card's output to its input, as it reports itself
@@ -429,9 +429,7 @@ def test_no_card_at_all_is_reported_as_none(portaudio: Any) -> None:
 
 def test_a_missing_sounddevice_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sounddevice", None)
-    with pytest.raises(
-        PortError, match=r"^audio: it is not installed while loading sounddevice; .*requirements/sound\.txt$"
-    ):
+    with pytest.raises(PortError, match=r"^audio: sounddevice is not installed .*'touchbench\[sound\]'$"):
         audio("USB").open()
 
 

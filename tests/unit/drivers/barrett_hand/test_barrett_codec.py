@@ -15,8 +15,8 @@ from drivers.barrett_hand.codec import (
     encode_request,
     reply_id,
 )
-from drivers.can_frame import CanFrame
-from drivers.errors import CodecError
+from drivers.core.can_frame import CanFrame
+from drivers.core.errors import CodecError
 
 REQUESTS = [
     (Get(11, Property.STRAIN), "00B", "19"),

@@ -8,11 +8,11 @@ import pytest
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.can_frame import CanFrame
-from drivers.can_link import PeriodicQuestion, ReceivedFrame
-from drivers.clock import VirtualClock, WallClock
-from drivers.errors import CommandError, PortError
-from drivers.messages import Command, Failed, Listen, Lost, Refused, Saturated, Sent, Stop, Tare
+from drivers.core.can_frame import CanFrame
+from drivers.core.can_link import PeriodicQuestion, ReceivedFrame
+from drivers.core.clock import VirtualClock, WallClock
+from drivers.core.errors import CommandError, PortError
+from drivers.core.messages import Command, Failed, Listen, Lost, Refused, Saturated, Sent, Stop, Tare
 
 F1, F2 = "hand.strain_11", "hand.strain_12"
 
@@ -266,3 +266,10 @@ def test_numbers_go_on_through_a_pause_as_if_it_had_been_asked(hand: BarrettHand
     first, second = hand.read()
     assert (first.seq, len(first), second.seq) == (0, 4, 500)
     assert hand.poll() == []
+
+
+def test_frames_of_others_are_passed_over_while_the_hand_is_asked(link: Link) -> None:
+    link.waiting = [ReceivedFrame(CanFrame(0x123, b"\1"), DUE_S, None, None)] * 2
+    made = BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock(), link.open)
+    assert F1 in made.open().streams
+    assert link.waiting == []

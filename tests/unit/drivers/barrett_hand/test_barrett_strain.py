@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
-from drivers.messages import SampleBlock, Saturated
+from drivers.core.messages import SampleBlock, Saturated
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from drivers.can_gripper.brackets import CanGripperSettings
-from drivers.mock.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
-from drivers.mock.physics.jaws import GripObject, JawsSettings
-from drivers.mock.physics.jaws_drive import JawsDrive
+from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from simulator.physics.jaws import GripObject, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
 from tests.unit.drivers.can_gripper.gripper_bench import Bench, Host
 
 BEGIN_S = 5000.0

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from drivers.can_frame import CanFrame
 from drivers.can_gripper.brackets import CanGripperSettings
 from drivers.can_gripper.driver import CanGripper
-from drivers.can_link import PeriodicQuestion, ReceivedFrame
-from drivers.clock import WallClock
-from drivers.messages import Command, DeviceInfo, SampleBlock, Status
-from drivers.mock.devices.can_gripper import EmulatedCanGripper
-from drivers.mock.physics.jaws_drive import JawsDrive
+from drivers.core.can_frame import CanFrame
+from drivers.core.can_link import PeriodicQuestion, ReceivedFrame
+from drivers.core.clock import WallClock
+from drivers.core.messages import Command, DeviceInfo, SampleBlock, Status
+from simulator.devices.can_gripper import EmulatedCanGripper
+from simulator.physics.jaws_drive import JawsDrive
 
 TURN_S = 0.005
 DELAY_S = 0.0002

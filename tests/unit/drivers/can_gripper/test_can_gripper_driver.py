@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.can_frame import CanFrame
-from drivers.errors import PortError, ProtocolError, SilentError
-from drivers.messages import (
+from drivers.core.can_frame import CanFrame
+from drivers.core.errors import PortError, ProtocolError, SilentError
+from drivers.core.messages import (
     Failed,
     Grip,
     Gripped,

@@ -10,8 +10,8 @@ from pydantic import ValidationError
 
 from drivers.can_gripper import units
 from drivers.can_gripper.brackets import FORCE_MAX_N, FORCE_MIN_N, Brackets, CanGripperSettings, valid
-from drivers.errors import CommandError
-from drivers.messages import Command, Excite, Grip, MoveTo, Release
+from drivers.core.errors import CommandError
+from drivers.core.messages import Command, Excite, Grip, MoveTo, Release
 
 BRACKETS = Brackets(closed_width_m=0.020)
 GRIP = Grip("gripper", 0.030, 0.05, 20.0)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.can_frame import CanFrame
 from drivers.can_gripper.codec import decode_answer, decode_order, encode_answer, encode_order
 from drivers.can_gripper.messages import (
     Answer,
@@ -26,7 +25,8 @@ from drivers.can_gripper.messages import (
     Poll,
     Watchdog,
 )
-from drivers.errors import CodecError
+from drivers.core.can_frame import CanFrame
+from drivers.core.errors import CodecError
 
 ORDERS = [
     (0, DriveOrder(100, 20, 500), "07A", "64 14 01 F4 C0"),

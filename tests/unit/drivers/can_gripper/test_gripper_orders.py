@@ -9,7 +9,7 @@ import pytest
 
 from drivers.can_gripper.codec import decode_order
 from drivers.can_gripper.messages import AskState, DriveOrder, GripperCode, Order, Plain, Poll, Watchdog
-from drivers.messages import Applied, Failed, Grip, Home, Listen, Lost, Refused, Release, Sent, Stop
+from drivers.core.messages import Applied, Failed, Grip, Home, Listen, Lost, Refused, Release, Sent, Stop
 from tests.unit.drivers.can_gripper.gripper_bench import DELAY_S, FRAME_S, Bench
 
 GRIP = Grip("gripper", 0.020, 0.1, 20.0)

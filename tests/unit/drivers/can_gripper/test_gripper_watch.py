@@ -9,7 +9,7 @@ import pytest
 from drivers.can_gripper.brackets import Brackets
 from drivers.can_gripper.messages import GripFinding, GripperState
 from drivers.can_gripper.watch import Watch
-from drivers.messages import (
+from drivers.core.messages import (
     Command,
     Grip,
     Gripped,
@@ -203,3 +203,13 @@ def test_a_fault_is_reported_under_the_commands_number(
     watch.begin(replace(GRIP, id=7), 1.0, drives=True)
     reason = f"{faults_text}, and whatever it held is loose; send Home"
     assert watch.push(1.1, replace(MOVING, **faults), True) == [Stalled(1.1, "gripper", reason, command_id=7)]
+
+
+def test_jaws_that_are_held_where_they_stood_free_before_grip_nothing(watch: Watch) -> None:
+    pushed(watch, THERE)
+    watch.begin(replace(GRIP, id=7), 1.1, drives=True)
+    (stalled,) = pushed(watch, *[CLOSING] * 5, begin_s=1.11)
+    assert isinstance(stalled, Stalled)
+    assert stalled.command_id == 7
+    assert "39.2 mm" in stalled.reason
+    assert "nothing" in stalled.reason

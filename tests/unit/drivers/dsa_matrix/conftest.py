@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from drivers.dsa_matrix.driver import DsaMatrixSettings
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
-from drivers.mock.physics.fingertip_settings import Matrix
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from simulator.physics.fingertip_settings import Matrix
 from tests.unit.drivers.dsa_matrix.dsa_bench import Bench, Host, Ramp
 
 BEGIN_S = 5000.0

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import WallClock
+from drivers.core.clock import WallClock
+from drivers.core.messages import SampleBlock, Status
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
-from drivers.messages import SampleBlock, Status
-from drivers.mock.devices.dsa_matrix import EmulatedDsaMatrix
-from drivers.mock.physics.fingertip_settings import Matrix
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix
+from simulator.physics.fingertip_settings import Matrix
 
 TURN_S = 0.005
 STEP_S = 0.001

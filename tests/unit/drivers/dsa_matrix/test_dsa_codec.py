@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from drivers.core.errors import CodecError
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
-from drivers.errors import CodecError
 
 REQUESTS = [
     (codec.AskMatrices(codec.Id.CONTROLLER), 0x01, ""),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.clock import VirtualClock
+from drivers.core.clock import VirtualClock
+from drivers.core.messages import Lost, StreamInfo
 from drivers.dsa_matrix.codec import Frame
 from drivers.dsa_matrix.frames import MatrixFrames
-from drivers.messages import Lost, StreamInfo
 
 INFO = StreamInfo("dsa.taxels", ("a", "b"), "V", 1e-3, 100.0)
 

@@ -9,11 +9,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from drivers.core.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.messages import Command, Failed, Home, Listen, Lost, Saturated
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
-from drivers.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
-from drivers.messages import Command, Failed, Home, Listen, Lost, Saturated
-from drivers.mock.physics.fingertip_settings import Matrix
+from simulator.physics.fingertip_settings import Matrix
 from tests.unit.drivers.dsa_matrix.dsa_bench import Bench
 
 TEXELS = "dsa.taxels"

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.errors import CodecError
-from drivers.messages import Ask, LoadWeight
+from drivers.core.errors import CodecError
+from drivers.core.messages import Ask, LoadWeight
 from drivers.operator.codec import (
     LINE_MAX,
     LineDecoder,

@@ -5,11 +5,11 @@ import math
 
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.errors import CommandError, PortError
-from drivers.messages import Answered, Ask, Home, Listen, Loaded, LoadWeight, Refused, Sent
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import CommandError, PortError
+from drivers.core.messages import Answered, Ask, Home, Listen, Loaded, LoadWeight, Refused, Sent
+from drivers.core.protocols import Asking
 from drivers.operator.driver import Person, PersonSettings
-from drivers.protocols import Asking
 
 
 class Terminal(io.StringIO):

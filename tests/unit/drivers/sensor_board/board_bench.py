@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import WallClock
-from drivers.messages import SampleBlock, Status
-from drivers.mock.devices.sensor_board import EmulatedSensorBoard
+from drivers.core.clock import WallClock
+from drivers.core.messages import SampleBlock, Status
 from drivers.sensor_board.driver import SensorBoard
+from simulator.devices.sensor_board import EmulatedSensorBoard
 
 Floats = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
+from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from tests.unit.drivers.sensor_board.board_bench import Bench, Host, HostClock, Source
 
 BEGIN_S = 5000.0

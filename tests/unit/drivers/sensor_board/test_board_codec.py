@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import CodecError
+from drivers.core.errors import CodecError
 from drivers.sensor_board.codec import (
     ARGUMENTS,
     BoardCode,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.errors import CodecError
-from drivers.messages import StreamInfo
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import CodecError
+from drivers.core.messages import StreamInfo
 from drivers.sensor_board.codec import Samples, Times
 from drivers.sensor_board.streams import Arrival, BoardStreams
 

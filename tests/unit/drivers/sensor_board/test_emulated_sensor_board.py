@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.mock.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from drivers.sensor_board.codec import (
     BoardCode,
     BoardHello,
@@ -21,6 +20,7 @@ from drivers.sensor_board.codec import (
     encode,
 )
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
+from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from tests.unit.drivers.sensor_board.board_bench import PERIOD_S, Source
 
 ACCELERATION, FORCE, PERIOD = 0, 1, 2

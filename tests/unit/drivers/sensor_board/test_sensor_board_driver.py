@@ -12,8 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import CommandError, PortError, ProtocolError, SilentError
-from drivers.messages import (
+from drivers.core.errors import CommandError, PortError, ProtocolError, SilentError
+from drivers.core.messages import (
     Excite,
     Failed,
     Listen,
@@ -660,3 +660,13 @@ def test_the_account_tells_what_came_of_the_frames(bench: Bench) -> None:
     assert account["malformed"] == 0
     assert account["bad_crc"] + account["bad_cobs"] >= 1  # type: ignore[operator]
     assert account["good"] == pytest.approx(20, abs=8)
+
+
+def test_a_reply_that_nothing_awaits_changes_nothing(bench: Bench) -> None:
+    bench.driver.apply(listen(FORCE))
+    bench.run(0.1)
+    reply = encode(BoardReply(BoardCode.EXCITE, 77, 1))
+    bench.host.hush = lambda data: data + reply if data else data
+    blocks, statuses = bench.run(0.1)
+    assert sum(len(block) for block in on(FORCE, blocks)) == pytest.approx(100, abs=5)
+    assert statuses == []

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.clock import VirtualClock
+from drivers.core.clock import VirtualClock
 from drivers.ur_arm.client import RtdeClient, RtdeSockets
-from drivers.ur_arm.controller import PLAYING
-from drivers.ur_arm.pipe import ArmRow
+from drivers.ur_arm.controller import PLAYING, ControllerState
 from drivers.ur_arm.settings import UrArmSettings
 
 SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
@@ -39,14 +38,15 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
         return lambda *_: (done.append(name), True)[1]
 
     names = ("setWatchdog", "isConnected", "kickWatchdog", "reuploadScript")
-    control = SimpleNamespace(**{name: called(name) for name in names})
+    control = SimpleNamespace(**{name: called(name) for name in names}, getTCPOffset=lambda: [0.1] * 6)
     module = SimpleNamespace(RTDEControlInterface=lambda host: control)
     monkeypatch.setitem(sys.modules, "rtde_control", module)
     dashboard = SimpleNamespace(ask=lambda question: "true")
-    row = ArmRow(0.0, 0.0, SETTINGS.start_pose, (0.0,) * 6, (0.0,) * 6, 1, PLAYING)
+    state = ControllerState(1, PLAYING)
 
-    client = RtdeClient(SETTINGS, dashboard, NotedClock(done), lambda: row, RtdeSockets())
+    client = RtdeClient(SETTINGS, dashboard, NotedClock(done), lambda: state, RtdeSockets())
     assert done == ["hold", "setWatchdog"]
+    assert client.tcp_offset == (0.1,) * 6
     done.clear()
     assert client.recover() == ""
     assert done[-2:] == ["hold", "setWatchdog"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from drivers.messages import Command, SampleBlock, Sent, Status
-from drivers.mock.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
-from drivers.mock.physics.stage_axis import StageAxis
+from drivers.core.messages import Command, SampleBlock, Sent, Status
 from drivers.zaber_stage.driver import ZaberStage
+from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.physics.stage_axis import StageAxis
 
 S = TypeVar("S", bound=Status)
 STEP_M = 0.49609375e-6

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import CodecError
+from drivers.core.errors import CodecError
 from drivers.zaber_stage import codec
 
 GOLDEN = tomllib.loads((Path(__file__).parents[3] / "data" / "zaber_golden.toml").read_text())

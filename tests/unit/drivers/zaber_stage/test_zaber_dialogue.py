@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.clock import VirtualClock
+from drivers.core.clock import VirtualClock
 from drivers.zaber_stage.codec import StageReply, StageRequest, decode_request, encode_message
 from drivers.zaber_stage.dialogue import StageAnswer, StageDialogue
 

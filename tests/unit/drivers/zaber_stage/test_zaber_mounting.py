@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.messages import MoveAt
+from drivers.core.messages import MoveAt
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
 
 STEP_M = 0.49609375e-6
@@ -46,9 +46,9 @@ def test_a_stage_mounted_backwards_counts_down_from_its_origin() -> None:
     assert m.counts(50200) == 1000
 
 
-def test_the_approach_limit_of_a_stage_mounted_backwards_is_the_devices_lower_limit() -> None:
-    m = mounting(forward=-1, origin_m=0.0254, travel_max_m=0.02)
-    assert m.limits(0, 1000) == {"limit.min": 50200, "limit.max": 51200}
+def test_the_travel_of_a_stage_mounted_backwards_ends_at_the_devices_lower_limit() -> None:
+    m = mounting(forward=-1, origin_m=0.0254, travel_max_m=1000 * STEP_M)
+    assert m.limits() == {"limit.min": 50200, "limit.max": 51200}
 
 
 @pytest.mark.parametrize(
@@ -57,6 +57,8 @@ def test_the_approach_limit_of_a_stage_mounted_backwards_is_the_devices_lower_li
         ({"travel_min_m": 0.02, "travel_max_m": 0.01}, "is not below"),
         ({"forward": -1}, "beyond the home end"),
         ({"travel_min_m": -0.001}, "beyond the home end"),
+        ({"travel_max_m": 0.03}, "travel_m is 0.0254"),
+        ({"travel_m": 0.02}, "0.0254 m from the home end"),
         ({"forward": 0}, "forward"),
         ({"max_speed_m_s": float("nan")}, "max_speed_m_s"),
         ({"baud": "fast"}, "baud"),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from typing import Any
 
 import pytest
 
-from drivers.errors import CommandError
-from drivers.messages import Command, Excite, Home, MoveAt, MoveTo
+from drivers.core.errors import CommandError
+from drivers.core.messages import Command, Excite, Home, MoveAt, MoveTo
 from drivers.zaber_stage.codec import StageReply, acceleration_m_s2
 from drivers.zaber_stage.commands import doing, refusal, valid
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
@@ -21,7 +22,14 @@ class Script:
     """Answers from a table of settings, and keeps the lines."""
 
     def __init__(self, **settings: int) -> None:
-        self.held = {"pos": 0, "accel": 200, "limit.min": 0, "limit.max": 51200, "maxspeed": 99}
+        self.held: dict[str, Any] = {
+            "pos": 0,
+            "accel": 200,
+            "limit.min": 0,
+            "limit.max": 51200,
+            "maxspeed": 99,
+        }
+        self.held |= {"comm.checksum": 0, "version": "7.38"}
         self.held |= {name.replace("_", "."): value for name, value in settings.items()}
         self.flags = "00"
         self.rejects: dict[str, str] = {}
@@ -60,65 +68,94 @@ def opened(script: Script) -> Procedures:
 
 
 def test_opening_sets_travel_and_speed_in_the_device_and_moves_nothing() -> None:
-    script = Script(limit_max=60000)
-    script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
-    assert script.held["limit.max"] == 51200
+    settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
+    script = Script()
+    script.play(Procedures(settings, Mounting(settings)).identify())
+    assert script.held["limit.max"] == 24995
     assert script.held["maxspeed"] == round(0.025 / STEP_M * 1.6384)
     assert not [line for line in script.lines if line.split()[:1] in (["move"], ["home"])]
 
 
-def test_an_approach_sets_its_limit_in_the_device_reads_it_back_and_only_then_moves_there() -> None:
+def test_what_is_held_already_is_not_written() -> None:
+    script = Script(comm_checksum=1, maxspeed=82565)
+    script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+    assert not [line for line in script.lines if line.startswith("set")]
+
+
+@pytest.mark.parametrize(
+    ("counts", "seen_m"),
+    [(533333, "0.2646 m"), (157480, "0.07812 m"), (20560, "0.0102 m"), (50600, "0.0251 m")],
+    ids=["finer pitch", "coarser pitch", "lowered limit", "by little more than a hundredth"],
+)
+def test_a_stage_whose_limit_is_not_the_profiles_travel_is_refused_before_it_is_changed(
+    counts: int, seen_m: str
+) -> None:
+    script = Script(limit_max=counts, comm_checksum=1)
+    with pytest.raises(RejectedError, match=f"{counts} microsteps is {seen_m} .* travel_m = 0.0254") as error:
+        script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+    assert "device id deviceid" in error.value.advice
+    assert "system restore" in error.value.advice
+    assert not [line for line in script.lines if line.startswith("set")]
+
+
+def test_a_limit_that_this_profile_set_before_its_program_was_killed_is_known_again() -> None:
+    settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
+    script = Script(limit_max=24995)
+    assert script.play(Procedures(settings, Mounting(settings)).identify()) is not None
+
+
+def test_a_limit_is_never_set_farther_out_than_the_stage_has_it() -> None:
+    with pytest.raises(RejectedError, match=r"0 and 0.0253018 m .* inside the profile's"):
+        Script(limit_max=51002).play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+
+
+@pytest.mark.parametrize(
+    ("version", "reason"),
+    [("6.28", "firmware 6.28 .* 7.25"), ("7.24", "firmware 7.24"), ("?", "'get version' with '?'")],
+)
+def test_a_firmware_without_a_speed_in_its_moves_is_refused_at_opening(version: str, reason: str) -> None:
+    script = Script()
+    script.held["version"] = version
+    with pytest.raises(RejectedError, match=reason.replace("?", r"\?")):
+        script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+
+
+def test_an_approach_is_sent_no_farther_than_its_limit_and_writes_no_setting() -> None:
     script = Script()
     target = opened(script).carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M))
     assert script.play(target) == StageWay(target=10000, bound=4031, speed=8389, blind_travel_m=0.002)
-    assert script.lines == [
-        "warnings clear",
-        "set limit.max 10000",
-        "get limit.max",
-        "get pos",
-        "move abs 4031 8389",
-    ]
+    assert script.lines == ["warnings clear", "get pos", "move abs 4031 8389"]
 
 
-def test_a_limit_that_the_device_does_not_hold_ends_the_approach_before_it_begins() -> None:
-    script = Script()
-    procedures = opened(script)
+def test_a_limit_that_the_device_does_not_hold_ends_the_opening() -> None:
+    settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
+    script = Script(comm_checksum=1)
     script.obeys = False
-    with pytest.raises(RejectedError, match=r"sent limit.max = 10000 and holds 51200"):
-        script.play(procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)))
-    assert not [line for line in script.lines if line.startswith("move")]
+    with pytest.raises(RejectedError, match=r"sent limit.max = 24995 and holds 51200"):
+        script.play(Procedures(settings, Mounting(settings)).identify())
 
 
-def test_a_limit_that_is_held_already_is_not_written_again() -> None:
-    script = Script()
-    procedures = opened(script)
-    for _ in range(2):
-        script.play(procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)))
-    assert script.lines.count("set limit.max 10000") == 1
-
-
-def test_a_limit_whose_writing_was_cut_short_is_written_again() -> None:
-    script = Script()
-    procedures = opened(script)
-    script.play(
-        procedures.carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M)), lines=1
-    )  # 'set' sent, without effect
-    script.held["limit.max"] = 10000
-    script.play(procedures.carry_out(MoveTo("stage", 51200 * STEP_M, 0.01)))
-    assert script.held["limit.max"] == 51200
-
-
-def test_the_wider_end_of_the_travel_is_set_before_the_narrower_one() -> None:
-    script = Script(limit_min=20000, limit_max=30000)
-    procedures = opened(script)
-    script.held["pos"] = 20000
-    script.play(procedures.carry_out(MoveAt("stage", -0.01, 10000 * STEP_M)))
+def test_what_was_changed_is_put_back_once_as_it_was_first_found() -> None:
+    settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
+    script, procedures = Script(), Procedures(settings, Mounting(settings))
+    before = dict(script.held)
+    for _ in range(2):  # opened again after a link was lost
+        script.play(procedures.identify())
+    assert script.held != before
+    script.play(procedures.put_back())
+    assert script.held == before
     script.lines.clear()
-    script.play(procedures.carry_out(MoveAt("stage", 0.01, 25000 * STEP_M)))
-    assert [line for line in script.lines if line.startswith("set")] == [
-        "set limit.min 0",
-        "set limit.max 25000",
-    ]
+    script.play(procedures.put_back())
+    assert script.lines == []
+
+
+def test_what_was_found_in_one_stage_is_not_put_into_another() -> None:
+    procedures = Procedures(SETTINGS, Mounting(SETTINGS))
+    Script(maxspeed=500000).play(procedures.identify())
+    other = Script(system_serial=2, maxspeed=600000)
+    other.play(procedures.identify())
+    other.play(procedures.put_back())
+    assert other.held["maxspeed"] == 600000
 
 
 def test_a_stage_that_is_beyond_the_limit_is_not_moved_back_to_it() -> None:
@@ -173,7 +210,7 @@ def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_
     script.rejects["home"] = "ODD"
     with pytest.raises(RejectedError, match=r"^it rejects 'home' with ODD: it gives no reason$"):
         script.play(procedures.carry_out(Home("stage")))
-    script.held["pos"] = "NA"  # type: ignore[assignment]
+    script.held["pos"] = "NA"
     with pytest.raises(RejectedError, match=r"^it answers 'get pos' with 'NA'$"):
         script.play(procedures.carry_out(MoveTo("stage", 0.01, 0.01)))
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.errors import ProtocolError, RefusedError, SilentError
-from drivers.messages import (
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.messages import (
     Applied,
     Command,
     DeviceInfo,
@@ -30,11 +30,11 @@ from drivers.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.mock.devices.memory_line import MemoryLine
-from drivers.mock.devices.zaber_stage import Fault
 from drivers.zaber_stage.codec import LONGEST_S, meaning
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
+from simulator.devices.memory_line import MemoryLine
+from simulator.devices.zaber_stage import Fault
 from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
 
 
@@ -85,16 +85,20 @@ def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing() -> Non
             "device_id": "50081",
             "serial": "40001",
             "firmware": "7.38",
+            "microstep_m": STEP_M,
+            "travel_m": 0.0254,
             "max_speed_m_s": 0.025,
             "flags": (),
-            "checksums": True,
             "homed": True,
         },
     )
-    asked = ["deviceid", "system.serial", "version", "accel", "limit.min", "limit.max"]
+    asked = ["deviceid", "accel", "limit.min", "limit.max"]
     assert b.wire.lines() == [
-        *("00", "set comm.checksum 1", *(f"get {name}" for name in asked)),
-        *("set limit.max 24995", "get limit.max", "set maxspeed 82565", "get maxspeed", "warnings clear"),
+        *("00", "get version", "get system.serial"),
+        *("get comm.checksum", "set comm.checksum 1", "get comm.checksum"),
+        *(f"get {name}" for name in asked),
+        *("get limit.min", "get limit.max", "set limit.max 24995", "get limit.max"),
+        *("get maxspeed", "set maxspeed 82565", "get maxspeed", "warnings clear"),
     ]
     assert b.stage.account() == {"positions": 0, "sent_on": 0, "halted_unseen": 0}
 
@@ -152,9 +156,50 @@ def test_another_protocol_is_distinguished_from_silence(other: object) -> None:
         driver(MemoryLine(other, VirtualClock()), reply_timeout_s=0.2).open()
 
 
-def test_a_stage_that_is_shorter_than_the_profile_says_is_refused_at_opening() -> None:
-    with pytest.raises(RefusedError, match=r"'set limit.max \d+' with BADDATA.*profile"):
-        Bench(travel_max_m=0.05)
+@pytest.mark.parametrize(
+    "stage",
+    [{"microstep_m": 3.175e-6, "travel_m": 0.5}, {"microstep_m": 0.047625e-6}, {"firmware": "6.28"}],
+    ids=["belt", "fine screw", "old firmware"],
+)
+def test_a_stage_that_is_not_the_profiles_is_refused_at_opening_and_left_as_it_was(
+    stage: dict[str, Any],
+) -> None:
+    wire = Wire(homed=True, **stage)
+    before = dict(wire.device._values)
+    with pytest.raises(RefusedError, match=r"^stage: its (limit.max of|firmware 6.28) .* while opening; "):
+        driver(MemoryLine(wire, VirtualClock())).open()
+    assert wire.device._values == before
+    assert not [line for line in wire.lines() if line.startswith(("move", "home"))]
+
+
+@pytest.mark.parametrize(("microstep_m", "travel_m"), [(3.175e-6, 0.5), (0.047625e-6, 0.0254)])
+def test_a_stage_of_the_pitch_in_the_profile_goes_where_it_is_sent(
+    microstep_m: float, travel_m: float
+) -> None:
+    wire, clock = Wire(homed=True, microstep_m=microstep_m, travel_m=travel_m), VirtualClock()
+    b = StageBench(driver(MemoryLine(wire, clock), microstep_m=microstep_m, travel_m=travel_m), clock, wire)
+    b.begin(MoveTo("stage", 0.01, 0.01))
+    b.expect(Reached)
+    assert wire.axis.position(clock.monotonic_s()) == pytest.approx(0.01, abs=microstep_m)
+
+
+def test_closing_leaves_the_stage_as_it_was_found() -> None:
+    wire, clock = Wire(homed=True), VirtualClock()
+    before = dict(wire.device._values)
+    b = StageBench(driver(MemoryLine(wire, clock), travel_max_m=0.0124), clock, wire)
+    b.begin(MoveAt("stage", 0.01, 0.002))
+    b.expect(Reached)
+    assert wire.device._values != before
+    b.stage.close()
+    assert wire.device._values == before
+
+
+def test_closing_does_not_wait_long_for_a_stage_that_is_silent() -> None:
+    b = Bench(reply_timeout_s=0.2)
+    b.inject("silent")
+    before_s = b.clock.now()
+    b.stage.close()
+    assert b.clock.now() - before_s < 0.25
 
 
 # moving
@@ -170,19 +215,11 @@ def test_a_move_before_homing_is_refused_and_says_what_to_do() -> None:
     assert b.expect(Reached).position_m == pytest.approx(0.001, abs=STEP_M)
 
 
-def test_an_approach_ends_at_its_limit_which_the_device_holds_itself() -> None:
+def test_an_approach_ends_at_its_limit_beyond_which_the_device_is_never_sent() -> None:
     b = Bench()
     b.begin(MoveAt("stage", 0.01, 0.002))
     reached = b.expect(Reached)
-    lines = b.wire.lines()
-    begun = lines.index("warnings clear", lines.index("set limit.max 4031") - 1)
-    assert lines[begun : begun + 5] == [
-        "warnings clear",
-        "set limit.max 4031",
-        "get limit.max",
-        "get pos",
-        "move abs 4031 33026",
-    ]
+    assert [line for line in b.wire.lines() if line.startswith("move")] == ["move abs 4031 33026"]
     assert 0.002 - STEP_M < reached.position_m <= 0.002
 
 
@@ -289,10 +326,11 @@ def test_nothing_of_an_older_session_is_left_after_it_is_opened_again() -> None:
     assert b.expect(Reached).command_id == 3
 
 
-def test_a_stop_while_the_limits_are_being_set_lets_no_move_follow() -> None:
+def test_a_stop_before_an_approach_has_set_out_lets_no_move_follow() -> None:
     b = Bench()
+    asked = b.wire.lines().count("warnings clear")
     b.stage.apply(MoveAt("stage", 0.01, 0.002))
-    b.turn_until(lambda: "set limit.max 4031" in b.wire.lines())
+    b.turn_until(lambda: b.wire.lines().count("warnings clear") > asked)
     b.stage.apply(Stop("stage"))
     b.expect(Standstill)
     b.turn_for_lines(3)
@@ -324,12 +362,12 @@ def test_a_newer_motion_replaces_an_older_one() -> None:
     assert not [status for status in b.statuses if isinstance(status, Reached)]
 
 
-def test_a_stage_mounted_backwards_is_held_by_its_lower_limit() -> None:
+def test_a_stage_mounted_backwards_goes_towards_its_home_end() -> None:
     b = Bench(forward=-1, origin_m=0.0254)
     b.begin(MoveTo("stage", 0.0240, 0.025))
     b.expect(Reached)
     b.begin(MoveAt("stage", 0.01, 0.0250))
-    assert "set limit.min 807" in b.wire.lines()  # 25.4 mm - 25.0 mm = 806.3 microsteps
+    assert b.wire.lines()[-1] == "move abs 807 33026"  # 25.4 mm - 25.0 mm = 806.3 microsteps
     assert b.expect(Reached).position_m == pytest.approx(0.0250, abs=STEP_M)
 
 
@@ -524,4 +562,18 @@ def test_closing_stops_a_stage_that_moves() -> None:
     b = Bench()
     b.begin(MoveAt("stage", 0.002, 0.02))
     b.stage.close()
-    assert b.wire.lines()[-1] == "stop"
+    assert "stop" in b.wire.lines()
+    assert not b.wire.axis.moving(b.clock.monotonic_s() + 0.1)
+
+
+def test_a_line_that_goes_while_the_stage_is_asked_is_a_port_error() -> None:
+    wire, clock = Wire(), VirtualClock()
+    line = MemoryLine(wire, clock)
+
+    def pulled(data: bytes, t_s: float) -> bytes:
+        line.fault = "the port was taken away"
+        return b""
+
+    wire.receive = pulled  # type: ignore[method-assign]
+    with pytest.raises(PortError, match="/dev/stage: the port was taken away"):
+        driver(line).open()

@@ -1,1 +1,0 @@
-"""Slip detectors at equal false alarms, on simulated sensors."""

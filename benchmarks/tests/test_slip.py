@@ -1,0 +1,72 @@
+"""What the slip study counts: false alarms in the first seconds after a reset, time called slip, and slips of tips that
+had moved."""
+
+import numpy as np
+import pytest
+
+from benchmarks.slip import called, refusals, sensor_off, slips
+from benchmarks.slip_thresholds import after_resets, first_maxima
+
+RATE_HZ = 100.0
+
+
+class Excited:
+    """Gives 10 in the third second after each reset, and once it has run for 300 s; else nothing."""
+
+    inputs = ("board.tangential",)
+
+    def statistic(self, values, rate_hz):
+        second = np.arange(len(values)) // round(rate_hz)
+        return np.where((second == 2) | (second == 300), 10.0, 1.0)
+
+
+class Level:
+    """Shows the value itself."""
+
+    inputs = ("board.tangential",)
+
+    def statistic(self, values, rate_hz):
+        return values[:, 0]
+
+
+def test_alarms_after_a_reset_are_counted_in_their_second():
+    found = after_resets(first_maxima(Excited(), np.zeros((60_000, 1)), RATE_HZ), 5.0)
+    # 119 pieces of five seconds fit between 2.5 s and the end
+    assert found["resets"] == 119
+    assert found["alarms"] == [0, 119, 0, 0]
+    # they ask for another threshold than a detector that has settled
+    assert found["fresh_threshold"] > 5.0
+
+
+def test_the_detector_is_fresh_for_each_piece():
+    values = np.arange(1500, dtype=float)[:, None]
+    found = first_maxima(Level(), values, RATE_HZ)
+    # begun at 2.5 and 7.5 s; the first second of each is left out
+    assert found.tolist() == [[449, 549, 649, 749], [949, 1049, 1149, 1249]]
+
+
+@pytest.mark.parametrize("sensor", ["fingertip", "flexible_finger", "barrett_finger"])
+def test_tips_that_a_load_step_moved_slip_as_well(sensor):
+    trials = list(slips(sensor_off(sensor, "loads"), 20, 5))
+    assert all(trial.onset is not None and trial.onset >= trial.start for trial in trials)
+    assert 0 < sum(trial.moved_before for trial in trials) < 20
+
+
+def test_a_rival_reports_slip_until_its_number_has_been_low_for_as_long_as_ours_holds():
+    # at 100 Hz ours holds for five samples; a number at the end of a block stands until the next
+    statistic = np.array([np.nan, 0.0, 2.0, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    slipping = called("a rival", np.zeros(11), statistic, RATE_HZ, 1.0)
+    assert np.flatnonzero(slipping).tolist() == [2, 3, 4, 5, 6, 7, 8]
+
+
+def test_what_a_cusum_was_sure_of_long_ago_does_not_delay_its_end():
+    total = np.concatenate([np.arange(100.0), 99.0 - np.arange(100.0)])
+    slipping = called("a CUSUM", np.zeros(200), total, RATE_HZ, 10.0)
+    # over with the first sample down, but for the hold
+    assert np.flatnonzero(slipping)[[0, -1]].tolist() == [11, 105]
+
+
+def test_a_slip_at_reset_is_refused_where_the_quiet_is_known():
+    quiet = np.random.default_rng(1).normal(0.0, 1.0, (2, 3000))
+    found = refusals(list(quiet), [quiet[0], 30.0 * quiet[1]], 1000.0)
+    assert (found["slips"], found["detected"], found["something_reported"]) == (2, 1, 2)

@@ -1,0 +1,247 @@
+"""Any make of arm: its client library runs in a process that can be killed and replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from drivers.arm.axis import Axis
+from drivers.arm.commands import valid
+from drivers.arm.host import ArmHost
+from drivers.arm.link import ArmLink, ArmRow, Broken, Kind, Opened
+from drivers.arm.settings import ArmSettings
+from drivers.arm.stream import Streams
+from drivers.core.clock import Clock
+from drivers.core.errors import DeviceError, PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.messages import Applied, Command, DeviceInfo, Listen, Stalled, Standstill, Status, Stop
+from drivers.core.wire import NOT_OPEN, Driver
+
+ERRORS: dict[Kind, type[DeviceError]] = {
+    "port": PortError,
+    "silent": SilentError,
+    "refused": RefusedError,
+    "protocol": ProtocolError,
+}
+
+OPEN_TURN_S = 0.005
+"""Pause between two looks at the arm's process while opening (assumption)."""
+
+SILENCE_S = 0.3
+"""How long an opened process may be silent, beyond its own time-out: rows come every 2 ms (assumption)."""
+
+RETRY_S = 0.5
+"""Pause before the next attempt to connect (assumption)."""
+
+
+class ArmDriver(Driver):
+    """An arm on an approach axis; implements `drivers.core.protocols.Device`.
+
+    A client library can block for ever, and can crash: it lives in a process of its own, which moves the arm,
+    keeps it inside its bounds, and is killed and replaced when it hangs. The link is judged by the progress of the
+    controller's time. Should that process die, the controller's watchdog stops the arm; should this program die, or
+    neither `read` nor `poll` an arm that moves for `loop_timeout_s`, the process stops it.
+
+    A lost link is `Stalled`, and is tried again for `reconnect_s`; then the arm has `Failed`. An arm that stopped by
+    itself is `Stalled` too: every motion is `Refused` until `Home` has it obey again and go to `start_pose`.
+
+    Streams, at `rate_hz` with the controller's time as device time: `<name>.position` (m along the axis),
+    `<name>.pose` (m and rotation vector), `<name>.force` (N and N m on the tool, base frame). A row that the client
+    skipped is a jump in the sequence, and `Lost`.
+
+    Args:
+        name: Name in the profile.
+        settings: Of the arm.
+        clock: Gives bench time.
+        link: To its make of controller; see `drivers.arm.link.ArmLink`.
+    """
+
+    def __init__(self, name: str, settings: ArmSettings, clock: Clock, link: type[ArmLink]) -> None:
+        super().__init__(name, clock)
+        self._link = link
+        self._settings = settings
+        self._streams = Streams(name, settings, clock)
+        self._host: ArmHost | None = None
+        self._ready = False
+        self._stop: Stop | None = None  # not yet answered by a Standstill
+        self._lost_s = 0.0
+        self._retry_s = 0.0
+        self._reason = ""
+        self._turned_s = 0.0
+        self._links_lost = 0
+
+    def open(self) -> DeviceInfo:
+        """Connect, identify, hold the controller's tool against the profile's, set its watchdog, move nothing.
+
+        Raises:
+            PortError: nothing listens there.
+            SilentError: the controller accepts the connection and sends nothing.
+            ProtocolError: what answers is no controller.
+            RefusedError: remote control is off, another program or client holds the arm, it is in a protective
+                stop, it counts with another tool than the profile states, or the client is not installed.
+        """
+        self.close()
+        host = self._started(again=False)
+        try:
+            opened = self._opened(host)
+        except BaseException:
+            host.kill()
+            raise
+        self._host, self._ready, self._failure = host, True, None
+        return self._info(opened)
+
+    def close(self) -> None:
+        """Stop what moves, end the process. Never raises; may be called twice."""
+        if self._host is not None:
+            self._host.close()
+        self._host, self._ready, self._failure, self._stop = None, False, NOT_OPEN, None
+        self._streams.listening = frozenset()
+
+    def apply(self, command: Command) -> Applied:
+        """Queue a command. Too great a speed is clamped.
+
+        Raises:
+            CommandError: not for an arm, not finite or out of range. Nothing was sent.
+        """
+        if isinstance(command, Listen):
+            self._streams.listening = command.streams & self._streams.info.keys()
+            return Applied(command, self._clock.now())
+        return super().apply(command)
+
+    def _valid(self, command: Command) -> Command:
+        return valid(self.name, self._settings, self._streams.info, command)
+
+    def _carry_out(self, command: Command) -> None:
+        if isinstance(command, Stop):
+            self._stop = command
+        elif not self._ready:
+            self._refuse(command, f"{self._reason}; connecting again")
+            return
+        self._send(command)
+
+    def account(self) -> Mapping[str, object]:
+        """Rows that came since it was made, rows that did not, and how often the link was lost."""
+        return {
+            "rows": self._streams.rows,
+            "rows_lost": self._streams.missed,
+            "links_lost": self._links_lost,
+        }
+
+    # --- opening ---------------------------------------------------------------------------------------
+
+    def _started(self, again: bool) -> ArmHost:
+        return ArmHost(self.name, self._settings, self._link, self._clock, again)
+
+    def _opened(self, host: ArmHost) -> Opened:
+        deadline_s = self._clock.monotonic_s() + self._settings.open_timeout_s
+        while self._clock.monotonic_s() < deadline_s:
+            for message in host.receive():
+                if isinstance(message, Opened):
+                    return message
+                if isinstance(message, Broken):
+                    raise ERRORS[message.kind](self.name, "opening", message.reason, message.advice)
+            if fate := host.fate():
+                raise SilentError(
+                    self.name, "opening", fate, "is anything else wrong with this installation?"
+                )
+            self._clock.rest(OPEN_TURN_S)
+        raise SilentError(
+            self.name,
+            "opening",
+            f"{self._settings.host} accepts the connection and then sends nothing for "
+            f"{self._settings.open_timeout_s:g} s",
+            "is the controller up, and is it one?",
+        )
+
+    def _info(self, opened: Opened) -> DeviceInfo:
+        settings = self._settings
+        return DeviceInfo(
+            self.name,
+            model=opened.model,
+            serial=opened.serial,
+            version=opened.version,
+            streams=self._streams.info,
+            mover=True,
+            clock=f"{self.name} controller",
+            details={
+                **opened.details,
+                "host": settings.host,
+                "position_m": Axis(settings).position_m(opened.row.pose),
+                "travel_m": (settings.travel_min_m, settings.travel_max_m),
+                "max_speed_m_s": settings.max_speed_m_s,
+            },
+        )
+
+    # --- every turn ------------------------------------------------------------------------------------
+
+    def _turn(self) -> None:
+        """Process what has arrived; supervise the process."""
+        now_s = self._clock.monotonic_s()
+        host = self._host
+        if host is not None:
+            host.turned()
+            rows: list[ArmRow] = []
+            for message in host.receive():
+                if isinstance(message, ArmRow):
+                    rows.append(message)
+                else:
+                    self._receive(message)
+            self._statuses += self._streams.take(rows)
+            self._blocks += self._streams.blocks()
+        if self._failure is None:
+            self._supervise(now_s)
+        self._turned_s = now_s
+
+    def _receive(self, message: object) -> None:
+        match message:
+            case Opened():
+                self._ready = True
+                if self._stop is not None:
+                    self._send(self._stop)
+            case Broken(reason=reason):
+                self._lose(reason)
+            case Status():
+                if isinstance(message, Standstill):
+                    self._stop = None
+                self._report(replace(message, t_s=self._clock.from_monotonic(message.t_s)))
+
+    def _supervise(self, now_s: float) -> None:
+        """Replace a process that is gone or hangs, as long as there is time for it."""
+        host = self._host
+        if not self._ready and self._clock.monotonic_s() - self._lost_s >= self._settings.reconnect_s:
+            self._give_up()
+        elif host is None:
+            if now_s >= self._retry_s:
+                self._host = self._started(again=True)
+        elif fate := host.fate():
+            self._lose(fate)
+        elif self._ready:
+            # After a slow turn, messages may still be on their way to the queue.
+            punctual = now_s - self._turned_s < 0.5 * SILENCE_S
+            if punctual and now_s - host.received_s > SILENCE_S + self._settings.link_timeout_s:
+                self._lose("the arm's process hangs")
+
+    def _lose(self, reason: str) -> None:
+        """The link is gone: end what is left of the process, and connect again."""
+        now_s = self._clock.monotonic_s()
+        self._drop()
+        self._reason = reason
+        if self._ready:
+            self._ready, self._lost_s, self._retry_s = False, now_s, now_s
+            self._links_lost += 1
+            self._report(Stalled(self._clock.now(), self.name, f"{reason}; connecting again"))
+        else:
+            self._retry_s = now_s + RETRY_S
+
+    def _drop(self) -> None:
+        if self._host is not None:
+            self._host.kill()
+            self._host = None
+
+    def _give_up(self) -> None:
+        self._drop()
+        self._stop = None
+        self._fail(f"{self._reason}; is {self._settings.host} up, and the cable in?")
+
+    def _send(self, command: Command) -> None:
+        if self._host is not None and self._ready:
+            self._host.send(command)

@@ -1,0 +1,109 @@
+"""The controller's rows as sample blocks: sequence, loss and bench time. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.arm.axis import Axis
+from drivers.arm.link import ArmRow
+from drivers.arm.settings import ArmSettings
+from drivers.core.clock import Clock
+from drivers.core.messages import Lost, SampleBlock, StreamInfo
+from drivers.core.numbering import DeviceClock, Runs, StreamTrack
+
+MAX_DRIFT_PPM = 200.0
+"""Bound on the drift between the controller's clock and the host's: two crystals of 100 ppm (assumption)."""
+
+LONGEST_ROWS = 10
+"""Longest time between two rows that is no hole, in rows. Assumption: the client skips some; in ten of them (20 ms at
+500 Hz) a tool's mass jumps nowhere, and a mean over a second does not miss them."""
+
+STREAMS = {
+    "position": ("m", ("position",)),
+    "pose": ("m", ("x", "y", "z", "rx_rad", "ry_rad", "rz_rad")),
+    "force": ("N", ("fx", "fy", "fz", "tx_n_m", "ty_n_m", "tz_n_m")),
+}
+"""Unit and channels of each stream; rotation vectors (rad) and torques (N m) are named by their channels."""
+
+
+def infos(name: str, rate_hz: float) -> dict[str, StreamInfo]:
+    """The streams of an arm, by `device.stream`; rows a second."""
+    return {
+        f"{name}.{short}": StreamInfo(
+            f"{name}.{short}",
+            channels,
+            unit,
+            rate_hz=rate_hz,
+            longest_s=LONGEST_ROWS / rate_hz,
+            noisy=short == "force",
+        )
+        for short, (unit, channels) in STREAMS.items()
+    }
+
+
+class Streams:
+    """The streams of one arm.
+
+    Args:
+        name: Of the device.
+        settings: Of the arm.
+        bench: Turns monotonic time into bench time.
+
+    Attributes:
+        info: The streams, by `device.stream`.
+        listening: Those that are subscribed.
+        rows: How many rows have come.
+        missed: How many the controller took that did not come.
+    """
+
+    def __init__(self, name: str, settings: ArmSettings, bench: Clock) -> None:
+        self.info = infos(name, settings.rate_hz)
+        self.listening: frozenset[str] = frozenset()
+        self.rows = 0
+        self.missed = 0
+        self._name = name
+        self._axis = Axis(settings)
+        self._bench = bench
+        self._track = StreamTrack(DeviceClock(MAX_DRIFT_PPM), settings.rate_hz)
+        self._runs = Runs[ArmRow]()
+
+    def take(self, rows: Sequence[ArmRow]) -> list[Lost]:
+        """Take rows in order; what was lost between them, for each subscribed stream.
+
+        A row that the client skipped is a jump in the controller's time. A controller whose time has gone back
+        was restarted: a new segment. Without a subscriber a row is not lost, but still counted.
+        """
+        lost = []
+        for row in rows:
+            placed = self._track.place(row.device_s, row.arrival_s, joins=bool(self._runs))
+            self.rows += 1
+            if placed.lost is not None:
+                self.missed += placed.lost
+                t_s = self._bench.from_monotonic(placed.t0_s)
+                lost += [Lost(t_s, self._name, stream, placed.lost) for stream in sorted(self.listening)]
+            if self.listening:
+                self._runs.push(placed.seq, placed.t0_s, row.arrival_s, row, row.device_s)
+        return lost
+
+    def blocks(self) -> list[SampleBlock]:
+        """The rows since the last call, in blocks without gaps."""
+        runs, bench_s = self._runs.take(), self._bench.from_monotonic(0.0)
+        return [
+            self.info[stream].block(
+                run.seq,
+                run.t0_s + bench_s,
+                self._values(stream.rpartition(".")[2], run.samples),
+                device_t0_s=run.device_s,
+                arrival_s=run.arrival_s + bench_s,
+            )
+            for run in runs
+            for stream in sorted(self.listening)
+        ]
+
+    def _values(self, short: str, rows: Sequence[ArmRow]) -> NDArray[np.float64]:
+        if short == "position":
+            return np.array([[self._axis.position_m(row.pose)] for row in rows])
+        return np.array([row.pose if short == "pose" else row.force for row in rows])

@@ -1,0 +1,74 @@
+"""What can go wrong with a device. Each error is also the standard one that fits it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class DeviceError(Exception):
+    """A device cannot do its part.
+
+    Args:
+        device: Name in the profile.
+        doing: What was going on ("opening", "moving to 0.012 m").
+        reason: What happened.
+        advice: What to do about it.
+    """
+
+    def __init__(self, device: str, doing: str, reason: str, advice: str) -> None:
+        self.device = device
+        self.doing = doing
+        self.reason = reason
+        self.advice = advice
+        super().__init__(f"{device}: {reason} while {doing}; {advice}")
+
+
+class PortError(DeviceError, OSError):
+    """The port is absent, busy or was taken away."""
+
+
+class SilentError(DeviceError, TimeoutError):
+    """The device does not answer."""
+
+
+class ProtocolError(DeviceError, ValueError):
+    """What arrived is not this device's protocol."""
+
+
+class RefusedError(DeviceError, RuntimeError):
+    """The device, or its driver, will not do what was asked."""
+
+
+class CommandError(DeviceError, ValueError):
+    """The command makes no sense for this device: not finite, out of range, of another kind."""
+
+
+class CodecError(ValueError):
+    """Bytes or a line outside a device's protocol, or a message that it cannot encode."""
+
+
+def wrong(device: str, command: object, reason: str, advice: str) -> CommandError:
+    """The error of a command that a device cannot take."""
+    return CommandError(device, f"applying {type(command).__name__}", reason, advice)
+
+
+def lacking(library: str, extra: str) -> tuple[str, str]:
+    """Reason and advice where a library is missing that is installed on demand.
+
+    Args:
+        library: What cannot be imported.
+        extra: Of touchbench, which brings it.
+    """
+    return f"{library} is not installed", f"install it: pip install 'touchbench[{extra}]'"
+
+
+def check_streams(device: str, command: object, streams: Iterable[str], known: Iterable[str]) -> None:
+    """Check that a command names only the device's own streams.
+
+    Raises:
+        CommandError: it names another.
+    """
+    has = sorted(known)
+    for stream in sorted(set(streams).difference(has)):
+        advice = f"it has: {', '.join(has) or 'none before it is open'}"
+        raise wrong(device, command, f"it has no stream {stream}", advice)

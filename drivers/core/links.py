@@ -1,0 +1,139 @@
+"""For serial drivers: a port, and one thread that time-stamps arriving bytes."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections import deque
+from contextlib import suppress
+
+import serial
+from pydantic import Field
+
+from drivers.core.clock import Clock
+from drivers.core.errors import PortError
+from drivers.core.settings import Settings
+
+JOIN_TIMEOUT_S = 1.0
+"""Longest wait for the reader thread at close; it is woken, so this is not expected to pass (assumption)."""
+
+_ADVICE = {
+    errno.ENOENT: ("does not exist", "is it plugged in? see: ls /dev/serial/by-id"),
+    errno.ENODEV: ("has no device behind it", "is it plugged in? see: ls /dev/serial/by-id"),
+    errno.ENXIO: ("has no device behind it", "is it plugged in? see: ls /dev/serial/by-id"),
+    errno.EIO: ("has no device behind it", "is it plugged in and powered? is its emulator running?"),
+    errno.EACCES: (
+        "may not be opened by this user",
+        "join its group, as a rule: sudo usermod -aG dialout $USER",
+    ),
+    errno.EAGAIN: ("is held by another program", "find it with: fuser -v {port}"),
+    errno.EBUSY: ("is held by another program", "find it with: fuser -v {port}"),
+    errno.EISDIR: ("is no serial port", "see: ls /dev/serial/by-id"),
+    errno.ENOTTY: ("is no serial port", "see: ls /dev/serial/by-id"),
+}
+
+
+class SerialPort(Settings):
+    """Where a serial device is; settings of drivers on one are derived from these."""
+
+    port: str = Field(min_length=1)
+    """Path of the port, `/dev/serial/by-id/...` or a pty."""
+    baud: int = Field(default=115_200, ge=1_200, le=12_000_000)
+    """Line speed in bits per second; 8 data bits, no parity, 1 stop bit, no flow control."""
+
+
+def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
+    """Open a serial port, or a pty, for this program alone.
+
+    Args:
+        device: Name in the profile, for errors.
+        where: It is.
+        clock: Time-stamps arriving bytes.
+
+    Raises:
+        PortError: absent, busy, forbidden or no serial port: one line with what to do.
+    """
+    port = where.port
+    try:
+        opened = serial.Serial(port, where.baud, timeout=None, exclusive=True)
+    except (OSError, ValueError) as error:
+        # pyserial keeps the number of a failed open, but not that of a failed tcgetattr.
+        configured = isinstance(error, serial.SerialException) and error.errno is None
+        number = errno.ENOTTY if configured else getattr(error, "errno", None)
+        reason, advice = _ADVICE.get(
+            number or 0, (f"cannot be opened ({error})", "see: ls /dev/serial/by-id")
+        )
+        raise PortError(device, "opening its port", f"{port} {reason}", advice.format(port=port)) from error
+    # An FTDI adapter holds bytes back for 16 ms by default (its data sheet); ptys refuse.
+    with suppress(OSError, ValueError, NotImplementedError):
+        opened.set_low_latency_mode(True)
+    return SerialLink(device, opened, clock)
+
+
+class SerialLink:
+    """An open port with its reader thread.
+
+    The thread fills a queue with what arrives, and when; it does nothing else and raises nothing. `send` and
+    `receive` never wait; they belong to one thread, the loop's.
+
+    Attributes:
+        fault: Why the link is gone, or None while it stands.
+    """
+
+    def __init__(self, device: str, port: serial.Serial, clock: Clock) -> None:
+        self.fault: str | None = None
+        self._port = port
+        self._clock = clock
+        self._arrived: deque[tuple[float, bytes]] = deque()
+        self._closing = False
+        self._reader = threading.Thread(target=self._fill, name=f"{device}-reader", daemon=True)
+        self._reader.start()
+
+    def send(self, data: bytes) -> float | None:
+        """Hand bytes to the kernel, without waiting.
+
+        Returns:
+            The monotonic time in seconds at which the last byte was taken, or None where the link is gone
+            (see `fault`).
+        """
+        if self.fault is not None or self._closing:
+            return None
+        # pyserial's own write either waits, or spins on a full buffer, or calls it a time-out when this thread
+        # lost the processor after the last byte was taken.
+        try:
+            while data:
+                data = data[os.write(self._port.fileno(), data) :]
+        except BlockingIOError:
+            self.fault = self.fault or "the port takes no more bytes"
+        except OSError as error:
+            self.fault = self.fault or f"the port was taken away ({error})"
+        return None if data else self._clock.monotonic_s()
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        """What has arrived since the last call: (monotonic arrival in seconds, bytes), in order."""
+        chunks = []
+        with suppress(IndexError):
+            while True:
+                chunks.append(self._arrived.popleft())
+        return chunks
+
+    def close(self) -> None:
+        """Close the port and wait for the thread. Never raises; may be called twice."""
+        self._closing = True
+        with suppress(OSError):
+            self._port.cancel_read()
+        self._reader.join(JOIN_TIMEOUT_S)
+        with suppress(OSError):
+            self._port.close()
+
+    def _fill(self) -> None:
+        try:
+            while not self._closing:
+                data = self._port.read(1)
+                arrival_s = self._clock.monotonic_s()
+                if data:
+                    self._arrived.append((arrival_s, data + self._port.read(self._port.in_waiting)))
+        except (OSError, TypeError) as error:  # TypeError: the port was closed under a read that hung
+            if not self._closing:
+                self.fault = self.fault or f"the port was taken away ({error})"

@@ -1,0 +1,313 @@
+"""For every stream: numbers that never wrap, loss detection, times, and blocks without a gap. Pure.
+
+A device with its own clock time-stamps its samples, and some also count them; `StreamTrack` turns both into numbers
+and host times. Where the host polls each sample it knows these already, and needs `Runs` alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from drivers.core.clock import Clock
+from drivers.core.clock_model import ClockModel, Timeline
+from drivers.core.messages import SampleBlock, StreamInfo
+
+T = TypeVar("T")
+
+ENDLESS: Final = 1 << 64
+"""Modulus of a counter that never wraps."""
+
+SLACK_S: Final = 0.05
+"""How far a counter and device time may disagree. Assumption: firmware stamps that late."""
+
+LATE_S: Final = 0.1
+"""A counter that does not go on is one that slipped where its frame is no later than this (assumption)."""
+
+ASTRAY_S: Final = 5.0
+"""A device time this far from its arrival is another clock's. Assumption: no first frame is so late."""
+
+
+class DeviceClock:
+    """The clock of a device, shared by all its streams.
+
+    Args:
+        max_drift_ppm: Bound on its drift.
+        wrap_s: When it wraps to zero; None where it never does.
+
+    Attributes:
+        model: Of the clock, since its last restart.
+        restarts: How often it restarted.
+    """
+
+    def __init__(self, max_drift_ppm: float, wrap_s: float | None = None) -> None:
+        self.restarts = 0
+        self._max_drift_ppm = max_drift_ppm
+        self._wrap_s = wrap_s
+        self.model = ClockModel(max_drift_ppm)
+
+    def restart(self) -> None:
+        """The clock has restarted."""
+        self.restarts += 1
+        self.model = ClockModel(self._max_drift_ppm)
+
+    def extended(self, shown_s: float, arrival_s: float) -> tuple[float, float]:
+        """Device time with wraps undone, and by how much it is ahead of the time expected from the arrival (s)."""
+        if not self.model.ready:
+            return shown_s, 0.0
+        expected_s = self.model.device_s(arrival_s)
+        if self._wrap_s is not None:
+            shown_s += self._wrap_s * round((expected_s - shown_s) / self._wrap_s)
+        return shown_s, shown_s - expected_s
+
+
+class _Host(ClockModel):
+    """The model of a clock that is the host's own: nothing is to be learnt."""
+
+    def observe(self, device_s: float, arrival_s: float) -> None:
+        """Nothing to observe: it shows the host's time."""
+
+    def host_s(self, device_s: float) -> float:
+        """What it shows."""
+        return device_s
+
+
+def host_clock() -> DeviceClock:
+    """The clock of samples that the host asks for at times that it knows."""
+    clock = DeviceClock(max_drift_ppm=0.0)
+    clock.model = _Host(max_drift_ppm=0.0)
+    return clock
+
+
+class Placed(NamedTuple):
+    """Where samples stand.
+
+    Attributes:
+        seq: Number of the first.
+        t0_s: Its monotonic host time in seconds.
+        device_s: Its extended device time in seconds.
+        lost: How many are missing before it; 0 where its counter or clock restarted and the number is unknown;
+            None where it follows on the one before, or begins with a subscription.
+    """
+
+    seq: int
+    t0_s: float
+    device_s: float
+    lost: int | None
+
+
+class StreamTrack:
+    """One stream of a device with a clock of its own.
+
+    Device time and the counter, where there is one, must agree on the number of missing samples. Where they do not, or
+    time goes back, device time decides: if it agrees with the arrivals, the counter has slipped, and the stream begins
+    a new segment on the same clock; if not, the device has restarted, and with it its clock and every stream. A new
+    segment is numbered by host time, and never directly follows the last: no gap looks closed.
+
+    Args:
+        clock: Of the device.
+        rate_hz: Of the stream; None where samples are irregular.
+        counter_modulus: At what the device's counter of samples is zero again: 256 for 8 bits, `ENDLESS` for never;
+            None where it has none. Device time must be right to half of what the counter spans.
+    """
+
+    def __init__(self, clock: DeviceClock, rate_hz: float | None, counter_modulus: int | None = None) -> None:
+        self._clock = clock
+        self._modulus = counter_modulus
+        self._rate_hz = rate_hz
+        self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self._timeline = Timeline(self._period_s)
+        self._restarts = 0
+        self._begins = True
+        self._seq: int | None = None
+        # What the next sample has if nothing is missing.
+        self._counter = 0
+        self._due_s = self._host_s = 0.0
+
+    def begin(self) -> None:
+        """The stream was subscribed again: what is missing before the next sample is not lost."""
+        self._begins = True
+
+    def place(
+        self,
+        shown_s: float,
+        arrival_s: float,
+        n: int = 1,
+        span_s: float = 0.0,
+        counter: int | None = None,
+        joins: bool = False,
+    ) -> Placed:
+        """Number and date samples that were in hand at monotonic time `arrival_s`.
+
+        Args:
+            shown_s: What the device's clock showed at the first of them.
+            arrival_s: In seconds.
+            n: How many.
+            span_s: Device time from the first to the last; of a regular stream it is known.
+            counter: Number of the first by the device; None where it has none.
+            joins: They may become part of the block of those before, whose times then go on.
+
+        Raises:
+            ValueError: a counter, and no `counter_modulus`: each of its wraps would be a loss.
+        """
+        if counter is not None and self._modulus is None:
+            raise ValueError("a counter of samples without a counter_modulus; at what does it wrap to zero?")
+        clock = self._clock
+        if self._rate_hz is not None:
+            span_s = (n - 1) * self._period_s
+        first_s, ahead_s = clock.extended(shown_s, arrival_s)
+        goes_on = not self._begins and self._restarts == clock.restarts
+        missing = self._missing(first_s, counter) if goes_on else None
+        if self._restarted(goes_on, missing, first_s, ahead_s + span_s):
+            clock.restart()
+            first_s, missing, goes_on = shown_s, None, False
+        clock.model.observe(first_s + span_s, arrival_s)
+        joined = missing == 0 and joins
+        host_s = self._host_s if joined else self._timeline.date(clock.model, first_s, goes_on)
+        seq = self._number(counter, missing, host_s)
+        lost = None if self._begins else 0 if missing is None else missing or None
+        last_s = host_s + span_s * (1.0 if self._rate_hz else clock.model.pace)
+        self._timeline.hold(last_s)
+        self._begins, self._restarts = False, clock.restarts
+        self._seq, self._counter = seq + n, (counter or 0) + n
+        self._due_s, self._host_s = first_s + span_s + self._period_s, last_s + self._period_s
+        return Placed(seq, host_s, first_s, lost)
+
+    def _missing(self, first_s: float, counter: int | None) -> int | None:
+        """Samples missing before this one; None where counter and time do not go on from where they were."""
+        elapsed = (first_s - self._due_s) * (self._rate_hz or 0.0)
+        if counter is None:
+            return max(0, round(elapsed)) if elapsed >= -1.0 else None
+        modulus = self._modulus or ENDLESS
+        missing = (counter - self._counter) % modulus
+        if self._rate_hz is None:
+            return missing if missing < modulus // 2 and first_s >= self._due_s else None
+        # A gap may be longer than the counter: device time shows how often it wrapped.
+        missing += modulus * round((elapsed - missing) / modulus)
+        agree = missing >= 0 and abs(missing - elapsed) <= max(1.0, SLACK_S * self._rate_hz)
+        return missing if agree else None
+
+    def _restarted(self, goes_on: bool, missing: int | None, first_s: float, ahead_s: float) -> bool:
+        """Whether the device's clock is another one than before; else a counter that does not go on has slipped."""
+        if ahead_s > ASTRAY_S or missing is not None:
+            return ahead_s > ASTRAY_S
+        if not goes_on:
+            return ahead_s < -ASTRAY_S
+        return first_s < self._due_s - SLACK_S or not -LATE_S <= ahead_s <= SLACK_S
+
+    def _number(self, counter: int | None, missing: int | None, host_s: float) -> int:
+        if self._seq is None:
+            return counter or 0
+        if missing is not None:
+            return self._seq + missing
+        return self._seq + max(1, round((host_s - self._host_s) * (self._rate_hz or 0.0)))
+
+
+@dataclass(slots=True)
+class SampleRun(Generic[T]):
+    """Samples that came one by one, without a gap.
+
+    Attributes:
+        seq: Number of the first.
+        times_s: Of each, in seconds.
+        samples: As they came.
+        arrival_s: When the last was in hand, in seconds.
+        device_s: The device's own time of the first, in seconds.
+    """
+
+    seq: int
+    times_s: list[float]
+    samples: list[T]
+    arrival_s: float
+    device_s: float | None = None
+
+    @property
+    def t0_s(self) -> float:
+        """Time of the first, in seconds."""
+        return self.times_s[0]
+
+
+class Runs(Generic[T]):
+    """Makes runs of samples that come one by one."""
+
+    def __init__(self) -> None:
+        self._runs: list[SampleRun[T]] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._runs)
+
+    def push(self, seq: int, t_s: float, arrival_s: float, sample: T, device_s: float | None = None) -> None:
+        """Take the sample number `seq`; one that does not follow on the last begins a run."""
+        last = self._runs[-1] if self._runs else None
+        if last is not None and seq == last.seq + len(last.samples):
+            last.times_s.append(t_s)
+            last.samples.append(sample)
+            last.arrival_s = arrival_s
+        else:
+            self._runs.append(SampleRun(seq, [t_s], [sample], arrival_s, device_s))
+
+    def take(self) -> list[SampleRun[T]]:
+        """Runs since the last call."""
+        taken, self._runs = self._runs, []
+        return taken
+
+
+class SampleStream(Generic[T]):
+    """One stream of samples that come one by one, from a device with a clock of its own, made into blocks.
+
+    Args:
+        info: Of the stream.
+        clock: Of the device.
+        bench: Turns monotonic time into bench time.
+        dtype: Of the values.
+        counter_modulus: See `StreamTrack`.
+    """
+
+    def __init__(
+        self,
+        info: StreamInfo,
+        clock: DeviceClock,
+        bench: Clock,
+        dtype: type[np.generic],
+        counter_modulus: int | None = None,
+    ) -> None:
+        self.info = info
+        self._bench = bench
+        self._dtype = dtype
+        self._track = StreamTrack(clock, info.rate_hz, counter_modulus)
+        self._runs = Runs[T]()
+
+    def begin(self) -> None:
+        """See `StreamTrack.begin`."""
+        self._track.begin()
+
+    def push(
+        self, sample: T, shown_s: float, arrival_s: float, counter: int | None = None
+    ) -> tuple[float, int | None]:
+        """Take a sample, of shape (channels,); returns its bench time and what was lost before it, as `Placed` has it.
+
+        Args:
+            sample: Its values.
+            shown_s: What the device's clock showed.
+            arrival_s: Monotonic time at which it was in hand.
+            counter: Its number by the device, where it has one.
+        """
+        placed = self._track.place(shown_s, arrival_s, counter=counter, joins=bool(self._runs))
+        self._runs.push(placed.seq, placed.t0_s, arrival_s, sample, placed.device_s)
+        return self._bench.from_monotonic(placed.t0_s), placed.lost
+
+    def take(self) -> list[SampleBlock]:
+        """Blocks since the last call."""
+        bench_s = self._bench.from_monotonic(0.0)
+        return [
+            self.info.block(
+                run.seq,
+                run.t0_s + bench_s,
+                np.array(run.samples, dtype=self._dtype),
+                device_t0_s=run.device_s,
+                arrival_s=run.arrival_s + bench_s,
+            )
+            for run in self._runs.take()
+        ]

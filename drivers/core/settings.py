@@ -1,0 +1,82 @@
+"""The base of every settings class: frozen, strict, finite, and closed to unknown keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict
+
+
+@dataclass(frozen=True, slots=True)
+class Refers:
+    """Marks a setting that names something else in the profile, which must be there."""
+
+    to: Literal["device", "stream", "detector"]
+
+
+@dataclass(frozen=True, slots=True)
+class Means:
+    """Marks a setting that others know by what it means, whatever its key."""
+
+    what: Literal["address", "drive", "home_speed"]
+
+
+DeviceName = Annotated[str, Refers("device")]
+"""A device, by its name in the profile."""
+
+StreamName = Annotated[str, Refers("stream")]
+"""A stream, as `device.stream` or `signals.name`."""
+
+DetectorName = Annotated[str, Refers("detector")]
+"""A detector, by its name in the profile."""
+
+Address = Annotated[str, Means("address")]
+"""Where a device is reached over a network: a profile writes it as the device's `port`."""
+
+DriveHz = Annotated[float, Means("drive")]
+"""Frequency with which transducers are driven: who drives and who listens have the same one."""
+
+HomeSpeed = Annotated[float, Means("home_speed")]
+"""Speed of a device's `Home`, m/s: no command carries it, so no guard can see it."""
+
+
+class Mismatch(NamedTuple):
+    """A setting that does not go with others: path of its table in the profile, key, and ` = value: what to do`."""
+
+    path: tuple[str, ...]
+    key: str
+    mistake: str
+
+
+class Settings(BaseModel):
+    """Validated settings; each subclass sits beside the class that it configures.
+
+    Numbers are finite, integers are accepted where a float is asked for, nothing else is converted,
+    and an unknown key is an error. The text below a field says what it is, its unit and its source.
+    """
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        validate_default=True,
+    )
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterable[Mismatch]:
+        """What does not go with the rest of the profile; a class that has such rules overrides it.
+
+        Args:
+            path: Where these settings stand: `("detectors", "contact")`.
+            profile: All settings that are sound by themselves, by their path.
+        """
+        return ()
+
+    @classmethod
+    def keys_of(cls, what: str) -> list[str]:
+        """The settings that mean something: see `Means`."""
+        return [key for key, field in cls.model_fields.items() if Means(what) in field.metadata]  # type: ignore[arg-type]

@@ -1,0 +1,261 @@
+"""The base of all drivers: statuses and blocks for the loop, one failure report, a link that opens and closes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+from drivers.core.clock import Clock
+from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
+from drivers.core.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Failed,
+    Lost,
+    Refused,
+    SampleBlock,
+    Sent,
+    Status,
+)
+
+NOT_OPEN = "it is not open"
+
+TURN_S = 0.001
+"""Pause between two looks at a link while opening and closing (assumption: a fraction of any answer)."""
+
+T = TypeVar("T")
+
+
+class Link(Protocol):
+    """The way to a device. A thread of its own may fill its queue; nothing here waits but `close`."""
+
+    @property
+    def fault(self) -> str | None:
+        """Why it is gone; None while it stands."""
+
+    def receive(self) -> Sequence[Any]:
+        """What has arrived since the last call, in order."""
+
+    def close(self) -> None:
+        """Close it, end the thread. Never raises; may be called twice."""
+
+
+LinkT = TypeVar("LinkT", bound=Link)
+
+
+class Driver:
+    """A device's name, its clock, and the blocks and statuses that the loop has not taken yet.
+
+    Args:
+        name: In the profile.
+        clock: Gives bench time.
+    """
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self.name = name
+        self._clock = clock
+        self._failure: str | None = NOT_OPEN  # why it takes no commands
+        self._blocks: list[SampleBlock] = []
+        self._statuses: list[Status] = []
+
+    def read(self) -> Sequence[SampleBlock]:
+        """Blocks that have arrived since the last call, in order for each stream."""
+        self._turn()
+        blocks, self._blocks = self._blocks, []
+        return blocks
+
+    def poll(self) -> Sequence[Status]:
+        """Statuses since the last call, in order."""
+        self._turn()
+        statuses, self._statuses = self._statuses, []
+        return statuses
+
+    def account(self) -> Mapping[str, object]:
+        """See `Device.account`."""
+        return {}
+
+    def apply(self, command: Command) -> Applied:
+        """Queue a command; its outcome comes from `poll`.
+
+        Raises:
+            CommandError: not for this device, not finite or out of range. Nothing was sent.
+        """
+        command = self._valid(command)
+        if self._failure is not None:
+            self._refuse(command, self._failure)
+        else:
+            self._carry_out(command)
+        return Applied(command, self._clock.now())
+
+    # for subclasses
+
+    def _turn(self) -> None:
+        """Process what has arrived, send what is due."""
+
+    def _valid(self, command: Command) -> Command:
+        """The command as it will be sent; raises `CommandError`."""
+        raise NotImplementedError
+
+    def _carry_out(self, command: Command) -> None:
+        """Begin with a valid command; the device is open."""
+        raise NotImplementedError
+
+    # reporting
+
+    def _report(self, status: Status) -> None:
+        self._statuses.append(status)
+
+    def _sent(self, command: Command, monotonic_s: float | None = None) -> None:
+        """A command has left the host, now or at a monotonic time."""
+        t_s = self._clock.now() if monotonic_s is None else self._clock.from_monotonic(monotonic_s)
+        self._report(Sent(t_s, self.name, command))
+
+    def _lost(self, t_s: float, stream: str, samples: int) -> None:
+        self._report(Lost(t_s, self.name, stream, samples))
+
+    def _refuse(self, command: Command, reason: str) -> None:
+        self._report(Refused(self._clock.now(), self.name, command, reason))
+
+    def _fail(self, reason: str) -> None:
+        """The device can no longer be trusted; only the first failure is reported."""
+        if self._failure is None:
+            self._failure = reason
+            self._report(Failed(self._clock.now(), self.name, reason))
+
+
+class WireDriver(Driver, Generic[LinkT]):
+    """A driver over a link; with `_valid` and `_carry_out` it implements `drivers.core.protocols.Device`.
+
+    Args:
+        name: In the profile.
+        settings: Of the device, and where it is: `XSettings` beside `X`.
+        clock: Gives bench time.
+        connect: Opens the link, with the same three; raises `PortError`. None is the device's own way, `_opens`.
+    """
+
+    _opens: staticmethod[[str, Any, Clock], Any]
+
+    def __init__(
+        self,
+        name: str,
+        settings: Any,
+        clock: Clock,
+        connect: Callable[[str, Any, Clock], LinkT] | None = None,
+    ) -> None:
+        super().__init__(name, clock)
+        self._settings = settings
+        self._connect = connect or self._opens
+        self._link: LinkT | None = None
+        self._prepare()
+
+    def open(self) -> DeviceInfo:
+        """Connect, identify, set the device's own limits, move nothing.
+
+        Raises:
+            PortError: the port is absent, busy or was taken away.
+            SilentError: nothing answers.
+            ProtocolError: what answers is another device.
+            RefusedError: it does not take a setting.
+        """
+        self.close()
+        self._blocks, self._statuses = [], []  # left over from an earlier session
+        self._forget()
+        link = self._link = self._connect(self.name, self._settings, self._clock)
+        try:
+            info = self._identify(link)
+        except BaseException:
+            self.close()
+            raise
+        self._failure = None
+        return info
+
+    def close(self) -> None:
+        """Stop what moves, close the port. Never raises; may be called twice."""
+        link, self._link = self._link, None
+        opened, failure, self._failure = self._failure != NOT_OPEN, self._failure, NOT_OPEN
+        if link is not None:
+            try:
+                if opened:
+                    self._leave(link, failure)
+            finally:
+                link.close()
+
+    # for subclasses
+
+    def _prepare(self) -> None:
+        """Make what lasts from one `open` to the next."""
+
+    def _forget(self) -> None:
+        """Nothing is known of the device: it is being opened."""
+
+    def _identify(self, link: LinkT) -> DeviceInfo:
+        """Identify the device, set it up; raises a `DeviceError`."""
+        raise NotImplementedError
+
+    def _leave(self, link: LinkT, failure: str | None) -> None:
+        """Send the last messages to a device that was open; `failure` is why it has failed, or None."""
+
+    def _update(self, link: LinkT) -> str | None:
+        """Process what has arrived, send what is due; what is wrong with the device, or None."""
+        raise NotImplementedError
+
+    def _turn(self) -> None:
+        link = self._link
+        if link is not None and self._failure is None:
+            fault = self._update(link)
+            if link.fault or fault:
+                self._fail(link.fault or fault or "")
+
+
+@dataclass(frozen=True, slots=True)
+class Inquiry:
+    """Queries to a device while it is being opened, one at a time.
+
+    Attributes:
+        device: Name in the profile.
+        doing: For errors.
+        link: To it.
+        clock: Times the answers.
+        timeout_s: How long an answer may take.
+        strange: Describes what arrived that was no answer; "" where nothing did.
+        stranger: Advice where something did.
+        silent: Advice where nothing did.
+    """
+
+    device: str
+    doing: str
+    link: Link
+    clock: Clock
+    timeout_s: float
+    strange: Callable[[], str]
+    stranger: str
+    silent: str
+
+    def ask(self, send: Callable[[], object], parse: Callable[[Any], T | None], attempts: int) -> T:
+        """Send a query, up to `attempts` times, until `parse` finds an answer in what is received.
+
+        Raises:
+            PortError: the link is gone.
+            SilentError: nothing came.
+            ProtocolError: what came is no answer.
+        """
+        for _ in range(attempts):
+            send()
+            until_s = self.clock.monotonic_s() + self.timeout_s
+            while self.clock.monotonic_s() < until_s and self.link.fault is None:
+                for received in self.link.receive():
+                    answer = parse(received)
+                    if answer is not None:
+                        return answer
+                self.clock.rest(TURN_S)
+        raise self._error(attempts * self.timeout_s)
+
+    def _error(self, waited_s: float) -> DeviceError:
+        if self.link.fault is not None:
+            return PortError(self.device, self.doing, self.link.fault, "is it plugged in and powered?")
+        strange = self.strange()
+        if strange:
+            return ProtocolError(self.device, self.doing, strange, self.stranger)
+        return SilentError(self.device, self.doing, f"no answer in {waited_s:g} s", self.silent)

@@ -1,1 +1,0 @@
-"""The bench made of software: physics, drivers in the process, emulated devices on the wire, and their wiring."""

@@ -1,0 +1,279 @@
+"""An emulated recorder of the fingers: its side of the connection; no socket, no clock of the host's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from drivers.audio.codec import MAX_LINE_BYTES, Sound, SoundMessage, decode_line, encode
+from drivers.audio.oscillator import WHOLE
+from drivers.audio.settings import FINGERS, RATE_HZ
+from drivers.core.errors import CodecError
+from drivers.core.settings import Settings
+from simulator.physics.bench import Bench, part
+
+Fault = Literal["drop", "silent", "refuse", "restart", "clip"]
+
+
+class AudioBench(Protocol):
+    """A bench with two fingers whose sound is recorded, and one drive for both; its time is the devices'."""
+
+    @property
+    def level(self) -> Literal["envelope", "carrier"]:
+        """What it computes."""
+
+    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
+        """Let time pass until `t_s`."""
+
+    def drive(self, frequency_hz: float, level: float) -> None:
+        """Drive the transducers with one frequency, from the bench's present time on."""
+
+    def chirp(self, from_hz: float, to_hz: float, duration_s: float, level: float) -> None:
+        """Sweep from the bench's present time on, then be silent."""
+
+    def silence(self) -> None:
+        """No drive, from the bench's present time on."""
+
+    def baseband(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """What an ideal chain would give of both fingers at whole milliseconds, full scale 1, shape (n, 2)."""
+
+    def carrier(self, first_frame: int, n: int, *, drift_ppm: float = 0.0) -> NDArray[np.int32]:
+        """24-bit counts of both fingers, shape (n, 2).
+
+        Frame k is at k / 96,000 s on a clock that runs so much faster than the devices'; a tone's phase is 0 at
+        frame 0.
+        """
+
+
+class EmulatedAudioSettings(Settings):
+    """What the emulated recorder is."""
+
+    recorder: str = "emulated recorder"
+    """What it calls itself."""
+    serial: str = "R1"
+    """Serial number that it reports (assumption)."""
+    firmware: str = "1.0"
+    """Version that it reports (assumption)."""
+    rate_hz: int = Field(default=RATE_HZ, ge=1)
+    """Frames a second that it reports; the bench's are 96,000 all the same."""
+    channels: int = Field(default=len(FINGERS), ge=1, le=len(FINGERS))
+    """Channels that it sends, from the right finger on."""
+    bits: int = Field(default=24, ge=1)
+    """Bits a sample that it reports; it sends 24."""
+    drift_ppm: float = Field(default=43.0, ge=-500.0, le=500.0)
+    """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
+    start_frame: int = Field(default=45 * WHOLE, ge=0, multiple_of=WHOLE)
+    """What its counter shows when the bench's time begins: by default beyond 32 bits. Of its multiples, every tone's
+    phase is zero at the counter's frame 0 too."""
+    packet_frames: int = Field(default=480, ge=1, le=4800)
+    """Frames in a packet. Assumption: 5 ms."""
+
+
+class EmulatedAudio:
+    """Follows docs/reference/audio.md: bytes in, bytes out, and time from outside.
+
+    Its converter runs by itself; sound is computed while the host subscribes. One host at a time: `hang_up` ends its
+    connection, which silences the drive. While `lossy`, packets are dropped as by a converter's overrun: the counter
+    goes on.
+
+    Args:
+        settings: What it is.
+        bench: Whose fingers it records.
+
+    Attributes:
+        dropped: Frames dropped so far.
+        lossy: True drops every packet.
+    """
+
+    def __init__(self, settings: EmulatedAudioSettings, bench: AudioBench) -> None:
+        self._settings = settings
+        self._bench = bench
+        self._line = bytearray()
+        self._outbox = bytearray()
+        self._on = False
+        self._silent = False
+        self._refusals = 0
+        self._drops = 0
+        self._clip = False
+        self._next = 0
+        self._offset = settings.start_frame
+        self._sweep_end: int | None = None
+        self.dropped = 0
+        self.lossy = False
+        self._orders: Mapping[str, Callable[[Mapping[str, Any], int], Mapping[str, Any]]] = {
+            "hello": self._hello,
+            "start": self._start,
+            "stop": self._stop,
+            "tone": self._tone,
+            "chirp": self._chirp,
+            "silence": self._hush,
+        }
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host at `t_s`; returns what was due until then and what is answered at once."""
+        self._run(t_s)
+        self._line += data
+        *lines, rest = bytes(self._line).split(b"\n")
+        self._line = bytearray(rest[-MAX_LINE_BYTES:])
+        for line in lines:
+            try:
+                command = decode_line(line)
+            except CodecError as error:
+                self._reply({"reply": 0, "refused": str(error)}, t_s)
+                continue
+            tag = command.get("tag")
+            self._reply(
+                {"reply": tag if isinstance(tag, int) else 0, **self._obey(command, self._frame(t_s))}, t_s
+            )
+        return self._take()
+
+    def step(self, t_s: float) -> bytes:
+        """What it sends by `t_s` on its own."""
+        self._run(t_s)
+        return self._take()
+
+    def hang_up(self, t_s: float) -> None:
+        """The host is gone: nothing is recorded or driven any more."""
+        self._bench.advance(t_s)
+        self._bench.silence()
+        self._on = False
+        self._sweep_end = None
+        self._line.clear()
+        self._outbox.clear()
+
+    def inject(self, kind: Fault, t_s: float, packets: int = 1) -> None:
+        """Break something at `t_s`.
+
+        Args:
+            kind: "drop" affects the next packets; "refuse" the next drive; "silent" is for good; "restart" sets the
+                converter's counter back; "clip" drives both fingers to full scale, for good.
+            t_s: When.
+            packets: How many packets, for a fault of packets.
+
+        Raises:
+            ValueError: a recorder cannot break in that way.
+        """
+        self._run(t_s)
+        if kind == "drop":
+            self._drops += packets
+        elif kind == "refuse":
+            self._refusals += 1
+        elif kind == "silent":
+            self._silent = True
+        elif kind == "restart":
+            self._offset = -self._next
+        elif kind == "clip":
+            self._clip = True
+        else:
+            raise ValueError(f"a recorder knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+
+    # time
+
+    def _frame(self, t_s: float) -> int:
+        """How many frames are over on the bench's count."""
+        return math.floor(t_s * RATE_HZ * (1.0 + self._settings.drift_ppm * 1e-6))
+
+    def _run(self, t_s: float) -> None:
+        self._bench.advance(t_s)
+        over, size = self._frame(t_s), self._settings.packet_frames
+        if self._sweep_end is not None and self._sweep_end <= over:
+            self._put(SoundMessage(self._sweep_end + self._offset, {"event": "swept"}))
+            self._sweep_end = None
+        while self._on and self._next + size <= over:
+            if self.lossy or self._drops:
+                self._drops = max(0, self._drops - 1)
+                self.dropped += size
+            else:
+                self._put(Sound(self._next + self._offset, self._counts(self._next, size)))
+            self._next += size
+
+    def _counts(self, first: int, n: int) -> NDArray[np.int32]:
+        counts = self._bench.carrier(first, n, drift_ppm=self._settings.drift_ppm)[
+            :, : self._settings.channels
+        ]
+        return np.where(counts >= 0, 2**23 - 1, -(2**23)).astype(np.int32) if self._clip else counts
+
+    # commands
+
+    def _obey(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        name = command.get("do")
+        order = self._orders.get(name) if isinstance(name, str) else None
+        if order is None:
+            what = name if isinstance(name, str) else type(name).__name__
+            return {"refused": f"there is no {what}; there are {', '.join(self._orders)}"}
+        try:
+            return order(command, frame)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            return {"refused": f"{name}: {type(error).__name__} {error}"}
+
+    def _hello(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        s = self._settings
+        about = {"recorder": s.recorder, "serial": s.serial, "version": s.firmware}
+        return {**about, "rate_hz": float(s.rate_hz), "channels": s.channels, "bits": s.bits}
+
+    def _start(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        if not self._on:
+            self._on, self._next = True, frame
+        return {}
+
+    def _stop(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        self._on = False
+        return {}
+
+    def _tone(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        return self._driven(
+            lambda: self._bench.drive(_finite(command, "frequency_hz"), _finite(command, "level"))
+        )
+
+    def _chirp(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        span = [_finite(command, key) for key in ("from_hz", "to_hz", "duration_s", "level")]
+        answer = self._driven(lambda: self._bench.chirp(*span))
+        if not answer:
+            self._sweep_end = frame + round(span[2] * RATE_HZ)
+        return answer
+
+    def _hush(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
+        self._sweep_end = None
+        self._bench.silence()
+        return {}
+
+    def _driven(self, drive: Callable[[], None]) -> Mapping[str, Any]:
+        if self._refusals:
+            self._refusals -= 1
+            return {"refused": "its amplifier is off"}
+        self._sweep_end = None
+        drive()
+        return {}
+
+    def _reply(self, content: Mapping[str, Any], t_s: float) -> None:
+        self._put(SoundMessage(self._frame(t_s) + self._offset, content))
+
+    def _put(self, frame: Sound | SoundMessage) -> None:
+        if not self._silent:
+            self._outbox += encode(frame)
+
+    def _take(self) -> bytes:
+        out, self._outbox = bytes(self._outbox), bytearray()
+        return out
+
+
+def _finite(command: Mapping[str, Any], key: str) -> float:
+    value = float(command[key])
+    if not math.isfinite(value):
+        raise ValueError(f"{key} is {value}")
+    return value
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedAudio:
+    """A recorder on the network, wired to the bench's fingers and to their drive.
+
+    Raises:
+        RefusedError: the bench has no such fingers.
+    """
+    part(bench, "carrier", "audio")
+    return EmulatedAudio(EmulatedAudioSettings(), bench)

@@ -1,0 +1,236 @@
+"""An emulated SSG-48: CAN frames on the motion of a drive; no bus, no clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, get_args
+
+from pydantic import Field
+
+from drivers.can_gripper import units
+from drivers.can_gripper.codec import decode_order, encode_answer
+from drivers.can_gripper.messages import (
+    Answer,
+    AskState,
+    DriveOrder,
+    Encoder,
+    GripperCode,
+    GripperErrors,
+    GripperInfo,
+    GripperState,
+    Heartbeat,
+    HeartbeatPeriod,
+    Number,
+    Order,
+    Plain,
+    Poll,
+    Watchdog,
+)
+from drivers.core.can_frame import CanFrame
+from drivers.core.errors import CodecError
+from drivers.core.settings import Settings
+from simulator.devices.slcan import EmulatedSlcan
+from simulator.physics.bench import part
+from simulator.physics.jaws_drive import JawsDrive
+
+Fault = Literal["stall", "overheat", "reboot", "silent"]
+
+
+class EmulatedCanGripperSettings(Settings):
+    """What the emulated gripper is."""
+
+    node: int = Field(default=0, ge=0, le=15)
+    """Node number on the bus."""
+    hardware: int = Field(default=2, ge=0, le=255)
+    """Hardware version that it reports (assumption)."""
+    software: int = Field(default=1, ge=0, le=255)
+    """Firmware version that it reports (assumption)."""
+    serial: int = Field(default=4848, ge=0, lt=2**31)
+    """Serial number that it reports (assumption)."""
+    heartbeat_s: float = Field(default=1.0, ge=0.0, le=60.0)
+    """Period of the heartbeat; 0 is none (docs/reference/can_gripper.md)."""
+    temperature_c: int = Field(default=31, ge=-20, le=75)
+    """Temperature that it reports while nothing is wrong (assumption)."""
+    supply_mv: int = Field(default=24_000, ge=9_000, le=29_500)
+    """Supply that it reports (data sheet: 24 V)."""
+
+
+class EmulatedCanGripper:
+    """Answers as the gripper does.
+
+    Its habits, all of the firmware's: orders but `DriveOrder` and `Poll` have no answer; a `DriveOrder` is answered
+    with the state before it; a fault puts the drive to sleep and stays until `CLEAR_ERROR`, and an emergency stop that
+    came in a `DriveOrder` until a `DriveOrder` without it has come as well; faults do not undo the calibration; a
+    `DriveOrder` aborts a calibration; only `Poll`, `DriveOrder` and queries feed the watchdog, whose action
+    is never used.
+
+    Args:
+        settings: What it is.
+        source: The drive and jaws that it moves; its time is passed in.
+    """
+
+    def __init__(self, settings: EmulatedCanGripperSettings, source: JawsDrive) -> None:
+        self._settings = settings
+        self._source = source
+        self._power_up()
+
+    def _power_up(self) -> None:
+        self._faults: set[str] = set()
+        self._drive = DriveOrder(0, 0, 0, activate=False, go=False)
+        self._awake = False
+        self._watchdog_s = math.inf
+        self._fed_s: float | None = None
+        self._heartbeat_s = self._settings.heartbeat_s or math.inf
+        self._sent_s: float | None = None
+        self._silent = False
+
+    def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
+        """Take a frame at `t_s`; returns what it answers at once."""
+        self._run(t_s)
+        try:
+            node, order = decode_order(frame)
+        except CodecError:
+            return []
+        if node != self._settings.node or self._silent:
+            return []
+        if isinstance(order, AskState | Poll | DriveOrder):
+            self._fed_s = t_s
+        answer = self._obey(order, t_s)
+        return [] if answer is None else [self._sent(answer, t_s)]
+
+    def step(self, t_s: float) -> list[CanFrame]:
+        """What it sends by `t_s` on its own: its heartbeat."""
+        self._run(t_s)
+        if self._silent or self._sent_s is None or t_s - self._sent_s < self._heartbeat_s:
+            return []
+        return [self._sent(Heartbeat(GripperCode.HEARTBEAT), t_s)]
+
+    def inject(self, kind: str, t_s: float) -> None:
+        """Break something at `t_s`.
+
+        Args:
+            kind: "stall" jams the jaws where they are until the next calibration, "overheat" is a fault that
+                can be cleared, "reboot" a power failure, "silent" is for good.
+            t_s: When.
+
+        Raises:
+            ValueError: it cannot break in that way.
+        """
+        self._run(t_s)
+        if kind == "stall":
+            self._source.jam()
+        elif kind == "overheat":
+            self._break("over temperature")
+        elif kind == "reboot":
+            self._power_up()
+            self._source.power_up()
+        elif kind == "silent":
+            self._silent = True
+        else:
+            raise ValueError(f"a gripper knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+
+    def _run(self, t_s: float) -> None:
+        """Let time pass, and the watchdog trip where it is due."""
+        self._fed_s = t_s if self._fed_s is None else self._fed_s
+        self._sent_s = t_s if self._sent_s is None else self._sent_s
+        if t_s - self._fed_s >= self._watchdog_s:
+            self._source.advance(self._fed_s + self._watchdog_s)
+            self._break("watchdog")
+            self._fed_s = t_s
+        self._source.advance(t_s)
+
+    def _break(self, fault: str) -> None:
+        self._faults.add(fault)
+        self._sleep()
+
+    def _sleep(self) -> None:
+        self._awake = False
+        self._source.sleep()
+
+    def _sent(self, answer: Answer, t_s: float) -> CanFrame:
+        self._sent_s = t_s
+        return encode_answer(self._settings.node, bool(self._faults), answer)
+
+    def _obey(self, order: Order, t_s: float) -> Answer | None:
+        match order:
+            case AskState(code=code):
+                return self._answers()[code]()
+            case Poll():
+                return self._state()
+            case DriveOrder():
+                state = self._state()
+                self._go(order)
+                return state
+            case Plain(code=code):
+                self._plain(code)
+            case Watchdog(period_ms=period_ms):
+                if math.isinf(self._watchdog_s):
+                    self._fed_s = t_s
+                self._watchdog_s = period_ms * 1e-3 if period_ms else math.inf
+            case HeartbeatPeriod(period_ms=period_ms):
+                self._heartbeat_s = period_ms * 1e-3 if period_ms else math.inf
+        return None
+
+    def _go(self, order: DriveOrder) -> None:
+        repeated, self._drive = order == self._drive, order
+        if order.estop:
+            self._break("emergency stop of a drive")
+        if self._faults:
+            return
+        if not (order.activate and order.go):
+            self._sleep()
+        elif not (repeated and self._awake):
+            self._awake = True
+            speed_ticks_s = units.speed_ticks_s(order.speed)
+            self._source.go(order.position / units.POSITION_COUNTS, speed_ticks_s, order.current_ma)
+
+    def _plain(self, code: GripperCode) -> None:
+        if code is GripperCode.CLEAR_ERROR:
+            # It would be raised again at the next tick: an emergency stop in a `DriveOrder` is a level.
+            self._faults &= {"emergency stop of a drive"} if self._drive.estop else set()
+            self._sleep()
+        elif code is GripperCode.ESTOP:
+            self._break("emergency stop")
+        elif code is GripperCode.IDLE:
+            self._sleep()
+        elif code is GripperCode.CALIBRATE and not self._faults:
+            self._awake = False
+            self._source.calibrate()
+
+    def _answers(self) -> dict[GripperCode, Callable[[], Answer]]:
+        s, source = self._settings, self._source
+        hot = "over temperature" in self._faults
+        return {
+            GripperCode.PING: lambda: Heartbeat(GripperCode.PING),
+            GripperCode.TEMPERATURE: lambda: Number(GripperCode.TEMPERATURE, 80 if hot else s.temperature_c),
+            GripperCode.VOLTAGE: lambda: Number(GripperCode.VOLTAGE, s.supply_mv),
+            GripperCode.INFO: lambda: GripperInfo(s.hardware, 25, s.software, s.serial),
+            GripperCode.ERRORS: lambda: GripperErrors(frozenset(self._faults)),
+            GripperCode.CURRENT: lambda: Number(GripperCode.CURRENT, round(source.current_ma)),
+            GripperCode.ENCODER: lambda: Encoder(source.ticks, round(source.ticks_s)),
+        }
+
+    def _state(self) -> GripperState:
+        source = self._source
+        return GripperState(
+            position=round(source.closed_share * units.POSITION_COUNTS),
+            current_ma=round(source.current_ma),
+            finding=source.finding,
+            activated=self._drive.activate,
+            going=self._drive.go,
+            over_temperature="over temperature" in self._faults,
+            watchdog="watchdog" in self._faults,
+            estop="emergency stop of a drive" in self._faults,
+            calibrated=source.calibrated,
+        )
+
+
+def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedSlcan:
+    """An adapter with the gripper on its bus, and the bench's jaws on the gripper.
+
+    Raises:
+        RefusedError: the bench has no jaws.
+    """
+    gripper = EmulatedCanGripperSettings(node=settings.get("node", 0))
+    return EmulatedSlcan(EmulatedCanGripper(gripper, part(bench, "jaws", "gripper")))

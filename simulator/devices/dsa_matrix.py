@@ -1,0 +1,256 @@
+"""Emulated tactile matrices behind a DSACON32-M: packets on whatever their texels feel; no port, no clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from drivers.core.errors import CodecError
+from drivers.core.settings import Settings
+from drivers.dsa_matrix import codec
+from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
+from simulator.physics.bench import part
+from simulator.physics.fingertip_settings import Matrix
+
+Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "reboot"]
+
+FRAME_FAULTS = ("drop", "flip", "truncate")
+
+BITS_PER_BYTE = 10
+"""On the line: 8 data bits, a start and a stop bit."""
+
+DEAF_S = 8.0
+"""How long it ignores commands after power-up (docs/reference/dsa_matrix.md)."""
+
+NOISE_S = (7.0, 7.41, 7.82)
+"""When it sends its noise after power-up (the maker's public library: three times in 0.82 s, after about 7 s)."""
+
+REFUSED = 5
+UNKNOWN = 13
+"""Error codes: "feature not supported", "unknown command" (the maker's public library)."""
+
+
+FASTEST_HZ = 1000
+"""Most frames a second that it takes (assumption: its clock counts milliseconds)."""
+
+
+class Texels(Protocol):
+    """What the texels feel. Its time is passed in."""
+
+    def matrices(self) -> Sequence[Matrix]:
+        """What is connected, in the order of the controller's numbers."""
+
+    def advance(self, t_s: float) -> None:
+        """Let time pass until `t_s`."""
+
+    def texels_v(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the texels read at ascending times up to the present, shape (n, cells).
+
+        Cells come matrix after matrix, each row after row.
+        """
+
+
+def counts(texels_v: NDArray[np.float64], threshold: int = 0) -> NDArray[np.uint16]:
+    """What the converter makes of texels; same shape. Below the threshold it gives 0."""
+    ideal = np.nan_to_num(np.rint(texels_v / codec.VOLT_PER_COUNT), nan=0.0)
+    held = np.clip(ideal, 0, codec.TEXEL_MAX)
+    return np.asarray(np.where(held < threshold, 0, held), dtype=np.uint16)
+
+
+class EmulatedDsaMatrixSettings(Settings):
+    """What the emulated controller is."""
+
+    serial: int = Field(default=9210, ge=0, lt=2**32)
+    """Serial number that it reports (assumption)."""
+    software: int = Field(default=290, ge=0, lt=2**16)
+    """Firmware release that it reports: one that can set thresholds (the maker's public library: from 268)."""
+    drift_ppm: float = Field(default=-53.0, ge=-500.0, le=500.0)
+    """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
+    start_ms: int = Field(default=codec.TIME_MODULUS - 5_000, ge=0, lt=codec.TIME_MODULUS)
+    """What its clock shows at the first call, in ms: by default 5 s before it wraps, so that it does."""
+    baud: int = Field(default=115_200, ge=9_600, le=921_600)
+    """Line speed in bits per second: bytes take their time, and frames that find the line busy are dropped."""
+    booted: bool = True
+    """False where it is switched on at the first call: deaf for 8 s, with noise on the line."""
+    threshold_counts: int = Field(default=0, ge=0, le=codec.TEXEL_MAX)
+    """Texels below this are reported as 0."""
+
+
+class EmulatedDsaMatrix:
+    """Answers as the controller does: bytes in, bytes out, and time from outside.
+
+    Frames are taken on the grid of its own clock. One frame may wait for the line; the next is dropped
+    silently (assumption: a buffer of one frame).
+
+    Args:
+        settings: What it is.
+        source: What its texels feel.
+    """
+
+    def __init__(self, settings: EmulatedDsaMatrixSettings, source: Texels) -> None:
+        self._settings = settings
+        self._source = source
+        self._matrices = tuple(source.matrices())
+        self._line = PacketDecoder()
+        self._outbox: list[tuple[float, bytes]] = []
+        self._free_s = -math.inf
+        self._power_s: float | None = None
+        self._start_ms = settings.start_ms
+        self._noise: list[float] = []
+        self._deaf_s = -math.inf
+        self._threshold = settings.threshold_counts
+        self._acquire = codec.Acquire(run=False, rle=False, frames_per_s=0)
+        self._tick = 0
+        self._silent = False
+        self._spoil: list[str] = []
+        self._spoiled = 0
+        self._refusals = 0
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host at `t_s`; returns what is on the line by then."""
+        self._run(t_s)
+        if t_s >= self._deaf_s:
+            for packet in self._line.feed(data):
+                try:
+                    answer = self._obey(codec.decode_request(packet), t_s)
+                except CodecError:
+                    answer = codec.Done(codec.Id.ACQUIRE, UNKNOWN)
+                self._send(encode_packet(codec.encode_answer(answer)), t_s)
+        return self._take(t_s)
+
+    def step(self, t_s: float) -> bytes:
+        """What is on the line by `t_s`."""
+        self._run(t_s)
+        return self._take(t_s)
+
+    def inject(self, kind: str, t_s: float, frames: int = 1) -> None:
+        """Break something at `t_s`.
+
+        Args:
+            kind: "drop", "flip" (one bit) and "truncate" affect the next frames; "refuse" answers the next
+                command with an error; "silent" is for good; "reboot" is a power failure.
+            t_s: When.
+            frames: How many frames, for a fault of frames.
+
+        Raises:
+            ValueError: it cannot break in that way.
+        """
+        self._run(t_s)
+        if kind in FRAME_FAULTS:
+            self._spoil += [kind] * frames
+        elif kind == "refuse":
+            self._refusals += 1
+        elif kind == "silent":
+            self._silent = True
+        elif kind == "reboot":
+            self._power_up(t_s, 0, booted=False)
+        else:
+            raise ValueError(f"matrices know no fault {kind!r}; they know {', '.join(get_args(Fault))}")
+
+    # time
+
+    def _power_up(self, t_s: float, start_ms: int, booted: bool) -> None:
+        self._power_s, self._start_ms = t_s, start_ms
+        self._acquire = codec.Acquire(run=False, rle=False, frames_per_s=0)
+        self._outbox.clear()
+        self._noise = [] if booted else [t_s + after_s for after_s in NOISE_S]
+        self._deaf_s = -math.inf if booted else t_s + DEAF_S
+
+    def _clock_s(self, t_s: float) -> float:
+        """Seconds of its own clock since power-up."""
+        assert self._power_s is not None
+        return (t_s - self._power_s) * (1.0 + self._settings.drift_ppm * 1e-6)
+
+    def _host_s(self, clock_s: float) -> float:
+        assert self._power_s is not None
+        return self._power_s + clock_s / (1.0 + self._settings.drift_ppm * 1e-6)
+
+    def _run(self, t_s: float) -> None:
+        if self._power_s is None:
+            self._power_up(t_s, self._settings.start_ms, self._settings.booted)
+        self._source.advance(t_s)
+        while self._noise and self._noise[0] <= t_s:
+            self._send(codec.POWER_UP_NOISE, self._noise.pop(0))
+        rate_hz = self._acquire.frames_per_s
+        if not self._acquire.run or rate_hz == 0:
+            return
+        while self._tick <= math.floor(self._clock_s(t_s) * rate_hz):
+            clock_s = self._tick / rate_hz
+            self._tick += 1
+            self._send_frame(clock_s, min(self._host_s(clock_s), t_s))
+
+    def _send_frame(self, clock_s: float, host_s: float) -> None:
+        (texels,) = counts(self._source.texels_v(np.array([host_s])), self._threshold)
+        time_ms = (self._start_ms + math.floor(clock_s * 1e3 + 1e-6)) % codec.TIME_MODULUS
+        packet = encode_packet(codec.encode_answer(codec.Frame(time_ms, self._acquire.rle, texels)))
+        if self._free_s - host_s > len(packet) * BITS_PER_BYTE / self._settings.baud:
+            return
+        fault = self._spoil.pop(0) if self._spoil else None
+        if fault == "truncate":
+            packet = packet[: len(packet) // 2]
+        elif fault == "flip":
+            self._spoiled += 1
+            place = 37 * self._spoiled % (8 * len(packet))
+            packet = bytes(byte ^ (1 << place % 8) * (at == place // 8) for at, byte in enumerate(packet))
+        if fault != "drop":
+            self._send(packet, host_s)
+
+    # the line
+
+    def _send(self, data: bytes, t_s: float) -> None:
+        """Put bytes on the line; the host has them when the last of them has come."""
+        self._free_s = max(self._free_s, t_s) + len(data) * BITS_PER_BYTE / self._settings.baud
+        self._outbox.append((self._free_s, data))
+
+    def _take(self, t_s: float) -> bytes:
+        sent = b"".join(data for due_s, data in self._outbox if due_s <= t_s)
+        self._outbox = [(due_s, data) for due_s, data in self._outbox if due_s > t_s]
+        return b"" if self._silent else sent
+
+    # commands
+
+    def _obey(self, request: codec.Request, t_s: float) -> codec.Answer:
+        error = REFUSED if self._refusals else 0
+        self._refusals = max(0, self._refusals - 1)
+        s = self._settings
+        match request:
+            case codec.AskMatrices(id=codec.Id.CONTROLLER):
+                return codec.ControllerInfo(error, s.serial, 0x10, s.software, 0x80 | self._acquire.run << 6)
+            case codec.AskMatrices():
+                return codec.SensorInfo(error, len(self._matrices), 0x10, 3210)
+            case codec.AskMatrix(id=codec.Id.MATRIX, matrix=number):
+                return self._matrix(number, error)
+            case codec.AskMatrix():
+                return codec.Threshold(error, self._threshold)
+            case codec.SetThreshold(counts=threshold):
+                self._threshold = self._threshold if error else threshold
+                return codec.Done(codec.Id.SET_THRESHOLD, error)
+            case codec.Acquire() if request.frames_per_s > FASTEST_HZ:
+                error = REFUSED
+            case codec.Acquire() if not error:
+                self._acquire = request
+                self._tick = math.floor(self._clock_s(t_s) * request.frames_per_s) + 1
+        return codec.Done(codec.Id.ACQUIRE, error)
+
+    def _matrix(self, number: int, error: int) -> codec.MatrixInfo:
+        if number >= len(self._matrices):
+            return codec.MatrixInfo(error or REFUSED, 0.0, 0.0, 0, 0, bytes(6))
+        matrix = self._matrices[number]
+        size_mm = matrix.texel_m * 1e3
+        uid = bytes([0, 0, 0, 0, 0, number])
+        return codec.MatrixInfo(error, size_mm, size_mm, matrix.columns, matrix.rows, uid)
+
+
+def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedDsaMatrix:
+    """The matrices' controller, on a line as fast as the driver's.
+
+    Raises:
+        RefusedError: the bench has no taxels.
+    """
+    matrix = EmulatedDsaMatrixSettings(baud=settings.get("baud", 115_200))
+    return EmulatedDsaMatrix(matrix, part(bench, "taxels", "matrix"))

@@ -1,0 +1,315 @@
+"""An emulated sensor board: frames on whatever its sensors are wired to; no port, no clock of the host's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, get_args
+
+import numpy as np
+from pydantic import Field
+
+from drivers.core.errors import CodecError
+from drivers.core.settings import Settings
+from drivers.sensor_board.codec import (
+    TIME_MODULUS,
+    BoardCode,
+    BoardHello,
+    BoardReply,
+    CommandFrame,
+    HelloStream,
+    ReplyStatus,
+    Samples,
+    Times,
+    decode,
+    encode,
+)
+from drivers.sensor_board.framing import BoardFrameDecoder
+from simulator.devices.board_channels import BoardClock, BoardSource, Channel
+from simulator.physics.bench import Bench, part
+
+Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "busy", "reboot", "restart"]
+
+FRAME_FAULTS = ("drop", "flip", "truncate")
+
+ANSWER_FAULTS = {"refuse": ReplyStatus.REFUSED, "busy": ReplyStatus.BUSY}
+
+
+LONGEST_BLOCK_S = 0.05
+"""No frame of a regular stream waits longer for its samples: after 0.1 s of silence a stream is stale. Assumption."""
+
+
+class EmulatedSensorBoardSettings(Settings):
+    """What the emulated board is."""
+
+    board: str = "emulated sensor board"
+    """What it calls itself."""
+    serial: str = "E1"
+    """Serial number that it reports (assumption)."""
+    firmware: str = "1.0"
+    """Version that it reports (assumption)."""
+    drift_ppm: float = Field(default=37.0, ge=-500.0, le=500.0)
+    """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
+    start_us: int = Field(default=TIME_MODULUS - 5_000_000, ge=0, lt=TIME_MODULUS)
+    """What its clock shows at the first call, in us: by default 5 s before it wraps, so that it does."""
+    block_samples: int = Field(default=10, ge=1, le=256)
+    """Samples of a regular stream in a frame, or fewer where they take too long. Assumption: 10 ms at 1 kHz."""
+    adc_bits: dict[str, int] = Field(default={"accelerometer": 16, "load_cell": 24})
+    """Width of a stream's converter, sign included; 32 where none is named (assumption)."""
+    tare_samples: int = Field(default=100, ge=1, le=10_000)
+    """Samples that a new zero is the mean of. Assumption: 0.1 s at 1 kHz."""
+    tendon_min_m: float = -0.005
+    """Least tendon position that is not refused (assumption)."""
+    tendon_max_m: float = 0.03
+    """Greatest tendon position that is not refused (assumption)."""
+
+
+class EmulatedSensorBoard:
+    """Answers as the board does: bytes in, bytes out, and time from outside.
+
+    Regular streams are sampled on the grid of the board's own clock, all at the same instants; only those in
+    the mask are computed. A stream's counter goes on where it was when it is started again. The last,
+    shorter block of a stream is sent when it is stopped. A tare takes the mean of the stream's latest samples
+    and is refused while the stream is off. When no command has come for as long as the watchdog was set
+    to, the excitation is switched off and the streams are stopped.
+
+    Args:
+        settings: What it is.
+        source: What its sensors and its drive are wired to.
+    """
+
+    def __init__(self, settings: EmulatedSensorBoardSettings, source: BoardSource) -> None:
+        self._settings = settings
+        self._source = source
+        self._channels = [
+            Channel(number, spec, settings.adc_bits.get(spec.name, 32), settings.tare_samples)
+            for number, spec in enumerate(source.streams())
+        ]
+        self._line = BoardFrameDecoder()
+        self._outbox = bytearray()
+        self._clock: BoardClock | None = None
+        self._watchdog_s = math.inf
+        self._fed_s = 0.0
+        self._silent = False
+        self._spoil: list[Fault] = []
+        self._spoiled = 0
+        self._answers: list[ReplyStatus] = []
+        self._orders: Mapping[int, Callable[[int, BoardClock], bool]] = {
+            BoardCode.HELLO: self._hello,
+            BoardCode.START: self._start,
+            BoardCode.STOP: self._stop,
+            BoardCode.EXCITE: self._excite,
+            BoardCode.TENDON: self._tendon,
+            BoardCode.TARE: self._tare,
+            BoardCode.WATCHDOG: self._watch,
+        }
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host at `t_s`; returns what was due until then and what is answered at once."""
+        clock = self._run(t_s)
+        for body in self._line.feed(data):
+            try:
+                command = decode(body)
+            except CodecError:
+                continue
+            if isinstance(command, CommandFrame):
+                self._fed_s = t_s
+                status = self._answers.pop(0) if self._answers else self._obey(command, clock)
+                self._outbox += encode(BoardReply(command.code, command.tag, status))
+        return self._take()
+
+    def step(self, t_s: float) -> bytes:
+        """What the board sends by `t_s` on its own."""
+        self._run(t_s)
+        return self._take()
+
+    def inject(self, kind: Fault, t_s: float, frames: int = 1) -> None:
+        """Break something at `t_s`.
+
+        Args:
+            kind: "drop", "flip" (one bit) and "truncate" (the delimiter goes too) affect the next sample
+                frames; "refuse" and "busy" answer the next command; "silent" is for good; "reboot" is a
+                power failure, after which nothing is on; "restart" sets clock, counters and zeros back
+                while the streams go on.
+            t_s: When.
+            frames: How many frames, for a fault of frames.
+
+        Raises:
+            ValueError: this board cannot break in that way.
+        """
+        self._run(t_s)
+        if kind in FRAME_FAULTS:
+            self._spoil += [kind] * frames
+        elif kind in ANSWER_FAULTS:
+            self._answers.append(ANSWER_FAULTS[kind])
+        elif kind == "silent":
+            self._silent = True
+        elif kind in ("reboot", "restart"):
+            self._restart(t_s, keep=kind == "restart")
+        else:
+            raise ValueError(f"a sensor board knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+
+    # time
+
+    def _run(self, t_s: float) -> BoardClock:
+        """Let time pass until `t_s`, and the watchdog trip where it is due."""
+        if self._clock is None:
+            self._clock = BoardClock(t_s, self._settings.start_us, 1.0 + self._settings.drift_ppm * 1e-6)
+        starved_s = self._fed_s + self._watchdog_s
+        if starved_s <= t_s:
+            self._advance(self._clock, starved_s)
+            self._switch(0, self._clock, starved_s)
+            self._source.excite(False)
+            self._fed_s = math.inf  # until the next command
+        self._advance(self._clock, t_s)
+        return self._clock
+
+    def _advance(self, clock: BoardClock, t_s: float) -> None:
+        subscribed = [channel for channel in self._channels if channel.on]
+        self._source.advance(t_s, frozenset(channel.spec.name for channel in subscribed))
+        for channel in subscribed:
+            if channel.spec.rate_hz is None:
+                self._send_events(channel, clock)
+            else:
+                self._sample(channel, clock, t_s, channel.spec.rate_hz)
+
+    def _sample(self, channel: Channel, clock: BoardClock, t_s: float, rate_hz: float) -> None:
+        ticks = np.arange(channel.tick, clock.tick(t_s, rate_hz) + 1)
+        if not len(ticks):
+            return
+        times_s = np.minimum(clock.host_s(ticks, rate_hz), t_s)
+        counts = channel.convert(self._source.sample(channel.spec.name, times_s))
+        channel.waiting = np.concatenate([channel.waiting, counts])
+        channel.tick = int(ticks[-1]) + 1
+        samples = max(1, min(self._settings.block_samples, int(LONGEST_BLOCK_S * rate_hz)))
+        while len(channel.waiting) >= samples:
+            self._send_block(channel, clock, rate_hz, samples)
+
+    def _send_block(self, channel: Channel, clock: BoardClock, rate_hz: float, samples: int) -> None:
+        first_tick = channel.tick - len(channel.waiting)
+        values, channel.waiting = channel.waiting[:samples], channel.waiting[samples:]
+        seq = channel.number_block(samples)
+        self._send(Samples(channel.number, seq, clock.tick_us(first_tick, rate_hz), values.reshape(-1)))
+
+    def _send_events(self, channel: Channel, clock: BoardClock) -> None:
+        times_s, values = self._source.events(channel.spec.name)
+        shown_us = clock.shown_us(times_s)
+        counts = channel.convert(values).reshape(-1)
+        for start in range(0, len(counts), self._settings.block_samples):
+            part = slice(start, start + self._settings.block_samples)
+            seq = channel.number_block(len(counts[part]))
+            self._send(Times(channel.number, seq, int(shown_us[start]), shown_us[part], counts[part]))
+
+    # the line
+
+    def _send(self, message: Samples | Times) -> None:
+        """Put a sample frame on the line, spoilt where a fault waits for one."""
+        frame = encode(message)
+        fault = self._spoil.pop(0) if self._spoil else None
+        if fault == "truncate":
+            frame = frame[: len(frame) // 2]
+        elif fault == "flip":
+            self._spoiled += 1
+            place = 37 * self._spoiled % (8 * (len(frame) - 1))  # anywhere but in the delimiter
+            frame = bytes(
+                byte ^ (1 << place % 8) if at == place // 8 else byte for at, byte in enumerate(frame)
+            )
+        if fault != "drop":
+            self._outbox += frame
+
+    def _take(self) -> bytes:
+        sent = b"" if self._silent else bytes(self._outbox)
+        self._outbox.clear()
+        return sent
+
+    # commands
+
+    def _obey(self, command: CommandFrame, clock: BoardClock) -> ReplyStatus:
+        order = self._orders.get(command.code)
+        if order is None:
+            return ReplyStatus.UNKNOWN
+        return ReplyStatus.OK if order(command.argument or 0, clock) else ReplyStatus.REFUSED
+
+    def _hello(self, _: int, clock: BoardClock) -> bool:
+        s = self._settings
+        streams = tuple(
+            HelloStream(
+                id=channel.number,
+                name=channel.spec.name,
+                channels=channel.spec.channels,
+                rate_hz=channel.spec.rate_hz,
+                unit=channel.spec.unit,
+                scale=channel.spec.scale,
+                kind="times" if channel.spec.rate_hz is None else "samples",
+            )
+            for channel in self._channels
+        )
+        # A delimiter ahead: a new client takes nothing before one.
+        self._outbox += b"\0" + encode(
+            BoardHello(board=s.board, serial=s.serial, version=s.firmware, streams=streams)
+        )
+        return True
+
+    def _start(self, mask: int, clock: BoardClock) -> bool:
+        if mask >> len(self._channels):
+            return False
+        self._switch(mask, clock, self._fed_s)
+        return True
+
+    def _stop(self, _: int, clock: BoardClock) -> bool:
+        self._switch(0, clock, self._fed_s)
+        return True
+
+    def _switch(self, mask: int, clock: BoardClock, t_s: float) -> None:
+        """Send the streams in the mask and no others from `t_s` on; those that stay are not disturbed."""
+        for channel in self._channels:
+            wanted = bool(mask >> channel.number & 1)
+            rate_hz = channel.spec.rate_hz
+            if channel.on and not wanted:
+                if rate_hz is not None and len(channel.waiting):
+                    self._send_block(channel, clock, rate_hz, len(channel.waiting))
+                channel.on = False
+            elif wanted and not channel.on:
+                if rate_hz is None:
+                    self._source.events(channel.spec.name)  # what happened while unsubscribed
+                channel.start(0 if rate_hz is None else clock.tick(t_s, rate_hz) + 1)
+
+    def _excite(self, on: int, _: BoardClock) -> bool:
+        if on not in (0, 1):
+            return False
+        self._source.excite(bool(on))
+        return True
+
+    def _tendon(self, position_um: int, _: BoardClock) -> bool:
+        position_m = position_um * 1e-6
+        if not self._settings.tendon_min_m <= position_m <= self._settings.tendon_max_m:
+            return False
+        self._source.set_tendon(position_m)
+        return True
+
+    def _tare(self, number: int, _: BoardClock) -> bool:
+        return number < len(self._channels) and self._channels[number].tare()
+
+    def _watch(self, period_ms: int, _: BoardClock) -> bool:
+        self._watchdog_s = period_ms * 1e-3 if period_ms else math.inf
+        return True
+
+    def _restart(self, t_s: float, keep: bool) -> None:
+        self._clock = BoardClock(t_s, 0, 1.0 + self._settings.drift_ppm * 1e-6)
+        for channel in self._channels:
+            channel.restart()
+            channel.on = channel.on and keep
+            channel.tick = 1  # tick 0 is now, and has been sampled
+        if not keep:
+            self._source.excite(False)
+            self._watchdog_s = math.inf
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedSensorBoard:
+    """The board that is wired to the bench's sensors and drive.
+
+    Raises:
+        RefusedError: the bench has none.
+    """
+    part(bench, "streams", "board")
+    return EmulatedSensorBoard(EmulatedSensorBoardSettings(), bench)

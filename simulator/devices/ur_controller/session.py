@@ -1,0 +1,178 @@
+"""One client's RTDE connection: bytes in, bytes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+from simulator.devices.ur_controller import rtde
+from simulator.devices.ur_controller.controller import UrController
+from simulator.devices.ur_controller.rtde import PackageKind, Recipe
+from simulator.devices.ur_controller.script import STEP_S
+from simulator.devices.ur_controller.variables import INPUTS, OUTPUTS, Output
+
+SLOWEST_HZ, FASTEST_HZ = 1.0, 500.0
+"""Rates of the stream on an e-Series; requests beyond are clipped to them (RTDE guide)."""
+
+OUTPUT_RECIPE = 1
+"""Id of the one recipe of outputs that a client has (RTDE guide); 0 means none."""
+
+PROGRAM_BYTES = 1 << 20
+"""Longest program (assumption: twenty times the client's)."""
+
+Piece = bytes | Callable[[UrController], bytes]
+
+
+class RtdeSession:
+    """What one connection has agreed on with the controller.
+
+    Args:
+        controller: Whose variables it reads and writes.
+        taken: Names of the inputs that have a writer, shared by all sessions: each has at most one.
+
+    Attributes:
+        streaming: Whether data packages go out.
+        writes: Whether this client has set up any input: the control interface has, the receive one has not.
+    """
+
+    def __init__(self, controller: UrController, taken: set[str]) -> None:
+        self.streaming = False
+        self._controller = controller
+        self._taken = taken
+        self._own: set[str] = set()
+        self._buffer = bytearray()
+        self._inputs: list[Recipe] = []
+        self._outputs: list[Piece] = []
+        self._every_steps = 1
+        self._steps = 0
+
+    @property
+    def writes(self) -> bool:
+        """Whether this client has set up any input."""
+        return bool(self._inputs)
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes, answer with bytes.
+
+        Raises:
+            PackageError: these are no RTDE packages, or none that can be answered.
+        """
+        self._buffer += data
+        return b"".join(self._handle(kind, body) for kind, body in rtde.take(self._buffer))
+
+    def step(self) -> bytes:
+        """The data package of this cycle, or nothing."""
+        self._steps += 1
+        if not self.streaming or self._steps % self._every_steps:
+            return b""
+        body = [piece if isinstance(piece, bytes) else piece(self._controller) for piece in self._outputs]
+        return rtde.encode(PackageKind.DATA, b"".join(body))
+
+    def close(self) -> None:
+        """Give the inputs back."""
+        self._taken -= self._own
+
+    def _handle(self, kind: int, body: bytes) -> bytes:
+        match kind:
+            case PackageKind.PROTOCOL:
+                version = int.from_bytes(body, "big")
+                return rtde.accepted(PackageKind.PROTOCOL, version == rtde.PROTOCOL_VERSION)
+            case PackageKind.CONTROLLER:
+                version_numbers = [int(part) for part in self._controller.settings.version.split(".")]
+                return rtde.version_reply(version_numbers)
+            case PackageKind.OUTPUTS:
+                return self._set_up_outputs(body)
+            case PackageKind.INPUTS:
+                return self._set_up_inputs(rtde.names(body))
+            case PackageKind.START | PackageKind.PAUSE:
+                self.streaming = kind == PackageKind.START and bool(self._outputs)
+                return rtde.accepted(PackageKind(kind), kind == PackageKind.PAUSE or self.streaming)
+            case PackageKind.DATA:
+                self._take(body)
+        return b""
+
+    def _set_up_outputs(self, body: bytes) -> bytes:
+        rate_hz, names = rtde.outputs_request(body)
+        types = [OUTPUTS[name].kind if name in OUTPUTS else rtde.NOT_FOUND for name in names]
+        if rtde.NOT_FOUND in types or 1 + rtde.size(types) > rtde.LARGEST_BODY:
+            return rtde.setup_reply(PackageKind.OUTPUTS, 0, types)
+        self._outputs = [bytes([OUTPUT_RECIPE]), *(_piece(OUTPUTS[name]) for name in names)]
+        self._every_steps = round(1.0 / (min(max(rate_hz, SLOWEST_HZ), FASTEST_HZ) * STEP_S))
+        return rtde.setup_reply(PackageKind.OUTPUTS, OUTPUT_RECIPE, types)
+
+    def _set_up_inputs(self, names: list[str]) -> bytes:
+        types = [self._input_type(name) for name in names]
+        if rtde.NOT_FOUND in types or rtde.IN_USE in types or len(self._inputs) == rtde.RECIPES:
+            return rtde.setup_reply(PackageKind.INPUTS, 0, types)
+        self._own.update(names)
+        self._taken.update(names)
+        self._inputs.append(Recipe(len(self._inputs) + 1, names, types))
+        return rtde.setup_reply(PackageKind.INPUTS, len(self._inputs), types)
+
+    def _input_type(self, name: str) -> str:
+        return rtde.IN_USE if name in self._taken - self._own else INPUTS.get(name, rtde.NOT_FOUND)
+
+    def _take(self, body: bytes) -> None:
+        """A package that does not fit its recipe is dropped: the client that sent it waits in vain."""
+        number = body[0] if body else 0
+        if not 1 <= number <= len(self._inputs):
+            self._controller.log.append(f"data for recipe {number}, which does not exist")
+            return
+        try:
+            self._controller.write_inputs(self._inputs[number - 1].decode(body))
+        except rtde.PackageError as error:
+            self._controller.log.append(str(error))
+
+
+def _piece(output: Output) -> Piece:
+    pack, value = rtde.packer(output.kind), output.value
+    if not callable(value):
+        return pack(value)
+    return lambda controller: pack(value(controller))
+
+
+_END = b"\nend\n"
+"""The line that ends a program: `end` at the margin."""
+
+
+class ScriptSession:
+    """One client's connection to the script port: programs in, nothing out.
+
+    Args:
+        controller: Which runs them.
+    """
+
+    def __init__(self, controller: UrController) -> None:
+        self._controller = controller
+        self._text = bytearray()
+
+    def feed(self, data: bytes) -> bytes:
+        """Take a piece of a program, and start the program when its last line is there.
+
+        Raises:
+            PackageError: longer than a program may be.
+        """
+        looked = max(0, len(self._text) - len(_END))
+        self._text += data
+        while (end := self._text.find(_END, looked)) >= 0:
+            lines = self._text[: end + len(_END)].decode("utf-8", "replace").splitlines()
+            del self._text[: end + len(_END)]
+            looked = 0
+            self._start(lines)
+        if len(self._text) > PROGRAM_BYTES:
+            raise rtde.PackageError(f"a program of more than {PROGRAM_BYTES} bytes")
+        return b""
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def _start(self, lines: list[str]) -> None:
+        # The client writes the offset at the head of the line after the one that requests it.
+        heads = [after for line, after in pairwise(lines) if line.endswith("# int register offset")]
+        digits = heads[0].split()[0] if heads and heads[0].split() else ""
+        if lines[0] != "def rtde_control():" or digits not in ("0", "24"):
+            self._controller.log.append(
+                f"program refused: {lines[0][:60]!r} is not the client's control script"
+            )
+            return
+        self._controller.start_program(int(digits))

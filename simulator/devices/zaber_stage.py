@@ -1,0 +1,365 @@
+"""An emulated linear stage: Zaber ASCII on the motion of a `StageAxis`; no port, no clock."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from drivers.core.errors import CodecError
+from drivers.core.settings import Settings
+from drivers.zaber_stage import codec
+from simulator.physics.bench import Bench
+from simulator.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
+
+Fault = Literal["lose", "bad_lrc", "corrupt", "late", "silent", "refuse", "stall", "interrupt", "disable"]
+
+CONSTANTS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("zaber_constants.toml").read_text("utf-8"))
+"""Settings that can be read and never change."""
+
+REPLY_FAULTS = ("lose", "bad_lrc", "corrupt", "late")
+
+DATA = 2**31 - 1
+"""Greatest number of a command (Zaber ASCII protocol: 32 bits, signed)."""
+
+
+class EmulatedZaberStageSettings(Settings):
+    """What the emulated stage is."""
+
+    address: int = Field(default=1, ge=1, le=99)
+    """Device number on the line."""
+    device_id: int = Field(default=50081, ge=1)
+    """Model number that it reports (assumption: any will do, units come from `microstep_m`)."""
+    serial: int = Field(default=40001, ge=1)
+    """Serial number that it reports (assumption)."""
+    firmware: str = "7.38"
+    """Firmware that it reports: one in which `move abs` takes a velocity."""
+    microstep_m: float = Field(default=codec.MICROSTEP_M, gt=0.0, le=1e-4)
+    """Metres per microstep (data sheet)."""
+    travel_m: float = Field(default=0.0254, gt=0.0, le=3.0)
+    """Length of the rail in metres (51,200 microsteps: a stage of one inch)."""
+    home_speed_m_s: float = Field(default=STAGE_HOME_M_S, gt=0.0, le=1.0)
+    """Speed of homing in m/s (assumption)."""
+    homed: bool = False
+    """True where it has been homed before the program starts."""
+    late_s: float = Field(default=0.15, gt=0.0, le=60.0)
+    """How much later a reply comes under the fault "late", in seconds."""
+
+
+class EmulatedZaberStage:
+    """Answers as the stage does: bytes in, bytes out, and time from outside.
+
+    Positions of the axis are metres of the rail, 0 at its home end. Bytes may arrive split anywhere. A line
+    with a wrong checksum, for another device or of another protocol is dropped silently, as the
+    device drops it. Replies carry a checksum once `comm.checksum` is set.
+
+    Args:
+        settings: What it is.
+        axis: Its motion.
+        on_plan: Called with the time of each new plan of the axis.
+    """
+
+    def __init__(
+        self,
+        settings: EmulatedZaberStageSettings,
+        axis: StageAxis,
+        on_plan: Callable[[float], None] = lambda t_s: None,
+    ) -> None:
+        self._settings = settings
+        self._axis = axis
+        self._usual_m_s2 = axis.acceleration_m_s2
+        self._on_plan = on_plan
+        self._lines = codec.LineBuffer()
+        self._outbox: list[tuple[float, bytes]] = []
+        self._faults: deque[Fault] = deque()
+        self._silent = False
+        self._refuses_next = False
+        self._stalls_next = False
+        self._moving = False
+        self._homing = False
+        self._flags: set[str] = set() if settings.homed else {"WR"}
+        self._values = {
+            "accel": round(axis.acceleration_m_s2 / codec.acceleration_m_s2(1, settings.microstep_m)),
+            "comm.address": settings.address,
+            "comm.alert": 0,
+            "comm.checksum": 0,
+            "deviceid": settings.device_id,
+            "limit.max": codec.microsteps(settings.travel_m, settings.microstep_m),
+            "limit.min": 0,
+            "maxspeed": codec.velocity_data(axis.max_speed_m_s, settings.microstep_m),
+            "resolution": 64,
+            "system.axiscount": 1,
+            "system.serial": settings.serial,
+        }
+        self._readings: dict[str, Callable[[float], float | str]] = {
+            "pos": self._position,
+            "vel": self._velocity,
+            "driver.enabled": lambda t_s: int("FD" not in self._flags),
+            "motion.accelonly": lambda t_s: self._values["accel"],
+            "motion.decelonly": lambda t_s: self._values["accel"],
+            "motion.busy": lambda t_s: int(self._moving),
+            "limit.home.state": lambda t_s: int(self._position(t_s) <= 0),
+            "system.uptime": int,
+            "version": lambda t_s: settings.firmware,
+        }
+        rail = (0, self._values["limit.max"])
+        self._writable = {
+            "accel": (1, DATA),
+            "comm.alert": (0, 1),
+            "comm.checksum": (0, 1),
+            "limit.max": rail,
+            "limit.min": rail,
+            "maxspeed": (1, self._values["maxspeed"]),
+        }
+        self._verbs: dict[str, Callable[[list[str], float], str]] = {
+            "": lambda arguments, t_s: "0",
+            "driver": self._driver,
+            "home": self._home,
+            "stop": self._stop,
+            "estop": self._halt,
+            "tools": self._tools,
+            "move": self._move,
+            "get": self._get,
+            "set": self._set,
+            "warnings": self._warnings,
+        }
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host at `t_s`; what it answers at once."""
+        self._settle(t_s)
+        return b"".join(self._answer(line, t_s) for line in self._lines.feed(data))
+
+    def step(self, t_s: float) -> bytes:
+        """What it sends by `t_s` on its own: alerts, and replies that were held back."""
+        self._settle(t_s)
+        due = b"".join(line for due_s, line in self._outbox if due_s <= t_s)
+        self._outbox = [(due_s, line) for due_s, line in self._outbox if due_s > t_s]
+        return b"" if self._silent else due
+
+    def mend(self) -> None:
+        """End what was injected and lasts or waits; the flags stay until they are cleared."""
+        self._faults.clear()
+        self._silent = self._refuses_next = self._stalls_next = False
+
+    def inject(self, kind: Fault, t_s: float) -> None:
+        """Break something at `t_s`.
+
+        Args:
+            kind: "lose", "bad_lrc", "corrupt" and "late" affect the next reply, "silent" all that follow;
+                "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one
+                where it stands still; "interrupt" (NI) ends a movement as a hand on the knob does;
+                "disable" (FD) takes the motor's power.
+            t_s: When.
+        """
+        self._settle(t_s)
+        if kind in REPLY_FAULTS:
+            self._faults.append(kind)
+        elif kind == "silent":
+            self._silent = True
+        elif kind == "refuse":
+            self._refuses_next = True
+        elif kind == "interrupt":
+            self._stop([], t_s)
+        elif kind == "disable":
+            self._break_down("FD", t_s)
+        elif self._moving:
+            self._break_down("FS", t_s)
+        else:
+            self._stalls_next = True
+
+    def _answer(self, line: bytes, t_s: float) -> bytes:
+        try:
+            request = codec.decode_request(line)
+        except CodecError:
+            return b""
+        if request.device not in (0, self._settings.address):
+            return b""
+        try:
+            accepted, data = True, self._obey(request, t_s)
+        except _RejectedError as rejection:
+            accepted, data = False, str(rejection)
+        flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
+        address = self._settings.address
+        reply = codec.StageReply(address, request.axis, request.id, accepted, self._moving, flag, data)
+        checksum = self._values["comm.checksum"] == 1
+        return b"" if self._silent else self._spoil(codec.encode_message(reply, checksum=checksum), t_s)
+
+    def _obey(self, request: codec.StageRequest, t_s: float) -> str:
+        if request.axis not in (0, 1):
+            raise _RejectedError("BADAXIS")
+        verb, *arguments = request.text.split() or [""]
+        if verb not in self._verbs:
+            raise _RejectedError("BADCOMMAND")
+        return self._verbs[verb](arguments, t_s)
+
+    def _tools(self, arguments: list[str], t_s: float) -> str:
+        if arguments[:1] != ["echo"]:
+            raise _RejectedError("BADCOMMAND")
+        return " ".join(arguments[1:]) or "0"
+
+    def _halt(self, arguments: list[str], t_s: float) -> str:
+        if self._moving:
+            self._break_down("NI", t_s)
+        return "0"
+
+    def _spoil(self, reply: bytes, t_s: float) -> bytes:
+        """The reply as the injected faults leave it."""
+        fault = self._faults.popleft() if self._faults else None
+        if fault == "lose":
+            return b""
+        if fault == "late":
+            self._outbox.append((t_s + self._settings.late_s, reply))
+            return b""
+        if fault == "corrupt":
+            return reply[:4] + bytes(byte ^ 0x80 for byte in reply[4:-2]) + reply[-2:]
+        if fault == "bad_lrc":
+            body = reply.strip(b"@\r\n").partition(b":")[0]
+            return b"@%b:%02X\r\n" % (body, codec.lrc(body) ^ 0x01)
+        return reply
+
+    def _driver(self, arguments: list[str], t_s: float) -> str:
+        if arguments == ["enable"]:
+            self._flags.discard("FD")
+        elif arguments == ["disable"]:
+            self._break_down("FD", t_s)
+        else:
+            raise _RejectedError("BADCOMMAND")
+        return "0"
+
+    def _home(self, arguments: list[str], t_s: float) -> str:
+        self._begin(t_s, 0.0, self._settings.home_speed_m_s)
+        self._homing = True
+        return "0"
+
+    def _stop(self, arguments: list[str], t_s: float) -> str:
+        if self._moving:
+            self._flags.add("NI")
+            self._homing = False
+            self._axis.stop(t_s)
+            self._on_plan(t_s)
+        return "0"
+
+    def _move(self, arguments: list[str], t_s: float) -> str:
+        """A target (`abs`, `rel`) or a velocity (`vel`) or neither (`min`, `max`), then what it may go with."""
+        kind, *numbers = arguments or [""]
+        first = {"abs": 1, "rel": 1, "vel": 0, "min": 0, "max": 0}.get(kind)
+        if first is None or not first + (kind == "vel") <= len(numbers) <= first + 2:
+            raise _RejectedError("BADCOMMAND")
+        values = [_integer(number) for number in numbers]
+        lowest, highest = self._values["limit.min"], self._values["limit.max"]
+        speed, *given = values[first:] or [self._values["maxspeed"]]
+        if kind in ("abs", "rel"):
+            target = values[0] + (self._position(t_s) if kind == "rel" else 0)
+        else:
+            target = lowest if kind == "min" or (kind == "vel" and speed < 0) else highest
+        if not lowest <= target <= highest or (kind != "vel" and speed <= 0) or min(given, default=1) <= 0:
+            raise _RejectedError("BADDATA")
+        if kind != "vel" and "WR" in self._flags:  # that position is unknown
+            raise _RejectedError("BADDATA")
+        if speed == 0:
+            return self._stop([], t_s)
+        unit_m = self._settings.microstep_m
+        acceleration_m_s2 = codec.acceleration_m_s2(given[0], unit_m) if given else None
+        speed_m_s = abs(codec.velocity_m_s(speed, unit_m))
+        self._begin(t_s, codec.length_m(target, unit_m), speed_m_s, acceleration_m_s2)
+        return "0"
+
+    def _begin(
+        self, t_s: float, target_m: float, speed_m_s: float, acceleration_m_s2: float | None = None
+    ) -> None:
+        if "FD" in self._flags:
+            raise _RejectedError("DRIVERDISABLED")
+        if self._refuses_next:
+            self._refuses_next = False
+            raise _RejectedError("STATUSBUSY")
+        self._flags -= {"FS", "NI"}
+        if self._moving:
+            self._flags.add("NI")
+        self._homing = False
+        self._moving = True
+        self._axis.acceleration_m_s2 = acceleration_m_s2 or self._usual_m_s2
+        self._axis.move_to(t_s, target_m, speed_m_s)
+        self._on_plan(t_s)
+        if self._stalls_next:
+            self._stalls_next = False
+            self._break_down("FS", t_s)
+
+    def _break_down(self, flag: str, t_s: float) -> None:
+        self._flags.add(flag)
+        self._homing = False
+        self._axis.stall(t_s)
+        self._on_plan(t_s)
+
+    def _get(self, arguments: list[str], t_s: float) -> str:
+        name = " ".join(arguments)
+        if name in self._readings:
+            return str(self._readings[name](t_s))
+        if name in self._values or name in CONSTANTS:
+            return str(self._values.get(name, CONSTANTS.get(name)))
+        raise _RejectedError("BADCOMMAND")
+
+    def _set(self, arguments: list[str], t_s: float) -> str:
+        if len(arguments) != 2 or arguments[0] not in self._writable:
+            raise _RejectedError("BADCOMMAND")
+        name, value = arguments[0], _integer(arguments[1])
+        lowest, highest = self._writable[name]
+        if not lowest <= value <= highest:
+            raise _RejectedError("BADDATA")
+        self._values[name] = value
+        if name == "accel":
+            self._usual_m_s2 = codec.acceleration_m_s2(value, self._settings.microstep_m)
+        return "0"
+
+    def _warnings(self, arguments: list[str], t_s: float) -> str:
+        active = [name for name in codec.FLAGS if name in self._flags]
+        if arguments == ["clear"]:
+            self._flags &= codec.UNHOMED | {"FD"}
+        elif arguments:
+            raise _RejectedError("BADCOMMAND")
+        return " ".join([f"{len(active):02d}", *active])
+
+    def _position(self, t_s: float) -> int:
+        return codec.microsteps(self._axis.position(t_s), self._settings.microstep_m)
+
+    def _velocity(self, t_s: float) -> int:
+        return codec.velocity_data(self._axis.velocity(t_s), self._settings.microstep_m)
+
+    def _settle(self, t_s: float) -> None:
+        """Note that a movement has ended."""
+        if not self._moving or self._axis.moving(t_s):
+            return
+        self._moving = False
+        if self._homing:
+            self._homing = False
+            self._flags -= codec.UNHOMED
+        if self._values["comm.alert"]:
+            flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
+            alert = codec.Alert(self._settings.address, 1, busy=False, flag=flag, data="")
+            checksum = self._values["comm.checksum"] == 1
+            self._outbox.append((self._axis.arrival_s, codec.encode_message(alert, checksum=checksum)))
+
+
+class _RejectedError(Exception):
+    """The reason of an RJ reply."""
+
+
+def _integer(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        raise _RejectedError("BADDATA") from None
+    if abs(value) > DATA:
+        raise _RejectedError("BADDATA")
+    return value
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedZaberStage:
+    """The stage, with the bench's probe on it: of the pitch and the travel that its driver's settings state."""
+    axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
+    bench.mount(axis)
+    own = {key: settings[key] for key in ("microstep_m", "travel_m") if key in settings}
+    return EmulatedZaberStage(EmulatedZaberStageSettings(**own), axis, bench.on_plan)

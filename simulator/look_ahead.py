@@ -1,0 +1,267 @@
+"""Many turns at once where nothing can be commanded meanwhile: what is kept to go back, and how far to look."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import is_dataclass
+from enum import Enum
+from operator import is_
+from types import BuiltinFunctionType, FunctionType, MappingProxyType, MethodType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from drivers.core.clock import Clock
+from drivers.core.settings import Settings
+from simulator.devices.faults import FaultSchedule
+
+MOST_TURNS = 128
+"""Turns at once at the most where detectors listen. Assumption: the overhead of a span is spent by then, and little is
+lost in going back."""
+
+LONGEST_S = 2.0
+"""Longest span in any case. Simulated benches remember four seconds of what devices may still ask for."""
+
+GROWTH = 8
+"""How many times longer the next look is when nothing happened and detectors listen. Assumption: a look costs some ten
+turns' worth of samples, whether in vain or not."""
+
+Copier = Callable[[Any, dict[int, Any]], Any]
+
+
+class LookAhead:
+    """Lets many turns of a bench in virtual time pass as one where nothing happens in them.
+
+    A device that acts or answers at the turn that looks at it says in `alone_s` how long it need not be looked at: then
+    a person does what they were asked for, a mover has arrived. One that halts on its way where it is not polled says
+    in `blind_s` how far apart turns may be, and is told in `watched_until_s` until when those that are taken as one
+    come often enough.
+
+    Args:
+        clock: Of the bench.
+        bench: What the devices are on.
+        devices: All of them.
+        faults: What goes wrong. A fault acts on single turns: while any is set, none are taken as one.
+    """
+
+    def __init__(
+        self, clock: Clock, bench: object, devices: Sequence[Any], faults: Sequence[FaultSchedule] = ()
+    ) -> None:
+        self._clock, self._devices, self._faults = clock, devices, faults
+        self._roots = [clock, bench, *devices, *faults]
+        self._acting = [device for device in devices if hasattr(device, "alone_s")]
+        self._leashed = [device for device in devices if hasattr(device, "blind_s")]
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a trial."""
+        self._turns = 1  # of the next look
+        self._known = False  # whether something happens in the turn after these
+        self._apart = False  # whether the latest turn was taken by itself
+        self._events = 0
+
+    def skip(
+        self,
+        first: int,
+        stride: int,
+        rate_hz: float,
+        until_s: float,
+        changed: Sequence[object],
+        look: Callable[[], float | None],
+        armed: bool,
+        events: int,
+    ) -> int:
+        """See `controller.rig.Ahead`."""
+        if events > self._events:
+            self._turns, self._known = 1, False  # what follows from it comes in the next turn
+        elif self._apart:
+            self._quiet(armed)
+        self._events, self._apart = events, True
+        blind_s = min((each.blind_s for each in self._leashed), default=math.inf)
+        if blind_s <= stride / rate_hz or any(schedule.any for schedule in self._faults):
+            return 0
+        alone_s = min((each.alone_s for each in self._acting), default=math.inf)
+        due_s = min(until_s, self._clock.now() + min(alone_s, LONGEST_S))
+        while (turns := min(self._turns, turns_before(due_s, first, stride, rate_hz))) > 1:
+            try:
+                before = Snapshot([*self._roots, *changed])
+            except TypeError:
+                break
+            last_s = (first + (turns - 1) * stride) / rate_hz
+            for each in self._leashed:
+                each.watched_until_s = last_s
+            self._clock.wait_until(last_s)
+            happened_s = look()
+            if happened_s is None:
+                self._apart = False
+                self._quiet(armed)
+                return turns
+            before.restore()
+            self._happened(turns, turns_before(happened_s, first, stride, rate_hz))
+        return 0
+
+    def _quiet(self, armed: bool) -> None:
+        """Nothing happened in as many turns. Where no detector is armed, little can happen in many."""
+        self._turns = 1 if self._known else min(GROWTH * self._turns, MOST_TURNS) if armed else sys.maxsize
+        self._known = False
+
+    def _happened(self, turns: int, before: int) -> None:
+        """Something happened in so many turns, and nothing in those `before` it; all but one where that is unknown."""
+        self._known = before < turns - 1
+        self._turns = max(1, before if self._known else turns // 2)
+
+
+def turns_before(t_s: float, first: int, stride: int, rate_hz: float) -> int:
+    """How many turns from `first` on, one each `stride` periods, are before a time."""
+    if not math.isfinite(t_s):
+        return sys.maxsize if t_s > 0.0 else 0
+    return max(0, (math.ceil(t_s * rate_hz - 1e-6) - 1 - first) // stride + 1)
+
+
+class Snapshot:
+    """The state of some objects, down to the last array, to be restored in place.
+
+    Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which never change;
+    nor does a read-only array. A class names in `lasting` what need not be put back: a ring of the
+    latest samples, twice as long as a look; what it holds of later ones is written anew.
+
+    Args:
+        roots: The objects. What they share is copied once.
+
+    Raises:
+        TypeError: one of them holds something that cannot be copied (a generator, a closure, a file).
+    """
+
+    def __init__(self, roots: Iterable[object]) -> None:
+        kept = list(roots)
+        memo: dict[int, Any] = {id(root): root for root in kept}
+        self._kept = [(root, _copy(root.__dict__, memo)) for root in kept]
+
+    def restore(self) -> None:
+        """Put everything back; once."""
+        for root, state in self._kept:
+            root.__dict__.clear()
+            root.__dict__.update(state)
+
+
+def _copy(thing: Any, memo: dict[int, Any]) -> Any:
+    kind = type(thing)
+    if kind in _PLAIN:
+        return thing
+    copier = _COPIERS.get(kind)
+    if copier is None:
+        copier = _COPIERS[kind] = _copier(kind)
+    if copier is _same:
+        _PLAIN.add(kind)
+        return thing
+    known = memo.get(id(thing))
+    return copier(thing, memo) if known is None else known
+
+
+def _copier(kind: type) -> Copier:
+    """How things of this type are copied. Of typing is the alias that an instance of a generic class was made by."""
+    if issubclass(kind, (*_VALUES, Settings)) or kind.__module__.partition(".")[0] in ("numba", "typing"):
+        return _same
+    if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+        return _same
+    if issubclass(kind, tuple) and hasattr(kind, "_make"):
+        return lambda thing, memo: _changed(thing, _each(thing, memo), kind._make)
+    if all(base is object or base.__flags__ & _OF_PYTHON for base in kind.__mro__):
+        return _object
+    raise TypeError(f"{kind.__module__}.{kind.__qualname__}")
+
+
+def _each(things: Iterable[Any], memo: dict[int, Any]) -> list[Any]:
+    """Copies, in order. What is plain, most of a bench, is not asked about again: this is where the time goes."""
+    return [each if type(each) in _PLAIN else _copy(each, memo) for each in things]
+
+
+def _changed(thing: Any, parts: list[Any], made: Callable[[list[Any]], Any]) -> Any:
+    """A tuple of copies, or the tuple itself where there was nothing to copy."""
+    return thing if all(map(is_, thing, parts)) else made(parts)
+
+
+def _same(thing: Any, _: dict[int, Any]) -> Any:
+    return thing
+
+
+def _object(thing: Any, memo: dict[int, Any]) -> Any:
+    kind = type(thing)
+    made = memo[id(thing)] = object.__new__(kind)
+    for name in getattr(kind, "lasting", ()):
+        memo[id(getattr(thing, name))] = getattr(thing, name)
+    if hasattr(thing, "__dict__"):
+        made.__dict__.update(_copy(thing.__dict__, memo))
+    for base in kind.__mro__:
+        for name in base.__dict__.get("__slots__", ()):
+            if hasattr(thing, name):
+                object.__setattr__(made, name, _copy(getattr(thing, name), memo))
+    return made
+
+
+def _function(thing: Any, _: dict[int, Any]) -> Any:
+    kept = getattr(thing, "__closure__", None) or getattr(thing, "__self__", None)
+    if kept is not None and not isinstance(kept, ModuleType):
+        raise TypeError(f"{thing.__qualname__}, which may keep something")
+    return thing
+
+
+def _array(thing: Any, memo: dict[int, Any]) -> Any:
+    if thing.dtype.hasobject:
+        raise TypeError("an array of objects")
+    made = memo[id(thing)] = thing.copy("K") if thing.flags.writeable else thing
+    return made
+
+
+def _dict(thing: Any, memo: dict[int, Any]) -> Any:
+    made = memo[id(thing)] = {}
+    made.update(zip(_each(thing, memo), _each(thing.values(), memo), strict=True))
+    return made
+
+
+def _defaultdict(thing: Any, memo: dict[int, Any]) -> Any:
+    made = memo[id(thing)] = defaultdict(thing.default_factory, _dict(thing, memo))
+    return made
+
+
+def _list(thing: Any, memo: dict[int, Any]) -> Any:
+    made: list[Any] = []
+    memo[id(thing)] = made
+    made += _each(thing, memo)
+    return made
+
+
+def _deque(thing: Any, memo: dict[int, Any]) -> Any:
+    made: deque[Any] = deque(maxlen=thing.maxlen)
+    memo[id(thing)] = made
+    made += _each(thing, memo)
+    return made
+
+
+_VALUES: tuple[type, ...] = (
+    *(type(None), bool, int, float, complex, str, bytes, range, slice, frozenset, Enum, type),
+    *(np.generic, np.dtype, np.ufunc, ModuleType, MappingProxyType),
+)
+
+_PLAIN: set[type] = set(_VALUES)
+"""Types whose things are values; those that are met are added."""
+
+_OF_PYTHON = 1 << 9
+"""Flag of a class that is made by a class statement (CPython: Py_TPFLAGS_HEAPTYPE)."""
+
+_COPIERS: dict[type, Copier] = {
+    tuple: lambda thing, memo: _changed(thing, _each(thing, memo), tuple),
+    set: lambda thing, memo: set(_each(thing, memo)),
+    FunctionType: _function,
+    BuiltinFunctionType: _function,
+    MethodType: lambda thing, memo: MethodType(thing.__func__, _copy(thing.__self__, memo)),
+    np.ndarray: _array,
+    dict: _dict,
+    defaultdict: _defaultdict,
+    list: _list,
+    deque: _deque,
+}
+"""By type; those that are met are added."""

@@ -1,0 +1,232 @@
+"""The gripper of the mock bench: the drive's motion, in the process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, valid
+from drivers.can_gripper.messages import DriveOrder, GripFinding, GripperState
+from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
+from drivers.can_gripper.watch import Watch
+from drivers.core.messages import (
+    Applied,
+    Command,
+    DeviceInfo,
+    Grip,
+    Home,
+    Listen,
+    Release,
+    SampleBlock,
+    Status,
+    Stop,
+    StreamInfo,
+)
+from drivers.core.settings import Settings
+from simulator.mocks.base import MockDriver
+from simulator.physics.bench import part
+
+
+class MockCanGripperSettings(Settings):
+    """The mock gripper; its brackets are the plant's."""
+
+    poll_hz: float = Field(default=100.0, ge=1.0, le=500.0)
+    """How often its state is polled, as in the real driver."""
+
+    max_speed_m_s: float = Field(default=0.1, gt=0.0, le=SPEED_MAX_M_S)
+    """Greatest rate of the opening, as in the real driver."""
+
+    max_force_n: float = Field(default=FORCE_MAX_N, gt=0.0, le=FORCE_MAX_N)
+    """Greatest force that may be commanded, as in the real driver."""
+
+    release_force_n: float = Field(default=15.0, gt=0.0, le=FORCE_MAX_N)
+    """How hard it may press outwards while it opens, as in the real driver."""
+
+    object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
+    """How long something must hold the jaws to be an object, as in the real driver."""
+
+
+class MockCanGripper(MockDriver):
+    """Moves the bench's jaws through the counts of the real gripper; can be made to fail."""
+
+    _settings: MockCanGripperSettings
+
+    def _wire(self) -> None:
+        name, jaws = self.name, part(self._bench, "jaws", self.name)
+        self._brackets = Brackets(jaws.jaws.settings.closed_width_m)
+        self._infos = {
+            f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
+            f"{name}.force": StreamInfo(
+                f"{name}.force", ("force",), "N", FORCE_N_PER_MA, longest_s=LONGEST_S
+            ),
+        }
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
+        self._order = DriveOrder(0, 0, 0)
+        self._subscribed: frozenset[str] = frozenset()
+        self._bench.jaws.poll_at(self._settings.poll_hz)
+        self._samples: list[tuple[int, GripperState]] = []
+        super().restart()
+
+    def open(self) -> DeviceInfo:
+        """Nothing to connect to."""
+        return DeviceInfo(
+            self.name,
+            model="simulated gripper",
+            streams=self._infos,
+            mover=True,
+            clock="bench",
+            details={
+                "closed_width_m": self._brackets.closed_width_m,
+                "open_width_m": self._brackets.open_width_m,
+                "calibrated": self._bench.jaws.calibrated,
+            },
+        )
+
+    def close(self) -> None:
+        """Nothing to release; the jaws hold where they are."""
+        self._bench.jaws.advance(self._clock.now())
+        if not self._watch.resting:
+            self._hold()
+
+    def apply(self, command: Command) -> Applied:
+        """Give the drive its order, now.
+
+        Raises:
+            CommandError: not for a gripper, not finite or out of range.
+        """
+        settings, now_s = self._settings, self._clock.now()
+        command = valid(self.name, self._brackets, settings.max_speed_m_s, settings.max_force_n, command)
+        if isinstance(command, Listen):
+            self._run(now_s)
+            self._subscribed = command.streams & frozenset(self._infos)
+            return Applied(command, now_s)
+        if self._faults.active(now_s, "silent"):
+            return Applied(command, now_s)
+        self._run(now_s)
+        refusal = self._refusal(command, now_s)
+        if refusal is not None:
+            self._refuse(command, refusal)
+            return Applied(command, now_s)
+        drives = self._do(command)
+        self._watch.begin(command, now_s, drives=drives)
+        self._sent(command)
+        return Applied(command, now_s)
+
+    def read(self) -> Sequence[SampleBlock]:
+        """States reported since the last call."""
+        now_s = self._clock.now()
+        self._run(now_s)
+        samples, self._samples = self._samples, []
+        if not samples:
+            return ()
+        if self._garbled(now_s):
+            for stream in sorted(self._subscribed):
+                self._lost(now_s, stream, len(samples))
+            return ()
+        times_s = np.array([number for number, _ in samples]) / self._settings.poll_hz
+        widths_m = [self._brackets.width_m(state.position) for _, state in samples]
+        closing_ma = [-state.current_ma for _, state in samples]
+        columns = {f"{self.name}.width": np.array(widths_m), f"{self.name}.force": np.array(closing_ma)}
+        t0_s = float(times_s[0])
+        return [
+            self._infos[stream].block(
+                samples[0][0], t0_s, columns[stream][:, None], times_s=times_s, arrival_s=now_s
+            )
+            for stream in sorted(self._subscribed)
+        ]
+
+    def poll(self) -> Sequence[Status]:
+        """What became of the commands."""
+        now_s = self._clock.now()
+        self._run(now_s)
+        if self._faults.begun(now_s, "stall"):
+            self._bench.jaws.jam()
+        return super().poll()
+
+    def _cut_off(self, now_s: float) -> None:
+        """Its own watchdog trips: it is no longer fed."""
+        self._bench.jaws.sleep()
+
+    def _refusal(self, command: Command, now_s: float) -> str | None:
+        if self._faults.active(now_s, "refuse"):
+            return "the gripper refuses (injected fault)"
+        if isinstance(command, Grip | Release) and not self._bench.jaws.calibrated:
+            return "it does not know its ends; send Home first, with empty jaws"
+        return None
+
+    def _do(self, command: Command) -> bool:
+        """Do it; whether it drives the jaws."""
+        match command:
+            case Grip():
+                self._go(self._brackets.grip(command))
+            case Release():
+                self._go(self._brackets.release(command, self._settings.release_force_n))
+            case Stop() if not self._watch.resting:
+                self._hold()
+                return bool(self._bench.jaws.calibrated)
+            case Home() if not self._bench.jaws.calibrated:
+                self._bench.jaws.calibrate()
+            case _:
+                return False
+        return True
+
+    def _hold(self) -> None:
+        if self._bench.jaws.calibrated:
+            self._go(self._brackets.hold(self._state(), self._order))
+        else:
+            self._bench.jaws.sleep()
+
+    def _go(self, order: DriveOrder) -> None:
+        self._order = order
+        self._bench.jaws.go(order.position / POSITION_COUNTS, speed_ticks_s(order.speed), order.current_ma)
+
+    def _run(self, now_s: float) -> None:
+        """Let time pass, and take the states that were due by now, each as of its time."""
+        self._bench.jaws.advance(now_s)
+        number, states = self._bench.jaws.take()
+        if not len(states) or self._gone(now_s):
+            return
+        for state in _states(states):
+            self._statuses += self._watch.push(number / self._settings.poll_hz, state, fault=False)
+            if self._subscribed:
+                self._samples.append((number, state))
+            number += 1
+
+    def _state(self) -> GripperState:
+        jaws = self._bench.jaws
+        return _state(
+            round(jaws.closed_share * POSITION_COUNTS), jaws.current_ma, jaws.finding, jaws.calibrated
+        )
+
+
+def _states(states: NDArray[np.float64]) -> Iterator[GripperState]:
+    """States of the drive, shape (m, 6), as the real one reports them."""
+    ticks, current_ma, finding, opened, closed, calibrated = states.T
+    span = np.where(opened == closed, np.inf, opened - closed)
+    counts = np.rint(np.clip((opened - ticks) / span, 0.0, 1.0) * POSITION_COUNTS)
+    last: list[float] | None = None
+    state = _state(0, 0.0, GripFinding.MOVING, False)
+    for row in np.column_stack((counts, current_ma, finding, calibrated)).tolist():
+        if row != last:
+            last, state = row, _state(int(row[0]), row[1], GripFinding(int(row[2])), bool(row[3]))
+        yield state
+
+
+def _state(position: int, current_ma: float, finding: GripFinding, calibrated: bool) -> GripperState:
+    return GripperState(
+        position=position,
+        current_ma=round(current_ma),
+        finding=finding,
+        activated=True,
+        going=True,
+        over_temperature=False,
+        watchdog=False,
+        estop=False,
+        calibrated=calibrated,
+    )

@@ -1,0 +1,210 @@
+"""A gripper and an object, millisecond by millisecond: what touches, is pushed, held, lifted or dropped. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.compiled import compiled
+from simulator.physics.aura_settings import PAD_LENGTH_M, PAD_WIDTH_M
+from simulator.physics.jaws_kernel import PRESENT, RESTING, TICK_S, look
+from simulator.physics.jaws_kernel import RATE as JAWS_RATE
+from simulator.physics.jaws_kernel import WIDTH as JAWS_WIDTH
+from simulator.physics.jaws_kernel import advance as run_jaws
+from simulator.physics.jaws_kernel import contact_n as pressed_n
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROW_HZ = 1000
+"""Rows a second (as `aura.ENVELOPE_HZ`)."""
+
+JAWS_TICKS = round(1.0 / (TICK_S * ROW_HZ))
+"""Ticks of the jaws' drive in a row."""
+
+TOUCH_M = 1e-9
+"""Nearer than this is touching: where a finger has pushed an object, the gap is zero but for rounding."""
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity (CGPM 1901)."""
+
+STATIC = 1.05
+"""How much larger static friction is (as `SlipPlantSettings.static_excess`)."""
+
+TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE, LOAD = 0, 3, 6, 7, 8, 9, 11
+COLUMNS = 12
+"""What a row holds: displacement of the tool and place of the object (three each, m), opening (m) and its rate (m/s),
+speed of arm and jaws (m/s), force on the right and on the left finger (N), and what of the object's weight they hold
+(N)."""
+
+RIGHT, LEFT, HELD, LOADED = range(4)
+"""Flags: which finger touches, whether both hold the object, whether the jaws would close on it."""
+
+HEIGHT, TOOL_HEIGHT, TAKEN, SLIDES = range(4)
+"""State of an object with a weight: height of its upper end and of the tool, height of the tool at which the fingers
+would hold nothing of it (m), and its speed upwards while it slides in them (m/s), NaN while it does not."""
+
+
+class GripThing(NamedTuple):
+    """An object as the kernel has it: see `Layout`; what is not there is not `present`."""
+
+    present: bool
+    ahead: bool
+    fits: bool
+    width_m: float
+    depth_m: float
+    height_m: float
+    top_m: float
+    lean_rad: float
+    push_n: float
+    press_n_m: float
+    mass_kg: float
+    friction: float
+    hold_n_m: float
+
+
+@compiled()
+def before(thing: GripThing, y_m: float, z_m: float) -> bool:
+    """Whether the object is before the fingers, by its place from the tool across and lengthwise."""
+    across = abs(y_m) < 0.5 * (thing.depth_m + PAD_WIDTH_M)
+    return across and z_m > -0.5 * PAD_LENGTH_M and z_m - thing.height_m < 0.5 * PAD_LENGTH_M
+
+
+@compiled()
+def lifted(thing: GripThing, lift: Floats, tool_m: float, contact_n: float) -> float:
+    """Let a millisecond pass for an object's height; returns what the fingers hold of its weight, N.
+
+    On the table, held by friction, sliding in the fingers, or falling. Quasi-static where it is held: the fingers give
+    elastically under the weight. Semi-implicit Euler where it slides or falls.
+    """
+    before_m = lift[TOOL_HEIGHT]
+    lift[TOOL_HEIGHT] = tool_m
+    weight_n = thing.mass_kg * GRAVITY_M_S2
+    most_n = 2.0 * thing.friction * contact_n
+    # what they would hold if it stood on the table, by how far the tool is above where they took hold of it
+    pulled_n = thing.hold_n_m * (tool_m - lift[TAKEN])
+    held_n: float = min(pulled_n, weight_n)
+    if math.isnan(lift[SLIDES]) and abs(held_n) <= STATIC * most_n:
+        lift[HEIGHT] = thing.top_m + max(pulled_n - weight_n, 0.0) / thing.hold_n_m
+        return held_n
+    if lift[HEIGHT] == thing.top_m:
+        held_n = min(max(pulled_n, -most_n), most_n)
+    else:
+        tool_m_s = ROW_HZ * (tool_m - before_m)
+        slides_m_s = tool_m_s if math.isnan(lift[SLIDES]) else lift[SLIDES]
+        slides_m_s += (most_n - weight_n) / thing.mass_kg / ROW_HZ
+        lift[HEIGHT] = max(lift[HEIGHT] + slides_m_s / ROW_HZ, thing.top_m)
+        caught = lift[HEIGHT] == thing.top_m or slides_m_s >= tool_m_s
+        lift[SLIDES] = math.nan if caught else slides_m_s
+        held_n = most_n
+    lift[TAKEN] = tool_m - (lift[HEIGHT] - thing.top_m) - held_n / thing.hold_n_m
+    return held_n
+
+
+@compiled()
+def touched(thing: GripThing, flags: Ints, row: Floats, contact_n: float) -> tuple[bool, bool]:
+    """Which fingers touch; writes their forces and pushes the object where a finger would be in it."""
+    row[FORCE] = row[FORCE + 1] = 0.0
+    z_m = row[OBJECT + 2] - row[TOOL + 2]
+    if not thing.present or not before(thing, row[OBJECT + 1] - row[TOOL + 1], z_m):
+        flags[HELD] = 0
+        return False, False
+    x_m = row[OBJECT] - row[TOOL] - thing.lean_rad * (z_m - thing.top_m)
+    if thing.ahead:
+        row[FORCE] = thing.press_n_m * max(-x_m, 0.0)
+        return x_m <= TOUCH_M, False
+    half_m = 0.5 * (row[WIDTH] - thing.width_m)
+    right_m, left_m = half_m - x_m, half_m + x_m
+    flags[HELD] = right_m + left_m < -TOUCH_M
+    if flags[HELD]:
+        row[OBJECT] -= x_m
+        row[FORCE] = row[FORCE + 1] = contact_n
+        return True, True
+    if right_m < 0.0:
+        row[OBJECT] += right_m
+        left_m += right_m
+    elif left_m < 0.0:
+        row[OBJECT] -= left_m
+        right_m += left_m
+    row[FORCE], row[FORCE + 1] = thing.push_n * (right_m <= TOUCH_M), thing.push_n * (left_m <= TOUCH_M)
+    return right_m <= TOUCH_M, left_m <= TOUCH_M
+
+
+@compiled()
+def meets(thing: GripThing, flags: Ints, row: Floats, tool_m: Floats, x: Floats, jaws_flags: Ints) -> None:
+    """Set whether the jaws have something to close on, or would still come to it."""
+    between = thing.present and not thing.ahead
+    if between and not flags[HELD]:
+        between = before(thing, row[OBJECT + 1] - tool_m[1], row[OBJECT + 2] - tool_m[2])
+    if between == flags[LOADED] or not thing.fits or (between and x[JAWS_WIDTH] < thing.width_m):
+        return
+    flags[LOADED] = jaws_flags[PRESENT] = between
+    jaws_flags[RESTING] = 0
+
+
+@compiled()
+def follow(
+    thing: GripThing,
+    x: Floats,
+    jaws_flags: Ints,
+    flags: Ints,
+    lift: Floats,
+    rows: Floats,
+    tick: int,
+    tools_m: Floats,
+    contacts: Ints,
+    polls: Ints,
+    seen: Floats,
+) -> int:
+    """Follow tool and jaws through milliseconds.
+
+    Args:
+        thing: The object.
+        x: State of the jaws.
+        jaws_flags: Flags of the jaws.
+        flags: Those above.
+        lift: State of the object's height.
+        rows: The latest milliseconds, by their number, shape (kept, columns).
+        tick: Number of the last one that is known.
+        tools_m: Displacement of the tool in those that follow, shape (n, 3).
+        contacts: What touched and ceased to: number, finger, whether it touches; (2 n, 3), written from the first.
+        polls: After which milliseconds the drive is polled, growing, shape (m,).
+        seen: Its states, shape (m, columns): see `jaws_kernel.look`.
+
+    Returns:
+        How many of the contacts were written.
+    """
+    written = looked = 0
+    for number in range(len(tools_m)):
+        while looked < len(polls) and polls[looked] <= tick:
+            look(x, jaws_flags, seen[looked])
+            looked += 1
+        last, tool_m = rows[tick % len(rows)], tools_m[number]
+        meets(thing, flags, last, tool_m, x, jaws_flags)
+        run_jaws(x, jaws_flags, tick * JAWS_TICKS, (tick + 1) * JAWS_TICKS)
+        tick += 1
+        row = rows[tick % len(rows)]
+        way_m2 = 0.0
+        for k in range(3):
+            moved_m = tool_m[k] - last[TOOL + k]
+            way_m2 += moved_m**2
+            row[TOOL + k] = tool_m[k]
+            row[OBJECT + k] = last[OBJECT + k] + (moved_m if flags[HELD] else 0.0)
+        row[WIDTH], row[RATE] = x[JAWS_WIDTH], x[JAWS_RATE]
+        row[SPEED] = ROW_HZ * math.sqrt(way_m2) + abs(x[JAWS_RATE])
+        touching = touched(thing, flags, row, pressed_n(x, jaws_flags))
+        for finger in range(2):
+            if touching[finger] != flags[finger]:
+                flags[finger] = touching[finger]
+                contacts[written, 0], contacts[written, 1], contacts[written, 2] = tick, finger, flags[finger]
+                written += 1
+        row[LOAD] = 0.0
+        if thing.mass_kg > 0.0:
+            row[LOAD] = lifted(thing, lift, tool_m[2], row[FORCE] if flags[HELD] else 0.0)
+            row[OBJECT + 2] = lift[HEIGHT]
+    for late in range(looked, len(polls)):
+        look(x, jaws_flags, seen[late])
+    return written

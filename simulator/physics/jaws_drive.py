@@ -1,0 +1,149 @@
+"""The gripper's own drive: loops at 5 kHz, its finding of objects, its calibration. In hardware there, so here."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.can_gripper.messages import GripFinding
+from drivers.can_gripper.units import MOST_MA, TICKS_PER_M
+from drivers.core.clock import last_tick
+from simulator.physics import jaws_kernel as kernel
+from simulator.physics.jaws import Jaws, JawsSettings
+from simulator.physics.stage_axis import sane
+
+Floats = NDArray[np.float64]
+
+RATE_HZ = 1.0 / kernel.TICK_S
+
+
+class JawsDrive:
+    """Motor, encoder and loops of a gripper on its jaws. Time is the caller's; results do not depend on its steps.
+
+    Args:
+        settings: Of jaws and scene.
+
+    Attributes:
+        jaws: What it moves.
+        states: Its polled states, in order: parts of shape (m, 6), see `jaws_kernel.look`.
+    """
+
+    def __init__(self, settings: JawsSettings) -> None:
+        self.jaws = Jaws(settings)
+        self._x, self._flags = self.jaws.x, self.jaws.flags
+        self._tick: int | None = None
+        self.poll_at(0.0)
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Sleep, uncalibrated; the jaws stay where they are."""
+        flags, present, jammed = self._flags, self._flags[kernel.PRESENT], self._flags[kernel.JAMMED]
+        flags[:] = 0
+        flags[kernel.PRESENT], flags[kernel.JAMMED] = present, jammed
+        self._x[[kernel.INTEGRAL, kernel.CURRENT, kernel.LIMIT, kernel.SPEED]] = 0.0
+
+    def restart(self) -> None:
+        """Time begins anew; all else stays as it is."""
+        self._tick = None
+
+    @property
+    def finding(self) -> GripFinding:
+        """What became of the last order."""
+        return GripFinding(int(self._flags[kernel.FINDING]))
+
+    @property
+    def current_ma(self) -> float:
+        """Of the motor; positive opens."""
+        return float(self._x[kernel.CURRENT])
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether it knows its ends."""
+        return bool(self._flags[kernel.CALIBRATED])
+
+    @property
+    def ticks(self) -> int:
+        """What the encoder reads; it grows as the jaws open."""
+        return int(kernel.encoder(self._x))
+
+    @property
+    def ticks_s(self) -> float:
+        """How fast the encoder turns."""
+        return self.jaws.rate_m_s * TICKS_PER_M
+
+    @property
+    def closed_share(self) -> float:
+        """Where the jaws are, by the ends that it knows: 0 open to 1 closed; 0 where it knows none."""
+        opened, closed = self._flags[[kernel.OPENED, kernel.CLOSED]].tolist()
+        if opened == closed:
+            return 0.0
+        return float(min(max((opened - self.ticks) / (opened - closed), 0.0), 1.0))
+
+    def go(self, closed_share: float, speed_ticks_s: float, current_ma: float) -> None:
+        """Go to a position, at a speed, within a current; without a calibration it stands."""
+        flags = self._flags
+        (
+            sane("closed_share", closed_share),
+            sane("speed_ticks_s", speed_ticks_s),
+            sane("current_ma", current_ma),
+        )
+        opened, closed = flags[[kernel.OPENED, kernel.CLOSED]].tolist()
+        flags[kernel.TARGET] = round(opened + (closed - opened) * closed_share)
+        self._x[[kernel.SPEED, kernel.LIMIT]] = speed_ticks_s, min(max(current_ma, 0.0), MOST_MA)
+        flags[kernel.THERE] = False
+        if not self.calibrated:
+            self.sleep()
+            return
+        flags[kernel.MODE], flags[kernel.RESTING] = kernel.GOING, False
+
+    def calibrate(self) -> None:
+        """Open, then close; the ends that it knew before hold until then."""
+        flags = self._flags
+        flags[[kernel.HELD, kernel.CALIBRATING, kernel.JAMMED, kernel.RESTING]] = 0
+        self._x[[kernel.INTEGRAL, kernel.LIMIT]] = 0.0, kernel.CALIBRATION_MA
+        flags[kernel.MODE] = kernel.OPENING
+
+    def sleep(self) -> None:
+        """Release: no current."""
+        kernel.sleep(self._x, self._flags)
+        self.disturb()
+
+    def jam(self) -> None:
+        """Hold the jaws fast, whatever drives them, until the next calibration."""
+        self._flags[kernel.JAMMED] = True
+        self.disturb()
+
+    def disturb(self) -> None:
+        """Something in the scene has changed: an object came, went or was released."""
+        self._flags[kernel.RESTING] = False
+
+    def poll_at(self, rate_hz: float) -> None:
+        """Poll the drive's state at this rate, from time zero on, whatever the steps of time; 0 is never."""
+        self._poll_hz, self._polled = rate_hz, 0
+        self.states: list[Floats] = []
+
+    def polls_until(self, t_s: float) -> Floats:
+        """Times of the polls due until `t_s`; they count as made."""
+        first, hz = self._polled, self._poll_hz
+        self._polled = max(first, last_tick(t_s, hz)) if hz else first
+        return np.arange(first + 1, self._polled + 1) / (hz or 1.0)
+
+    def take(self) -> tuple[int, Floats]:
+        """Number of the first state not taken yet, and all of those, shape (m, 6)."""
+        states = np.concatenate([np.empty((0, kernel.SEEN)), *self.states])
+        self.states.clear()
+        return self._polled - len(states) + 1, states
+
+    def advance(self, t_s: float) -> None:
+        """Let time pass until `t_s`; it begins where it is first called."""
+        for poll_s in self.polls_until(t_s).tolist():
+            self._pass(poll_s)
+            self.states.append(np.empty((1, kernel.SEEN)))
+            kernel.look(self._x, self._flags, self.states[-1][0])
+        self._pass(t_s)
+
+    def _pass(self, t_s: float) -> None:
+        last = last_tick(t_s, RATE_HZ)
+        if self._tick is not None and self._tick < last:
+            kernel.advance(self._x, self._flags, self._tick, last)
+        self._tick = last if self._tick is None else max(self._tick, last)

@@ -1,0 +1,209 @@
+"""Where emulated devices meet the host: a serial line or a network, and the faults of either."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import math
+import os
+import pty
+import struct
+import termios
+import tty
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Protocol
+
+from drivers.core.clock import Clock
+from simulator.devices.faults import FaultSchedule, corrupted, inject_begun
+from simulator.devices.ur_controller.server import UrServer
+
+READ_BYTES = 4096
+
+_NONE = struct.pack("i", 0)
+
+HOSTS = tuple(f"127.0.0.{number}" for number in range(2, 255))
+"""Loopback addresses for networked devices: the first that is free. The ports of a controller are fixed."""
+
+
+class EmulatedDevice(Protocol):
+    """A device made of software, at the far end of a serial line."""
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """Take bytes from the host; returns what is answered at once."""
+
+    def step(self, t_s: float) -> bytes:
+        """What the device sends by `t_s` on its own."""
+
+    def inject(self, kind: Any, t_s: float) -> None:
+        """Break something of the device's own: "stall" or "refuse".
+
+        Raises:
+            ValueError: it cannot break in that way.
+        """
+
+
+class FarEnd(Protocol):
+    """One device's end of the wire."""
+
+    @property
+    def endpoint(self) -> Mapping[str, Any]:
+        """Where the host finds it: settings of its driver."""
+
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
+        """Accept the host; times come from `clock`, what goes wrong from `faults`."""
+
+    def waited(self) -> Sequence[Any]:
+        """What to select on."""
+
+    def due_s(self) -> float:
+        """When it has something to do by itself that is worth waking up for."""
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """Carry bytes both ways, and let the faults happen that have begun.
+
+        Args:
+            ready: What of `waited` can be read.
+            t_s: Present time.
+            trial_s: Present time since the trial began, as faults count it.
+        """
+
+    def unread(self) -> bool:
+        """Whether the host has bytes before it that it has not read."""
+
+    def unplug(self) -> None:
+        """Disconnect; may be called twice."""
+
+
+class Line:
+    """A pty with an emulated device at its far end.
+
+    Args:
+        device: What answers.
+    """
+
+    def __init__(self, device: EmulatedDevice) -> None:
+        self._device = device
+        self._faults = FaultSchedule()
+        self._far, near = pty.openpty()
+        tty.setraw(near)
+        os.set_blocking(self._far, False)
+        self.endpoint = {"port": os.ttyname(near)}
+        # One end stays open here, so that the line survives a host that closes and opens it again.
+        self._near: int | None = near
+
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
+        """See `FarEnd.open`; the line itself is there from the start."""
+        self._faults = faults
+
+    def waited(self) -> Sequence[int]:
+        """See `FarEnd.waited`."""
+        return [self._far] if self._near is not None else []
+
+    def due_s(self) -> float:
+        """See `FarEnd.due_s`: it does with being stepped as often as all are."""
+        return math.inf
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """See `FarEnd.exchange`."""
+        self._fail(t_s, trial_s)
+        if self._near is None:
+            return
+        out = b""
+        if self._far in ready:
+            with contextlib.suppress(OSError):
+                out = self._device.receive(os.read(self._far, READ_BYTES), t_s)
+        out += self._device.step(t_s)
+        out = corrupted(self._faults, out, trial_s)
+        if out:
+            self._write(out)
+
+    def unread(self) -> bool:
+        """See `FarEnd.unread`."""
+        return self._near is not None and fcntl.ioctl(self._near, termios.FIONREAD, _NONE) != _NONE
+
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: the host sees its port vanish."""
+        if self._near is not None:
+            os.close(self._near)
+            os.close(self._far)
+            self._near = None
+
+    def _fail(self, t_s: float, trial_s: float) -> None:
+        if self._faults.begun(trial_s, "unplug"):
+            self.unplug()
+        inject_begun(self._faults, self._device, trial_s, t_s)
+
+    def _write(self, out: bytes) -> None:
+        try:
+            os.write(self._far, out)
+        except OSError as error:
+            # Nothing reads: a real board's bytes are lost as well.
+            if error.errno not in (errno.EAGAIN, errno.EIO):
+                raise
+
+
+class Network:
+    """An emulated controller on a loopback address of its own.
+
+    TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come. A stall is a
+    protective stop; a refusal is local control, taken at the pendant.
+
+    Args:
+        server: What answers.
+    """
+
+    def __init__(self, server: UrServer) -> None:
+        self._server = server
+        self._faults = FaultSchedule()
+
+    @property
+    def endpoint(self) -> Mapping[str, Any]:
+        """See `FarEnd.endpoint`; what acts on an emulated arm is not to be scheduled before the loop."""
+        return {"host": self._server.host, "realtime_priority": 0}
+
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
+        """See `FarEnd.open`.
+
+        Raises:
+            OSError: no address is free.
+        """
+        self._faults = faults
+        self._server.clock = clock
+        self._server.open(HOSTS)
+
+    def waited(self) -> Sequence[Any]:
+        """See `FarEnd.waited`."""
+        return self._server.sockets
+
+    def due_s(self) -> float:
+        """See `FarEnd.due_s`: the controller's next cycle."""
+        return self._server.next_s
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+        """See `FarEnd.exchange`."""
+        self._fail(trial_s)
+        silent = self._faults.active(trial_s, "silent")
+        self._server.deaf = silent
+        self._server.streams = not (
+            silent or self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
+        )
+        self._server.turn(now_s=t_s)
+
+    def unread(self) -> bool:
+        """See `FarEnd.unread`: the arm's process reports itself which row it has seen."""
+        return False
+
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: the host sees its connections end, and no more answers."""
+        self._server.close()
+
+    def _fail(self, trial_s: float) -> None:
+        controller = self._server.controller
+        if self._faults.begun(trial_s, "unplug"):
+            self.unplug()
+        if self._faults.begun(trial_s, "stall"):
+            controller.protective_stop("injected")
+        if self._faults.begun(trial_s, "refuse"):
+            controller.remote = False
+            controller.stop_program("local control")

@@ -1,0 +1,108 @@
+"""Libraries that a bench does not need, and modules that Linux alone has, made impossible to import."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.audio.recording import Recording
+from drivers.audio.settings import AudioSettings
+from drivers.core.can_link import CanPort, open_can
+from drivers.core.clock import VirtualClock
+from drivers.core.errors import PortError
+
+ROOT = Path(__file__).parents[2]
+EXTRAS = (
+    "rtde_control",
+    "rtde_receive",
+    "can",
+    "sounddevice",
+    "soundfile",
+    "distributed",
+    "foxglove",
+    "pyarrow",
+)
+LINUX = ("fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty")
+
+
+def without(modules: tuple[str, ...], *arguments: str, folder: Path) -> str:
+    """What the program prints in a folder, the modules missing."""
+    return python_without(modules, f"from run import cli; cli({list(arguments)!r})", folder)
+
+
+def python_without(modules: tuple[str, ...], code: str, folder: Path) -> str:
+    missing = f"""
+import os, sys
+sys.path.insert(0, {str(ROOT)!r})
+sys.modules.update(dict.fromkeys({modules!r}))
+if "fcntl" in {modules!r}:
+    for name in [name for name in dir(os) if name.startswith("sched_")]:
+        delattr(os, name)
+"""
+    command = [sys.executable, "-c", missing + code]
+    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a run, made without any extra."""
+    folder = tmp_path_factory.mktemp("missing")
+    short = ("--only", "1", "--set", "behavior.settle_s=2.0")
+    assert "1 contact" in without(EXTRAS, "run", "mock/transient", *short, folder=folder)
+    return folder
+
+
+def test_a_simulated_bench_needs_no_extra(folder: Path) -> None:
+    assert 'experiment = "transient"' in without(EXTRAS, "check", "mock/transient", folder=folder)
+    assert "hardware/slip" in without(EXTRAS, "list", folder=folder)
+    assert "report.html" in without(EXTRAS, "report", "latest", folder=folder)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "printed"),
+    [
+        (("report", "latest"), "report.html"),
+        (("compare", "latest", "latest"), "compare.html"),
+        (("export", "latest", "--to", "csv"), "samples_1.csv"),
+        (("export", "latest", "--to", "rosbag2"), "trial_1.mcap"),
+        (("replay", "latest", "--detector", "resonance.paper"), '"event": "Contact"'),
+        (("list",), "hardware/slip"),
+    ],
+)
+def test_a_run_is_read_without_what_linux_alone_has(
+    folder: Path, arguments: tuple[str, ...], printed: str
+) -> None:
+    assert printed in without(LINUX, *arguments, folder=folder)
+
+
+def test_a_script_reads_a_run_without_either(folder: Path) -> None:
+    reading = """
+from touchbench import open_run
+run = open_run("latest")
+series = run.trial(1).stream("board.load_cell")
+print(run.trials[0]["outcome"], series.unit, len(series.times_s) == len(series.values) > 0)
+"""
+    assert python_without((*EXTRAS, *LINUX), reading, folder) == "contact N True\n"
+
+
+@pytest.mark.parametrize(
+    ("library", "extra", "open_it"),
+    [
+        ("can", "can", lambda: open_can("scale", CanPort(port="can0"), VirtualClock())),
+        (
+            "soundfile",
+            "sound",
+            lambda: Recording("scale", AudioSettings(port="file:a.wav"), VirtualClock(), "a.wav").open(),
+        ),
+    ],
+)
+def test_a_library_that_a_device_lacks_is_named_with_what_installs_it(
+    monkeypatch: pytest.MonkeyPatch, library: str, extra: str, open_it: Callable[[], object]
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(PortError, match=rf"^scale: .*{library} is not installed .*'touchbench\[{extra}\]'$"):
+        open_it()

@@ -1,0 +1,118 @@
+"""What really happened on a simulated bench does not depend on who listens, for each measure that is scored by it."""
+
+from dataclasses import replace
+
+import pytest
+
+from behaviors.events import Tick
+from behaviors.machine import Behavior, StatePlan, on
+from config import assemble
+from config.profile import load_profile
+from controller.campaign import Campaign
+from controller.registry import EXPERIMENTS
+from tests.scenarios.conftest import Script
+
+PROFILES = {name: f"mock/{name}" for name in EXPERIMENTS} | {"aura": "mock/touch"}
+"""A shipped profile of each experiment, in whose first trial something touches, if it is to."""
+
+
+FINGER = ("static", "transient", "flexion", "proximal", "tradeoff")
+EXACT = {"plant.error_budget_rad": "0", "behavior.settle_s": "2.0"}
+"""For the finger, which else jumps over what nobody observes: to another phase of its oscillation than it would have
+computed, so that its next touch comes at another time, as in a trial with other noise."""
+
+
+class Deaf(Behavior):
+    """Commands what another behavior commanded, when it did, measures what it measured, and has no detector.
+
+    Args:
+        acts: When, which commands, and which streams are measured from then on.
+        end_s: When the trial ended.
+    """
+
+    table = (on("deadline", "ACTING", "DONE"),)
+
+    def __init__(self, acts, end_s):
+        self._acts = list(acts)
+        self._measures = frozenset()
+        super().__init__({"ACTING": StatePlan(end_s)})
+
+    @property
+    def plan(self):
+        return replace(super().plan, measures=self._measures)
+
+    @property
+    def due_s(self):
+        return self._acts[0][0] if self._acts else super().due_s
+
+    def begin(self, t_s):
+        return [*super().begin(t_s), *self._act()]
+
+    def handle(self, event):
+        commands = list(super().handle(event))
+        while isinstance(event, Tick) and self._acts and self._acts[0][0] <= event.t_s + 1e-9:
+            commands += self._act()
+        return commands
+
+    def _act(self):
+        _, commands, self._measures = self._acts.pop(0)
+        return commands
+
+
+def run_one(plan, rig, out, trial):
+    outcome = Campaign(replace(plan, trials=[trial]), rig, Script(), out).run()
+    assert outcome.error is None, outcome.error
+
+
+def made(profile):
+    """A plan of its first trial, that trial, and the bench turn by turn."""
+    plan = assemble.plan_campaign(profile, profile.trials(0)[:1], 1)
+    rig = replace(assemble.build_rig(profile), ahead=None)
+    return plan, next(iter(plan.trials)), rig
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_truth_is_the_same_with_every_detector_taken_away(name, tmp_path):
+    exact = EXACT if name in FINGER else {}
+    profile = load_profile(PROFILES[name], {"trials.order": '"listed"', **exact})
+    plan, trial, rig = made(profile)
+    seen, acts = [], []
+
+    def noting(method):
+        def noted(event):
+            commands = method(event)
+            if commands or not acts or behavior.plan.measures != acts[-1][2]:
+                acts.append((rig.clock.now(), list(commands), behavior.plan.measures))
+            return commands
+
+        return noted
+
+    def measured(evidence, outcome):
+        seen.append((evidence, rig.clock.now()))
+        return trial.measure(evidence, outcome)
+
+    behavior = trial.behavior
+    behavior.begin, behavior.handle = noting(behavior.begin), noting(behavior.handle)
+    run_one(plan, rig, tmp_path, replace(trial, measure=measured))
+    (heard, end_s), *_ = seen
+    assert rig.truth is not None and (heard.detectors or name in ("chirp", "static", "weights"))
+
+    plan, trial, rig = made(profile)
+    deaf = replace(
+        trial,
+        behavior=Deaf(acts, end_s),
+        detectors={},
+        measure=lambda evidence, outcome: seen.append((evidence, 0.0)) or (outcome, {}),
+    )
+    run_one(plan, rig, tmp_path, deaf)
+    unheard = seen[-1][0]
+    assert not any(True for _ in unheard.events if type(_).__name__ in ("Contact", "SlipStarted", "PreTouch"))
+
+    assert (unheard.truth, unheard.slips, unheard.lifts) == (heard.truth, heard.slips, heard.lifts)
+    row = trial.measure(heard, "held")
+    judged_by_the_other = trial.measure(
+        replace(heard, truth=unheard.truth, slips=unheard.slips, lifts=unheard.lifts), "held"
+    )
+    for column, value in row[1].items():
+        assert judged_by_the_other[1][column] == pytest.approx(value, abs=1e-9, nan_ok=True), column
+    assert row[0] == judged_by_the_other[0]

@@ -1,0 +1,71 @@
+"""The emulated hand, in the bytes of docs/reference/barrett_hand.md."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.core.can_frame import CanFrame
+from simulator.devices.barrett_hand import (
+    EmulatedBarrettHand,
+    EmulatedBarrettHandSettings,
+    counts,
+)
+from tests.steady import SteadyForces
+
+SETTINGS = EmulatedBarrettHandSettings(newton_per_count=0.01, zero_counts=2000, mode=5)
+
+
+@pytest.fixture
+def hand() -> EmulatedBarrettHand:
+    return EmulatedBarrettHand(SETTINGS, SteadyForces({11: 1.0, 12: -0.5, 13: 30.0}))
+
+
+def test_one_finger_answers_for_itself(hand: EmulatedBarrettHand) -> None:
+    answer = hand.receive(CanFrame(0x00B, b"\x19"), 0.0)
+    assert answer == [CanFrame(0x566, bytes.fromhex("99 00 34 08"))]  # 2100
+
+
+def test_all_fingers_answer_one_question_and_the_spread_has_no_gauge(hand: EmulatedBarrettHand) -> None:
+    answers = hand.receive(CanFrame(0x405, b"\x19"), 0.0)
+    assert [(frame.id, int.from_bytes(frame.data[2:], "little")) for frame in answers] == [
+        (0x566, 2100),
+        (0x586, 1950),
+        (0x5A6, 4095),
+    ]
+
+
+def test_settings_are_kept_and_have_no_answer(hand: EmulatedBarrettHand) -> None:
+    assert hand.receive(CanFrame(0x00B, bytes.fromhex("AA 00 D0 01 01 00")), 0.0) == []
+    (answer,) = hand.receive(CanFrame(0x00B, b"\x2a"), 0.0)
+    assert answer.data == bytes.fromhex("AA 00 D0 01 01 00")
+
+
+def test_a_finger_beyond_its_range_protects_itself(hand: EmulatedBarrettHand) -> None:
+    hand.receive(CanFrame(0x405, b"\x19"), 0.0)
+    modes = [frame.data[2] for frame in hand.receive(CanFrame(0x405, b"\x08"), 0.0)]
+    assert modes == [5, 5, 0, 5]
+
+
+def test_frames_that_are_not_for_it_are_passed_over(hand: EmulatedBarrettHand) -> None:
+    for frame in (
+        CanFrame(0x00A, b"\x19"),
+        CanFrame(0x404, b"\x19"),
+        CanFrame(0x00B),
+        CanFrame(0x00B, b"\x07"),
+    ):
+        assert hand.receive(frame, 0.0) == []
+
+
+def test_gauges_saturate_at_their_converters_ends() -> None:
+    forces_n = np.array([-100.0, 0.0, 0.014, 100.0, np.nan])
+    assert counts(forces_n, SETTINGS).tolist() == [0, 2000, 2001, 4095, 0]
+
+
+def test_faults_it_does_not_know_are_refused(hand: EmulatedBarrettHand) -> None:
+    with pytest.raises(ValueError, match="a hand knows no fault 'stall'"):
+        hand.inject("stall", 0.0)
+    hand.inject("saturate", 0.0)
+    assert hand.receive(CanFrame(0x00B, b"\x19"), 0.0)[0].data[2:] == b"\0\0"
+    hand.inject("silent", 0.0)
+    assert hand.receive(CanFrame(0x00B, b"\x19"), 0.0) == []

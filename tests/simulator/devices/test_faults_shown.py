@@ -1,0 +1,94 @@
+"""The table of what each device can show is true: its mock asks for just these faults, its emulated twin takes them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any, get_args
+
+import pytest
+
+from config import assemble
+from config.profile import load_profile
+from controller.named import found
+from controller.registry import KINDS
+from controller.rig import TrialScene
+from drivers.core.messages import Ask, Home, Listen, MoveTo, Release, Tone
+from simulator.devices.faults import FaultSchedule, Kind
+from simulator.mocks.base import OverMemory
+
+BENCH = {
+    "zaber_stage": "mock/transient",
+    "sensor_board": "mock/transient",
+    "ur_arm": "mock/slip",
+    "barrett_hand": "mock/slip",
+    "dsa_matrix": "mock/slip",
+    "audio": "mock/centering",
+    "can_gripper": "mock/centering",
+    "operator": "mock/weights",
+}
+SENSOR = {"barrett_hand": "barrett_finger", "dsa_matrix": "dsa"}
+
+
+class Asked(FaultSchedule):
+    """Nothing goes wrong; it keeps in mind which kinds are asked for."""
+
+    kinds: set[str]
+
+    def active(self, t_s: float, kind: Kind) -> bool:
+        self.kinds.add(kind)
+        return False
+
+    def begun(self, t_s: float, kind: Kind) -> None:
+        self.kinds.add(kind)
+
+    def held(self, t_s: float, stream: str, values: Any) -> Any:
+        self.kinds.add("stuck")
+        return values
+
+
+@pytest.mark.parametrize("driver", KINDS["driver"])
+def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: str) -> None:
+    profile: Any = load_profile(BENCH[driver], {})
+    rig = assemble.build_rig(profile)
+    factors = {"sensor": SENSOR.get(driver, "fingertip")}
+    rig.begin_trial(TrialScene(1, 1, factors, profile.plant.settings.model_dump(mode="json")))
+    (name,) = [name for name, entry in profile.devices.items() if entry.kind == driver]
+    device: Any = rig.devices[name]
+    device._faults = Asked()
+    device._faults.kinds = set()
+    device.apply(Listen(name, frozenset(device.open().streams)))
+    orders = (
+        Home(name),
+        MoveTo(name, 0.001, 0.001),
+        Release(name, 0.01),
+        Tone(name, 4e4, 0.1),
+        Ask(name, "go"),
+    )
+    for order in orders:
+        with suppress(Exception):
+            device.apply(order)
+        rig.clock.wait_until(rig.clock.now() + 5.0)
+        device.read()
+        device.poll()
+    of_movers = {"stall"} if isinstance(device, OverMemory) else set()  # a line asks, whatever is at its end
+    assert device._faults.kinds - of_movers == set(KINDS["driver"][driver].mock_faults)
+
+
+@pytest.mark.parametrize("driver", [driver for driver in BENCH if driver not in ("ur_arm", "audio")])
+def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_and_no_others(
+    driver: str,
+) -> None:
+    plant: Any = load_profile(BENCH[driver], {}).plant
+    made = found(KINDS["driver"][driver].emulated)
+    device = made({}, plant.made(plant.settings))
+    own = set()
+    for kind in ("stall", "refuse"):
+        with suppress(ValueError):
+            device.inject(kind, 0.0)
+            own.add(kind)
+    assert own == set(KINDS["driver"][driver].emulated_faults) & {"stall", "refuse"}
+
+
+def test_every_kind_can_be_shown_and_no_other_is_in_the_table() -> None:
+    rows = KINDS["driver"].values()
+    assert {kind for row in rows for kind in (*row.mock_faults, *row.emulated_faults)} == set(get_args(Kind))

@@ -1,0 +1,278 @@
+"""What the emulated controller does with commands in its registers, in virtual time."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
+from simulator.devices.ur_controller.dashboard import DashboardSession
+from tests.simulator.devices.ur_desk import Desk, desk, down
+
+MOVE_L, ZERO_FORCE, SPEED_L, SPEED_STOP, STOP_L, WATCHDOG = 3, 8, 10, 15, 33, 35
+FIND_JOINTS, IS_STEADY, UNTIL_CONTACT, CONTACT_START, CONTACT_READ = 46, 47, 51, 62, 64
+MOVE_J, SET_TOOL, FORWARD, JOG, JOG_STOP, PROTECTIVE_STOP = 1, 29, 43, 41, 42, 31
+
+
+@pytest.fixture
+def make() -> Callable[..., Desk]:
+    return desk
+
+
+def test_a_blocking_move_is_done_when_the_tool_is_there(make: Callable[..., Desk]) -> None:
+    desk = make()
+    target = down(desk, 0.02)
+    # 0.02 m at 0.05 m/s with 0.5 m/s2 takes 0.5 s.
+    assert desk.call(MOVE_L, [*target, 0.05, 0.5]) * 0.002 == pytest.approx(0.5, abs=0.02)
+    assert desk.pose == pytest.approx(target, abs=1e-6)
+
+
+def test_an_asynchronous_move_is_done_at_once_and_its_status_runs_until_the_end(
+    make: Callable[..., Desk],
+) -> None:
+    desk = make()
+    target, before = down(desk, 0.02), desk.progress
+    assert desk.call(MOVE_L, [*target, 0.05, 0.5], flag=1) < 5
+    assert desk.progress & 0x8000
+    assert (desk.progress >> 24) == (before >> 24) + 1
+    desk.run(260)
+    assert not desk.progress & 0x8000
+    assert desk.pose == pytest.approx(target, abs=1e-6)
+
+
+def test_an_asynchronous_stop_ends_a_move_on_its_way(make: Callable[..., Desk]) -> None:
+    desk = make()
+    start, target = desk.pose.copy(), down(desk, 0.05)
+    desk.call(MOVE_L, [*target, 0.05, 0.5], flag=1)
+    desk.run(200)
+    desk.call(STOP_L, [3.0], flag=1)
+    desk.run(50)
+    assert desk.controller.arm.resting
+    assert 0.005 < start[2] - desk.pose[2] < 0.03
+    assert not desk.progress & 0x8000
+
+
+def test_a_joint_move_goes_where_the_inverse_leads(make: Callable[..., Desk]) -> None:
+    desk = make()
+    target = down(desk, 0.03)
+    desk.call(FIND_JOINTS, target)
+    joints = desk.vector()
+    desk.call(MOVE_J, [*joints, 1.0, 2.0])
+    assert desk.pose == pytest.approx(target, abs=1e-6)
+    desk.call(FORWARD)
+    assert desk.vector() == pytest.approx(target, abs=1e-6)
+
+
+def test_a_tool_speed_goes_on_without_anyone_and_ignores_its_time(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
+    height_m = desk.pose[2]
+    desk.run(500)
+    assert height_m - desk.pose[2] == pytest.approx(0.02 * 1.0, rel=0.05)
+
+
+def test_a_speed_stop_brings_a_tool_speed_to_rest(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
+    desk.run(100)
+    assert desk.call(SPEED_STOP, [2.0]) * 0.002 == pytest.approx(0.01, abs=0.006)
+    assert desk.controller.arm.resting
+
+
+@pytest.mark.parametrize("command", [MOVE_L, STOP_L, UNTIL_CONTACT])
+def test_a_second_mover_during_a_tool_speed_ends_the_program(make: Callable[..., Desk], command: int) -> None:
+    desk = make()
+    desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
+    desk.run(50)
+    desk.write(command, [*desk.pose, 0.05, 0.5, 0.0, 0.0, 0.0, 0.0, 0.5])
+    desk.run(50)
+    assert desk.controller.runtime is Runtime.STOPPED
+    assert "another thread is already controlling the robot" in desk.controller.log[-1]
+    assert desk.controller.arm.resting
+
+
+def test_the_watchdog_stops_an_arm_whose_client_is_gone(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.call(WATCHDOG, [10.0])
+    desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
+    desk.run(45)
+    assert desk.controller.runtime is Runtime.PLAYING
+    desk.run(20)
+    assert desk.controller.runtime is Runtime.STOPPED
+    assert desk.controller.arm.resting
+    assert "watchdog" in desk.controller.log[-1]
+
+
+def test_a_client_that_kicks_the_watchdog_keeps_its_program(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.call(WATCHDOG, [10.0])
+    for _ in range(20):
+        desk.write(0)
+        desk.run(40)
+    assert desk.controller.runtime is Runtime.PLAYING
+
+
+def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_starts_again(
+    make: Callable[..., Desk],
+) -> None:
+    desk = make()
+    desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
+    desk.run(50)
+    desk.controller.stop_program("asked for")
+    desk.run(50)
+    assert desk.controller.arm.resting
+    desk.controller.start_program(0)
+    desk.run(50)
+    assert not desk.controller.arm.resting
+
+
+def test_moving_until_contact_comes_back_to_where_it_touched(make: Callable[..., Desk]) -> None:
+    desk = make(plane_m=0.17)
+    desk.call(UNTIL_CONTACT, [0.0, 0.0, -0.01, 0.0, 0.0, 0.0, *[0.0] * 6, 0.5])
+    assert desk.pose[2] == pytest.approx(0.17, abs=5e-5)
+    assert desk.controller.arm.resting
+
+
+def test_a_contact_from_another_side_does_not_count(make: Callable[..., Desk]) -> None:
+    desk = make(plane_m=0.179)
+    desk.call(MOVE_L, [*down(desk, 0.002), 0.01, 0.5])
+    assert desk.controller.force[2] > 5.0
+    assert desk.controller.contact_steps([0.0, 0.0, 1.0]) == 0
+    assert desk.controller.contact_steps([0.0, 0.0, -1.0]) > 0
+
+
+def test_contact_detection_stops_an_asynchronous_move(make: Callable[..., Desk]) -> None:
+    desk = make(plane_m=0.17)
+    desk.call(CONTACT_START, [0.0] * 6)
+    desk.call(MOVE_L, [*down(desk, 0.03), 0.02, 0.5], flag=1)
+    desk.run(1500)
+    assert desk.pose[2] == pytest.approx(0.17, abs=1e-4)
+    desk.call(CONTACT_READ)
+    assert desk.controller.outputs["output_int_register_1"] != 0
+
+
+def test_jogging_in_the_tool_s_frame_goes_along_the_tool(make: Callable[..., Desk]) -> None:
+    desk = make()
+    start, axis = desk.pose.copy(), desk.controller.arm.transform[:3, 2].copy()
+    desk.call(JOG, [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0, 0.5, *[0.0] * 6])
+    desk.run(200)
+    desk.call(JOG_STOP)
+    way = desk.pose[:3] - start[:3]
+    assert way / np.linalg.norm(way) == pytest.approx(axis, abs=1e-6)
+    assert desk.controller.arm.resting
+
+
+def test_zeroing_takes_the_present_force_away(make: Callable[..., Desk]) -> None:
+    desk = make(plane_m=0.179)
+    desk.call(MOVE_L, [*down(desk, 0.001), 0.01, 0.5])
+    before = desk.controller.raw_force[2]
+    assert before > 0.0
+    desk.call(ZERO_FORCE)
+    assert desk.controller.force == pytest.approx(np.zeros(6), abs=1e-12)
+    assert desk.controller.raw_force[2] == before
+
+
+def test_another_tool_point_is_reported_from_then_on(make: Callable[..., Desk]) -> None:
+    desk = make()
+    height_m = desk.pose[2]
+    desk.call(SET_TOOL, [0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    assert desk.pose[2] == pytest.approx(height_m - 0.1, abs=1e-6)
+
+
+def test_the_force_noise_has_its_setting_and_its_seed(make: Callable[..., Desk]) -> None:
+    desk, twin = make(force_noise_n=0.5, seed=7), make(force_noise_n=0.5, seed=7)
+    forces = []
+    for _ in range(2000):
+        desk.controller.step()
+        twin.controller.step()
+        assert (desk.controller.force == twin.controller.force).all()
+        forces.append(desk.controller.force[0])
+    assert np.std(forces) == pytest.approx(0.5, rel=0.1)
+
+
+def test_a_pose_out_of_reach_ends_the_program(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(FIND_JOINTS, [5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    desk.run(5)
+    assert desk.controller.runtime is Runtime.STOPPED
+
+
+def test_a_command_that_is_not_emulated_ends_the_program_with_its_number(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(12)
+    desk.run(5)
+    assert "command 12 is not emulated" in desk.controller.log[-1]
+
+
+def test_a_speed_that_is_no_number_is_a_protective_stop(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(SPEED_L, [math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.002])
+    desk.run(5)
+    assert desk.controller.safety is Safety.PROTECTIVE_STOP
+    assert np.isfinite(desk.pose).all()
+
+
+def test_a_protective_stop_keeps_programs_away_until_it_is_unlocked(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(PROTECTIVE_STOP)
+    desk.run(5)
+    assert desk.controller.safety.bits & 0b111 == 0b100
+    desk.controller.start_program(0)
+    assert desk.controller.runtime is Runtime.STOPPED
+    assert not desk.controller.unlock()
+    desk.run(60)
+    assert desk.controller.unlock()
+    desk.controller.start_program(0)
+    assert desk.controller.runtime is Runtime.PLAYING
+
+
+def test_an_emergency_stop_cannot_be_unlocked_from_afar(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.controller.emergency_stop()
+    desk.run(200)
+    assert not desk.controller.unlock()
+    assert desk.controller.safety.bits >> 7 & 1
+
+
+def test_a_move_beyond_the_tool_s_speed_limit_is_a_protective_stop(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(SPEED_L, [0.0, 2.5, 0.0, 0.0, 0.0, 0.0, 50.0, 0.002])
+    desk.run(100)
+    assert desk.controller.safety is Safety.PROTECTIVE_STOP
+
+
+def test_an_arm_that_stands_reports_that_it_is_steady(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.call(IS_STEADY)
+    assert desk.controller.outputs["output_int_register_1"] == 1
+
+
+def ask(controller: UrController, line: str) -> str:
+    return DashboardSession(controller).feed(line.encode() + b"\n").decode()
+
+
+def test_the_dashboard_gives_the_answers_that_the_client_waits_for(make: Callable[..., Desk]) -> None:
+    controller = make().controller
+    assert "5.11.1.108318" in ask(controller, "PolyscopeVersion")
+    assert ask(controller, "get serial number").strip().isdigit()
+    assert ask(controller, "is in remote control") == "true\n"
+    assert ask(controller, "programState") == "PLAYING <unnamed>\n"
+    assert ask(controller, "stop") == "Stopped\n"
+    assert ask(controller, "running") == "Program running: false\n"
+    assert ask(controller, "make coffee").startswith("could not understand")
+
+
+def test_the_dashboard_unlocks_a_protective_stop_after_its_time(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.controller.protective_stop("asked for")
+    assert ask(desk.controller, "unlock protective stop").startswith("Cannot unlock")
+    desk.run(60)
+    assert ask(desk.controller, "unlock protective stop") == "Protective stop releasing\n"
+    assert desk.controller.safety is Safety.NORMAL
+
+
+def test_dashboard_lines_may_arrive_in_pieces_and_together(make: Callable[..., Desk]) -> None:
+    session = DashboardSession(make().controller)
+    assert session.feed(b"robot") == b""
+    assert session.feed(b"mode\nget robot model\n") == b"Robotmode: RUNNING\nUR5\n"

@@ -1,0 +1,148 @@
+"""What is kept of a bench while time is tried, and how far is looked ahead."""
+
+import math
+from collections import deque
+from threading import Lock
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.core.clock import VirtualClock
+from simulator.devices.faults import Fault, FaultSchedule
+from simulator.look_ahead import LONGEST_S, LookAhead, Snapshot, turns_before
+
+
+class Thing:
+    """State of all kinds, some of it shared."""
+
+    def __init__(self):
+        self.count = 1
+        self.array = np.arange(3.0)
+        self.thing: Any = None
+        self.parts: dict[str, Any] = {"a": [self.array], "b": deque([1, 2], maxlen=2), "c": {1}}
+        self.act = self.acted
+
+    def acted(self):
+        return self.count
+
+
+def test_what_is_put_back_is_as_it_was_and_shares_what_it_shared():
+    thing, other = Thing(), Thing()
+    other.array, other.thing = thing.array, thing
+    kept = Snapshot([thing, other])
+    thing.array += 1.0
+    thing.parts["b"].append(3)
+    thing.parts["c"].add(2)
+    thing.count = 2
+    kept.restore()
+    assert thing.array.tolist() == [0.0, 1.0, 2.0]
+    assert thing.parts["b"] == deque([1, 2]) and thing.parts["c"] == {1}
+    assert thing.parts["a"][0] is thing.array is other.array, "what was one array is one array"
+    assert other.thing is thing and thing.act() == 1
+
+
+def _closure():
+    kept = []
+    return lambda: kept.append(1)
+
+
+@pytest.mark.parametrize(
+    "held",
+    [(n for n in ()), Lock(), _closure(), [].append, iter([1])],
+    ids=lambda held: type(held).__name__,
+)
+def test_what_cannot_be_copied_is_refused(held):
+    with pytest.raises(TypeError):
+        Snapshot([SimpleNamespace(held=held)])
+
+
+def test_turns_before_an_event_are_those_in_which_it_is_not_seen():
+    assert turns_before(0.05, first=1, stride=1, rate_hz=200.0) == 9, "turn 10 is at 0.05 s and sees it"
+    assert turns_before(0.051, first=1, stride=1, rate_hz=200.0) == 10
+    assert turns_before(0.05, first=4, stride=4, rate_hz=200.0) == 2
+    assert turns_before(0.0, first=4, stride=4, rate_hz=200.0) == 0
+
+
+class Quiet:
+    """The loop's side: asks before each turn at 200 Hz, and counts what passes as one."""
+
+    def __init__(self, faults=(), **bench):
+        self.clock = VirtualClock()
+        self.device = SimpleNamespace(**bench)
+        self.ahead = LookAhead(self.clock, SimpleNamespace(), [self.device], faults)
+        self.turn = self.events = 0
+        self.happens_s = math.inf
+
+    def passed(self, asked, *, armed=True, until_s=math.inf):
+        """How many turns pass as one, each time; a turn by itself follows where none do."""
+        found = []
+        for _ in range(asked):
+            found.append(self.ahead.skip(self.turn + 1, 1, 200.0, until_s, (), self.look, armed, self.events))
+            self.turn += found[-1] or 1
+            self.clock.wait_until(self.turn / 200.0)
+            if not found[-1] and self.clock.now() >= self.happens_s:
+                self.events, self.happens_s = self.events + 1, math.inf
+        return found
+
+    def look(self):
+        return self.happens_s if self.happens_s <= self.clock.now() else None
+
+
+def test_looks_grow_while_nothing_happens_and_end_before_what_does():
+    loop = Quiet()
+    assert loop.passed(4) == [0, 8, 64, 128]
+    loop.happens_s = 206.5 / 200.0
+    assert loop.passed(6) == [5, 0, 0, 8, 64, 128], (
+        "turn 207 sees it, and what follows comes in the one after"
+    )
+
+
+def test_where_it_is_not_known_when_something_happens_looks_are_halved():
+    loop = Quiet()
+    loop.passed(2)
+    loop.happens_s = 72.5 / 200.0
+    assert loop.passed(1) == [32], "turn 73, the last of 64"
+
+
+def test_a_look_ends_before_what_is_known_to_come():
+    assert Quiet().passed(3, until_s=10 / 200.0) == [0, 8, 0]
+    assert Quiet(alone_s=6.5 / 200.0).passed(2) == [0, 6]
+    assert Quiet().passed(2, armed=False) == [0, 200.0 * LONGEST_S - 1]
+
+
+def test_a_trial_begins_with_single_turns():
+    loop = Quiet()
+    loop.passed(3)
+    loop.ahead.restart()
+    assert loop.passed(2) == [0, 8]
+
+
+def test_a_fault_and_a_mover_that_must_be_polled_are_gone_through_turn_by_turn():
+    fault = Fault(device="stage", kind="stall", at_s=10.0)
+    assert Quiet([FaultSchedule([fault])]).passed(3) == [0, 0, 0]
+    assert Quiet(blind_s=0.005, watched_until_s=0.0).passed(3) == [0, 0, 0]
+    loop = Quiet(blind_s=0.006, watched_until_s=0.0)
+    assert loop.passed(2) == [0, 8]
+    assert loop.device.watched_until_s == 9 / 200.0
+
+
+class Ring:
+    """The latest samples, of which more are kept than are tried."""
+
+    lasting = ("rows",)
+
+    def __init__(self):
+        self.rows, self.count = np.zeros(8), 0
+
+
+def test_a_ring_is_not_put_back_and_a_read_only_array_is_not_copied():
+    ring, fixed = Ring(), np.arange(3.0)
+    fixed.setflags(write=False)
+    thing = SimpleNamespace(ring=ring, fixed=fixed)
+    kept = Snapshot([thing])
+    ring.rows[1], ring.count = 1.0, 1
+    kept.restore()
+    assert thing.ring.count == 0 and thing.ring.rows is ring.rows
+    assert thing.fixed is fixed

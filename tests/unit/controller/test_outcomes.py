@@ -1,0 +1,123 @@
+"""One word of an outcome means one thing, and each experiment declares its own."""
+
+import ast
+import inspect
+import sys
+from importlib import import_module
+
+import pytest
+
+from behaviors.machine import Behavior
+from controller.named import found
+from controller.outcomes import UNMEASURED, counted, exit_of, is_success, successes_in, word_of
+from controller.registry import EXPERIMENTS, experiment_of
+
+
+def concluded(behavior):
+    """Words that the behavior's classes conclude, as they stand in their sources."""
+    words = set()
+    for made in behavior.__mro__:
+        if not issubclass(made, Behavior) or made is Behavior:
+            continue
+        for node in ast.walk(ast.parse(inspect.getsource(sys.modules[made.__module__]))):
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "conclude":
+                words |= texts(node.args[0])
+            if isinstance(node, ast.Assign) and getattr(node.targets[0], "attr", "") == "outcome":
+                words |= texts(node.value)
+    return words - {*UNMEASURED}
+
+
+def texts(node):
+    return {each.value for each in ast.walk(node) if isinstance(each, ast.Constant)}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_word_that_a_behavior_concludes_is_declared(name):
+    experiment = EXPERIMENTS[name]
+    renamed = getattr(import_module(experiment.measures), "RENAMED", {})
+    words = {renamed.get(word, word) for word in concluded(found(experiment.made))}
+    assert words, "a behavior that concludes nothing"
+    assert words - {"no_contact"} <= set(experiment.outcomes)
+    assert experiment.successes, "no way to succeed"
+
+
+def test_no_word_is_success_in_one_experiment_and_failure_in_another():
+    meanings = {}
+    for experiment in EXPERIMENTS.values():
+        for word, success in experiment.outcomes.items():
+            meanings.setdefault(word, set()).add(success)
+    assert [word for word, meant in meanings.items() if len(meant) > 1] == []
+    assert meanings.keys().isdisjoint(UNMEASURED)
+
+
+@pytest.mark.parametrize("word", UNMEASURED)
+def test_a_trial_that_was_broken_off_is_never_success(word):
+    assert not is_success(word, None)
+    assert not is_success(word, [word])
+
+
+def test_an_own_experiment_declares_its_words_or_gets_those_of_the_fragments(tmp_path):
+    module = "class Tap:\n    pass\nCOLUMNS = ()\ndef measure(*given): ...\n"
+    (tmp_path / "silent_tap.py").write_text(module)
+    (tmp_path / "told_tap.py").write_text(module + 'OUTCOMES = {"tapped": True, "slid": False}\n')
+    silent, told = (experiment_of(f"{name}:Tap", [tmp_path]).successes for name in ("silent_tap", "told_tap"))
+    assert [is_success(word, silent) for word in ("tapped", "contact", "no_contact", "not_found")] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+    assert [is_success(word, told) for word in ("tapped", "slid", "contact")] == [True, False, False]
+
+
+def test_the_counts_say_how_many_succeeded_where_not_all_did():
+    assert counted({"held": 6}, ["held"]) == "6 held"
+    assert (
+        counted({"not_found": 1, "held": 4, "fault": 1}, ["held"])
+        == "1 fault, 4 held, 1 not found: 4 of 6 succeeded"
+    )
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "code"), [({"held": 1, "dropped": 5}, 0), ({"dropped": 6}, 1), ({}, 0), ({"held": 6}, 0)]
+)
+def test_a_run_in_which_no_trial_succeeded_failed(outcomes, code):
+    assert exit_of({"successes": ["held"], "outcomes": outcomes})[0] == code
+
+
+OLD = [
+    ("weights", "contact", {}, "calibrated"),
+    ("chirp", "no_contact", {}, "swept"),
+    ("static", "no_contact", {}, "recorded"),
+    ("tradeoff", "contact", {}, "recorded"),
+    ("centering", "contact", {"search_s": 7.0, "gripped": 1}, "centered"),
+    ("centering", "no_contact", {"search_s": 7.0, "gripped": None}, "centered"),
+    ("centering", "no_contact", {"search_s": 7.0, "gripped": 0}, "not_gripped"),
+    ("centering", "contact", {"search_s": None}, "touched"),
+    ("centering", "no_contact", {"search_s": None}, "not_found"),
+    ("grasp", "contact", {"search_s": 7.0, "gripped": 1}, "felt"),
+    ("aura", "no_contact", {"object": "pipe"}, "approached"),
+    ("transient", "no_contact", {}, "no_contact"),
+    ("weights", "fault", {}, "fault"),
+    ("my_lab.tap:Tap", "contact", {}, "contact"),
+]
+
+
+@pytest.mark.parametrize(("experiment", "said", "row", "now"), OLD)
+def test_the_words_of_older_runs_are_read_as_todays(experiment, said, row, now):
+    manifest = {"experiment": experiment, "profile": {"resolved": {"behavior": {}}}}
+    assert word_of(manifest, {"outcome": said, **row}) == now
+    assert word_of(manifest, {"outcome": now, **row}) == now, "a run that was resumed has both"
+
+
+def test_an_older_approach_that_was_to_touch_and_did_not_is_no_success():
+    manifest = {"experiment": "aura", "profile": {"resolved": {"behavior": {"touch": True}}}}
+    successes = successes_in(manifest)
+    words = [word_of(manifest, {"outcome": "no_contact", "object": thing}) for thing in ("pipe", "none")]
+    assert [is_success(word, successes) for word in words] == [False, True]
+
+
+def test_the_words_of_success_are_the_runs_own():
+    assert successes_in({"experiment": "weights", "successes": ["hung"]}) == ["hung"]
+    assert successes_in({"experiment": "weights"}) == ["calibrated"]
+    assert successes_in({"experiment": "my_lab.tap:Tap"}) is None

@@ -1,0 +1,196 @@
+"""The arm's conductor on the emulated controller, in virtual time: no client, no process, no socket."""
+
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from drivers.arm.axis import Axis
+from drivers.arm.link import ArmRow, Seen
+from drivers.arm.motion import Conductor
+from drivers.core.messages import Command, Status
+from drivers.ur_arm.controller import ControllerState
+from drivers.ur_arm.settings import UrArmSettings
+from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
+from simulator.physics.arm_motion import StiffPlane
+
+EPOCH_S = 1000.0
+"""The host's monotonic time at the controller's zero."""
+
+LIMITS = {"travel_min_m": -0.04, "travel_max_m": 0.04, "max_speed_m_s": 0.1, "leash_m": 0.06}
+
+
+class DirectClient:
+    """Does with registers what the real client does over the wire, blocking calls included."""
+
+    def __init__(self, rig: "Rig") -> None:
+        self.calls: list[str] = []
+        self.deaf = False
+        self.stubborn = False
+        self.unhalted = 0  # how many halts come to nothing
+        self._rig = rig
+
+    def speed(self, twist: Sequence[float], acceleration_m_s2: float) -> bool:
+        taken = self._stream("speed", 10, [*twist, acceleration_m_s2, 0.002])
+        if taken:
+            self._rig.twists.append(tuple(twist))
+        return taken
+
+    def end_speed(self) -> bool:
+        return self._call("end_speed", 15, [3.0])
+
+    def move(self, pose: Sequence[float], speed_m_s: float, acceleration_m_s2: float) -> bool:
+        return self._call("move", 3, [*pose, speed_m_s, acceleration_m_s2], flag=1)
+
+    def end_move(self, deceleration_m_s2: float) -> bool:
+        return self._call("end_move", 33, [deceleration_m_s2], flag=1)
+
+    def busy(self) -> bool:
+        value = self._rig.controller.outputs["output_int_register_2"]
+        assert isinstance(value, int)
+        return bool(value & 0x8000)
+
+    def kick(self) -> bool:
+        return self._stream("kick", 0, [])
+
+    def zero_force(self) -> bool:
+        return self._call("zero_force", 8, [])
+
+    def halt(self) -> None:
+        self.calls.append("halt")
+        if self.unhalted:
+            self.unhalted -= 1
+        else:
+            self._rig.controller.stop_program("halt")
+
+    def recover(self) -> str:
+        controller = self._rig.controller
+        self.calls.append("recover")
+        if controller.safety is Safety.EMERGENCY_STOP:
+            return "the emergency stop is pressed"
+        self._rig.advance(100)
+        controller.unlock()
+        controller.write_inputs({"input_int_register_0": 0})
+        controller.start_program(0)
+        self._rig.advance(2)
+        return ""
+
+    def _stream(self, name: str, command: int, numbers: Sequence[float]) -> bool:
+        self.calls.append(name)
+        if self.deaf or self._rig.controller.runtime is Runtime.STOPPED:
+            return False
+        if not self.stubborn:
+            self._write(command, numbers, 0)
+        return True
+
+    def _call(self, name: str, command: int, numbers: Sequence[float], flag: int = 0) -> bool:
+        if not self._stream(name, command, numbers):
+            return False
+        self._write(command, numbers, flag)
+        controller = self._rig.controller
+        for _ in range(2000):
+            self._rig.advance(1)
+            if controller.runtime is Runtime.STOPPED:
+                return False
+            if controller.outputs["output_int_register_0"] == 2:
+                self._write(0, [], 0)
+                self._rig.advance(1)
+                return True
+        raise AssertionError(f"{name} is never done")
+
+    def _write(self, command: int, numbers: Sequence[float], flag: int) -> None:
+        registers = {f"input_double_register_{i}": float(number) for i, number in enumerate(numbers)}
+        self._rig.controller.write_inputs(
+            {"input_int_register_0": command, "input_int_register_1": flag, **registers}
+        )
+
+
+class Rig:
+    """Controller, client and conductor, with time in hand."""
+
+    def __init__(self, settings: dict[str, object], plane: StiffPlane) -> None:
+        quiet = UrControllerSettings(force_noise_n=0.0, torque_noise_n_m=0.0, unlock_s=0.1)
+        self.controller = UrController(quiet, plane)
+        self.settings = UrArmSettings.model_validate(
+            {"host": "127.0.0.2", "start_pose": tuple(self.controller.arm.pose), **LIMITS, **settings}
+        )
+        self.axis = Axis(self.settings)
+        self.controller.start_program(0)
+        self.looking = True  # the program looks at the arm in every cycle
+        self.statuses: list[Status] = []
+        self.positions_m: list[float] = []
+        self._seen = Seen(self._row(), EPOCH_S)
+        self.advance(2)
+        self.twists: list[tuple[float, ...]] = []
+        self.client = DirectClient(self)
+        self.conductor = Conductor(
+            "arm", self.settings, self.client, self.now, self.statuses.append, self.seen()
+        )
+
+    def now(self) -> float:
+        return EPOCH_S + self.controller.t_s
+
+    @property
+    def position_m(self) -> float:
+        return self.axis.position_m(tuple(self.controller.arm.pose))
+
+    def advance(self, steps: int) -> None:
+        """Cycles of the controller, without the conductor."""
+        for _ in range(steps):
+            self.controller.step()
+            self.positions_m.append(self.position_m)
+            self._seen = self._seen.then(self._row())
+
+    def seen(self) -> Seen:
+        return Seen(self._row(), self._seen.still_since_s)
+
+    def _row(self) -> ArmRow:
+        controller = self.controller
+        state = ControllerState(controller.safety.bits, int(controller.runtime))
+        return ArmRow(
+            self.now(),
+            controller.t_s,
+            tuple(controller.arm.pose),
+            tuple(controller.arm.twist),
+            tuple(controller.force),
+            state.trouble,
+            state.playing,
+        )
+
+    def run(self, duration_s: float, cycle_steps: int = 4, old_steps: int = 0) -> None:
+        """The conductor's cycles; `old_steps` is the age of what it sees."""
+        end_s = self.now() + duration_s
+        while self.now() < end_s:
+            seen = self.seen()
+            self.advance(old_steps)
+            if self.looking:
+                self.conductor.lead()
+            self.conductor.step(seen)
+            self.advance(max(1, cycle_steps - old_steps))
+
+    def run_until(self, kind: type[Status], timeout_s: float = 10.0) -> Status:
+        """Cycles until a status of a kind comes."""
+        before = len(self.statuses)
+        end_s = self.now() + timeout_s
+        while self.now() < end_s:
+            self.run(0.008)
+            for status in self.statuses[before:]:
+                if isinstance(status, kind):
+                    return status
+        raise AssertionError(f"no {kind.__name__} in {self.statuses}")
+
+    def order(self, command: Command) -> None:
+        self.conductor.order(command)
+
+    def kinds(self) -> list[str]:
+        """The names of the statuses so far."""
+        return [type(status).__name__ for status in self.statuses]
+
+
+@pytest.fixture
+def rig() -> Callable[..., Rig]:
+    """Makes a rig; keywords are settings of the arm, and `plane` what its tool may touch."""
+
+    def make(plane: StiffPlane | None = None, **settings: object) -> Rig:
+        return Rig(settings, plane or StiffPlane())
+
+    return make

@@ -1,0 +1,132 @@
+"""Rows become blocks: sequence, loss, bench time."""
+
+import numpy as np
+import pytest
+
+from drivers.arm.link import ArmRow
+from drivers.arm.settings import ArmSettings
+from drivers.arm.stream import Streams
+from drivers.core.clock import VirtualClock
+
+START = (0.4, 0.0, 0.2, 0.0, 3.1, 0.0)
+SETTINGS = ArmSettings(rate_hz=500.0, host="127.0.0.2", start_pose=START, approach_axis=(0.0, 0.0, -1.0))
+EPOCH_S = 100.0
+"""Host time of the controller's zero, and of a row that arrives at once."""
+
+FORCE, POSITION = "arm.force", "arm.position"
+
+
+def row(cycle: int, late_s: float = 0.0, force_z: float = 0.0, cycle_s: float = 0.002) -> ArmRow:
+    device_s = cycle * cycle_s
+    pose = (0.4, 0.0, 0.2 - 1e-4 * cycle, 0.0, 3.1, 0.0)
+    return ArmRow(EPOCH_S + device_s + late_s, device_s, pose, (0.0,) * 6, (0.0, 0.0, force_z, 0.0, 0.0, 0.0))
+
+
+def listening(settings: ArmSettings) -> Streams:
+    bench = VirtualClock()
+    bench.wait_until(EPOCH_S)
+    bench.restart()
+    made = Streams("arm", settings, bench)
+    made.listening = frozenset({FORCE})
+    return made
+
+
+@pytest.fixture
+def streams() -> Streams:
+    return listening(SETTINGS)
+
+
+def test_consecutive_rows_are_one_block_with_the_controller_s_time(streams: Streams) -> None:
+    assert streams.take([row(cycle, force_z=cycle) for cycle in range(5, 9)]) == []
+    (block,) = streams.blocks()
+    assert block.stream == FORCE
+    assert block.values[:, 2].tolist() == [5.0, 6.0, 7.0, 8.0]
+    assert block.device_t0_s == pytest.approx(0.010)
+    assert block.times == pytest.approx([0.010, 0.012, 0.014, 0.016])
+    assert block.arrival_s == pytest.approx(0.016)
+
+
+def test_a_skipped_row_is_a_reported_jump_in_the_sequence(streams: Streams) -> None:
+    lost = streams.take([row(1), row(2), row(5), row(6)])
+    assert [(loss.stream, loss.samples) for loss in lost] == [(FORCE, 2)]
+    first, second = streams.blocks()
+    assert second.seq == first.seq + len(first) + 2
+
+
+def test_blocks_of_successive_reads_join(streams: Streams) -> None:
+    streams.take([row(1), row(2)])
+    (first,) = streams.blocks()
+    streams.take([row(3)])
+    (second,) = streams.blocks()
+    assert second.seq == first.seq + 2
+    assert streams.blocks() == []
+
+
+def test_each_stream_that_is_listened_to_says_its_loss(streams: Streams) -> None:
+    streams.listening = frozenset({FORCE, POSITION})
+    lost = streams.take([row(1), row(3)])
+    assert {loss.stream for loss in lost} == {FORCE, POSITION}
+
+
+def test_rows_without_a_subscriber_are_counted_and_not_lost(streams: Streams) -> None:
+    streams.take([row(1)])
+    (first,) = streams.blocks()
+    streams.listening = frozenset()
+    assert streams.take([row(cycle) for cycle in range(2, 50)]) == []
+    streams.listening = frozenset({FORCE})
+    streams.take([row(50)])
+    (second,) = streams.blocks()
+    assert second.seq == first.seq + 49
+
+
+def test_a_controller_that_starts_anew_begins_a_new_segment(streams: Streams) -> None:
+    streams.take([row(500), row(501)])
+    lost = streams.take([row(1), row(2)])
+    assert [loss.samples for loss in lost] == [0]
+    first, second = streams.blocks()
+    assert second.seq > first.seq + len(first)
+
+
+def test_the_position_is_the_way_along_the_axis(streams: Streams) -> None:
+    streams.listening = frozenset({POSITION})
+    streams.take([row(10), row(11)])
+    (block,) = streams.blocks()
+    assert block.values == pytest.approx(np.array([[1.0e-3], [1.1e-3]]))
+    assert block.unit == "m"
+
+
+def test_late_rows_do_not_make_late_samples(streams: Streams) -> None:
+    streams.take([row(cycle) for cycle in range(1, 10)])
+    streams.blocks()
+    streams.take([row(cycle, late_s=0.05) for cycle in range(10, 13)])
+    (block,) = streams.blocks()
+    assert block.t0_s == pytest.approx(0.020, abs=1e-4)
+
+
+def test_a_quick_row_never_turns_the_time_of_samples_back(streams: Streams) -> None:
+    streams.take([row(1, late_s=0.03), row(2, late_s=0.03)])
+    (slow,) = streams.blocks()
+    streams.take([row(3), row(4)])
+    (quick,) = streams.blocks()
+    assert quick.times[0] >= slow.times[-1]
+
+
+def test_a_controller_s_clock_that_drifts_is_followed(streams: Streams) -> None:
+    for cycle in range(100_000):
+        # 100 ppm slow, and every arrival 0.2 ms late but for one in ten.
+        late_s = cycle * 0.002 * 100e-6 + (0.0 if cycle % 10 == 0 else 2e-4)
+        streams.take([row(cycle, late_s)])
+        if cycle % 5 == 4:
+            (block,) = streams.blocks()
+    assert block.t0_s == pytest.approx(99_995 * 0.002 * (1 + 100e-6), abs=1e-5)
+
+
+@pytest.mark.parametrize("rate_hz", [500.0, 250.0, 125.0])
+def test_at_any_rate_what_follows_on_is_whole_and_what_was_skipped_is_counted(rate_hz: float) -> None:
+    streams = listening(SETTINGS.model_copy(update={"rate_hz": rate_hz}))
+    numbers = [*range(1, 1000), *range(1004, 2000)]
+    lost = streams.take([row(number, cycle_s=1.0 / rate_hz) for number in numbers])
+    assert [loss.samples for loss in lost] == [4]
+    assert [len(block) for block in streams.blocks()] == [999, 996]
+    info = streams.info[FORCE]
+    assert (info.rate_hz, info.longest_s) == (rate_hz, pytest.approx(10 / rate_hz))

@@ -1,0 +1,21 @@
+"""The command `touchbench`, also as `python -m touchbench`."""
+
+import sys
+
+from touchbench.lookup import ROOMS, check_own
+
+
+def main() -> None:
+    """Run the command line, if its modules are the program's own."""
+    try:
+        check_own("run", *ROOMS)
+    except ImportError as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(2)
+    from run import cli
+
+    cli(prog_name="touchbench")
+
+
+if __name__ == "__main__":
+    main()
