@@ -19,6 +19,8 @@ def row_of(name, folder, trial, settings):
 
 def test_the_tendon_is_moved_and_recorded_over_the_wire(tmp_path):
     sweep = {
+        # rest and sweep end with the baseline: of a sweep that was not learned every flexing is a contact
+        "behavior.rest_s": "1.0",
         "behavior.sweep_m_s": "0.01",
         "behavior.flexing_s": "1.0",
         "detectors.following.baseline_s": "3.0",
