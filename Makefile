@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test lines browser mutants check format bench recordings soak-test fuzz lerobot lock diagrams clean
+.PHONY: run test lines browser mutants check docs format bench recordings soak-test fuzz lerobot lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -31,7 +31,13 @@ mutants: .venv/dev.stamp        ## what small changes the unit tests let pass: g
 	nice -n 15 $(BIN)/python -P -m mutmut run
 	$(BIN)/python -P -m mutmut results
 
-check: .venv/dev.stamp          ## format, lint, types, import layers; about a minute the first time, then seconds
+docs: .venv/dev.stamp           ## the documentation as a searchable site in build/site; a link that leads nowhere is an error
+	rm -rf build/pages && mkdir -p build/pages
+	git ls-files -z '*.md' docs/pictures | xargs -0 cp --parents -t build/pages
+	$(BIN)/zensical build --strict >build/docs.log 2>&1 || { cat build/docs.log; exit 1; }
+	@echo "to search it: $(BIN)/python -m http.server -b 127.0.0.1 -d build/site, then open http://127.0.0.1:8000"
+
+check: .venv/dev.stamp docs     ## format, lint, types, import layers, links; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy

@@ -1,6 +1,6 @@
 """BarrettHand: CAN frames ⇄ queries, settings and replies. No I/O.
 
-Source: docs/reference/barrett_hand.md. An identifier is `sender << 5 | receiver`, with bit 0x400 where the receiver
+Source: docs/reference/sensors.md. An identifier is `sender << 5 | receiver`, with bit 0x400 where the receiver
 is a group. A query is `[property]`, a setting `[0x80 | property, 0, i32]`, a reply, which goes to group 6,
 `[0x80 | property, 0, i16 or i32]`; numbers are little-endian.
 """
@@ -16,34 +16,34 @@ from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 
 HOST: Final = 0
-"""Node of the host (docs/reference/barrett_hand.md: a finger's reply is to a group, so it need not be given)."""
+"""Node of the host (docs/reference/sensors.md: a finger's reply is to a group, so it need not be given)."""
 
 FINGERS: Final = (11, 12, 13)
 SPREAD: Final = 14
-"""Nodes of the hand (docs/reference/barrett_hand.md)."""
+"""Nodes of the hand (docs/reference/sensors.md)."""
 
 HAND: Final = 5
 REPLIES: Final = 6
-"""Groups: the whole hand, and the receivers of replies (docs/reference/barrett_hand.md)."""
+"""Groups: the whole hand, and the receivers of replies (docs/reference/sensors.md)."""
 
 GROUP_BIT: Final = 0x400
 REPLY_BIT: Final = 0x80
 
 COUNTS_MAX: Final = 4095
-"""Strain gauges are read with 12 bits (docs/reference/barrett_hand.md)."""
+"""Strain gauges are read with 12 bits (docs/reference/sensors.md)."""
 
 UNLOADED_COUNTS: Final = 2000
-"""About what an unloaded finger reads (docs/reference/barrett_hand.md)."""
+"""About what an unloaded finger reads (docs/reference/sensors.md)."""
 
 NEWTON_PER_COUNT: Final = 2.0 * 9.80665 / 2048.0
-"""Force at the fingertip for each count: "roughly +-2 kg" over the range (docs/reference/barrett_hand.md)."""
+"""Force at the fingertip for each count: "roughly +-2 kg" over the range (docs/reference/sensors.md)."""
 
 SAFE_COUNTS: Final = (667, 3460)
-"""Outside these the hand protects itself (docs/reference/barrett_hand.md)."""
+"""Outside these the hand protects itself (docs/reference/sensors.md)."""
 
 
 class Property(IntEnum):
-    """Properties of a node (docs/reference/barrett_hand.md)."""
+    """Properties of a node (docs/reference/sensors.md)."""
 
     MODE = 8
     STRAIN = 25

@@ -33,7 +33,7 @@ class BarrettHandSettings(CanPort, FingerStrainSettings):
     """A BarrettHand on a CAN bus."""
 
     fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
-    """Nodes of the fingers that have a strain gauge (docs/reference/barrett_hand.md)."""
+    """Nodes of the fingers that have a strain gauge (docs/reference/sensors.md)."""
     poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
     """How often the gauges are polled; samples that the bus does not carry are reported as lost (the paper: 1 kHz)."""
     answer_timeout_s: float = Field(default=0.02, gt=0.0, le=1.0)

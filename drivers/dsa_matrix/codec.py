@@ -1,6 +1,6 @@
 """Messages between controller and host: payloads ⇄ values. No I/O.
 
-Source: docs/reference/dsa_matrix.md; the layout of the infos is that of the maker's public library.
+Source: docs/reference/sensors.md; the layout of the infos is that of the maker's public library.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from drivers.core.errors import CodecError
 from drivers.dsa_matrix.packets import MatrixPacket
 
 TEXEL_MAX: Final = 0xFFF
-"""Texels have 12 bits (docs/reference/dsa_matrix.md)."""
+"""Texels have 12 bits (docs/reference/sensors.md)."""
 
 VOLT_PER_COUNT: Final = 1e-3
 """Texels are read in millivolts, roughly (the maker's public library; the paper's figures are in mV)."""
 
 TIME_MODULUS: Final = 2**32
-"""Frames carry a u32 of milliseconds (docs/reference/dsa_matrix.md)."""
+"""Frames carry a u32 of milliseconds (docs/reference/sensors.md)."""
 
 POWER_UP_NOISE: Final = b"\x1b[5n"
-"""Sent three times at power-up (docs/reference/dsa_matrix.md)."""
+"""Sent three times at power-up (docs/reference/sensors.md)."""
 
 RUN_BIT: Final = 0x80
 RLE_BIT: Final = 0x01
 ALL_MATRICES_BIT: Final = 0x02
 
 RUN_MAX: Final = 15
-"""Longest run of a run-length unit: its four upper bits (docs/reference/dsa_matrix.md)."""
+"""Longest run of a run-length unit: its four upper bits (docs/reference/sensors.md)."""
 
 ERRORS: Final = (
     "success",
@@ -58,7 +58,7 @@ ERRORS: Final = (
 
 
 class Id(IntEnum):
-    """Packet ids (docs/reference/dsa_matrix.md)."""
+    """Packet ids (docs/reference/sensors.md)."""
 
     FRAME = 0x00
     CONTROLLER = 0x01

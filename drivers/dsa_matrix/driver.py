@@ -20,7 +20,7 @@ BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
 
 OVERHEAD_BYTES = 13
-"""Of a frame beside its texels: preamble, id, length, time, flags, CRC (docs/reference/dsa_matrix.md)."""
+"""Of a frame beside its texels: preamble, id, length, time, flags, CRC (docs/reference/sensors.md)."""
 
 
 class DsaMatrixSettings(SerialPort):
@@ -29,7 +29,7 @@ class DsaMatrixSettings(SerialPort):
     frame_hz: int = Field(default=100, ge=1, le=1000)
     """Frames that are asked for, a second (the paper, 5.4: 10 ms between samples)."""
     rle: bool = True
-    """Frames run-length encoded: without, 70 cells fit the line 75 times a second (docs/reference/dsa_matrix.md)."""
+    """Frames run-length encoded: without, 70 cells fit the line 75 times a second (docs/reference/sensors.md)."""
     threshold_counts: int | None = Field(default=None, ge=0, le=codec.TEXEL_MAX)
     """Texels below this are sent as 0 by the controller; None leaves its threshold as it is."""
     power_up_s: float = Field(default=12.0, gt=0.0, le=60.0)

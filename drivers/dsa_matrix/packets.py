@@ -1,6 +1,6 @@
 """Packets of the DSACON32-M: `AA AA AA`, id, length, payload, CRC. No I/O.
 
-Source: docs/reference/dsa_matrix.md, and the command set as the maker's public library implements it. Numbers are
+Source: docs/reference/sensors.md, and the command set as the maker's public library implements it. Numbers are
 little-endian; a packet without a payload has no CRC.
 """
 

@@ -1,4 +1,4 @@
-"""Messages of the sensor board: bytes ⇄ values, no I/O. Layouts: docs/reference/sensor_board.md.
+"""Messages of the sensor board: bytes ⇄ values, no I/O. Layouts: docs/reference/sensors.md.
 
 The counter of a sample frame is that of its first sample: it counts samples of its stream modulo 65,536, not
 frames. It stands beside the time of the first sample, and only so is the number of samples lost known in

@@ -1,7 +1,7 @@
 """Frames on the sensor board's line: `COBS(body | crc16) 0x00`, whatever the body holds.
 
 The CRC is CRC-16/IBM-3740 (polynomial 0x1021, init 0xFFFF, not reflected) over the body, little-endian.
-Source: docs/reference/sensor_board.md.
+Source: docs/reference/sensors.md.
 """
 
 from __future__ import annotations

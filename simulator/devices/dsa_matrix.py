@@ -25,7 +25,7 @@ BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
 
 DEAF_S = 8.0
-"""How long it ignores commands after power-up (docs/reference/dsa_matrix.md)."""
+"""How long it ignores commands after power-up (docs/reference/sensors.md)."""
 
 NOISE_S = (7.0, 7.41, 7.82)
 """When it sends its noise after power-up (the maker's public library: three times in 0.82 s, after about 7 s)."""

@@ -1,4 +1,4 @@
-"""docs/how-to/run_a_big_campaign.md: what it has for batch systems, carried out by the program in this process.
+"""docs/how-to/run_campaigns.md: what it has for batch systems, carried out by the program in this process.
 
 The shell script is run by bash as SLURM would, the rules' commands as Snakemake fills them in: neither is here.
 """
@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 from distributed.cli import dask_scheduler, dask_worker
 
-PAGE = (Path(__file__).parents[2] / "docs/how-to/run_a_big_campaign.md").read_text("utf-8")
+PAGE = (Path(__file__).parents[2] / "docs/how-to/run_campaigns.md").read_text("utf-8")
 LATER = 'touchbench() { printf "%s\\n" "$*" >> asked; }\n'
 """Bash keeps what it was to run: starting Python for each takes seconds."""
 
@@ -72,7 +72,7 @@ def test_the_array_of_slurm_comes_to_the_rows_of_one_run(carried_out, tmp_path):
 
 
 def test_the_rules_of_snakemake_come_to_the_rows_of_one_run(carried_out, tmp_path):
-    text = block("python")
+    text = block("snakemake")
     (count,) = map(int, re.findall(r"^N = (\d+)", text))
     whole, shard = (ast.literal_eval(line) for line in re.findall(r'shell: (".*")', text))
     for number in range(1, count + 1):

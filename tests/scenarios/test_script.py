@@ -9,7 +9,7 @@ import pytest
 from config.script import run_trials
 from config.source import ProfileError
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "script_a_campaign.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "run_campaigns.md"
 
 
 def test_the_script_in_the_docs_runs(tmp_path, monkeypatch, capsys):

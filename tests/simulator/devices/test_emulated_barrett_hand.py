@@ -1,4 +1,4 @@
-"""The emulated hand, in the bytes of docs/reference/barrett_hand.md."""
+"""The emulated hand, in the bytes of docs/reference/sensors.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames of the BarrettHand against bytes written by hand from docs/reference/barrett_hand.md."""
+"""Frames of the BarrettHand against bytes written by hand from docs/reference/sensors.md."""
 
 from __future__ import annotations
 
