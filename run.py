@@ -8,18 +8,20 @@ was recorded (`controller/reports`). Nothing heavy is imported before a verb nee
 from __future__ import annotations
 
 import tomllib
-from importlib import metadata
 from pathlib import Path
 
 import click
 
 from config.verbs import Program, profiles, recordings, results, running
+from drivers.core.errors import PROGRAM
 
 
 def _print_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
     """Of the folder that this file is in, or of the package as it is installed."""
     if not wanted:
         return
+    from importlib import metadata  # which loads what reads mail
+
     project = Path(__file__).with_name("pyproject.toml")
     if project.is_file():
         version = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"]
@@ -56,4 +58,4 @@ for _module in (profiles, running, recordings, results):
 
 
 if __name__ == "__main__":
-    cli(prog_name="run.py")
+    cli(prog_name=PROGRAM)

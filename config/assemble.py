@@ -66,7 +66,7 @@ def _wire_devices(
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
     from controller.rig import Rig, TrialScene
     from drivers.core.bench_clock import BenchClock, ClockPage
-    from drivers.core.errors import RefusedError
+    from drivers.core.errors import PROGRAM, RefusedError
     from simulator.wiring.emulator_process import EmulatorControl
 
     if endpoints and profile.real_ports and not endpoints.get("realtime"):
@@ -74,7 +74,7 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
             "emulator",
             "being joined",
             f"its time may pause, and {next(iter(profile.real_ports))}, at a real port, would not",
-            f"start it in real time: run.py emulate {profile.name} --realtime",
+            f"start it in real time: {PROGRAM} emulate {profile.name} --realtime",
         )
     emulator = start_emulator(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
     clock = BenchClock(ClockPage(emulator.endpoints["clock"]))

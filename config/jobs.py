@@ -22,7 +22,7 @@ from types import FrameType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from config.costs import cost
-from drivers.core.errors import lacking
+from drivers.core.errors import PROGRAM, lacking
 
 if TYPE_CHECKING:
     from config.profile import Profile
@@ -329,7 +329,7 @@ def parts(
                 part = future.result()
             except CancelledError:  # not by this program
                 raise JobsError(
-                    "the scheduler is gone, and what it had been given with it; start it again, then: run.py resume"
+                    f"the scheduler is gone, and what it had been given with it; start it again, then: {PROGRAM} resume"
                 ) from None
             except crew.lost as error:
                 deaths += 1

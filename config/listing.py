@@ -9,6 +9,7 @@ from typing import Any
 from config.costs import counted, duration
 from config.source import ProfileError, bench_of, flatten, profile_names, read_source
 from controller.registry import KINDS
+from drivers.core.errors import PROGRAM
 
 
 def listed_profiles() -> list[str]:
@@ -35,7 +36,7 @@ def listed_profiles() -> list[str]:
             *_needs(data),
             f"        {counted(_trials(data))}: {duration(name, data['experiment'], bench_of(data), _trials(data))}",
         ]
-    return [*lines, "", f"Benches to extend: {', '.join(benches)}", "More of one: run.py check PROFILE"]
+    return [*lines, "", f"Benches to extend: {', '.join(benches)}", f"More of one: {PROGRAM} check PROFILE"]
 
 
 def listed_kinds(family: str) -> list[str]:

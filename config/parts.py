@@ -14,6 +14,7 @@ from config.source import KeyPath, ProfileError, read_source
 from config.validation import validated
 from controller.recording.run_folder import RunFolder
 from drivers.core.clock import utc_now
+from drivers.core.errors import PROGRAM
 from drivers.core.settings import Settings
 
 
@@ -178,7 +179,7 @@ def carry_on(
         verb, first = (resume, [str(begun[number].path)]) if number < len(begun) else (run, arguments)
         code = verb.main(
             [*first, "--out", str(folder.path), "--no-report", *workers],
-            prog_name=f"run.py {verb.name}",
+            prog_name=f"{PROGRAM} {verb.name}",
             standalone_mode=False,
             obj=crew,
         )

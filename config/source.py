@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from config.hints import did_you_mean
 from controller.registry import FAMILIES
+from drivers.core.errors import PROGRAM
 
 PROFILES = Path(__file__).resolve().parent / "profiles"
 """Where the profiles live that go by a name."""
@@ -240,7 +241,7 @@ def _locate(name: str, extending: Path | None) -> Path:
             if name and path.is_file():
                 return path.resolve()
     where = f"{_shown(extending)}: extends = {name!r}: " if extending else ""
-    advice = did_you_mean(name, profile_names()) or "see: run.py list"
+    advice = did_you_mean(name, profile_names()) or f"see: {PROGRAM} list"
     raise ProfileError(f"{where}no profile '{_short(name)}'; {advice}")
 
 

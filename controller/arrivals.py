@@ -8,13 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.errors import PROGRAM
 from drivers.core.messages import Failed, SampleBlock, StreamInfo
 
 REST = 4.0
 """Times `limits.stale_s` that a stream may be silent where no motion depends on it. Assumption: buffers keep what comes
 while a host is away for less, and a record of half a second that gets no sample is noticed."""
 
-REMEDY = "look at its power and cable, then: run.py check PROFILE --connect"
+REMEDY = f"look at its power and cable, then: {PROGRAM} check PROFILE --connect"
 
 
 class Arrivals:

@@ -12,9 +12,10 @@ def main() -> None:
     except ImportError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)
+    from drivers.core.errors import PROGRAM
     from run import cli
 
-    cli(prog_name="touchbench")
+    cli(prog_name=PROGRAM)
 
 
 if __name__ == "__main__":

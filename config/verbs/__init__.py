@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from drivers.core.errors import PROGRAM
+
 if TYPE_CHECKING:
     from config.profile import Profile
     from controller.recording.run_folder import RunFolder
@@ -35,6 +37,10 @@ MISTAKES = 8
 class Program(click.Group):
     """All verbs; an error is one line on standard error and an exit code, never a page of usage."""
 
+    def get_help(self, ctx: click.Context) -> str:
+        """The verbs, with the program's present name in the examples."""
+        return super().get_help(ctx).replace("run.py", PROGRAM)
+
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run, and end the process with the exit code."""
         _open_standard_streams()
@@ -48,7 +54,7 @@ class Program(click.Group):
             click.echo(error.format_message())
             code = USAGE
         except click.ClickException as error:
-            verb = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "run.py"
+            verb = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else PROGRAM
             complain(f"{verb}: {error.format_message().rstrip('.')}; see: {verb} --help")
             code = USAGE
         except (click.Abort, KeyboardInterrupt):
@@ -78,6 +84,10 @@ class Verb(click.Command):
     def __init__(self, *args: Any, **extra: Any) -> None:
         super().__init__(*args, **extra)
         self.params.append(click.Option(["--debug"], is_flag=True, help="Show where an error came from."))
+
+    def get_help(self, ctx: click.Context) -> str:
+        """What the verb does, with the program's present name in the examples."""
+        return super().get_help(ctx).replace("run.py", PROGRAM)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the verb; returns the exit code."""
@@ -349,7 +359,7 @@ def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
     where = "latest" if newest else page.parent
     if sys.stdout.isatty():
         lines = [fill(line, get_terminal_size().columns, subsequent_indent="  ") for line in lines]
-    opens = [f"to see it: run.py open {where}"] if len(folders) == 1 else []
+    opens = [f"to see it: {PROGRAM} open {where}"] if len(folders) == 1 else []
     say("\n".join([*lines, f"report: {page}", *opens]))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from config import verbs
+from drivers.core.errors import PROGRAM
 
 
 @click.command(cls=verbs.Verb, short_help="Write the report of one or more runs.")
@@ -54,7 +55,7 @@ def watch(name: str, out: Path) -> None:
 
     folder = RunFolder.find(name, out).path
     if not alive(folder):
-        raise RunFolderError(f"{folder}: this run does not go on; `run.py open {name}` shows its report")
+        raise RunFolderError(f"{folder}: this run does not go on; `{PROGRAM} open {name}` shows its report")
     door = Door.open()
     click.echo(door.link)
     sys.stdout.flush()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from config import verbs
-from drivers.core.errors import lacking
+from drivers.core.errors import PROGRAM, lacking
 
 if TYPE_CHECKING:
     from config.jobs import Crew
@@ -87,7 +87,9 @@ def run(
 
     if parts := parts_of(profile):
         if csv or numbers or endpoints or realtime or shard or watched or foxglove:
-            raise click.UsageError(f"{profile} has parts; run one of them with this option: see run.py list")
+            raise click.UsageError(
+                f"{profile} has parts; run one of them with this option: see {PROGRAM} list"
+            )
         folder = begin(profile, parts, ["--seed", str(seed), *verbs.sets(overrides)], out)
         return _in_turn(folder, jobs, scheduler, reported)
     loaded = verbs.loaded_profile(profile, overrides, csv)
@@ -155,7 +157,7 @@ def resume(
     found = RunFolder.find(run, out)
     if "parts" in found.read_manifest():
         if watched:
-            raise click.UsageError(f"{run} has parts: watch each with run.py watch")
+            raise click.UsageError(f"{run} has parts: watch each with {PROGRAM} watch")
         return _in_turn(found, jobs, scheduler, reported)
     resumed = broken_off(found)
     loaded, trials = profile_of(resumed.manifest, resumed.folder.path.name)
@@ -163,7 +165,7 @@ def resume(
     plan = plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked)
     if plan.count == 0:
         verbs.say(
-            f"{resumed.folder.path.name}: all {len(trials)} trials are done; `run.py report {run}` shows them"
+            f"{resumed.folder.path.name}: all {len(trials)} trials are done; `{PROGRAM} report {run}` shows them"
         )
         return verbs.DONE
     with _crew(loaded, plan, jobs, scheduler) as crew:
@@ -284,7 +286,9 @@ def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
         if not all(isinstance(where, dict) for where in dict(endpoints["devices"]).values()):
             raise ValueError
     except (OSError, ValueError, KeyError, TypeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not the line that `run.py emulate` prints"
+        reason = (
+            error.strerror if isinstance(error, OSError) else f"not the line that `{PROGRAM} emulate` prints"
+        )
         raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None
     return dict(endpoints)
 

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
+
+PROGRAM = "run.py" if Path(__file__).parents[2].joinpath("pyproject.toml").is_file() else "touchbench"
+"""How a person calls this program: in a clone by its file, installed by its command."""
 
 
 class DeviceError(Exception):

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from drivers.core.errors import PortError, RefusedError, SilentError
+from drivers.core.errors import PROGRAM, PortError, RefusedError, SilentError
 
 START_TIMEOUT_S = 90.0
 """Longest start: the first one after an installation compiles the plant."""
@@ -55,7 +55,7 @@ class EmulatorProcess:
                 "emulator",
                 "starting",
                 f"did not come up within {START_TIMEOUT_S:g} s" if not ready else "ended at once",
-                "start it by itself to see why: run.py emulate PROFILE",
+                f"start it by itself to see why: {PROGRAM} emulate PROFILE",
             )
         self.endpoints: dict[str, Any] = json.loads(line)
         if "refused" in self.endpoints:
@@ -105,7 +105,7 @@ class EmulatorControl:
                 "emulator",
                 f"joining {address['host']}:{address['port']}",
                 f"nothing answers ({error.strerror or error})",
-                "is `run.py emulate` still running?",
+                f"is `{PROGRAM} emulate` still running?",
             ) from error
         self._lines = self._socket.makefile("rb")
         self._account: Mapping[str, Any] = {}

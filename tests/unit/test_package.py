@@ -64,6 +64,22 @@ def test_the_version_is_the_projects_and_the_citations():
     assert f"\n## {version}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
 
 
+def test_messages_call_the_program_by_its_present_name(monkeypatch):
+    monkeypatch.setattr("config.verbs.PROGRAM", "touchbench")
+    for arguments in ["--help"], ["list", "--help"]:
+        printed = CliRunner().invoke(cli, arguments, standalone_mode=False, prog_name="touchbench").output
+        assert "touchbench list" in printed
+        assert "run.py" not in printed
+    packages = {pattern.rstrip("*") for pattern in SETUPTOOLS["packages"]["find"]["include"]}
+    for path in (path for package in packages for path in (ROOT / package).rglob("*.py")):
+        nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+        prose = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}  # docstrings
+        prose |= {id(node.value) for node in nodes if isinstance(node, ast.keyword) and node.arg == "help"}
+        texts = [node for node in nodes if isinstance(node, ast.Constant) and id(node) not in prose]
+        named = [node.value for node in texts if isinstance(node.value, str) and "run.py" in node.value]
+        assert set(named) <= {"run.py"}, path  # the name itself, where it is known
+
+
 def test_each_public_class_has_a_name_of_its_own() -> None:
     places: dict[str, list[str]] = defaultdict(list)
     for room in ("config", "controller", "behaviors", "drivers", "simulator", "benchmarks"):
