@@ -6,17 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from behaviors.events import Contact
-from behaviors.machine import Behavior, Row, StatePlan, on
+from behaviors.machine import Behavior, Row, StatePlan, from_mover, on
 from drivers.core.messages import MoveAt, Stop
-
-
-def approaching(approach: str, *, stopped: str, missed: str) -> Sequence[Row]:
-    """Rows: `approach` until contact, `STOPPING`, then `stopped`; `missed` where the approach ends at its limit."""
-    return (
-        on("contact", approach, "STOPPING", "touched"),
-        on("reached", approach, missed, "from_mover", do="conclude_no_contact"),
-        on("standstill", "STOPPING", stopped, "from_mover"),
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +38,7 @@ class Approaching(Behavior):
 
     def touched(self) -> bool:
         """Whether the contact is the acting detector's."""
-        return isinstance(self.event, Contact) and self.event.detector == self._approach.detector
+        return isinstance(self.event, Contact) and self.came_from(self._approach.detector)
 
     def conclude_no_contact(self) -> None:
         """The approach ended at its limit."""
@@ -61,3 +52,12 @@ class Approaching(Behavior):
         """Stop at once."""
         self.conclude("contact")
         self.command(Stop(self._mover))
+
+
+def approaching(approach: str, *, stopped: str, missed: str) -> Sequence[Row]:
+    """Rows: `approach` until contact, `STOPPING`, then `stopped`; `missed` where the approach ends at its limit."""
+    return (
+        on("contact", approach, "STOPPING", Approaching.touched),
+        on("reached", approach, missed, from_mover, do=Approaching.conclude_no_contact),
+        on("standstill", "STOPPING", stopped, from_mover),
+    )

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from behaviors.events import Detected
-from behaviors.machine import StatePlan, on
+from behaviors.events import Contact
+from behaviors.machine import StatePlan, from_mover, on
 from behaviors.sonic import COMING_IN, GOING_OUT, Place, SonicBehavior, SonicSettings
 from drivers.core.messages import Stop
 from drivers.core.settings import Settings, StreamName
@@ -78,32 +78,6 @@ class Aura(SonicBehavior):
     pause are not handled, so after one the detectors begin anew before the next approach.
     """
 
-    table = (
-        *COMING_IN,
-        on("deadline", "BASELINE", "APPROACHING"),
-        on("contact", "APPROACHING", "STOPPING", "acting", label="where it is to touch"),
-        on("reached", "APPROACHING", "HOLDING", "from_mover"),
-        on("standstill", "STOPPING", "HOLDING", "from_mover"),
-        on("deadline", "HOLDING", "RETRACTING"),
-        on(
-            "reached",
-            "RETRACTING",
-            "ENTERING",
-            ["from_mover", "again", "was_paused"],
-            label="again, after a pause",
-        ),
-        on("reached", "RETRACTING", "BASELINE", ["from_mover", "again"], label="again"),
-        on("reached", "RETRACTING", "LEAVING", "from_mover", do="conclude_approached"),
-        on("resumed", "BASELINE", "ENTERING"),
-        on("resumed", "APPROACHING", "RETRACTING", do=["note_pause", "repeat_approach"]),
-        on(
-            "resumed",
-            ["STOPPING", "HOLDING", "RETRACTING"],
-            "RETRACTING",
-            do="note_pause",
-        ),
-        *GOING_OUT,
-    )
     settings: AuraSettings
 
     def __init__(self, settings: AuraSettings, factors: AuraFactors, detectors: frozenset[str]) -> None:
@@ -133,11 +107,9 @@ class Aura(SonicBehavior):
         acting = frozenset({settings.contact}) if settings.touch else frozenset[str]()
         super().__init__(settings, path.start_m, acting, plans)
 
-    # conditions
-
     def acting(self) -> bool:
         """Whether the contact is the acting detector's, in an approach that is to touch."""
-        return isinstance(self.event, Detected) and self.event.detector in self._contacts
+        return isinstance(self.event, Contact) and self.event.detector in self._contacts
 
     def again(self) -> bool:
         """Whether there is another approach to do."""
@@ -155,8 +127,6 @@ class Aura(SonicBehavior):
         """A pause broke the approach off: it is made once more."""
         self._left_to_do += 1
 
-    # before transitions
-
     def conclude_approached(self) -> None:
         """Every approach came to its end, and no contact stopped it."""
         self.conclude("no_contact" if self._touches else "approached")
@@ -165,8 +135,6 @@ class Aura(SonicBehavior):
     def _touches(self) -> bool:
         """Whether there is something to touch, and it is to be touched."""
         return self.settings.touch and self.factors.object != "none"
-
-    # what is commanded on entry
 
     def enter_BASELINE(self) -> None:
         """Detectors that a pause left in doubt have begun anew."""
@@ -185,3 +153,19 @@ class Aura(SonicBehavior):
     def enter_RETRACTING(self) -> None:
         """Back along the path, as fast as it came."""
         self._go(self._path.start_m, self.factors.speed_m_s)
+
+    table = (
+        *COMING_IN,
+        on("deadline", "BASELINE", "APPROACHING"),
+        on("contact", "APPROACHING", "STOPPING", acting, label="where it is to touch"),
+        on("reached", "APPROACHING", "HOLDING", from_mover),
+        on("standstill", "STOPPING", "HOLDING", from_mover),
+        on("deadline", "HOLDING", "RETRACTING"),
+        on("reached", "RETRACTING", "ENTERING", from_mover, again, was_paused, label="again, after a pause"),
+        on("reached", "RETRACTING", "BASELINE", from_mover, again, label="again"),
+        on("reached", "RETRACTING", "LEAVING", from_mover, do=conclude_approached),
+        on("resumed", "BASELINE", "ENTERING"),
+        on("resumed", "APPROACHING", "RETRACTING", do=[note_pause, repeat_approach]),
+        on("resumed", ["STOPPING", "HOLDING", "RETRACTING"], "RETRACTING", do=note_pause),
+        *GOING_OUT,
+    )

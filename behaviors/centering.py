@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from behaviors.grip import Gripping, GripSettings, gripping, gripping_plans
-from behaviors.machine import on
+from behaviors.machine import from_mover, on
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
 from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT
 
@@ -15,10 +15,6 @@ class CenteringSettings(SearchSettings, GripSettings):
     """Close on the object, confirm contact and open again once the middle is found."""
 
 
-class CenteringFactors(SearchFactors):
-    """What a trial varies."""
-
-
 class Centering(Search, Gripping):
     """Find the middle; close there, hold and release.
 
@@ -26,20 +22,10 @@ class Centering(Search, Gripping):
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
     """
 
-    table = (
-        *COMING_IN,
-        *SEARCHING,
-        on("reached", "CENTERING", "RESTING", ["from_mover", "grasping"], label="to grasp"),
-        on("reached", "CENTERING", "LEAVING", "from_mover", do="conclude_centered"),
-        *gripping(felt="HOLDING"),
-        on("deadline", "HOLDING", "RELEASING"),
-        on("resumed", "HOLDING", "RELEASING"),
-        *GOING_OUT,
-    )
     settings: CenteringSettings
 
     def __init__(
-        self, settings: CenteringSettings, factors: CenteringFactors, detectors: frozenset[str]
+        self, settings: CenteringSettings, factors: SearchFactors, detectors: frozenset[str]
     ) -> None:
         plans = gripping_plans(settings, detectors & CONTACTS, settings.envelopes)
         super().__init__(settings, factors, detectors, plans)
@@ -55,3 +41,14 @@ class Centering(Search, Gripping):
     def enter_HOLDING(self) -> None:
         """Contact is confirmed."""
         self.conclude_centered()
+
+    table = (
+        *COMING_IN,
+        *SEARCHING,
+        on("reached", "CENTERING", "RESTING", from_mover, grasping, label="to grasp"),
+        on("reached", "CENTERING", "LEAVING", from_mover, do=conclude_centered),
+        *gripping(felt="HOLDING"),
+        on("deadline", "HOLDING", "RELEASING"),
+        on("resumed", "HOLDING", "RELEASING"),
+        *GOING_OUT,
+    )

@@ -6,7 +6,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, on
+from behaviors.machine import Behavior, NoFactors, StatePlan, on
 from drivers.core.messages import Chirp, Excite
 from drivers.core.settings import DeviceName, Settings, StreamName
 
@@ -42,21 +42,10 @@ class ChirpSettings(Settings):
         return self
 
 
-class ChirpFactors(Settings):
-    """Nothing is varied but what a profile lays over its settings."""
-
-
 class ChirpSweep(Behavior):
     """Listen to silence, sweep, listen on."""
 
-    table = (
-        on("deadline", "SILENT", "SWEEPING"),
-        on("reached", "SWEEPING", "RINGING", "from_exciter", label="sweep over"),
-        on("deadline", "RINGING", "DONE"),
-        on("resumed", ["SILENT", "SWEEPING"], "SILENT"),
-    )
-
-    def __init__(self, settings: ChirpSettings, factors: ChirpFactors, detectors: frozenset[str]) -> None:
+    def __init__(self, settings: ChirpSettings, factors: NoFactors, detectors: frozenset[str]) -> None:
         measured = frozenset((settings.fingers_stream,))
         self.settings = settings
         super().__init__(
@@ -69,7 +58,7 @@ class ChirpSweep(Behavior):
 
     def from_exciter(self) -> bool:
         """Whether the status is the drive's."""
-        return getattr(self.event, "device", None) == self.settings.exciter
+        return self.came_from(self.settings.exciter)
 
     def enter_SILENT(self) -> None:
         """No drive."""
@@ -89,3 +78,10 @@ class ChirpSweep(Behavior):
     def enter_FAILED(self) -> None:
         """Silence after an error."""
         self.command(Excite(self.settings.exciter, False))
+
+    table = (
+        on("deadline", "SILENT", "SWEEPING"),
+        on("reached", "SWEEPING", "RINGING", from_exciter, label="sweep over"),
+        on("deadline", "RINGING", "DONE"),
+        on("resumed", ["SILENT", "SWEEPING"], "SILENT"),
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from behaviors.machine import Behavior
-from drivers.core.messages import Excite, Home, Stop
+from drivers.core.messages import Excite, Home
 from drivers.core.settings import DeviceName, Settings, StreamName
 
 
@@ -50,5 +50,5 @@ class FingerTrial(Behavior):
 
     def enter_FAILED(self) -> None:
         """Nothing moves after an error."""
-        self.command(Stop(self.settings.mover))
+        super().enter_FAILED()
         self.command(Excite(self.settings.exciter, False))

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from behaviors.events import Event, Tick
 from behaviors.machine import StatePlan, on
-from behaviors.transient import Transient, TransientFactors, TransientSettings, approaches
+from behaviors.transient import Transient, TransientFactors, TransientSettings
 from drivers.core.messages import Command, SetTendon
 from drivers.core.settings import StreamName
 
@@ -51,7 +51,14 @@ class Flexion(Transient):
         detectors: Names of all detectors that listen, the acting one among them.
     """
 
-    table = approaches("FLEXING", on("deadline", "FLEXING", "APPROACH"), on("resumed", "FLEXING", "STARTING"))
+    table = (
+        *(
+            row._replace(dest="FLEXING") if row.sources == ("BASELINE",) and row.dest == "APPROACH" else row
+            for row in Transient.table
+        ),
+        on("deadline", "FLEXING", "APPROACH"),
+        on("resumed", "FLEXING", "STARTING"),
+    )
 
     settings: FlexionSettings
     factors: FlexionFactors

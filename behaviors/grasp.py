@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from behaviors.grip import gripping, gripping_plans
 from behaviors.lift import LIFTING, Lifting, LiftSettings, lifting_plans
-from behaviors.machine import on
+from behaviors.machine import from_mover, on
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
 from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT, Place
 
 
 class GraspSettings(SearchSettings, LiftSettings):
     """How an object is sought, gripped and lifted."""
-
-
-class GraspFactors(SearchFactors):
-    """What a trial varies."""
 
 
 class Grasp(Search, Lifting):
@@ -27,14 +23,14 @@ class Grasp(Search, Lifting):
     table = (
         *COMING_IN,
         *SEARCHING,
-        on("reached", "CENTERING", "RESTING", "from_mover"),
+        on("reached", "CENTERING", "RESTING", from_mover),
         *gripping(felt="LIFTING"),
         *LIFTING,
         *GOING_OUT,
     )
     settings: GraspSettings
 
-    def __init__(self, settings: GraspSettings, factors: GraspFactors, detectors: frozenset[str]) -> None:
+    def __init__(self, settings: GraspSettings, factors: SearchFactors, detectors: frozenset[str]) -> None:
         feeling = detectors & CONTACTS | frozenset(settings.slip)  # from the rest on, where they learn
         plans = {
             **gripping_plans(settings, feeling, settings.envelopes | {settings.force_stream}),

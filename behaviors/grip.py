@@ -39,25 +39,6 @@ class GripSettings(SonicSettings):
     """How long the object is held."""
 
 
-def gripping(felt: str) -> Sequence[Row]:
-    """Rows from the rest at the object: close, go on to `felt` once both fingers feel it; else release and leave. Jaws
-    that are held wider than the object can be have it not: something is wrong with them."""
-    both = "both fingers touch"
-    return (
-        on("deadline", "RESTING", "CLOSING"),
-        on("gripped", "CLOSING", "FAILED", "too_wide", do="conclude_jammed", label="too wide"),
-        on("gripped", "CLOSING", felt, ["on_object", "both_touch"], label=both),
-        on("gripped", "CLOSING", "CONFIRMING", "on_object", label="object"),
-        on("gripped", "CLOSING", "RELEASING", do="conclude_empty", label="nothing there"),
-        on("contact", "CONFIRMING", felt, "both_touch", label=both),
-        on("deadline", "CONFIRMING", "RELEASING", do="conclude_unfelt"),
-        on("reached", "RELEASING", "LEAVING", "from_gripper"),
-        on("resumed", "RESTING", "ENTERING"),
-        on("resumed", ["CLOSING", "CONFIRMING"], "RELEASING", do="conclude_broken_off"),
-        on("resumed", "RELEASING", "RELEASING"),
-    )
-
-
 def gripping_plans(
     settings: GripSettings, contacts: frozenset[str], measures: frozenset[str]
 ) -> Mapping[str, StatePlan]:
@@ -82,8 +63,6 @@ class Gripping(SonicBehavior):
     def widest_m(self) -> float:
         """Widest that the object can be, as far as is known."""
         return math.inf
-
-    # conditions
 
     def too_wide(self) -> bool:
         """Whether what holds the jaws cannot be the object."""
@@ -118,8 +97,6 @@ class Gripping(SonicBehavior):
         """A pause interrupted the grip."""
         self.conclude("not_gripped", "a pause broke the grip off")
 
-    # what is commanded on entry
-
     def enter_CLOSING(self) -> None:
         """Close on the object."""
         settings = self.settings
@@ -130,3 +107,22 @@ class Gripping(SonicBehavior):
     def enter_RELEASING(self) -> None:
         """Release."""
         self.command(Release(self.settings.gripper, self.settings.open_speed_m_s))
+
+
+def gripping(felt: str) -> Sequence[Row]:
+    """Rows from the rest at the object: close, go on to `felt` once both fingers feel it; else release and leave. Jaws
+    that are held wider than the object can be have it not: something is wrong with them."""
+    here, both = Gripping, "both fingers touch"
+    return (
+        on("deadline", "RESTING", "CLOSING"),
+        on("gripped", "CLOSING", "FAILED", here.too_wide, do=here.conclude_jammed, label="too wide"),
+        on("gripped", "CLOSING", felt, here.on_object, here.both_touch, label=both),
+        on("gripped", "CLOSING", "CONFIRMING", here.on_object, label="object"),
+        on("gripped", "CLOSING", "RELEASING", do=here.conclude_empty, label="nothing there"),
+        on("contact", "CONFIRMING", felt, here.both_touch, label=both),
+        on("deadline", "CONFIRMING", "RELEASING", do=here.conclude_unfelt),
+        on("reached", "RELEASING", "LEAVING", here.from_gripper),
+        on("resumed", "RESTING", "ENTERING"),
+        on("resumed", ["CLOSING", "CONFIRMING"], "RELEASING", do=here.conclude_broken_off),
+        on("resumed", "RELEASING", "RELEASING"),
+    )

@@ -10,24 +10,12 @@ from pydantic import Field, Strict
 
 from behaviors.events import Event
 from behaviors.grip import Gripping, GripSettings
-from behaviors.machine import Row, StatePlan, on
+from behaviors.machine import Row, StatePlan, from_mover, on
 from behaviors.sonic import Place
 from drivers.core.messages import Command, Grip, Gripped
 from drivers.core.settings import DetectorName, StreamName
 
 _UP = ("LIFTING", "HOLDING")
-
-LIFTING: Sequence[Row] = (
-    on("reached", "LIFTING", "HOLDING", "from_mover"),
-    on("slip_started", _UP, None, do="note_slip", label="press harder"),
-    on("slip_ended", _UP, None, do="note_held"),
-    on("gripped", _UP, "LOWERING", "dropped", do="conclude_dropped", label="nothing between the jaws"),
-    on("gripped", _UP, None, do="note_tight", label="slips on: press harder still"),
-    on("deadline", "HOLDING", "LOWERING", do="conclude_held"),
-    on("reached", "LOWERING", "RELEASING", "from_mover"),
-    on("resumed", (*_UP, "LOWERING"), "LOWERING", do="conclude_broken_off"),
-)
-"""Rows from the first contact felt at the object to its release, at the place where it was found."""
 
 
 class LiftSettings(GripSettings):
@@ -110,13 +98,9 @@ class Lifting(Gripping):
         up = self.state in _UP
         return sorted(super().deciding, key=lambda name: up != (name in self.settings.slip))
 
-    # conditions
-
     def dropped(self) -> bool:
         """Whether the jaws report that they hold nothing."""
         return isinstance(self.event, Gripped) and not self.event.object
-
-    # before transitions
 
     def note_slip(self) -> None:
         """Something slips: at once, or once the weight is taken up, the jaws are to press harder."""
@@ -155,8 +139,6 @@ class Lifting(Gripping):
         else:
             self.conclude_dropped()
 
-    # what is commanded on entry
-
     def enter_LIFTING(self) -> None:
         """Straight up from where it was found."""
         self._force_n = self.settings.grip_force_n
@@ -173,3 +155,16 @@ class Lifting(Gripping):
     def _found_m(self) -> Place:
         """Where the object was gripped."""
         return self._place_m
+
+
+LIFTING: Sequence[Row] = (
+    on("reached", "LIFTING", "HOLDING", from_mover),
+    on("slip_started", _UP, None, do=Lifting.note_slip, label="press harder"),
+    on("slip_ended", _UP, None, do=Lifting.note_held),
+    on("gripped", _UP, "LOWERING", Lifting.dropped, do=Lifting.conclude_dropped, label="nothing held"),
+    on("gripped", _UP, None, do=Lifting.note_tight, label="slips on: press harder still"),
+    on("deadline", "HOLDING", "LOWERING", do=Lifting.conclude_held),
+    on("reached", "LOWERING", "RELEASING", from_mover),
+    on("resumed", (*_UP, "LOWERING"), "LOWERING", do=Lifting.conclude_broken_off),
+)
+"""Rows from the first contact felt at the object to its release, at the place where it was found."""

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from transitions import Machine
 
 from behaviors.events import Event, GuardStopped, Tick
-from drivers.core.messages import Command
+from drivers.core.messages import Command, Stop
+from drivers.core.settings import Settings
 
 UNDECIDED = "aborted"
 """The outcome of a trial that no transition concluded."""
@@ -35,43 +36,68 @@ class StatePlan:
     prompt: bool = True
 
 
-Row = Mapping[str, Any]
-"""A row of a behavior's table, as `transitions` takes it; `label` is for the diagram."""
+Condition = Callable[[Any], bool]
+"""Asked with the behavior whether a row applies."""
+
+Action = Callable[[Any], object]
+"""Called with the behavior before a row's transition."""
+
+
+class NoFactors(Settings):
+    """Of an experiment whose trials vary nothing but settings of the profile."""
+
+
+class Row(NamedTuple):
+    """A row of a behavior's table, as `on` makes it."""
+
+    trigger: str
+    sources: Sequence[str]
+    dest: str | None
+    conditions: Sequence[Condition]
+    actions: Sequence[Action]
+    label: str
 
 
 def on(
     trigger: str,
     source: str | Sequence[str],
     dest: str | None,
-    when: str | Sequence[str] = (),
-    *,
-    do: str | Sequence[str] = (),
+    *when: Condition,
+    do: Action | Sequence[Action] = (),
     label: str = "",
 ) -> Row:
     """A row: on this event, from one state or any of several, go there.
+
+    A method of the behavior is looked up in its class, so that a subclass may replace it.
 
     Args:
         trigger: Name of the event: `Contact` is "contact".
         source: Where from.
         dest: Where to; None stays in the state, which is not entered again.
-        when: Methods that must all return True; the first row of several whose methods do is taken.
-        do: Methods that are called before.
+        when: What must all be True; the first row of several that applies is taken.
+        do: What is called before.
         label: What the conditions mean, for the diagram.
+
+    Raises:
+        TypeError: a condition or an action cannot be called.
     """
-    row: dict[str, Any] = {"trigger": trigger, "source": source, "dest": dest}
-    row |= {key: value for key, value in (("conditions", when), ("before", do), ("label", label)) if value}
-    return row
+    sources = (source,) if isinstance(source, str) else tuple(source)
+    actions = tuple(do) if isinstance(do, tuple | list) else (do,)
+    for given in (*when, *actions):
+        if not callable(given):
+            raise TypeError(f"on({trigger!r}, {source!r}): {given!r} is no function; name it without quotes")
+    return Row(trigger, sources, dest, when, actions, label)
 
 
 class Behavior:
     """One trial of one experiment: events in, commands out; it touches no driver.
 
-    A subclass has a transition table (trigger, source, destination, with conditions where needed) and one
-    `enter_<STATE>` method for each state that commands something. States are names; those that it has are those of its
-    table, and `FAILED`: it begins in the first row's, and the trial is over in those from which no row leads. A trigger
-    is the event's class name in lower case with underscores (`Contact` → `contact`). What ends a trial that cannot go
-    on leads to `FAILED` where the table has no row for it (`ending_rows`); any other event that the present state has
-    no transition for is ignored. Callbacks call `self.command(...)`, never a trigger.
+    A subclass has a transition table, below the methods that it names, and one `enter_<STATE>` method for each state
+    that commands something. States are names; those that it has are those of its table, and `FAILED`: it begins in the
+    first row's, and the trial is over in those from which no row leads. A trigger is the event's class name in lower
+    case with underscores (`Contact` → `contact`). What ends a trial that cannot go on leads to `FAILED` where the table
+    has no row for it (`ending_rows`); any other event that the present state has no transition for is ignored.
+    Methods call `self.command(...)`, never a trigger.
 
     What a profile names is made of the experiment's `settings`, the trial's `factors` and the names of all `detectors`.
 
@@ -95,8 +121,8 @@ class Behavior:
     def __init_subclass__(cls) -> None:
         if "table" in cls.__dict__:
             cls.rows = (*cls.table, *ending_rows(cls.table))
-            left = dict.fromkeys(state for row in cls.rows for state in sources(row))
-            ends = dict.fromkeys(row["dest"] for row in cls.rows if row["dest"] not in {None, *left})
+            left = dict.fromkeys(state for row in cls.rows for state in row.sources)
+            ends = dict.fromkeys(row.dest for row in cls.rows if row.dest and row.dest not in left)
             cls.states, cls.final = (*left, *ends), frozenset(ends)
 
     def __init__(
@@ -184,8 +210,9 @@ class Behavior:
             if event.t_s >= self._deadline_s - 1e-9:
                 self._fire("deadline")
         else:
-            self._came[_described(event)] = None
-            self._fire(trigger_of(event))
+            trigger, source = trigger_of(event), _source(event)
+            self._came[trigger.replace("_", " ") + (f" of {source}" if source else "")] = None
+            self._fire(trigger)
         return self._taken()
 
     def command(self, command: Command) -> None:
@@ -206,13 +233,13 @@ class Behavior:
         if self.outcome == UNDECIDED:
             self.outcome, self.reason = outcome, reason
 
-    def from_mover(self) -> bool:
-        """Whether the status is the mover's."""
-        return getattr(self.event, "device", None) == self._mover
+    def came_from(self, source: str) -> bool:
+        """Whether the event is of this device or detector."""
+        return _source(self.event) == source
 
     def decisive(self) -> bool:
         """Whether the event is of a detector that the trial acts on."""
-        return getattr(self.event, "detector", "") in self._acting
+        return _source(self.event) in self._acting
 
     def conclude_fault(self) -> None:
         """Before a transition that ends the trial: the guard stopped it, or a device or detector could not go on."""
@@ -229,10 +256,8 @@ class Behavior:
 
     def _awaited(self) -> str:
         """The events that would have ended the present state in time, and their sources."""
-        events: dict[str, None] = {}
-        for row in self.rows:
-            if self.state in sources(row) and row["trigger"] not in _NOT_AWAITED:
-                events[row["trigger"].replace("_", " ")] = None
+        triggers = [row.trigger for row in self.rows if self.state in row.sources]
+        events = dict.fromkeys(each.replace("_", " ") for each in triggers if each not in _NOT_AWAITED)
         awaited = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
         return " or ".join(events) + (f" of {', '.join(awaited)}" if awaited else "")
 
@@ -241,9 +266,14 @@ class Behavior:
         self.conclude_late()
         self.outcome = "fault"
 
+    def enter_FAILED(self) -> None:
+        """Nothing moves after an error."""
+        if self._mover:
+            self.command(Stop(self._mover))
+
     def _fire(self, trigger: str) -> None:
         if trigger in self._machine.events:
-            self._machine.events[trigger].trigger(self)
+            self._machine.events[trigger].trigger(self, self)
 
     def _entered(self) -> None:
         self._entered_s = self._event.t_s
@@ -257,13 +287,22 @@ class Behavior:
         return taken
 
 
+def from_mover(behavior: Behavior) -> bool:
+    """Whether the status is the mover's."""
+    return behavior.came_from(behavior._mover)
+
+
 @cache
 def _machine(kind: type[Behavior]) -> Machine:
     """The machine of a kind of behavior: one for all its trials, for making it takes a tenth of a short one."""
+
+    def its_own(methods: Sequence[Callable[[Any], Any]]) -> list[Callable[[Any], Any]]:
+        return [getattr(kind, getattr(method, "__name__", ""), method) for method in methods]
+
     rows = [
-        {key: value for key, value in row.items() if key != "label"}
-        | {"source": sources(row)}
-        | ({} if row["dest"] is None else {"after": "_entered"})
+        {"trigger": row.trigger, "source": list(row.sources), "dest": row.dest}
+        | {"conditions": its_own(row.conditions), "before": its_own(row.actions)}
+        | ({} if row.dest is None else {"after": Behavior._entered})
         for row in kind.rows
     ]
     return Machine(
@@ -282,24 +321,18 @@ def ending_rows(table: Sequence[Row]) -> Sequence[Row]:
     A failed device, a refused baseline of an acting detector or a guard stop fails the trial. So does a deadline
     in a state that has no unconditional row for it: a device did not do its part.
     """
-    failed = "FAILED"
-    alive = list(dict.fromkeys(state for row in table for state in sources(row)))
+    alive = list(dict.fromkeys(state for row in table for state in row.sources))
     resting = {
-        state
-        for row in table
-        if row["trigger"] == "deadline" and "conditions" not in row
-        for state in sources(row)
+        state for row in table if row.trigger == "deadline" and not row.conditions for state in row.sources
     }
-    rows = [on(trigger, alive, failed, do="conclude_fault") for trigger in _BROKEN]
-    rows.append(on(_UNLEARNT, alive, failed, "decisive", do="conclude_fault", label="decisive"))
-    rows.append(on("guard_stopped", alive, failed, do="conclude_fault"))
     waiting = [state for state in alive if state not in resting]
-    return (*rows, *([on("deadline", waiting, failed, do="conclude_stuck")] if waiting else []))
-
-
-def with_failures(*rows: Row) -> Sequence[Row]:
-    """The rows as they are, for tables from before every behavior had its `ending_rows`."""
-    return rows
+    fault = Behavior.conclude_fault
+    return (
+        *(on(trigger, alive, "FAILED", do=fault) for trigger in _BROKEN),
+        on("baseline_refused", alive, "FAILED", Behavior.decisive, do=fault, label="decisive"),
+        on("guard_stopped", alive, "FAILED", do=fault),
+        *([on("deadline", waiting, "FAILED", do=Behavior.conclude_stuck)] if waiting else []),
+    )
 
 
 def verdict_of(event: Event) -> tuple[str, str]:
@@ -307,25 +340,16 @@ def verdict_of(event: Event) -> tuple[str, str]:
     reason = getattr(event, "reason", "")
     if isinstance(event, GuardStopped):
         return "guard", reason
-    source = getattr(event, "device", getattr(event, "detector", ""))
-    return "fault", f"{source} {trigger_of(event).replace('_', ' ')}: {reason}"
-
-
-def sources(row: Row) -> Sequence[str]:
-    """The states from which a row leads."""
-    source = row["source"]
-    return [source] if isinstance(source, str) else list(source)
+    return "fault", f"{_source(event)} {trigger_of(event).replace('_', ' ')}: {reason}"
 
 
 _BROKEN = ("refused", "stalled", "failed")
-_UNLEARNT = "baseline_refused"
-_NOT_AWAITED = frozenset(("deadline", "resumed", "guard_stopped", *_BROKEN, _UNLEARNT))
+_NOT_AWAITED = frozenset(("deadline", "resumed", "guard_stopped", "baseline_refused", *_BROKEN))
 
 
-def _described(event: Event) -> str:
-    """An event in short: its name and its source."""
-    source = getattr(event, "device", getattr(event, "detector", ""))
-    return f"{trigger_of(event).replace('_', ' ')}{f' of {source}' if source else ''}"
+def _source(event: Event) -> str:
+    """The device or detector that an event is of, or ""."""
+    return str(getattr(event, "device", getattr(event, "detector", "")))
 
 
 def trigger_of(event: Event) -> str:
@@ -336,25 +360,3 @@ def trigger_of(event: Event) -> str:
 @cache
 def _snake(name: str) -> str:
     return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")
-
-
-def mermaid(behavior: type[Behavior]) -> str:
-    """The behavior's state diagram, generated from its own table.
-
-    Rows with more than two sources are drawn as notes beside their destination, so that the main path stays readable.
-    """
-    lines = ["stateDiagram-v2", f"    [*] --> {behavior.states[0]}"]
-    notes: dict[tuple[str, str], list[str]] = {}
-    alive = [state for state in behavior.states if state not in behavior.final]
-    for row in behavior.rows:
-        label = row["trigger"] + (f" [{row['label']}]" if "label" in row else "")
-        if len(sources(row)) > 2 and row["dest"] is not None:
-            named = "any state" if sources(row) == alive else ", ".join(sources(row))
-            notes.setdefault((row["dest"], named), []).append(label)
-        else:
-            ends = [(source, row["dest"] or source) for source in sources(row)]
-            lines += [f"    {source} --> {dest}: {label}" for source, dest in ends]
-    lines += [f"    {state} --> [*]" for state in behavior.states if state in behavior.final]
-    for (destination, named), labels in notes.items():
-        lines.append(f"    note right of {destination}: from {named} on {', '.join(labels)}")
-    return "\n".join(lines) + "\n"

@@ -10,10 +10,10 @@ from pydantic import Field, model_validator
 
 from behaviors.approach import Approach, approaching
 from behaviors.events import BaselineReady
-from behaviors.machine import StatePlan, on
+from behaviors.machine import NoFactors, StatePlan, from_mover, on
 from behaviors.tip import TipTrial, TipTrialSettings
 from drivers.core.messages import Home, Stop
-from drivers.core.settings import DetectorName, Settings, StreamName
+from drivers.core.settings import DetectorName, StreamName
 
 Angle = Annotated[float, Field(ge=-1.57, le=1.57)]
 """The tip is a half cylinder: what touches beyond a quarter turn touches something else (section 2)."""
@@ -60,8 +60,7 @@ class PointerSettings(TipTrialSettings):
         return (*self.angles_rad, *reversed(self.angles_rad))
 
 
-class PointerFactors(Settings):
-    """What a trial varies: nothing of its own; the force is the detector's threshold."""
+_AWAY_FROM_START = ("TURNING", "WAITING", "DESCENDING", "STOPPING", "RESTING", "RECORDING", "LIFTING")
 
 
 class Pointer(TipTrial):
@@ -71,49 +70,9 @@ class Pointer(TipTrial):
         detectors: Names of all detectors there are; the touch's alone is armed.
     """
 
-    table = (
-        on("reached", "HOMING", "ZEROING", "from_mover"),
-        on("deadline", "ZEROING", "TURNING"),
-        on("reached", "TURNING", "WAITING", "from_mover"),
-        on("standstill", "TURNING", "WAITING", "from_mover", label="the same angle again"),
-        on("baseline_ready", "WAITING", "DESCENDING", "of_touch"),
-        *approaching("DESCENDING", stopped="RESTING", missed="LIFTING"),
-        on("deadline", "RESTING", "RECORDING"),
-        on("deadline", "RECORDING", "LIFTING", do="count_recorded"),
-        on(
-            "reached",
-            "LIFTING",
-            "UNTURNING",
-            ["from_mover", "finished"],
-            label="all angles touched, or one without contact",
-        ),
-        on("reached", "LIFTING", "HOMING", ["from_mover", "astray"], label="after a pause"),
-        on("reached", "LIFTING", "TURNING", "from_mover"),
-        on("reached", "UNTURNING", "RETURNING", "from_mover"),
-        on("standstill", "UNTURNING", "RETURNING", "from_mover", label="not turned"),
-        on("reached", "RETURNING", "DONE", "from_mover"),
-        on("resumed", ["HOMING", "ZEROING"], "HOMING"),
-        on(
-            "resumed",
-            [
-                "TURNING",
-                "WAITING",
-                "DESCENDING",
-                "STOPPING",
-                "RESTING",
-                "RECORDING",
-                "LIFTING",
-            ],
-            "LIFTING",
-            do="note_astray",
-        ),
-        on("resumed", ["UNTURNING", "RETURNING"], "RETURNING"),
-        on("deadline", "WAITING", "FAILED", do="conclude_late"),
-    )
-
     settings: PointerSettings
 
-    def __init__(self, settings: PointerSettings, factors: PointerFactors, detectors: frozenset[str]) -> None:
+    def __init__(self, settings: PointerSettings, factors: NoFactors, detectors: frozenset[str]) -> None:
         motion = settings.motion_timeout_s
         armed = frozenset({settings.detector})
         both = frozenset({settings.forces_stream, settings.pose_stream})
@@ -148,11 +107,9 @@ class Pointer(TipTrial):
             mover=settings.mover,
         )
 
-    # conditions
-
     def of_touch(self) -> bool:
         """Whether the baseline is the touch detector's."""
-        return isinstance(self.event, BaselineReady) and self.event.detector == self.settings.detector
+        return isinstance(self.event, BaselineReady) and self.came_from(self.settings.detector)
 
     def finished(self) -> bool:
         """Whether there is nothing left to touch, or nothing there."""
@@ -161,8 +118,6 @@ class Pointer(TipTrial):
     def astray(self) -> bool:
         """Whether the angle of the tip is unknown."""
         return self._astray
-
-    # before transitions
 
     def note_astray(self) -> None:
         """A turn may have been broken off: the angle counts from the start pose once more."""
@@ -182,8 +137,6 @@ class Pointer(TipTrial):
             "no_contact",
             f"no contact up to {self.settings.descend_limit_m:.6g} m at {angle_rad:.6g} rad",
         )
-
-    # what is commanded on entry
 
     def enter_HOMING(self) -> None:
         """Begin at the start pose."""
@@ -208,3 +161,24 @@ class Pointer(TipTrial):
             self.command(Stop(self.settings.mover))
             return
         self.turn(turn_rad, self.settings.turn_rad_s)
+
+    table = (
+        on("reached", "HOMING", "ZEROING", from_mover),
+        on("deadline", "ZEROING", "TURNING"),
+        on("reached", "TURNING", "WAITING", from_mover),
+        on("standstill", "TURNING", "WAITING", from_mover, label="the same angle again"),
+        on("baseline_ready", "WAITING", "DESCENDING", of_touch),
+        *approaching("DESCENDING", stopped="RESTING", missed="LIFTING"),
+        on("deadline", "RESTING", "RECORDING"),
+        on("deadline", "RECORDING", "LIFTING", do=count_recorded),
+        on("reached", "LIFTING", "UNTURNING", from_mover, finished, label="all touched, or nothing there"),
+        on("reached", "LIFTING", "HOMING", from_mover, astray, label="after a pause"),
+        on("reached", "LIFTING", "TURNING", from_mover),
+        on("reached", "UNTURNING", "RETURNING", from_mover),
+        on("standstill", "UNTURNING", "RETURNING", from_mover, label="not turned"),
+        on("reached", "RETURNING", "DONE", from_mover),
+        on("resumed", ["HOMING", "ZEROING"], "HOMING"),
+        on("resumed", _AWAY_FROM_START, "LIFTING", do=note_astray),
+        on("resumed", ["UNTURNING", "RETURNING"], "RETURNING"),
+        on("deadline", "WAITING", "FAILED", do=TipTrial.conclude_late),
+    )

@@ -8,8 +8,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from behaviors.events import Detected, PreTouch
-from behaviors.machine import Row, StatePlan, on
+from behaviors.events import PreTouch
+from behaviors.machine import Row, StatePlan, from_mover, on
 from behaviors.sonic import CONTACTS, Place, SonicBehavior, SonicSettings
 from drivers.core.messages import MoveAt, MoveTo, Standstill, Stop
 from drivers.core.settings import Settings, StreamName
@@ -73,39 +73,6 @@ class SearchFactors(Settings):
 _SEEKING = ("RUNNING_UP", "SEEKING_FORWARD", "SEEKING_BACKWARD")
 _TURNING = ("REVERSING", "TURNING")
 
-SEARCHING: Sequence[Row] = (
-    on("deadline", "BASELINE", "RUNNING_UP", "running_up", label="run-up"),
-    on("deadline", "BASELINE", "SEEKING_FORWARD"),
-    on("pre_touch", "RUNNING_UP", "REVERSING", "by_right", label="right finger"),
-    on(
-        "standstill",
-        _TURNING,
-        "LEAVING",
-        ["from_mover", "touch_held"],
-        do="conclude_touched",
-        label="a touch stands",
-    ),
-    on("standstill", "REVERSING", "SEEKING_FORWARD", "from_mover"),
-    on("pre_touch", "SEEKING_FORWARD", "TURNING", "by_left", label="left finger"),
-    on("reached", _SEEKING, "LEAVING", "from_mover", do="conclude_unseen", label="not seen"),
-    on("contact", _SEEKING, "BACKING_OFF", "under_way", do="conclude_touched"),
-    on(
-        "contact_held",
-        _SEEKING,
-        "BACKING_OFF",
-        do="conclude_touched",
-        label="a touch while it was not heeded",
-    ),
-    on("standstill", "TURNING", "SEEKING_BACKWARD", "from_mover"),
-    on("pre_touch", "SEEKING_BACKWARD", "STOPPING", "by_right", label="right finger"),
-    on("standstill", "STOPPING", "CENTERING", "from_mover"),
-    on("standstill", "BACKING_OFF", "LEAVING", "from_mover"),
-    on("resumed", ["BASELINE", *_SEEKING, *_TURNING, "STOPPING", "CENTERING"], "ENTERING"),
-    on("resumed", "BACKING_OFF", "LEAVING"),
-)
-"""Rows from the rest that `COMING_IN` ends in to `CENTERING`; the behavior adds what follows. A search that sees
-nothing, or touches something, leaves; a pause begins it anew."""
-
 
 class Search(SonicBehavior):
     """Search one way until the finger ahead of the motion sees the object, then the other way; go to the middle.
@@ -163,15 +130,13 @@ class Search(SonicBehavior):
         """Widest that the object can be: each finger came so far without touching it."""
         return self._opening_m - (self._saw[self._left] - self._saw[self._right])
 
-    # conditions
-
     def by_left(self) -> bool:
         """Whether the left finger saw it."""
-        return isinstance(self.event, Detected) and self.event.detector == self._left
+        return self.came_from(self._left)
 
     def by_right(self) -> bool:
         """Whether the right finger saw it."""
-        return isinstance(self.event, Detected) and self.event.detector == self._right
+        return self.came_from(self._right)
 
     def running_up(self) -> bool:
         """Whether the result of the first way is discarded."""
@@ -190,8 +155,6 @@ class Search(SonicBehavior):
         """The search touched what it should have seen."""
         self.conclude("touched", "touched during the search")
 
-    # what is commanded on entry
-
     def enter_ENTERING(self) -> None:
         """The fingers to either side of the object, which has been seen nowhere yet."""
         self._saw.clear()
@@ -202,8 +165,10 @@ class Search(SonicBehavior):
         self._seek(-1.0)
 
     def enter_REVERSING(self) -> None:
-        """Stop, and forget."""
+        """Stop at once."""
         self.command(Stop(self.settings.mover))
+
+    enter_BACKING_OFF = enter_REVERSING
 
     def enter_SEEKING_FORWARD(self) -> None:
         """The left finger towards the object."""
@@ -228,10 +193,6 @@ class Search(SonicBehavior):
         settings = self.settings
         self.command(MoveTo(settings.mover, self.middle_m, min(self.factors.speed_m_s, 0.01)))
 
-    def enter_BACKING_OFF(self) -> None:
-        """Stop at once."""
-        self.command(Stop(self.settings.mover))
-
     def _seek(self, direction: float) -> None:
         settings = self.settings
         limit_m = direction * settings.sweep_m
@@ -245,3 +206,26 @@ class Search(SonicBehavior):
     def _stood_still(self, finger: str) -> None:
         if math.isnan(self._saw[finger]) and isinstance(self.event, Standstill):
             self._saw[finger] = self.event.position_m
+
+
+_touched = Search.conclude_touched
+
+SEARCHING: Sequence[Row] = (
+    on("deadline", "BASELINE", "RUNNING_UP", Search.running_up, label="run-up"),
+    on("deadline", "BASELINE", "SEEKING_FORWARD"),
+    on("pre_touch", "RUNNING_UP", "REVERSING", Search.by_right, label="right finger"),
+    on("standstill", _TURNING, "LEAVING", from_mover, Search.touch_held, do=_touched, label="a touch stands"),
+    on("standstill", "REVERSING", "SEEKING_FORWARD", from_mover),
+    on("pre_touch", "SEEKING_FORWARD", "TURNING", Search.by_left, label="left finger"),
+    on("reached", _SEEKING, "LEAVING", from_mover, do=Search.conclude_unseen, label="not seen"),
+    on("contact", _SEEKING, "BACKING_OFF", Search.under_way, do=_touched),
+    on("contact_held", _SEEKING, "BACKING_OFF", do=_touched, label="a touch that began while ignored"),
+    on("standstill", "TURNING", "SEEKING_BACKWARD", from_mover),
+    on("pre_touch", "SEEKING_BACKWARD", "STOPPING", Search.by_right, label="right finger"),
+    on("standstill", "STOPPING", "CENTERING", from_mover),
+    on("standstill", "BACKING_OFF", "LEAVING", from_mover),
+    on("resumed", ["BASELINE", *_SEEKING, *_TURNING, "STOPPING", "CENTERING"], "ENTERING"),
+    on("resumed", "BACKING_OFF", "LEAVING"),
+)
+"""Rows from the rest that `COMING_IN` ends in to `CENTERING`; the behavior adds what follows. A search that sees
+nothing, or touches something, leaves; a pause begins it anew."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partialmethod
-from typing import Any
+from functools import partial
 
 from behaviors.approach import Approach, approaching
-from behaviors.events import Detected
-from behaviors.machine import StatePlan, on
+from behaviors.machine import Action, Row, StatePlan, from_mover, on
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from behaviors.tip import TipTrial
 from drivers.core.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
@@ -18,22 +16,21 @@ from drivers.core.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
 _STATES = {"hold": "HOLDING", "load": "LOADING", "roll": "ROLLING", "slip": "SLIPPING"}
 """In which state the arm does a step."""
 
+_PRESSED = ("PRESSING", *_STATES.values())
 
-def _following(source: str, trigger: str, steps: Sequence[str]) -> Sequence[Mapping[str, Any]]:
-    """Rows from a state to whatever step comes next."""
-    mover = ["from_mover"] if trigger == "reached" else []
-    return [
-        on(
-            trigger,
-            source,
-            step,
-            [*mover, f"next_is_{step.lower()}"],
-            do="take_step",
-            label=f"next: {step.lower()}",
-        )
-        for step in steps
-        if step is not source
-    ]
+
+def _steps(next_is: Callable[..., bool], take_step: Action) -> Iterator[Row]:
+    """Rows from each state of the pressed tip to whatever step comes next, and from the last one up."""
+    for state in _PRESSED:
+        when = () if state == "HOLDING" else (from_mover,)
+        trigger = "reached" if when else "deadline"
+        for do, following in _STATES.items():
+            if following != state:
+                comes = partial(next_is, do=do)
+                label = f"next: {following.lower()}"
+                yield on(trigger, state, following, *when, comes, do=take_step, label=label)
+        if state != "PRESSING":
+            yield on(trigger, state, "LIFTING", *when)
 
 
 class RollSlip(TipTrial):
@@ -42,55 +39,6 @@ class RollSlip(TipTrial):
     Args:
         detectors: Names of all detectors there are; only the trial's sensor's are armed.
     """
-
-    _pressed = tuple(_STATES.values())
-    table = (
-        on("reached", "HOMING", "ZEROING", "from_mover"),
-        on("deadline", "ZEROING", "TILTING", "tilted", label="tilted touch"),
-        on("deadline", "ZEROING", "RESTING"),
-        on("reached", "TILTING", "RESTING", "from_mover"),
-        on("deadline", "RESTING", "DESCENDING"),
-        *approaching("DESCENDING", stopped="PRESSING", missed="LIFTING"),
-        *_following("PRESSING", "reached", _pressed),
-        *_following("HOLDING", "deadline", _pressed),
-        *_following("LOADING", "reached", _pressed),
-        *_following("ROLLING", "reached", _pressed),
-        *_following("SLIPPING", "reached", _pressed),
-        on("deadline", "HOLDING", "LIFTING"),
-        on("reached", "LOADING", "LIFTING", "from_mover"),
-        on("reached", "ROLLING", "LIFTING", "from_mover"),
-        on("reached", "SLIPPING", "LIFTING", "from_mover"),
-        on(
-            "slip_started",
-            ["LOADING", "ROLLING", "SLIPPING"],
-            "HALTING",
-            "must_stop",
-            do="cut_step",
-            label="stop_on_slip",
-        ),
-        on("standstill", "HALTING", "STOPPED", "from_mover"),
-        on("deadline", "STOPPED", "LIFTING"),
-        on(
-            "reached",
-            "LIFTING",
-            "HOMING",
-            ["from_mover", "anew"],
-            label="after a pause in the descent",
-        ),
-        on("reached", "LIFTING", "LEVELLING", ["from_mover", "turned"], label="tip at an angle"),
-        on("reached", "LIFTING", "RETURNING", "from_mover"),
-        on("reached", "LEVELLING", "RETURNING", "from_mover"),
-        on("reached", "RETURNING", "DONE", "from_mover"),
-        on("resumed", ["HOMING", "ZEROING", "TILTING", "RESTING"], "HOMING"),
-        on("resumed", "DESCENDING", "LIFTING", do="begin_anew"),
-        on(
-            "resumed",
-            ["STOPPING", "PRESSING", *_pressed, "HALTING", "STOPPED"],
-            "LIFTING",
-            do="conclude_interrupted",
-        ),
-        on("resumed", ["LIFTING", "LEVELLING", "RETURNING"], "LIFTING"),
-    )
 
     settings: RollSlipSettings
 
@@ -167,7 +115,7 @@ class RollSlip(TipTrial):
     @property
     def foreseen(self) -> Mapping[str, Sequence[StatePlan]]:
         """See `Behavior.foreseen`: a state of steps has the plan of each of them."""
-        found: dict[str, Sequence[StatePlan]] = {**super().foreseen, **dict.fromkeys(self._pressed, ())}
+        found: dict[str, Sequence[StatePlan]] = {**super().foreseen, **dict.fromkeys(_STATES.values(), ())}
         for number, step in enumerate(self.run.steps):
             found[_STATES[step.do]] = (*found[_STATES[step.do]], self._step_plan(number))
         return found
@@ -177,8 +125,6 @@ class RollSlip(TipTrial):
         """Until contact the touch's; then the one that stops the arm on slip, or would."""
         before = self.state in ("HOMING", "ZEROING", "TILTING", "RESTING", "DESCENDING", "STOPPING")
         return (self.run.touch,) if before else (self._reflex,)
-
-    # conditions
 
     def tilted(self) -> bool:
         """Whether the tip touches at an angle."""
@@ -194,20 +140,12 @@ class RollSlip(TipTrial):
 
     def must_stop(self) -> bool:
         """Whether this slip stops the arm."""
-        event = self.event
-        return self.settings.stop_on_slip and isinstance(event, Detected) and event.detector == self._reflex
+        return self.settings.stop_on_slip and self.came_from(self._reflex)
 
-    def _next_is(self, what: str) -> bool:
+    def _next_is(self, do: str) -> bool:
         """Whether such a step comes next."""
         following = self._step + 1
-        return following < len(self.run.steps) and self.run.steps[following].do == what
-
-    next_is_holding = partialmethod(_next_is, "hold")
-    next_is_loading = partialmethod(_next_is, "load")
-    next_is_rolling = partialmethod(_next_is, "roll")
-    next_is_slipping = partialmethod(_next_is, "slip")
-
-    # before transitions
+        return following < len(self.run.steps) and self.run.steps[following].do == do
 
     def take_step(self) -> None:
         """The next step is the present one; its state ends with it."""
@@ -221,7 +159,7 @@ class RollSlip(TipTrial):
         self._turned_rad -= step.turn_rad * (1.0 - min(1.0, max(0.0, done)))
 
     def begin_anew(self) -> None:
-        """Paused in the descent: a contact is not heeded while paused, so the tip may stand on the table."""
+        """Paused in the descent: a contact is ignored while paused, so the tip may stand on the table."""
         self._anew = True
 
     def conclude_interrupted(self) -> None:
@@ -230,8 +168,6 @@ class RollSlip(TipTrial):
             self._turned_rad = 0.0  # broken off somewhere: `Home` turns back what there is, and no more
         self.outcome = "aborted"
         self.reason = f"paused in {self.state}; run this trial again"
-
-    # what is commanded on entry
 
     def enter_HOMING(self) -> None:
         """Begin at the start pose."""
@@ -280,3 +216,32 @@ class RollSlip(TipTrial):
     def enter_HALTING(self) -> None:
         """Slip: stop at once."""
         self.command(Stop(self.settings.mover))
+
+    table = (
+        on("reached", "HOMING", "ZEROING", from_mover),
+        on("deadline", "ZEROING", "TILTING", tilted, label="tilted touch"),
+        on("deadline", "ZEROING", "RESTING"),
+        on("reached", "TILTING", "RESTING", from_mover),
+        on("deadline", "RESTING", "DESCENDING"),
+        *approaching("DESCENDING", stopped="PRESSING", missed="LIFTING"),
+        *_steps(_next_is, take_step),
+        on(
+            "slip_started",
+            ["LOADING", "ROLLING", "SLIPPING"],
+            "HALTING",
+            must_stop,
+            do=cut_step,
+            label="stop_on_slip",
+        ),
+        on("standstill", "HALTING", "STOPPED", from_mover),
+        on("deadline", "STOPPED", "LIFTING"),
+        on("reached", "LIFTING", "HOMING", from_mover, anew, label="after a pause in the descent"),
+        on("reached", "LIFTING", "LEVELLING", from_mover, turned, label="tip at an angle"),
+        on("reached", "LIFTING", "RETURNING", from_mover),
+        on("reached", "LEVELLING", "RETURNING", from_mover),
+        on("reached", "RETURNING", "DONE", from_mover),
+        on("resumed", ["HOMING", "ZEROING", "TILTING", "RESTING"], "HOMING"),
+        on("resumed", "DESCENDING", "LIFTING", do=begin_anew),
+        on("resumed", ["STOPPING", *_PRESSED, "HALTING", "STOPPED"], "LIFTING", do=conclude_interrupted),
+        on("resumed", ["LIFTING", "LEVELLING", "RETURNING"], "LIFTING"),
+    )

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pydantic import Field
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, Event
-from behaviors.machine import Behavior, Row, StatePlan, on
+from behaviors.machine import Behavior, Row, StatePlan, from_mover, on
 from drivers.core.messages import Command, Excite, Home, MovePose, Reached, Release, Stop, Tone
 from drivers.core.settings import DeviceName, DriveHz, Mismatch, Settings
 
@@ -65,28 +65,6 @@ class SonicSettings(Settings):
                     yield Mismatch(place, key, mistake)
 
 
-COMING_IN: Sequence[Row] = (
-    on("reached", "CLEARING", "CALIBRATING", "from_mover"),
-    on("reached", "CALIBRATING", "OPENING", "from_gripper"),
-    on("reached", "OPENING", "ENTERING", "from_gripper", do="note_opening"),
-    on("reached", "ENTERING", "BASELINE", "from_mover"),
-    on("resumed", ["CLEARING", "CALIBRATING", "OPENING", "ENTERING"], "CLEARING"),
-    *(
-        on(trigger, "BASELINE", "LEAVING", "touched", do="conclude_touched_at_rest", label="a touch stands")
-        for trigger in ("deadline", "resumed")
-    ),
-)
-"""Rows of the way in: up to where the jaws are empty, open them there, down to the place, rest. A pause on this way
-begins it anew. The rest is not left towards an object while a touch stands: it was reported, will not be reported
-again, and so could stop nothing."""
-
-GOING_OUT: Sequence[Row] = (
-    on("reached", "LEAVING", "DONE", "from_mover"),
-    on("resumed", "LEAVING", "LEAVING"),
-)
-"""Rows of the end: away, and done."""
-
-
 class SonicBehavior(Behavior):
     """A trial of sonic fingers: what `COMING_IN` and `GOING_OUT` need commanded, and which fingers touch.
 
@@ -137,11 +115,9 @@ class SonicBehavior(Behavior):
             self._touching.discard(event.detector)
             self._held.discard(event.detector)
 
-    # conditions
-
     def from_gripper(self) -> bool:
         """Whether the status is the gripper's."""
-        return getattr(self.event, "device", None) == self.settings.gripper
+        return self.came_from(self.settings.gripper)
 
     def touched(self) -> bool:
         """Whether a touch has been reported and its end has not."""
@@ -151,14 +127,12 @@ class SonicBehavior(Behavior):
         """Whether a touch has been reported to persist, and its end has not."""
         return bool(self._held)
 
-    # before transitions
-
     def note_opening(self) -> None:
         """How wide open the jaws come to the object."""
         assert isinstance(self.event, Reached)
         self._opening_m = self.event.position_m
 
-    def conclude_touched_at_rest(self) -> None:
+    def conclude_touching(self) -> None:
         """There is a touch where there should be none."""
         touching = ", ".join(sorted(self._touching))
         self.outcome = "touched"
@@ -166,8 +140,6 @@ class SonicBehavior(Behavior):
             f"{touching} reported a touch at rest and not its end, so that it could stop no motion: "
             "is something at the finger, or is the finger's level not quiet?"
         )
-
-    # what is commanded on entry
 
     def enter_CLEARING(self) -> None:
         """To where the jaws are empty. An arm knows where it is; sent home, it would go among the fingers' objects."""
@@ -197,7 +169,7 @@ class SonicBehavior(Behavior):
 
     def enter_FAILED(self) -> None:
         """Nothing moves after an error; what is held stays held."""
-        self.command(Stop(self.settings.mover))
+        super().enter_FAILED()
         self.command(Stop(self.settings.gripper))
         self.command(Excite(self.settings.exciter, False))
 
@@ -208,3 +180,34 @@ class SonicBehavior(Behavior):
 
     def _go(self, place_m: Place, speed_m_s: float) -> None:
         self.command(MovePose(self.settings.mover, (*place_m, 0.0, 0.0, 0.0), speed_m_s))
+
+
+_touched = SonicBehavior.touched
+
+COMING_IN: Sequence[Row] = (
+    on("reached", "CLEARING", "CALIBRATING", from_mover),
+    on("reached", "CALIBRATING", "OPENING", SonicBehavior.from_gripper),
+    on("reached", "OPENING", "ENTERING", SonicBehavior.from_gripper, do=SonicBehavior.note_opening),
+    on("reached", "ENTERING", "BASELINE", from_mover),
+    on("resumed", ["CLEARING", "CALIBRATING", "OPENING", "ENTERING"], "CLEARING"),
+    *(
+        on(
+            trigger,
+            "BASELINE",
+            "LEAVING",
+            _touched,
+            do=SonicBehavior.conclude_touching,
+            label="a touch stands",
+        )
+        for trigger in ("deadline", "resumed")
+    ),
+)
+"""Rows of the way in: up to where the jaws are empty, open them there, down to the place, rest. A pause on this way
+begins it anew. The rest is not left towards an object while a touch stands: it was reported, will not be reported
+again, and so could stop nothing."""
+
+GOING_OUT: Sequence[Row] = (
+    on("reached", "LEAVING", "DONE", from_mover),
+    on("resumed", "LEAVING", "LEAVING"),
+)
+"""Rows of the end: away, and done."""

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from behaviors.finger import FingerTrial, FingerTrialSettings
-from behaviors.machine import StatePlan, on
+from behaviors.machine import StatePlan, from_mover, on
 from drivers.core.messages import MoveTo
 from drivers.core.settings import Settings, StreamName
 
@@ -53,13 +53,13 @@ class Static(FingerTrial):
     """Place the probe, wait for equilibrium, record."""
 
     table = (
-        on("reached", "HOMING", "STARTING", "from_mover"),
-        on("reached", "STARTING", "SETTLING", "from_mover"),
+        on("reached", "HOMING", "STARTING", from_mover),
+        on("reached", "STARTING", "SETTLING", from_mover),
         on("deadline", "SETTLING", "PLACING"),
-        on("reached", "PLACING", "RESTING", "from_mover"),
+        on("reached", "PLACING", "RESTING", from_mover),
         on("deadline", "RESTING", "RECORDING"),
         on("deadline", "RECORDING", "RETRACTING"),
-        on("reached", "RETRACTING", "DONE", "from_mover"),
+        on("reached", "RETRACTING", "DONE", from_mover),
         on("resumed", "HOMING", "HOMING"),
         on("resumed", "STARTING", "STARTING"),
         on("resumed", ["PLACING", "RESTING", "RECORDING"], "PLACING"),

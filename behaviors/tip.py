@@ -7,7 +7,7 @@ import math
 from pydantic import Field
 
 from behaviors.approach import Approaching
-from drivers.core.messages import Home, MoveAt, Stop, Twist
+from drivers.core.messages import Home, MoveAt, Twist
 from drivers.core.settings import DeviceName, Settings, StreamName
 
 
@@ -52,10 +52,6 @@ class TipTrial(Approaching):
     def enter_RETURNING(self) -> None:
         """To where the next trial begins."""
         self.command(Home(self.settings.mover))
-
-    def enter_FAILED(self) -> None:
-        """Nothing moves after an error."""
-        self.command(Stop(self.settings.mover))
 
     def turn(self, turn_rad: float, speed_rad_s: float) -> None:
         """About the tip's own axis. From rest a tool goes as far as its twist times the duration: the ramp down comes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import Field
@@ -11,7 +10,7 @@ from pydantic import Field
 from behaviors.approach import Approach, Approaching, approaching
 from behaviors.events import Detected
 from behaviors.finger import FingerTrial, FingerTrialSettings
-from behaviors.machine import Row, StatePlan, on
+from behaviors.machine import StatePlan, from_mover, on
 from drivers.core.messages import MoveTo
 from drivers.core.settings import DetectorName, Settings, StreamName
 
@@ -54,48 +53,12 @@ class TransientFactors(Settings):
     """Where the probe touches (Fig. 6; p: the middle of the proximal link); set by hand on a real bench."""
 
 
-def approaches(ready: str, *then: Row) -> Sequence[Row]:
-    """Rows of an approach with its settling, its baseline, after which it is `ready`, and its way back.
-
-    Args:
-        ready: The state that the last baseline leads to.
-        then: Rows from there to `APPROACH`, where it is another one.
-    """
-    return (
-        on("reached", "HOMING", "STARTING", "from_mover"),
-        on("reached", "STARTING", "SETTLING", ["from_mover", "unsettled"], label="first time"),
-        on("reached", "STARTING", "BASELINE", "from_mover", label="after a pause"),
-        on("deadline", "SETTLING", "BASELINE"),
-        on("baseline_ready", "BASELINE", ready, "all_ready", label="all detectors"),
-        on("baseline_refused", "BASELINE", ready, ["listens", "all_ready"], label="the last one"),
-        on(
-            "contact",
-            "BASELINE",
-            "RETRACTING",
-            "touched",
-            do="conclude_contact",
-            label="while another detector still learns",
-        ),
-        *then,
-        *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
-        on("deadline", "APPROACH", "STOPPING", do="conclude_no_contact"),
-        on("deadline", "HOLDING", "RETRACTING"),
-        on("reached", "RETRACTING", "DONE", "from_mover"),
-        on("resumed", ["STARTING", "BASELINE", "APPROACH"], "STARTING"),
-        on("resumed", "HOMING", "HOMING"),
-        on("resumed", ["STOPPING", "HOLDING", "RETRACTING"], "RETRACTING"),
-        on("deadline", "BASELINE", "FAILED", do="conclude_late"),
-    )
-
-
 class Transient(FingerTrial, Approaching):
     """Approach until contact.
 
     Args:
         detectors: Names of all detectors that listen, the acting one among them.
     """
-
-    table = approaches("APPROACH")
 
     settings: TransientSettings
 
@@ -135,8 +98,6 @@ class Transient(FingerTrial, Approaching):
             "RETRACTING": StatePlan(motion),
         }
 
-    # conditions
-
     def unsettled(self) -> bool:
         """Whether the finger has not been given its time yet."""
         return not self._settled
@@ -151,13 +112,9 @@ class Transient(FingerTrial, Approaching):
         self._ready.add(self.event.detector)
         return self._ready >= self._detectors
 
-    # before transitions
-
     def conclude_contact(self) -> None:
         """The acting detector reported contact before the approach began: the measure will call it false."""
         self.conclude("contact")
-
-    # what is commanded on entry
 
     def enter_STARTING(self) -> None:
         """Go to where approaches start."""
@@ -175,3 +132,22 @@ class Transient(FingerTrial, Approaching):
     def enter_RETRACTING(self) -> None:
         """Away from the finger."""
         self.command(MoveTo(self.settings.mover, self.settings.start_m, self.settings.position_speed_m_s))
+
+    touched = Approaching.touched
+    table = (
+        on("reached", "HOMING", "STARTING", from_mover),
+        on("reached", "STARTING", "SETTLING", from_mover, unsettled, label="first time"),
+        on("reached", "STARTING", "BASELINE", from_mover, label="after a pause"),
+        on("deadline", "SETTLING", "BASELINE"),
+        on("baseline_ready", "BASELINE", "APPROACH", all_ready, label="all detectors"),
+        on("baseline_refused", "BASELINE", "APPROACH", listens, all_ready, label="the last one"),
+        on("contact", "BASELINE", "RETRACTING", Approaching.touched, do=conclude_contact, label="too early"),
+        *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
+        on("deadline", "APPROACH", "STOPPING", do=Approaching.conclude_no_contact),
+        on("deadline", "HOLDING", "RETRACTING"),
+        on("reached", "RETRACTING", "DONE", from_mover),
+        on("resumed", ["STARTING", "BASELINE", "APPROACH"], "STARTING"),
+        on("resumed", "HOMING", "HOMING"),
+        on("resumed", ["STOPPING", "HOLDING", "RETRACTING"], "RETRACTING"),
+        on("deadline", "BASELINE", "FAILED", do=Approaching.conclude_late),
+    )

@@ -99,17 +99,6 @@ class WeightsFactors(Settings):
 class Weights(Behavior):
     """Load after load: ask for it, let it hang still, record."""
 
-    table = (
-        on("answered", "SETTING_UP", "HANGING", "from_operator"),
-        on("loaded", "HANGING", "DONE", ["as_asked", "finished"], label="all taken off at the end"),
-        on("loaded", "HANGING", "SWINGING", "as_asked"),
-        on("deadline", "SWINGING", "RECORDING"),
-        on("deadline", "RECORDING", "HANGING", do="count_recorded"),
-        on("resumed", "SETTING_UP", "SETTING_UP"),
-        on("resumed", ["HANGING", "SWINGING", "RECORDING"], "HANGING"),
-        on("deadline", ["SETTING_UP", "HANGING"], "FAILED", do="conclude_unanswered"),
-    )
-
     def __init__(self, settings: WeightsSettings, factors: WeightsFactors, detectors: frozenset[str]) -> None:
         asked = frozenset({settings.load_stream})
         self.settings = settings
@@ -132,11 +121,9 @@ class Weights(Behavior):
         """The load whose turn it is; nothing at the end."""
         return self._loads_n[self._recorded] if not self.finished() else 0.0
 
-    # conditions
-
     def from_operator(self) -> bool:
         """Whether the answer is the person's."""
-        return getattr(self.event, "device", None) == self.settings.operator
+        return self.came_from(self.settings.operator)
 
     def as_asked(self) -> bool:
         """Whether the load is the one that was asked for."""
@@ -150,8 +137,6 @@ class Weights(Behavior):
     def finished(self) -> bool:
         """Whether every load has been recorded."""
         return self._recorded >= len(self._loads_n)
-
-    # before transitions
 
     def count_recorded(self) -> None:
         """One load more is on record."""
@@ -167,8 +152,6 @@ class Weights(Behavior):
             f" when asked for {self.load_n:g} N on bridge {self.factors.bridge}"
         )
 
-    # what is commanded on entry
-
     def enter_SETTING_UP(self) -> None:
         """The bridge must hang so that a weight pulls on it alone (Fig. 5)."""
         request = f"set the fingertip up for weights on bridge F{self.factors.bridge}, with nothing on it"
@@ -177,3 +160,14 @@ class Weights(Behavior):
     def enter_HANGING(self) -> None:
         """The next load."""
         self.command(LoadWeight(self.settings.operator, self.factors.bridge, self.load_n))
+
+    table = (
+        on("answered", "SETTING_UP", "HANGING", from_operator),
+        on("loaded", "HANGING", "DONE", as_asked, finished, label="all taken off at the end"),
+        on("loaded", "HANGING", "SWINGING", as_asked),
+        on("deadline", "SWINGING", "RECORDING"),
+        on("deadline", "RECORDING", "HANGING", do=count_recorded),
+        on("resumed", "SETTING_UP", "SETTING_UP"),
+        on("resumed", ["HANGING", "SWINGING", "RECORDING"], "HANGING"),
+        on("deadline", ["SETTING_UP", "HANGING"], "FAILED", do=conclude_unanswered),
+    )

@@ -71,13 +71,6 @@ class AtRandom:
 class BackAndForth(Behavior):
     """Moves, stops at a contact, moves the other way, some hundred times."""
 
-    table = (
-        on("reached", "HOMING", "MOVING"),
-        on("contact", "MOVING", "STOPPING"),
-        on("standstill", "STOPPING", "DONE", "enough"),
-        on("standstill", "STOPPING", "MOVING"),
-    )
-
     def __init__(self, mover: str, stops: int) -> None:
         listening = StatePlan(10.0, frozenset({"at_random"}))
         self._left = stops
@@ -104,9 +97,12 @@ class BackAndForth(Behavior):
         self._left -= 1
         self.command(Stop(self._mover))
 
-    def enter_FAILED(self) -> None:
-        """Stop as well."""
-        self.command(Stop(self._mover))
+    table = (
+        on("reached", "HOMING", "MOVING"),
+        on("contact", "MOVING", "STOPPING"),
+        on("standstill", "STOPPING", "DONE", enough),
+        on("standstill", "STOPPING", "MOVING"),
+    )
 
 
 def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, list[float]], dict[str, Any]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from controller.named import NamedError, found, is_own, own_files
-from controller.registry import EXPERIMENTS, KINDS, experiment_of, find
+from controller.registry import KINDS, experiment_of, find
 
 if TYPE_CHECKING:
     from behaviors.machine import Behavior
@@ -367,10 +367,3 @@ def make_detector(
 def calibratable() -> Sequence[str]:
     """Kinds of detectors that can show the number which they hold against their threshold."""
     return [kind for kind, entry in KINDS["detector"].items() if hasattr(found(entry.made), "statistic")]
-
-
-def diagram(experiment: str) -> str:
-    """An experiment's state diagram (Mermaid), from its own table."""
-    from behaviors.machine import mermaid
-
-    return mermaid(found(EXPERIMENTS[experiment].made))

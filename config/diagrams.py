@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from config.assemble import diagram
+from behaviors.machine import Behavior
+from controller.named import found
 from controller.registry import EXPERIMENTS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "behaviors.md"
@@ -17,10 +18,31 @@ them against each other.
 def page() -> str:
     """The whole page, as Markdown with Mermaid."""
     sections = [
-        f"## {name}\n\n{entry.summary[0].upper()}{entry.summary[1:]}.\n\n```mermaid\n{diagram(name)}```\n"
+        f"## {name}\n\n{entry.summary[0].upper()}{entry.summary[1:]}.\n\n```mermaid\n{mermaid(found(entry.made))}```\n"
         for name, entry in EXPERIMENTS.items()
     ]
     return "\n".join([HEAD, *sections])
+
+
+def mermaid(behavior: type[Behavior]) -> str:
+    """The behavior's state diagram, generated from its own table.
+
+    Rows with more than two sources are drawn as notes beside their destination, so that the main path stays readable.
+    """
+    lines = ["stateDiagram-v2", f"    [*] --> {behavior.states[0]}"]
+    notes: dict[tuple[str, str], list[str]] = {}
+    alive = [state for state in behavior.states if state not in behavior.final]
+    for row in behavior.rows:
+        label = row.trigger + (f" [{row.label}]" if row.label else "")
+        if len(row.sources) > 2 and row.dest is not None:
+            named = "any state" if list(row.sources) == alive else ", ".join(row.sources)
+            notes.setdefault((row.dest, named), []).append(label)
+        else:
+            lines += [f"    {source} --> {row.dest or source}: {label}" for source in row.sources]
+    lines += [f"    {state} --> [*]" for state in behavior.states if state in behavior.final]
+    for (destination, named), labels in notes.items():
+        lines.append(f"    note right of {destination}: from {named} on {', '.join(labels)}")
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

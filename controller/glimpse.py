@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Event
-from behaviors.machine import Behavior, sources
+from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector, quantity_of
 from controller.limits import GuardSettings, watched
 from controller.recording.series import DETECTOR, TrialRecording
@@ -128,10 +128,10 @@ class Glimpse:
         if behavior is None:
             return {"states": [], "final": [], "ways": []}
         ways = [
-            (source, row["dest"], row["trigger"].replace("_", " "))
+            (source, row.dest, row.trigger.replace("_", " "))
             for row in behavior.table
-            if row["dest"] is not None and len(sources(row)) <= 2
-            for source in sources(row)
+            if row.dest is not None and len(row.sources) <= 2
+            for source in row.sources
         ]
         return {
             "states": list(behavior.states),

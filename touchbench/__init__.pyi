@@ -31,8 +31,10 @@ from behaviors.lift import Lifting as Lifting
 from behaviors.lift import LiftSettings as LiftSettings
 from behaviors.lift import lifting_plans as lifting_plans
 from behaviors.machine import Behavior as Behavior
+from behaviors.machine import NoFactors as NoFactors
 from behaviors.machine import Row as Row
 from behaviors.machine import StatePlan as StatePlan
+from behaviors.machine import from_mover as from_mover
 from behaviors.machine import on as on
 from behaviors.search import SEARCHING as SEARCHING
 from behaviors.search import Search as Search

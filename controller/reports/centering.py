@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from behaviors.centering import CenteringFactors
+from behaviors.search import SearchFactors
 from controller.recording.reader import Run
 from controller.reports.approaches import mean_of
 from controller.reports.counts import beside_bound, factor_of, of_benches, percentiles, total, values
@@ -66,7 +66,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 def factor(row: Mapping[str, Any], name: str) -> Any:
     """See `factor_of`."""
-    return factor_of(row, name, CenteringFactors)
+    return factor_of(row, name, SearchFactors)
 
 
 def _groups(rows: Sequence[Any]) -> Mapping[Key, Sequence[Any]]:

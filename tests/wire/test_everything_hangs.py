@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from behaviors.machine import Behavior, StatePlan
+from behaviors.machine import Behavior, StatePlan, on
 from config.verbs import say_at_once
 from controller.console import PlainConsole
 from controller.guard import Guard, GuardSettings
@@ -96,7 +96,7 @@ class Hung:
 class Stay(Behavior):
     """Keeps every mover on its way for five seconds."""
 
-    table = ({"trigger": "deadline", "source": "MOVING", "dest": "DONE"},)
+    table = (on("deadline", "MOVING", "DONE"),)
 
     def __init__(self, names: list[str]) -> None:
         streams = frozenset(f"{name}.position" for name in names)

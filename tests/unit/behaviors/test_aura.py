@@ -1,8 +1,9 @@
 import pytest
 
 from behaviors.aura import Aura, AuraFactors, AuraSettings
-from behaviors.chirp import ChirpFactors, ChirpSettings, ChirpSweep
+from behaviors.chirp import ChirpSettings, ChirpSweep
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
+from behaviors.machine import NoFactors
 from drivers.core.messages import (
     Chirp,
     Excite,
@@ -118,7 +119,7 @@ def test_after_a_pause_near_the_object_it_backs_off_first():
 
 
 def test_a_sweep_is_silence_chirp_silence():
-    sweep = ChirpSweep(ChirpSettings(), ChirpFactors(), frozenset())
+    sweep = ChirpSweep(ChirpSettings(), NoFactors(), frozenset())
     assert sweep.begin(0.0) == [Excite("audio", False)]
     assert sweep.handle(Tick(0.2)) == [Chirp("audio", 20_000.0, 46_000.0, 4.0, 0.5)]
     assert sweep.handle(Reached(2.0, "arm", 0.0)) == [], "another device's answer"

@@ -111,8 +111,8 @@ def test_every_state_has_a_deadline_and_something_follows_from_it(behavior):
         if state in behavior.final:
             continue
         # Rows with a condition may come before; one without is what follows in any case.
-        rows = [row for row in behavior.rows if row["trigger"] == "deadline" and "conditions" not in row]
-        sources = [source for row in rows for source in _sources(row)]
+        rows = [row for row in behavior.rows if row.trigger == "deadline" and not row.conditions]
+        sources = [source for row in rows for source in row.sources]
         assert sources.count(state) == 1, state
 
 
@@ -134,12 +134,8 @@ def test_a_plan_for_a_state_that_no_row_names_is_refused():
 @pytest.mark.parametrize("behavior", [found(entry.made) for entry in EXPERIMENTS.values()])
 def test_every_alive_state_can_fail(behavior):
     for trigger in ("refused", "stalled", "failed", "guard_stopped"):
-        sources = {source for row in behavior.rows if row["trigger"] == trigger for source in _sources(row)}
+        sources = {source for row in behavior.rows if row.trigger == trigger for source in row.sources}
         assert sources == set(behavior.states) - behavior.final
-
-
-def _sources(row):
-    return list(row["source"]) if isinstance(row["source"], list | tuple) else [row["source"]]
 
 
 def test_another_detectors_contact_does_not_stop_the_approach():
@@ -297,6 +293,14 @@ def test_static_places_the_probe_by_its_condition(condition, position_m):
     behavior.handle(Reached(0.1, "stage", 0.0))
     behavior.handle(Reached(0.2, "stage", 0.0))
     assert behavior.handle(Tick(91.0)) == [MoveTo("stage", position_m, 0.002)]
+
+
+@pytest.mark.parametrize("row", [{"do": "note"}, {"do": ["note"]}])
+def test_a_row_that_names_a_method_in_quotes_is_refused_with_its_place(row):
+    with pytest.raises(TypeError, match="on\\('reached', 'HOMING'\\): 'note' is no function"):
+        on("reached", "HOMING", "DONE", **row)
+    with pytest.raises(TypeError, match="'from_mover' is no function"):
+        on("reached", "HOMING", "DONE", "from_mover")
 
 
 def test_triggers_are_the_events_names_in_snake_case():

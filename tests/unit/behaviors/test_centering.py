@@ -2,8 +2,9 @@ import math
 
 import pytest
 
-from behaviors.centering import Centering, CenteringFactors, CenteringSettings
+from behaviors.centering import Centering, CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
+from behaviors.search import SearchFactors
 from drivers.core.messages import (
     Excite,
     Failed,
@@ -68,7 +69,7 @@ PATH = {
 
 
 def to(state, **settings):
-    behavior = Centering(CenteringSettings(**settings), CenteringFactors(), DETECTORS)
+    behavior = Centering(CenteringSettings(**settings), SearchFactors(), DETECTORS)
     commands = list(behavior.begin(0.0))
     for name, events in PATH.items():
         for event in events:
@@ -217,7 +218,7 @@ def test_with_a_run_up_the_right_finger_goes_first_and_what_it_finds_is_thrown_a
 
 def test_the_papers_way_has_no_run_up():
     names = frozenset({"left_paper", "right_paper"})
-    behavior = Centering(CenteringSettings(run_up=True), CenteringFactors(method="paper"), names)
+    behavior = Centering(CenteringSettings(run_up=True), SearchFactors(method="paper"), names)
     behavior.begin(0.0)
     for event in (arm(1.0), jaws(2.0), jaws(3.0), arm(4.0)):
         behavior.handle(event)

@@ -3,7 +3,8 @@
 import pytest
 
 from behaviors.events import Contact, ContactLost, PreTouch, Resumed, SlipEnded, SlipStarted, Tick
-from behaviors.grasp import Grasp, GraspFactors, GraspSettings
+from behaviors.grasp import Grasp, GraspSettings
+from behaviors.search import SearchFactors
 from drivers.core.messages import Grip, Gripped, MovePose, Reached, Release, Standstill
 
 NAMES = frozenset({"left_ours", "right_ours", "left_contact", "right_contact", "slip"})
@@ -28,7 +29,7 @@ FOUND = [
 @pytest.fixture
 def lifting():
     """A grasp that both fingers feel, and what was commanded last."""
-    behavior = Grasp(GraspSettings(slip=("slip",), tightest_n=13.0), GraspFactors(), NAMES)
+    behavior = Grasp(GraspSettings(slip=("slip",), tightest_n=13.0), SearchFactors(), NAMES)
     commands = behavior.begin(0.0)
     for event in FOUND:
         commands = behavior.handle(event)
@@ -118,7 +119,7 @@ def test_a_pause_sets_it_down(lifting):
 
 
 def test_a_slip_before_the_lift_is_no_slip_of_the_object():
-    behavior = Grasp(GraspSettings(slip=("slip",)), GraspFactors(), NAMES)
+    behavior = Grasp(GraspSettings(slip=("slip",)), SearchFactors(), NAMES)
     behavior.begin(0.0)
     for event in FOUND[:-3]:
         behavior.handle(event)

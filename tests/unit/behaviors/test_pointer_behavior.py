@@ -2,13 +2,14 @@ import pytest
 from pydantic import ValidationError
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
-from behaviors.pointer import Pointer, PointerFactors, PointerSettings
+from behaviors.machine import NoFactors
+from behaviors.pointer import Pointer, PointerSettings
 from drivers.core.messages import Failed, Home, MoveAt, Reached, Refused, Stalled, Standstill, Stop, Twist
 
 
 def pointer(**settings):
     given = {"angles_rad": (-0.5, 0.5), **settings}
-    return Pointer(PointerSettings(**given), PointerFactors(), frozenset({"touch"}))
+    return Pointer(PointerSettings(**given), NoFactors(), frozenset({"touch"}))
 
 
 def reached(t_s):

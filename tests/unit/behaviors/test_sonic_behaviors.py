@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from behaviors.aura import Aura, AuraFactors, AuraSettings
-from behaviors.centering import Centering, CenteringFactors, CenteringSettings
+from behaviors.centering import Centering, CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
+from behaviors.search import SearchFactors
 from drivers.core.messages import (
     Grip,
     Gripped,
@@ -41,7 +42,7 @@ def aura():
 
 def centering():
     names = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})
-    return Centering(CenteringSettings(run_up=True), CenteringFactors(), names)
+    return Centering(CenteringSettings(run_up=True), SearchFactors(), names)
 
 
 class Bench:

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from behaviors.centering import CenteringFactors
+from behaviors.search import SearchFactors
 from controller.measures import aura as aura_measures
 from controller.measures import centering as centering_measures
 from controller.recording.reader import open_run
@@ -271,7 +271,7 @@ def centred(error_m, **cells):
 def test_a_trial_that_does_not_vary_a_factor_has_the_behaviors_default(tmp_path):
     """In a list of trials some rows name the method, others do not: their cells are empty."""
     rows = [{"method": "paper", "speed_m_s": 0.03, "object": "paper_cylinder"}, {"method": None}]
-    default = CenteringFactors()
+    default = SearchFactors()
     assert {
         tuple(row[:3]) for row in tables(section_of(centering, write(tmp_path, "centering", rows)))[0].rows
     } == {
