@@ -16,9 +16,9 @@ Bridge = Literal["x", "y", "t"]
 Force = Annotated[float, Field(gt=0.0, le=1000.0)]
 
 
-def ladder(top_n: float, rungs: int) -> tuple[float, ...]:
+def equal_steps(top_n: float, steps: int) -> tuple[float, ...]:
     """Weights at equal distances up to the largest, N."""
-    return tuple(round(top_n * rung / rungs, 6) for rung in range(1, rungs + 1))
+    return tuple(round(top_n * step / steps, 6) for step in range(1, steps + 1))
 
 
 class WeightsSettings(Settings):
@@ -33,14 +33,14 @@ class WeightsSettings(Settings):
     load_stream: StreamName = "operator.load"
     """What hangs on them, as the person confirms it (N)."""
 
-    weights_x_n: tuple[Force, ...] = ladder(7.0, 14)
+    weights_x_n: tuple[Force, ...] = equal_steps(7.0, 14)
     """Weights for Fx, N. Tested up to 7 N (4.2); the steps are an assumption: half of the range is among them, where a
     loop of hysteresis is widest, as a rule."""
 
-    weights_y_n: tuple[Force, ...] = ladder(7.0, 14)
+    weights_y_n: tuple[Force, ...] = equal_steps(7.0, 14)
     """Weights for Fy, N, likewise."""
 
-    weights_t_n: tuple[Force, ...] = ladder(1.0, 10)
+    weights_t_n: tuple[Force, ...] = equal_steps(1.0, 10)
     """Weights for Ft, N, likewise; up to 1 N (4.2)."""
 
     order: Literal["up_down", "listed"] = "up_down"
@@ -68,7 +68,7 @@ class WeightsSettings(Settings):
     """Longest wait for the person. Assumption: five minutes for a weight."""
 
     @model_validator(mode="after")
-    def _ladders_go_up(self) -> Self:
+    def _ascending(self) -> Self:
         for bridge in ("x", "y", "t"):
             weights_n = self.weights_n(bridge)
             if len(weights_n) < 2:

@@ -17,8 +17,8 @@ import numpy as np
 from benchmarks.results import save
 from config.jobs import Silent
 from controller.console import ConsoleOperator
-from controller.glimpse import Glimpse
 from controller.limits import GuardSettings
+from controller.live_view import LiveView
 from controller.recording.series import TrialRecording
 from controller.watching.feed import Watched
 from controller.watching.page import Door, PageProcess
@@ -44,7 +44,7 @@ class Turning(Silent):
         self._recording = TrialRecording(1)
         self._limits = GuardSettings(force_n=2.0, travel_m=0.012)
         self._watched.campaign_started("benchmark", 1, folder)
-        self._watched.watch(Glimpse(self._recording, {}, self._limits, now=lambda: self._t_s))
+        self._watched.watch(LiveView(self._recording, {}, self._limits, now=lambda: self._t_s))
         self._t_s = 0.0
         self.late_s: list[float] = []
         self.commands: Queue[float] = Queue()

@@ -58,7 +58,7 @@ PARTS: tuple[tuple[str, type[Any], tuple[str, ...]], ...] = (
     ("physics", AuraPart, ("baseband", "carrier")),
     ("signals", Signals, ("push",)),
     ("detectors", Loop, ("_detect",)),
-    ("guard", Guard, ("watch", "missing", "whole_until_s")),
+    ("guard", Guard, ("check", "missing", "whole_until_s")),
     ("keeping", Snapshot, ("__init__", "restore")),
     ("behavior", Loop, ("_handle",)),
     ("recorder", Recorder, ("record", "readings", "event", "begin_trial", "end_trial", "flush", "close")),

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from controller.named import NamedError, found, is_own, own_files
+from controller.own_modules import KindError, found, is_own, own_files
 from controller.registry import KINDS, experiment_of, find
 
 if TYPE_CHECKING:
@@ -347,7 +347,7 @@ def make_detector(
         raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, KINDS['detector'])}")
     try:
         made, model, _ = find("detector", kind, folders)
-    except NamedError as error:
+    except KindError as error:
         raise ProfileError(f"--detector {kind}: {error}") from None
     problems: list[str] = []
     given = {key: given_value(f"--set {key}", text) for key, text in overrides.items()}

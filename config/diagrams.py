@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from behaviors.machine import Behavior
-from controller.named import found
+from controller.own_modules import found
 from controller.registry import EXPERIMENTS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "behaviors.md"

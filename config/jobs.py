@@ -146,7 +146,7 @@ def _profile(
     """The campaign's profile; a worker that lives longer than a campaign loads the user's own code anew."""
     from config.assemble import own_modules
     from config.profile import load_resolved
-    from controller.named import forget_own
+    from controller.own_modules import forget_own
 
     forget_own()
     profile = load_resolved(name, json.loads(resolved), folders=folders)

@@ -11,8 +11,8 @@ from typing import Any
 from config.profile import load_resolved
 from config.resuming import differing
 from config.trials import chosen
-from controller.named import own_folders
 from controller.outcomes import UNMEASURED, exit_of
+from controller.own_modules import own_folders
 from controller.parts import add_part
 from controller.recording.joining import Joiner, Parts
 from controller.recording.run_folder import RunFolder, RunFolderError

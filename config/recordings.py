@@ -12,7 +12,7 @@ from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
 from controller.detectors.protocol import Detector, EnvelopeDetector
-from controller.named import is_own, own_folders
+from controller.own_modules import is_own, own_folders
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording

@@ -10,7 +10,7 @@ from config.profile import Profile, load_profile, load_resolved
 from config.source import ProfileError, flatten
 from config.trials import Trial, chosen, read_csv
 from controller.campaign import program
-from controller.named import own_folders
+from controller.own_modules import own_folders
 from controller.recording.run_folder import RunFolderError
 
 SHOWN = 5

@@ -13,7 +13,7 @@ from config.hints import did_you_mean, near_or_all
 from config.source import ABSENT, Bench, KeyPath, Source, Table, bench_of, flatten
 from config.trials import TrialsSettings, combinations
 from config.validation import shown, validated
-from controller.named import NamedError, found, is_own
+from controller.own_modules import KindError, found, is_own
 from controller.registry import FAMILIES, KINDS, PARTS, Meaning, find, row
 from drivers.core.settings import Refers, Settings
 
@@ -302,7 +302,7 @@ class Sections:
         if isinstance(name, str) and (name in known or is_own(name)):
             try:
                 return find(family, name, self._source.folders, port)
-            except NamedError as error:
+            except KindError as error:
                 mock = (
                     f"; the mock bench takes Mock{name.partition(':')[2]}(OverMemory, …)"
                     if port == "mock"

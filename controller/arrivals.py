@@ -53,7 +53,7 @@ class Arrivals:
         self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(streams)}
         self._held = {stream: held for stream, held in self._held.items() if stream in streams}
 
-    def watch(
+    def check(
         self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
     ) -> Failed | None:
         """See one turn of the loop.

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Compiled, Detector, Quantity, quantities_of
-from controller.glimpse import Glimpse
 from controller.guard import Guard, GuardRefusal
+from controller.live_view import LiveView
 from controller.loop import Aborted, Loop, LoopOperator, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of, successes_in
@@ -142,7 +142,7 @@ def foremost(row: Mapping[str, Any], leading: Sequence[str]) -> dict[str, Any]:
 class Watching(Protocol):
     """A console that shows the signals of a trial while it runs."""
 
-    def watch(self, glimpse: Glimpse) -> None:
+    def watch(self, view: LiveView) -> None:
         """After each trial's recording has begun."""
 
 
@@ -190,7 +190,7 @@ class Campaign:
         self._rig = rig
         self._console = console
         self._runs = runs
-        self._unstill: list[str] = []
+        self._not_at_rest: list[str] = []
         self._warm: set[type] = set()
 
     def run(self) -> Outcome:
@@ -240,8 +240,8 @@ class Campaign:
             code, status, line = EXIT_FAILED, "failed", str(error)
         except Exception as error:
             code, status, line, fault = EXIT_FAILED, "failed", f"{type(error).__name__}: {error}", error
-        if self._unstill:
-            line = f"{line}; NOT seen standing still: {', '.join(self._unstill)}: look at the bench"
+        if self._not_at_rest:
+            line = f"{line}; NOT seen standing still: {', '.join(self._not_at_rest)}: look at the bench"
         elif status == "aborted":
             line = f"{line}: the bench is still"
         warnings = [
@@ -340,7 +340,7 @@ class Campaign:
                 line = f"trial {trial.trial}: {reason}"
                 if outcome != "aborted":  # nothing on the bench moves after an error
                     break
-            if self._unstill:
+            if self._not_at_rest:
                 code, status = EXIT_DEVICE, "fault"
                 line = line or f"trial {trial.trial}"
                 break
@@ -359,7 +359,7 @@ class Campaign:
         if isinstance(self._console, Watching):
             lost, now = loop.account.lost, self._rig.clock.now
             self._console.watch(
-                Glimpse(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
+                LiveView(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
             )
         evidence = self._evidence(trial, recording, infos)
         verdict = ""
@@ -462,7 +462,7 @@ class Campaign:
 
     def _account(self, loop: Loop, signals: Sequence[Signal]) -> None:
         account = loop.account
-        self._unstill = list(dict.fromkeys([*self._unstill, *account.unstill]))
+        self._not_at_rest = list(dict.fromkeys([*self._not_at_rest, *account.not_at_rest]))
         total = self._manifest["loop"]
         total["turns"] += account.turns
         total["overruns"] += account.overruns

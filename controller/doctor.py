@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controller.campaign import TrialPlan
-from controller.fit import misfits, missing
 from controller.guard import GuardRefusal
 from controller.rig import Rig, TrialScene
+from controller.subscriptions import missing, unknown_streams
 from drivers.core.errors import DeviceError
 from drivers.core.messages import (
     DeviceInfo,
@@ -62,7 +62,9 @@ def compare(
         DeviceError: one does not open.
     """
     try:
-        yield from _misfits({name: device.open() for name, device in rig.devices.items()}, trials, named)
+        yield from _unknown_streams(
+            {name: device.open() for name, device in rig.devices.items()}, trials, named
+        )
     finally:
         for device in rig.devices.values():
             device.close()
@@ -97,20 +99,20 @@ def examine(
                 if status.device == name and isinstance(status, Failed | Lost | Refused | Stalled):
                     yield _trouble(status)
         if infos.keys() == rig.devices.keys():
-            yield from _misfits(infos, trials, named)
+            yield from _unknown_streams(infos, trials, named)
     finally:
         for device in rig.devices.values():
             device.close()
 
 
-def _misfits(
+def _unknown_streams(
     infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan], named: Sequence[tuple[str, str]]
 ) -> Iterator[Finding]:
     streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
     lines = [f"{where} = {missing(name, streams.keys())}" for where, name in named if name not in streams]
     if not lines:  # each of these would be reported once more
         for trial in trials:
-            lines += misfits(streams.keys(), trial.behavior, trial.detectors, trial.signals)
+            lines += unknown_streams(streams.keys(), trial.behavior, trial.detectors, trial.signals)
             try:
                 trial.guard.check_streams(
                     streams | {signal.info.name: signal.info for signal in trial.signals}

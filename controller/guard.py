@@ -84,7 +84,7 @@ class Guard:
         self.inputs = frozenset((*self._looks, *self.settings.range_streams, *range_streams))
         self._tail_n: list[float] = []
         # What pressed beyond the limit ever since the trial began; infinite before the first sample, then 0.
-        self._borne_n = math.inf
+        self._start_contact_n = math.inf
         self._stopped_s: float | None = None
         self._went_back: dict[str, bool] = {}  # of each mover's last motion along its axis
         self._arrivals.begin()
@@ -175,7 +175,7 @@ class Guard:
         What presses may grow while the movers brake, and then only fall; where they are is no reason to stop again.
         """
         if self._stopped_s is None:
-            self._stopped_s, self._borne_n, self._tail_n = t_s, math.inf, []
+            self._stopped_s, self._start_contact_n, self._tail_n = t_s, math.inf, []
 
     def _takes_load_away(self, command: Command) -> bool:
         """Whether a command adds no load, where a trial was stopped. What stopped a motion back along the axis may
@@ -188,9 +188,9 @@ class Guard:
 
     def _admit_direction(self, what: str, command: Command) -> None:
         """Where the trial began in contact, and still is: out of it alone."""
-        if self.bears and not _goes_back(command):
+        if self.in_contact_from_start and not _goes_back(command):
             raise GuardRefusal(
-                f"{what}: the trial began in contact, at {self._borne_n:.3g} N still, beyond limits.force_n ="
+                f"{what}: the trial began in contact, at {self._start_contact_n:.3g} N still, beyond limits.force_n ="
                 f" {self.settings.force_n:g}; send Home first, or back along the axis"
             )
 
@@ -205,7 +205,7 @@ class Guard:
             )
         return self._first
 
-    def watch(
+    def check(
         self,
         t_s: float,
         blocks: Iterable[SampleBlock],
@@ -243,9 +243,9 @@ class Guard:
         return reasons[0] if reasons else None
 
     @property
-    def bears(self) -> bool:
+    def in_contact_from_start(self) -> bool:
         """Whether the trial began in contact and is still there: the limit follows it down, turn by turn."""
-        return 0.0 < self._borne_n < math.inf
+        return 0.0 < self._start_contact_n < math.inf
 
     def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
         """Until when nothing is missing, in turns that are processed as one, as `Arrivals.whole_until_s` does."""
@@ -254,8 +254,8 @@ class Guard:
     def missing(
         self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
     ) -> Failed | None:
-        """See whether what is subscribed arrives, as `Arrivals.watch` does; where it does not every mover must stop."""
-        return self._arrivals.watch(t_s, blocks, moving, late_s)
+        """See whether what is subscribed arrives, as `Arrivals.check` does; where it does not every mover must stop."""
+        return self._arrivals.check(t_s, blocks, moving, late_s)
 
     def _force(self, block: SampleBlock) -> Sequence[str]:
         """Running median over whole windows; a sample that is not finite is a reason by itself."""
@@ -272,7 +272,7 @@ class Guard:
         # A median cannot exceed the largest, so this is all that a quiet turn costs.
         if first_outside(joined_n, -limit_n, limit_n) is None:
             if joined_n:
-                self._borne_n = 0.0
+                self._start_contact_n = 0.0
             return ()
         joined = np.array(joined_n)
         if not np.isfinite(joined).all():
@@ -283,10 +283,10 @@ class Guard:
         windows = np.lib.stride_tricks.sliding_window_view(joined, keep + 1)
         medians_n = np.abs(np.median(windows, axis=1))
         # Each window is held against the least before it: a rise is seen however the samples are cut.
-        least_n = np.minimum.accumulate(np.append(self._borne_n, medians_n))
+        least_n = np.minimum.accumulate(np.append(self._start_contact_n, medians_n))
         allowed_n = np.where(least_n > limit_n, least_n + RELIEF * limit_n, limit_n)
         if (medians_n <= allowed_n[:-1]).all():
-            self._borne_n = float(least_n[-1]) if least_n[-1] > limit_n else 0.0
+            self._start_contact_n = float(least_n[-1]) if least_n[-1] > limit_n else 0.0
             return ()
         return (
             f"{block.stream} is at {medians_n.max():.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"

@@ -133,7 +133,7 @@ class GuardSettings(MoverLimits):
                     yield Mismatch(place, key, mistake)
 
 
-def watched(limits: GuardSettings) -> Iterable[tuple[str, str, Sequence[int], float, str]]:
+def shown_limits(limits: GuardSettings) -> Iterable[tuple[str, str, Sequence[int], float, str]]:
     """What the guard holds against a limit: name, stream, channels whose size counts, limit, unit."""
     if limits.force_stream is not None and limits.force_n is not None:
         yield "force", limits.force_stream, limits.force_channels, limits.force_n, "N"

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.text import Text
 
 from controller.console import LAST_S, PAUSED, ConsoleOperator, key_results
-from controller.glimpse import Glimpse
+from controller.live_view import LiveView
 from controller.outcomes import UNMEASURED, counted, is_success
 from controller.scales import Scale, scale_of
 from drivers.core.clock import monotonic_s
@@ -101,12 +101,12 @@ class LiveConsole:
         self._results: deque[tuple[int, Mapping[str, Any], str, Mapping[str, Any]]] = deque(maxlen=ROWS)
         self._started_s = self._entered_s = self._drawn_s = monotonic_s()
         self._drawer: _Drawer | None = None
-        self._glimpse: Glimpse | None = None
+        self._view: LiveView | None = None
         self._paused_s = 0.0
 
-    def watch(self, glimpse: Glimpse) -> None:
+    def watch(self, view: LiveView) -> None:
         """Shows the trial's deciding signal and margins from now on."""
-        self._glimpse = glimpse
+        self._view = view
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Begins to draw."""
@@ -223,9 +223,7 @@ class LiveConsole:
         now = Text.assemble(
             (f"trial {self._trial}", "bold"), "  ", (name, "cyan"), (stay, "dim"), f"  {factors}"
         )
-        seen = (
-            [Text(line, "dim") for line in self._glimpse.lines(self._terminal.width)] if self._glimpse else []
-        )
+        seen = [Text(line, "dim") for line in self._view.lines(self._terminal.width)] if self._view else []
         if name == PAUSED:
             hint = "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
         elif (question := self._operator.question) is not None:

@@ -13,10 +13,10 @@ from pydantic import Field
 from behaviors.events import Detected, Event, GuardStopped, Paused, Resumed, Tick
 from behaviors.machine import Behavior, verdict_of
 from controller.detectors.protocol import Detector, Floats, readings_of
-from controller.fit import misfits
 from controller.guard import Guard, GuardRefusal
 from controller.rig import Rig
 from controller.signals.protocol import Signal, Signals
+from controller.subscriptions import unknown_streams
 from drivers.core.clock import rest
 from drivers.core.messages import (
     ANSWERED,
@@ -112,7 +112,7 @@ class LoopAccount:
         lost: Samples lost, by stream.
         paused_s: Time spent paused.
         missing: Which stream did not arrive and so ended the trial, and why; "" where all did.
-        unstill: Movers that were not seen standing still at the end.
+        not_at_rest: Movers that were not seen standing still at the end.
         outcome: Of a trial that the guard or a failure ended, "guard" or "fault", whatever its behavior says; else "".
         reason: Why.
     """
@@ -125,7 +125,7 @@ class LoopAccount:
     outcome: str = ""
     reason: str = ""
     lost: dict[str, int] = field(default_factory=dict)
-    unstill: list[str] = field(default_factory=list)
+    not_at_rest: list[str] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -241,7 +241,7 @@ class Loop:
                 self._streams | {signal.info.name: signal.info for signal in signals},
                 {signal.info.name: signal.inputs for signal in signals},
             )
-            for line in misfits(self._streams.keys(), behavior, detectors, signals):
+            for line in unknown_streams(self._streams.keys(), behavior, detectors, signals):
                 raise UnfitStreamError(line)
             self._poll_operator_first()
             self._begin()
@@ -263,7 +263,7 @@ class Loop:
         """Stop every mover, see that it stands still, end all subscriptions.
 
         Each step runs for each device whatever fails; a mover that was not seen standing still is named in
-        `account.unstill`.
+        `account.not_at_rest`.
         """
         self._stop_all()
         pending = set(self._movers)
@@ -281,8 +281,8 @@ class Loop:
                             pending.discard(name)
                         elif isinstance(status, Failed) and name in pending:
                             pending.discard(name)
-                            self.account.unstill.append(name)
-        self.account.unstill += sorted(pending)
+                            self.account.not_at_rest.append(name)
+        self.account.not_at_rest += sorted(pending)
         with suppress(Exception):
             self._subscribe(frozenset())
         for stream, since_s in sorted(self._trial.silent_since.items()):
@@ -326,7 +326,7 @@ class Loop:
         """Take the next turns as one, where the bench can and nothing happens in them: what is observed, sampled and
         recorded is the same, however it is cut."""
         trial, stride = self._trial, self._stride()
-        watched = self._guard.bears or self.account.outcome or trial.paused_s is not None
+        watched = self._guard.in_contact_from_start or self.account.outcome or trial.paused_s is not None
         if self._rig.ahead is None or not stride or watched:
             return False
         turns = self._rig.ahead.skip(
@@ -363,7 +363,7 @@ class Loop:
         moving, whole_s = bool(self._trial.moving), self._guard.whole_until_s(t_s, blocks)
         if whole_s < math.inf:
             return whole_s
-        if self._guard.watch(t_s, blocks, moving) or self._guard.missing(t_s, blocks, moving):
+        if self._guard.check(t_s, blocks, moving) or self._guard.missing(t_s, blocks, moving):
             return t_s
         self._record_blocks(gathered)
         self._record_blocks(made)
@@ -405,7 +405,7 @@ class Loop:
         self._attend(t_s)
         moving = bool(trial.moving)
         beyond = [status for status in statuses if isinstance(status, Saturated)]
-        reason = guard.watch(t_s, blocks, moving, late_s, beyond)
+        reason = guard.check(t_s, blocks, moving, late_s, beyond)
         missing = guard.missing(t_s, blocks, moving, late_s)
         if reason is not None or missing is not None or any(isinstance(each, ENDING) for each in statuses):
             guard.latch(t_s)
@@ -421,7 +421,7 @@ class Loop:
         if reason is not None:
             events.insert(0, GuardStopped(t_s, reason))
         for event in [*events, Tick(t_s)]:
-            if self._heeds(event):
+            if self._passes_on(event):
                 self._handle(event)
             elif not isinstance(event, Tick):
                 self._record_event(event, trial.behavior.state, trial.behavior.state, ())
@@ -440,7 +440,7 @@ class Loop:
             statuses += device.poll()
         return blocks, statuses
 
-    def _heeds(self, event: Event) -> bool:
+    def _passes_on(self, event: Event) -> bool:
         """Whether the behavior gets it: never after its end, no answer to an older command, a tick only
         from its wake time on (turns before may be taken together), and while paused only what ends the trial."""
         if self._over or (isinstance(event, ANSWERS) and self._trial.outdated(event)):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
-from controller.named import NamedError, found, found_beside, is_own
+from controller.own_modules import KindError, found, found_beside, is_own
 
 if TYPE_CHECKING:
     from drivers.core.settings import Settings
@@ -166,19 +166,19 @@ def find(family: str, name: str, folders: Sequence[Path] = (), port: str = "") -
         port: Of a driver: at "mock" it is its mock.
 
     Raises:
-        NamedError: it is not there, or is something else.
+        KindError: it is not there, or is something else.
     """
     kind = row(family, name, folders)
     made = found_beside(kind.at(port), folders) if is_own(name) else found(kind.at(port))
     lacking = [member for member in FAMILIES[family].members if not hasattr(made, member)]
     if not callable(made) or lacking:
-        raise NamedError(f"is no {family}" + (f": it has no {', '.join(lacking)}" if lacking else ""))
+        raise KindError(f"is no {family}" + (f": it has no {', '.join(lacking)}" if lacking else ""))
     if family == "experiment" and is_own(name):
         settings_of(made, "factors")
         module = found_beside(kind.measures, folders)
         for part in ("COLUMNS", "measure"):
             if not hasattr(module, part):
-                raise NamedError(f"{module.__file__} has no {part}, which says what is measured")
+                raise KindError(f"{module.__file__} has no {part}, which says what is measured")
     return Meaning(made, settings_of(made), kind)
 
 
@@ -186,7 +186,7 @@ def row(family: str, name: str, folders: Sequence[Path] = ()) -> Any:
     """The row of a name; one that is not in the table has an empty one.
 
     Raises:
-        NamedError: a module of the user's own that cannot be imported.
+        KindError: a module of the user's own that cannot be imported.
     """
     rows = FAMILIES[family].row
     return rows.own(name, folders) if is_own(name) else KINDS[family].get(name) or rows("")
@@ -205,7 +205,7 @@ def settings_of(made: Any, what: str = "settings") -> type[Settings]:
     class from which X derives, the nearest first.
 
     Raises:
-        NamedError: there is none.
+        KindError: there is none.
     """
     from drivers.core.settings import Settings  # `list` names classes, and loads none
 
@@ -214,7 +214,7 @@ def settings_of(made: Any, what: str = "settings") -> type[Settings]:
         model = model or _hint(known, what)
         if isinstance(model, type) and issubclass(model, Settings):
             return model
-    raise NamedError(
+    raise KindError(
         f"no {made.__name__}{what.capitalize()}, a class of Settings, beside the class {made.__name__}, and none is the"
         f" type of its constructor's {what}"
     )
@@ -228,4 +228,4 @@ def _hint(made: Any, parameter: str) -> Any:
     try:
         return get_type_hints(maker)[parameter]
     except NameError as error:
-        raise NamedError(f"{made.__name__}: {error}; import it outside of TYPE_CHECKING") from None
+        raise KindError(f"{made.__name__}: {error}; import it outside of TYPE_CHECKING") from None

@@ -11,8 +11,8 @@ from behaviors.events import Contact
 from behaviors.transient import Transient, TransientFactors, TransientSettings
 from config.jobs import Silent
 from controller.console import ConsoleOperator
-from controller.glimpse import Glimpse
 from controller.limits import GuardSettings
+from controller.live_view import LiveView
 from controller.recording.series import TrialRecording
 from controller.watching.feed import Watched
 from drivers.core.messages import SampleBlock
@@ -61,7 +61,7 @@ class StubRun:
         self.watched.campaign_started("mock/stub", 42, folder)
         self.watched.trial_started(3, {"location": "f", "speed_m_s": 0.003785})
         self.watched.watch(
-            Glimpse(
+            LiveView(
                 self.recording,
                 {"contact": Detector()},
                 limits,

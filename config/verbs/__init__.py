@@ -109,7 +109,7 @@ def explained(error: Exception) -> tuple[int, str]:
     from config.jobs import JobsError
     from config.source import ProfileError
     from controller.guard import GuardRefusal
-    from controller.named import own_place
+    from controller.own_modules import own_place
     from controller.recording.run_folder import RecordingError, RunFolderError
     from controller.replay import ReplayError
     from drivers.core.errors import DeviceError

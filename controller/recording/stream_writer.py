@@ -12,7 +12,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from controller.limits import GuardSettings, watched
+from controller.limits import GuardSettings, shown_limits
 from controller.recording.mcap_file import (
     CHANNEL_AT,
     MESSAGE,
@@ -246,7 +246,7 @@ class StreamWriter:
             with np.errstate(divide="ignore"):
                 frequency_hz = 1.0 / values[:, :1]
             self._write_plotted(StreamInfo(name, ("frequency",), "Hz"), times_s, frequency_hz)
-        for what, watching, channels, limit, unit in watched(self._limits) if self._limits else ():
+        for what, watching, channels, limit, unit in shown_limits(self._limits) if self._limits else ():
             if watching == stream:
                 firsts = np.cumsum([0, *map(len, blocks[:-1])])
                 sizes = np.maximum.reduceat(np.linalg.norm(values[:, list(channels)], axis=1), firsts)

@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from controller.named import own_folders
+from controller.own_modules import own_folders
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
 from controller.registry import experiment_of

@@ -17,7 +17,7 @@ import numpy as np
 
 from controller.campaign import Console, Watching
 from controller.console import PAUSED, ConsoleOperator
-from controller.glimpse import Glimpse
+from controller.live_view import LiveView
 from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
 from controller.scales import displayed, scale_of
@@ -64,7 +64,7 @@ class _Client:
     socket: socket.socket
     out: bytes = b""
     received: bytes = b""
-    trial: Glimpse | None = None
+    trial: LiveView | None = None
     greeted: bool = False
     rows: int = 0
     events: int = 0
@@ -95,7 +95,7 @@ class Watched:
         self._console = console
         self._operator = operator
         self._began = began
-        self._glimpse: Glimpse | None = None
+        self._view: LiveView | None = None
         self._run: dict[str, Any] = {}
         self._present: dict[str, Any] = {"trial": None, "state": "", "since_s": 0.0, "ended": None}
         self._factors: dict[str, Any] = {}
@@ -104,11 +104,11 @@ class Watched:
 
     # on the loop's thread
 
-    def watch(self, glimpse: Glimpse) -> None:
+    def watch(self, view: LiveView) -> None:
         """Publishes this trial from now on."""
-        self._glimpse = glimpse
+        self._view = view
         if isinstance(self._console, Watching):
-            self._console.watch(glimpse)
+            self._console.watch(view)
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """From now on the run can be watched."""
@@ -189,27 +189,27 @@ class Watched:
         rows = self._rows[client.rows :]
         client.rows += len(rows)
         news["rows"] = rows
-        glimpse = self._glimpse
-        if glimpse is not None:
-            if client.trial is not glimpse:
-                client.trial, client.events, client.blocks = glimpse, 0, {}
-                news["diagram"] = glimpse.diagram()
-            news["t_s"] = glimpse.now()
-            news["margins"] = list(glimpse.margins())
-            news["streams"] = glimpse.ages()
-            events = glimpse.events(client.events)
+        view = self._view
+        if view is not None:
+            if client.trial is not view:
+                client.trial, client.events, client.blocks = view, 0, {}
+                news["diagram"] = view.diagram()
+            news["t_s"] = view.now()
+            news["margins"] = list(view.margins())
+            news["streams"] = view.ages()
+            events = view.events(client.events)
             client.events += len(events)
             news["events"] = events[-ROWS:]
-            news["signals"] = {stream: self._signal(glimpse, stream, client) for stream in glimpse.panels()}
+            news["signals"] = {stream: self._signal(view, stream, client) for stream in view.panels()}
         return json.dumps(news, default=str, separators=(",", ":")).encode() + b"\n"
 
     @staticmethod
-    def _signal(glimpse: Glimpse, stream: str, client: _Client) -> dict[str, Any]:
+    def _signal(view: LiveView, stream: str, client: _Client) -> dict[str, Any]:
         """What is new of a stream: of each stretch its least and largest value, and the last threshold."""
         rest(GIVE_WAY_S)
-        blocks = glimpse.recording.blocks(stream, client.blocks.get(stream, 0))
+        blocks = view.recording.blocks(stream, client.blocks.get(stream, 0))
         if stream not in client.blocks:
-            late_s = glimpse.now() - LATE_S
+            late_s = view.now() - LATE_S
             client.blocks[stream] = 0
             fresh = [block for block in blocks if len(block) and block.last_s >= late_s]
         else:
@@ -232,8 +232,8 @@ class Watched:
         news = {
             "t": times_s[keep].round(4).tolist(),
             "y": shown[keep].tolist(),
-            "label": glimpse.label(stream, unit),
-            "title": glimpse.title(stream),
+            "label": view.label(stream, unit),
+            "title": view.title(stream),
         }
         if stream.startswith(DETECTOR) and np.isfinite(thresholds[-1, 0]):
             news["threshold"] = float(thresholds[-1, 0])

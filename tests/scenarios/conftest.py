@@ -17,6 +17,21 @@ from run import cli
 QUICK = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"}
 """The loop locks within a second; at the paper's three sigma a third of these trials would end by false contact."""
 
+STEPS = (
+    '[{ do = "hold", duration_s = 0.2 }, { do = "load", duration_s = 0.2, speed_m_s = 0.0005 },'
+    ' { do = "slip", duration_s = 0.4, speed_m_s = 0.01 }, { do = "roll", duration_s = 0.3, turn_rad = 0.1 }]'
+)
+SENSORS = ("fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa")
+FINGER = ("static", "transient", "flexion", "proximal", "tradeoff")
+SHORTER = {
+    "mock/slip": {f"behavior.sensors.{sensor}.steps": STEPS for sensor in SENSORS},
+    "mock/chirp": {"behavior.duration_s": "0.6"},
+    "mock/pointer": {"behavior.angles_rad": "[0.0, 0.3]"},
+    "mock/weights": {"behavior.cycles": "1", "behavior.preloads": "0"},
+    **{f"mock/{name}": {"behavior.settle_s": "2.0"} for name in FINGER},
+}
+"""Settings with which a trial of a shipped profile passes through all its states, and is short."""
+
 
 @dataclass
 class Script:

@@ -10,7 +10,7 @@ import pytest
 
 from config.jobs import JobsError, Order, run_part
 from config.profile import load_profile
-from controller.named import forget_own
+from controller.own_modules import forget_own
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,26 +8,14 @@ import pytest
 from config.assemble import build_rig, plan_campaign
 from config.costs import planned
 from config.profile import load_profile
-from config.source import profile_names
 from config.trials import distinct
 from controller.campaign import Campaign
 from controller.loop import Loop
+from controller.registry import EXPERIMENTS
+from tests.scenarios.conftest import SHORTER
 
-PROFILES = [name for name in profile_names() if name.startswith("mock/") and "/bench_" not in name]
-
-
-STEPS = (
-    '[{ do = "hold", duration_s = 0.2 }, { do = "roll", duration_s = 0.5, turn_rad = 0.1 }, '
-    '{ do = "hold", duration_s = 0.2 }]'
-)
-SENSORS = ("fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa")
-
-SHORTER = {
-    "mock/slip_calm": {f"behavior.sensors.{sensor}.steps": STEPS for sensor in SENSORS},
-    "mock/chirp": {"behavior.duration_s": "0.6"},
-    "mock/pointer": {"behavior.angles_rad": "[-0.3, 0.3]"},
-}
-"""Settings that shorten trials; they are planned and run with them."""
+PROFILES = [f"mock/{name}" for name in EXPERIMENTS if name != "aura"]
+PROFILES += ["mock/pretouch", "mock/touch", "mock/transient_arm"]
 
 
 def groups_of(printed):

@@ -237,7 +237,7 @@ def test_the_loop_makes_every_turn_and_every_stop_while_all_that_it_writes_to_ha
         gc.unfreeze()
     assert len(turns) == 1000
     assert max(turns) < TURN_S
-    assert loop.account.unstill == []
+    assert loop.account.not_at_rest == []
     stops_s = [device.stopped_s for device in bench.devices.values()]
     assert stops_s == [pytest.approx(HANG_S)] * 3
     # each of them hung indeed

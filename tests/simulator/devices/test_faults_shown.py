@@ -9,7 +9,7 @@ import pytest
 
 from config import assemble
 from config.profile import load_profile
-from controller.named import found
+from controller.own_modules import found
 from controller.registry import KINDS
 from controller.rig import TrialScene
 from drivers.core.messages import Ask, Home, Listen, MoveTo, Release, Tone

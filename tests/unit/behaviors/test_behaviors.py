@@ -10,7 +10,7 @@ from behaviors.static import Static, StaticFactors, StaticSettings
 from behaviors.transient import Transient, TransientFactors, TransientSettings
 from config.diagrams import PAGE, page
 from config.profile import load_profile
-from controller.named import found
+from controller.own_modules import found
 from controller.registry import EXPERIMENTS
 from drivers.core.messages import (
     Excite,

@@ -31,9 +31,9 @@ def block(stream, t_s, values=(0,), rate_hz=1000.0):
 
 def test_at_rest_a_stream_may_be_silent_four_times_as_long_as_a_motion_would_bear():
     arrivals = watching("board.load")
-    assert arrivals.watch(0.4, [], moving=False) is None
-    arrivals.watch(0.41, [block("board.load", 0.3)], moving=False)
-    failed = arrivals.watch(0.72, [], moving=False)
+    assert arrivals.check(0.4, [], moving=False) is None
+    arrivals.check(0.41, [block("board.load", 0.3)], moving=False)
+    failed = arrivals.check(0.72, [], moving=False)
     assert failed is not None
     assert (failed.t_s, failed.device) == (0.72, "board")
     assert failed.reason.startswith("board.load is silent for 0.420 s, since 0.300 s (limits.stale_s = 0.1)")
@@ -42,79 +42,79 @@ def test_at_rest_a_stream_may_be_silent_four_times_as_long_as_a_motion_would_bea
 
 def test_a_motion_bears_the_silence_of_what_it_depends_on_no_longer_than_its_limit():
     arrivals = watching("board.load", urgent=["board.load"])
-    assert arrivals.watch(0.05, [block("board.load", 0.05)], moving=True) is None
-    assert arrivals.watch(0.15, [], moving=True) is None
-    assert arrivals.watch(0.151, [], moving=True) is not None
+    assert arrivals.check(0.05, [block("board.load", 0.05)], moving=True) is None
+    assert arrivals.check(0.15, [], moving=True) is None
+    assert arrivals.check(0.151, [], moving=True) is not None
 
 
 def test_a_stream_that_the_motion_does_not_depend_on_is_given_as_long_as_at_rest():
     arrivals = watching("board.load")
-    assert arrivals.watch(0.39, [], moving=True) is None
-    assert arrivals.watch(0.41, [], moving=True) is not None
+    assert arrivals.check(0.39, [], moving=True) is None
+    assert arrivals.check(0.41, [], moving=True) is not None
 
 
 def test_a_stream_that_was_not_needed_before_the_motion_is_not_stale_when_it_begins():
     arrivals = watching("signals.tip", urgent=["signals.tip"])
-    assert arrivals.watch(90.0, [], moving=False) is None
-    assert arrivals.watch(90.1, [], moving=True) is None
-    assert arrivals.watch(90.21, [], moving=True) is not None
+    assert arrivals.check(90.0, [], moving=False) is None
+    assert arrivals.check(90.1, [], moving=True) is None
+    assert arrivals.check(90.21, [], moving=True) is not None
 
 
 def test_what_began_a_motion_that_is_over_excuses_nothing_in_the_next_one():
     arrivals = watching("board.load", urgent=["board.load"])
-    arrivals.watch(0.0, [], moving=True)
-    arrivals.watch(0.05, [block("board.load", 0.05)], moving=False)
-    arrivals.watch(0.06, [], moving=True)
-    assert arrivals.watch(0.17, [], moving=True) is not None
+    arrivals.check(0.0, [], moving=True)
+    arrivals.check(0.05, [block("board.load", 0.05)], moving=False)
+    arrivals.check(0.06, [], moving=True)
+    assert arrivals.check(0.17, [], moving=True) is not None
 
 
 @pytest.mark.parametrize(("stream", "patience_s"), [("board.period", 0.6), ("logger.heat", 3.0)])
 def test_a_slow_stream_is_given_twice_its_own_longest_interval(stream, patience_s):
-    assert watching(stream).watch(patience_s - 0.01, [], moving=False) is None
-    assert watching(stream).watch(patience_s + 0.01, [], moving=False) is not None
+    assert watching(stream).check(patience_s - 0.01, [], moving=False) is None
+    assert watching(stream).check(patience_s + 0.01, [], moving=False) is not None
 
 
 def test_what_comes_only_when_something_changes_is_never_silent():
-    assert watching("person.load").watch(1e4, [], moving=False) is None
+    assert watching("person.load").check(1e4, [], moving=False) is None
 
 
 def test_the_silence_of_a_signal_names_what_it_is_made_of_and_the_device():
     arrivals = watching("signals.tip", urgent=["signals.tip"], made_of=("board.load", "stage.position"))
-    arrivals.watch(0.0, [], moving=True)
-    failed = arrivals.watch(0.2, [], moving=True)
+    arrivals.check(0.0, [], moving=True)
+    failed = arrivals.check(0.2, [], moving=True)
     named = "signals.tip (of board.load, stage.position)"
     assert (failed.device, failed.reason.partition(" is")[0]) == ("board", named)
 
 
 def test_a_loop_that_was_away_polled_no_device():
-    assert watching("board.load").watch(0.6, [], moving=False, late_s=0.3) is None
+    assert watching("board.load").check(0.6, [], moving=False, late_s=0.3) is None
 
 
 def test_a_time_stamp_from_the_future_keeps_nothing_alive():
     arrivals = watching("board.load")
-    arrivals.watch(0.1, [block("board.load", 30.0)], moving=False)
-    assert arrivals.watch(0.6, [], moving=False) is not None
+    arrivals.check(0.1, [block("board.load", 30.0)], moving=False)
+    assert arrivals.check(0.6, [], moving=False) is not None
 
 
 def test_an_older_block_makes_no_stream_older():
     arrivals = watching("board.load")
-    arrivals.watch(0.3, [block("board.load", 0.3), block("board.load", 0.1)], moving=False)
-    assert arrivals.watch(0.65, [], moving=False) is None
+    arrivals.check(0.3, [block("board.load", 0.3), block("board.load", 0.1)], moving=False)
+    assert arrivals.check(0.65, [], moving=False) is None
 
 
 def test_a_stream_that_stays_subscribed_is_as_old_as_it_was_and_one_that_left_is_forgotten():
     arrivals = watching("board.load", "board.period")
     arrivals.expect(frozenset({"board.load"}), 0.35)
-    assert arrivals.watch(0.41, [], moving=False) is not None
+    assert arrivals.check(0.41, [], moving=False) is not None
     arrivals.expect(frozenset(), 0.5)
-    assert arrivals.watch(9.0, [], moving=False) is None
+    assert arrivals.check(9.0, [], moving=False) is None
 
 
 def test_a_sensor_with_noise_that_repeats_one_value_is_stuck_since_the_last_change():
     arrivals = watching("board.load")
-    assert arrivals.watch(0.05, [block("board.load", 0.05, [1, 2, 7])], moving=False) is None
+    assert arrivals.check(0.05, [block("board.load", 0.05, [1, 2, 7])], moving=False) is None
     found = [
-        arrivals.watch(t_s, [block("board.load", t_s, [7] * 10)], moving=False) for t_s in (0.15, 0.25, 0.26)
+        arrivals.check(t_s, [block("board.load", t_s, [7] * 10)], moving=False) for t_s in (0.15, 0.25, 0.26)
     ]
     assert found[:2] == [None, None]
     assert found[2].device == "board"
@@ -126,7 +126,7 @@ def test_a_sensor_with_noise_that_repeats_one_value_is_stuck_since_the_last_chan
 def test_one_sample_that_differs_in_between_is_enough_to_live():
     arrivals = watching("board.load")
     for t_s in (0.1, 0.2, 0.3, 0.4, 0.5):
-        assert arrivals.watch(t_s, [block("board.load", t_s, [7, 8, 7])], moving=False) is None
+        assert arrivals.check(t_s, [block("board.load", t_s, [7, 8, 7])], moving=False) is None
 
 
 def test_a_position_may_stand_for_as_long_as_it_likes_and_so_may_all_without_a_limit():
@@ -135,15 +135,15 @@ def test_a_position_may_stand_for_as_long_as_it_likes_and_so_may_all_without_a_l
         (watching("board.load", stuck_s=None), "board.load"),
     ):
         for t_s in (0.1, 0.3, 0.6, 0.9):
-            assert arrivals.watch(t_s, [block(stream, t_s, [5] * 10)], moving=False) is None
+            assert arrivals.check(t_s, [block(stream, t_s, [5] * 10)], moving=False) is None
 
 
 def test_what_stood_before_it_was_unsubscribed_is_not_stuck_when_it_begins_anew():
     arrivals = watching("board.load")
-    arrivals.watch(0.1, [block("board.load", 0.1, [7] * 10)], moving=False)
+    arrivals.check(0.1, [block("board.load", 0.1, [7] * 10)], moving=False)
     arrivals.expect(frozenset(), 0.2)
     arrivals.expect(frozenset({"board.load"}), 5.0)
-    assert arrivals.watch(5.1, [block("board.load", 5.1, [7] * 10)], moving=False) is None
+    assert arrivals.check(5.1, [block("board.load", 5.1, [7] * 10)], moving=False) is None
 
 
 def test_one_that_stays_subscribed_stays_stuck_and_three_channels_of_it_are_shown():
@@ -152,7 +152,7 @@ def test_one_that_stays_subscribed_stays_stuck_and_three_channels_of_it_are_show
     found = []
     for t_s in (0.1, 0.35):
         one = SampleBlock("board.load", 0, t_s, raw, rate_hz=1000.0, unit="N", scale=1e-3)
-        found.append(arrivals.watch(t_s, [one], moving=False))
+        found.append(arrivals.check(t_s, [one], moving=False))
         arrivals.expect(frozenset({"board.load", "person.load"}), t_s)
     assert found[0] is None
     assert found[1].t_s == pytest.approx(0.35)
@@ -162,13 +162,13 @@ def test_one_that_stays_subscribed_stays_stuck_and_three_channels_of_it_are_show
 def test_an_empty_block_and_one_without_a_subscription_are_passed_over():
     arrivals = watching("board.load")
     empty = SampleBlock("board.load", 0, 0.1, np.empty((0, 1)), rate_hz=1000.0, unit="N")
-    assert arrivals.watch(0.1, [empty, block("stage.position", 0.1)], moving=False) is None
-    assert arrivals.watch(0.41, [], moving=False) is not None
+    assert arrivals.check(0.1, [empty, block("stage.position", 0.1)], moving=False) is None
+    assert arrivals.check(0.41, [], moving=False) is not None
 
 
 def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_allowed():
     arrivals = watching("board.load", "board.period", urgent=["board.load"])
-    arrivals.watch(0.0, [], moving=True)
+    arrivals.check(0.0, [], moving=True)
     whole = [block("board.load", 0.02, [1] * 20), block("board.load", 2.0, [2] * 1960)]
     counts = SampleBlock("board.period", 0, 0.2, np.ones((8, 1)), times_s=np.arange(1, 9) * 0.24, unit="s")
     assert arrivals.whole_until_s(2.0, [*whole, counts]) == np.inf
@@ -184,8 +184,8 @@ def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_
 def test_what_sticks_within_a_block_is_found_however_the_stream_is_cut():
     values = [1, 2, *[7] * 230, 8]
     arrivals = watching("board.load")
-    failed = arrivals.watch(1.0, [block("board.load", 1.0, values)], moving=False)
+    failed = arrivals.check(1.0, [block("board.load", 1.0, values)], moving=False)
     assert failed.reason.startswith("board.load sticks at 0.007 N for 0.229 s, since 0.770 s")
     arrivals = watching("board.load")
     cuts = [block("board.load", 0.768 + 0.001 * place, [value]) for place, value in enumerate(values)]
-    assert any(arrivals.watch(cut.last_s, [cut], moving=False) for cut in cuts)
+    assert any(arrivals.check(cut.last_s, [cut], moving=False) for cut in cuts)

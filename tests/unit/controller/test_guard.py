@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from controller.guard import BRAKING_S, Guard, GuardRefusal, GuardSettings
-from controller.limits import MoverLimits, watched
+from controller.limits import MoverLimits, shown_limits
 from drivers.core.messages import (
     MOTION,
     Command,
@@ -34,7 +34,7 @@ def guard(*, quiet=True, **changes):
     if quiet and limits.force_n is not None and limits.force_stream is not None:
         width = max(limits.force_channels) + 1
         block = SampleBlock(limits.force_stream, 0, 0.0, np.zeros((1, width)), rate_hz=1000.0, unit="N")
-        assert made.watch(0.0, [block], moving=False) is None
+        assert made.check(0.0, [block], moving=False) is None
     return made
 
 
@@ -57,25 +57,25 @@ def test_the_force_may_be_another_channel_of_its_stream():
     values[:, 2] = 2.5
     block = SampleBlock("arm.force", 0, 0.0, values, rate_hz=500.0, unit="N")
     watching = {"force_stream": "arm.force", "position_stream": None}
-    assert guard(**watching).watch(0.04, [block], moving=False) is None
-    assert "2.500 N" in guard(**watching, force_channels=(2,)).watch(0.04, [block], moving=False)
+    assert guard(**watching).check(0.04, [block], moving=False) is None
+    assert "2.500 N" in guard(**watching, force_channels=(2,)).check(0.04, [block], moving=False)
 
 
 def test_a_spike_shorter_than_half_the_median_stops_nothing():
     values = np.zeros(40)
     values[10:14] = 50.0
-    assert guard().watch(0.04, [force(values), position([0.0])], moving=True) is None
+    assert guard().check(0.04, [force(values), position([0.0])], moving=True) is None
 
 
 def test_a_lasting_force_stops_the_bench_and_names_the_limit():
-    reason = guard().watch(0.02, [force(np.full(20, 2.5)), position([0.0])], moving=True)
+    reason = guard().check(0.02, [force(np.full(20, 2.5)), position([0.0])], moving=True)
     assert reason is not None
     assert "2.500 N" in reason
     assert "limits.force_n = 2" in reason
 
 
 def test_a_pull_counts_like_a_push():
-    assert guard().watch(0.02, [force(np.full(20, -2.5)), position([0.0])], moving=True)
+    assert guard().check(0.02, [force(np.full(20, -2.5)), position([0.0])], moving=True)
 
 
 @pytest.mark.parametrize("size", [1, 3, 7, 25])
@@ -85,7 +85,7 @@ def test_the_median_is_the_same_however_the_samples_come(size):
     watched = guard()
     for start in range(0, 50, size):
         end = min(start + size, 50)
-        reason = watched.watch(end / 1000, [force(values[start:end], start)], moving=True)
+        reason = watched.check(end / 1000, [force(values[start:end], start)], moving=True)
         # Ten samples: with five above, numpy's median is their mean with the five below, 1.5 N.
         assert (reason is not None) == (end - 25 >= 6), (start, end)
         if reason is not None:
@@ -93,18 +93,18 @@ def test_the_median_is_the_same_however_the_samples_come(size):
 
 
 def test_a_force_that_is_not_a_number_stops_the_bench():
-    reason = guard().watch(0.0, [force([0.0, math.nan])], moving=True)
+    reason = guard().check(0.0, [force([0.0, math.nan])], moving=True)
     assert reason == "board.load_cell reads nan"
 
 
 def test_a_late_loop_stops_what_moves():
     blocks = [force(np.zeros(5)), position([0.0])]
-    assert "late" in (guard().watch(0.0, blocks, moving=True, late_s=0.3) or "")
-    assert guard().watch(0.0, blocks, moving=False, late_s=0.3) is None
+    assert "late" in (guard().check(0.0, blocks, moving=True, late_s=0.3) or "")
+    assert guard().check(0.0, blocks, moving=False, late_s=0.3) is None
 
 
 def test_force_counts_while_nothing_moves_as_well():
-    assert guard().watch(0.02, [force(np.full(20, 2.5))], moving=False)
+    assert guard().check(0.02, [force(np.full(20, 2.5))], moving=False)
 
 
 def test_a_trial_may_have_the_range_of_its_own_streams_watched_and_the_next_one_has_not():
@@ -154,7 +154,7 @@ def test_a_range_that_nothing_reports_is_refused_before_anything_moves():
 
 
 def test_travel_beyond_the_limit_stops_the_bench():
-    reason = guard().watch(0.0, [force([0.0]), position([0.0119, 0.0121])], moving=True)
+    reason = guard().check(0.0, [force([0.0]), position([0.0119, 0.0121])], moving=True)
     assert reason is not None
     assert "stage.position is at 0.012100 m" in reason
 
@@ -205,15 +205,15 @@ def boxed():
 def test_a_tool_that_leaves_its_box_stops_the_bench():
     watched = boxed()
     assert "arm.pose" in watched.inputs
-    assert watched.watch(0.0, [pose((0.0, 0.0, 0.1), (0.1, -0.1, 0.3))], moving=True) is None
-    reason = watched.watch(0.0, [pose((0.0, 0.0, 0.1), (0.0, 0.1001, 0.1))], moving=True)
+    assert watched.check(0.0, [pose((0.0, 0.0, 0.1), (0.1, -0.1, 0.3))], moving=True) is None
+    reason = watched.check(0.0, [pose((0.0, 0.0, 0.1), (0.0, 0.1001, 0.1))], moving=True)
     assert reason == (
         "arm.pose is at (0.0000, 0.1001, 0.1000) m, outside limits.workspace_min_m .. workspace_max_m"
     )
 
 
 def test_a_pose_that_is_not_a_number_is_in_no_box():
-    assert boxed().watch(0.0, [pose((math.nan, 0.0, 0.1))], moving=True)
+    assert boxed().check(0.0, [pose((math.nan, 0.0, 0.1))], moving=True)
 
 
 def test_half_a_box_is_refused():
@@ -223,7 +223,7 @@ def test_half_a_box_is_refused():
 
 def test_a_sensor_beyond_its_range_stops_the_bench():
     saturated = Saturated(0.0, "signals", "signals.fingertip", 1.62)
-    reason = guard().watch(0.0, [], moving=False, saturated=[saturated])
+    reason = guard().check(0.0, [], moving=False, saturated=[saturated])
     assert reason is not None
     assert reason.startswith("signals.fingertip is beyond its range, at 1.62")
 
@@ -284,8 +284,8 @@ def test_of_several_channels_the_size_of_the_force_counts():
     values = np.tile([1.2, 0.0, 1.6, 9.0], (20, 1))  # 2 N of the first three
     block = SampleBlock("arm.force", 0, 0.0, values, rate_hz=1000.0, unit="N")
     watching = {"force_stream": "arm.force", "force_channels": (0, 1, 2)}
-    assert guard(**watching, force_n=2.01).watch(0.02, [block], moving=False) is None
-    assert "2.000 N" in guard(**watching, force_n=1.99).watch(0.02, [block], moving=False)
+    assert guard(**watching, force_n=2.01).check(0.02, [block], moving=False) is None
+    assert "2.000 N" in guard(**watching, force_n=1.99).check(0.02, [block], moving=False)
 
 
 # --- scales, ages, places, in every sample
@@ -294,56 +294,56 @@ def test_of_several_channels_the_size_of_the_force_counts():
 def test_a_force_is_in_newtons_and_not_in_counts():
     counts = np.full((20, 1), 150_000)
     block = SampleBlock("board.load_cell", 0, 0.0, counts, rate_hz=1000.0, unit="N", scale=1e-5)
-    assert guard().watch(0.02, [block], moving=True) is None, "1.5 N"
+    assert guard().check(0.02, [block], moving=True) is None, "1.5 N"
     heavy = SampleBlock("board.load_cell", 0, 0.0, 2 * counts, rate_hz=1000.0, unit="N", scale=1e-5)
-    assert "3.000 N" in guard().watch(0.02, [heavy], moving=True)
+    assert "3.000 N" in guard().check(0.02, [heavy], moving=True)
 
 
 def test_several_channels_of_force_are_in_newtons_too():
     counts = np.tile([1500, 2000], (20, 1))  # 2.5 N
     block = SampleBlock("arm.force", 0, 0.0, counts, rate_hz=1000.0, unit="N", scale=1e-3)
     watching = {"force_stream": "arm.force", "force_channels": (0, 1)}
-    assert guard(**watching, force_n=2.6).watch(0.02, [block], moving=True) is None
-    assert "2.500 N" in guard(**watching, force_n=2.4).watch(0.02, [block], moving=True)
+    assert guard(**watching, force_n=2.6).check(0.02, [block], moving=True) is None
+    assert "2.500 N" in guard(**watching, force_n=2.4).check(0.02, [block], moving=True)
 
 
 def test_a_position_is_in_metres_and_not_in_counts():
     counts = np.array([[20_000], [24_000]])
     block = SampleBlock("stage.position", 0, 0.0, counts, times_s=np.zeros(2), unit="m", scale=0.5e-6)
-    assert guard().watch(0.0, [block], moving=True) is None
+    assert guard().check(0.0, [block], moving=True) is None
     far = SampleBlock("stage.position", 0, 0.0, counts + 200, times_s=np.zeros(2), unit="m", scale=0.5e-6)
-    assert "0.012100 m" in guard().watch(0.0, [far], moving=True)
+    assert "0.012100 m" in guard().check(0.0, [far], moving=True)
 
 
 def test_a_pose_is_in_metres_and_not_in_counts():
     block = SampleBlock("arm.pose", 0, 0.0, np.full((1, 6), 90), rate_hz=500.0, unit="m", scale=1e-3)
-    assert boxed().watch(0.0, [block], moving=True) is None
+    assert boxed().check(0.0, [block], moving=True) is None
     far = SampleBlock("arm.pose", 0, 0.0, np.full((1, 6), 110), rate_hz=500.0, unit="m", scale=1e-3)
-    assert "(0.1100, 0.1100, 0.1100) m" in boxed().watch(0.0, [far], moving=True)
+    assert "(0.1100, 0.1100, 0.1100) m" in boxed().check(0.0, [far], moving=True)
 
 
 @pytest.mark.parametrize("number", range(3))
 def test_every_position_of_a_block_counts(number):
     places_m = [0.005, 0.005, 0.005]
     places_m[number] = 0.0121
-    assert "0.012100 m" in guard().watch(0.0, [position(places_m)], moving=True)
+    assert "0.012100 m" in guard().check(0.0, [position(places_m)], moving=True)
 
 
 @pytest.mark.parametrize("number", range(3))
 def test_every_pose_of_a_block_counts(number):
     places_m = [(0.0, 0.0, 0.1)] * 3
     places_m[number] = (0.0, 0.0, 0.31)
-    assert "0.3100" in boxed().watch(0.0, [pose(*places_m)], moving=True)
+    assert "0.3100" in boxed().check(0.0, [pose(*places_m)], moving=True)
 
 
 @pytest.mark.parametrize("place_m", [(-0.11, 0, 0.1), (0.11, 0, 0.1), (0, -0.11, 0.1), (0, 0, -0.01)])
 def test_each_side_of_the_box_holds(place_m):
-    assert boxed().watch(0.0, [pose(place_m)], moving=True)
+    assert boxed().check(0.0, [pose(place_m)], moving=True)
 
 
 @pytest.mark.parametrize(("position_m", "stops"), [(-0.0005, False), (-0.00051, True), (0.012, False)])
 def test_the_ends_of_the_travel_are_inside(position_m, stops):
-    assert bool(guard().watch(0.0, [position([position_m])], moving=True)) == stops
+    assert bool(guard().check(0.0, [position([position_m])], moving=True)) == stops
 
 
 def test_an_age_does_not_run_backwards():
@@ -372,31 +372,31 @@ def test_an_empty_block_keeps_no_stream_alive():
 
 
 def test_a_loop_may_be_exactly_as_late_as_its_limit():
-    assert guard(late_s=0.125).watch(0.0, [], moving=True, late_s=0.125) is None
+    assert guard(late_s=0.125).check(0.0, [], moving=True, late_s=0.125) is None
 
 
 def test_the_first_of_several_reasons_is_reported():
     saturated = Saturated(0.0, "signals", "signals.fingertip", 1.62)
-    reason = guard().watch(0.0, [position([0.02])], moving=True, late_s=1.0, saturated=[saturated])
+    reason = guard().check(0.0, [position([0.02])], moving=True, late_s=1.0, saturated=[saturated])
     assert reason.startswith("signals.fingertip is beyond its range")
 
 
 def test_a_median_over_less_than_two_samples_is_the_sample():
     watched = guard(force_median_s=0.001)
-    assert "2.500 N" in watched.watch(0.001, [force([2.5])], moving=True)
+    assert "2.500 N" in watched.check(0.001, [force([2.5])], moving=True)
 
 
 def test_a_window_begins_anew_with_a_trial():
     watched = guard()
-    watched.watch(0.005, [force(np.full(5, 9.0))], moving=True)
+    watched.check(0.005, [force(np.full(5, 9.0))], moving=True)
     watched.reset()
-    assert watched.watch(0.01, [force(np.full(6, 0.1))], moving=True) is None
+    assert watched.check(0.01, [force(np.full(6, 0.1))], moving=True) is None
 
 
 def test_what_is_no_number_is_forgotten_once_it_has_been_reported():
     watched = guard()
-    assert "reads nan" in watched.watch(0.001, [force([math.nan])], moving=True)
-    assert watched.watch(0.02, [force(np.zeros(20))], moving=True) is None
+    assert "reads nan" in watched.check(0.001, [force([math.nan])], moving=True)
+    assert watched.check(0.02, [force(np.zeros(20))], moving=True) is None
 
 
 @pytest.mark.parametrize("grip_n", [0.0, -5.0, 80.1])
@@ -493,9 +493,9 @@ def test_each_movers_position_is_watched():
     limits = two_movers()
     assert limits.inputs == {"board.load_cell", "stage.position", "lift.position"}
     block = SampleBlock("lift.position", 0, 0.0, np.array([[0.05]]), times_s=np.zeros(1), unit="m")
-    assert limits.watch(0.0, [block], moving=True) is None
+    assert limits.check(0.0, [block], moving=True) is None
     far = SampleBlock("lift.position", 0, 0.0, np.array([[0.11]]), times_s=np.zeros(1), unit="m")
-    assert "outside limits.movers.lift.travel_min_m" in limits.watch(0.0, [far], moving=True)
+    assert "outside limits.movers.lift.travel_min_m" in limits.check(0.0, [far], moving=True)
 
 
 def test_a_motion_takes_the_blind_travel_of_its_mover_along():
@@ -511,7 +511,7 @@ def test_a_motion_takes_the_blind_travel_of_its_mover_along():
 def pressed(force_n=6.0):
     """A guard whose trial begins in contact."""
     watched = guard(quiet=False)
-    assert watched.watch(0.02, [force(np.full(20, force_n)), position([0.01])], moving=True) is None
+    assert watched.check(0.02, [force(np.full(20, force_n)), position([0.01])], moving=True) is None
     return watched
 
 
@@ -538,8 +538,8 @@ def test_a_trial_that_begins_in_contact_goes_nowhere_else(command):
 
 
 def test_what_pressed_at_the_start_may_not_grow():
-    assert pressed().watch(0.04, [force(np.full(20, 6.19), 20)], moving=True) is None
-    assert "6.210 N" in pressed().watch(0.04, [force(np.full(20, 6.21), 20)], moving=True)
+    assert pressed().check(0.04, [force(np.full(20, 6.19), 20)], moving=True) is None
+    assert "6.210 N" in pressed().check(0.04, [force(np.full(20, 6.21), 20)], moving=True)
 
 
 @pytest.mark.parametrize("block", [1, 7, 100])
@@ -548,42 +548,42 @@ def test_what_pressed_at_the_start_may_not_grow_however_the_samples_are_cut(bloc
     force_n = np.concatenate([np.full(20, 6.0), np.full(20, 6.3), np.full(60, 1.0)])
     watched = guard(quiet=False)
     blocks = [force(force_n[begin : begin + block], begin) for begin in range(0, 100, block)]
-    reasons = [reason for each in blocks if (reason := watched.watch(0.1, [each], moving=False))]
+    reasons = [reason for each in blocks if (reason := watched.check(0.1, [each], moving=False))]
     assert "6.300 N" in reasons[0]
 
 
 def test_the_limit_follows_a_force_that_falls_within_one_block():
     watched = pressed()
     falling = [force(np.linspace(6.0, 3.0, 40), 20)]
-    assert watched.watch(0.06, falling, moving=True) is None
-    assert "3.700 N" in watched.watch(0.08, [force(np.full(20, 3.7), 60)], moving=True)
+    assert watched.check(0.06, falling, moving=True) is None
+    assert "3.700 N" in watched.check(0.08, [force(np.full(20, 3.7), 60)], moving=True)
     watched = pressed()
-    assert watched.watch(0.06, [force(np.linspace(6.0, 1.9, 100)[:96], 20)], moving=True) is None
-    assert watched.bears
-    assert watched.watch(0.06, [force(np.full(5, 1.9), 116)], moving=True) is None
-    assert not watched.bears
+    assert watched.check(0.06, [force(np.linspace(6.0, 1.9, 100)[:96], 20)], moving=True) is None
+    assert watched.in_contact_from_start
+    assert watched.check(0.06, [force(np.full(5, 1.9), 116)], moving=True) is None
+    assert not watched.in_contact_from_start
 
 
 def test_the_limit_follows_the_force_down_and_is_the_settings_again_below_it():
     watched = pressed()
-    assert watched.watch(0.04, [force(np.full(20, 3.0), 20)], moving=True) is None
-    assert "3.300 N" in watched.watch(0.06, [force(np.full(20, 3.3), 40)], moving=True)
+    assert watched.check(0.04, [force(np.full(20, 3.0), 20)], moving=True) is None
+    assert "3.300 N" in watched.check(0.06, [force(np.full(20, 3.3), 40)], moving=True)
     watched = pressed()
-    assert watched.watch(0.04, [force(np.full(20, 1.9), 20)], moving=True) is None
+    assert watched.check(0.04, [force(np.full(20, 1.9), 20)], moving=True) is None
     watched.admit(MoveAt("stage", 0.01, 0.012))
-    assert "2.050 N" in watched.watch(0.06, [force(np.full(20, 2.05), 40)], moving=True)
+    assert "2.050 N" in watched.check(0.06, [force(np.full(20, 2.05), 40)], moving=True)
 
 
 def test_a_contact_that_comes_later_is_none_that_was_there():
     watched = guard(quiet=False)
-    watched.watch(0.02, [force(np.full(20, 0.1))], moving=True)
-    assert "2.100 N" in watched.watch(0.04, [force(np.full(20, 2.1), 20)], moving=True)
+    watched.check(0.02, [force(np.full(20, 0.1))], moving=True)
+    assert "2.100 N" in watched.check(0.04, [force(np.full(20, 2.1), 20)], moving=True)
 
 
 def test_the_next_trial_may_begin_in_contact_again():
     watched = guard()
     watched.reset()
-    assert watched.watch(0.02, [force(np.full(20, 6.0))], moving=True) is None
+    assert watched.check(0.02, [force(np.full(20, 6.0))], moving=True) is None
 
 
 # --- a stop holds
@@ -648,23 +648,23 @@ def test_after_a_stop_what_presses_may_grow_while_movers_brake_and_then_only_fal
     watched = stopped()
     then_s = 1.0 + BRAKING_S
     for t_s, force_n in ((1.02, 3.0), (1.04, 6.0)):
-        assert watched.watch(t_s, [force(np.full(20, force_n), round(t_s * 1000) - 20)], moving=True) is None
-    assert watched.watch(then_s + 0.02, [force(np.full(20, 5.0), 1320)], moving=True) is None
-    assert watched.watch(then_s + 0.04, [force(np.full(20, 5.19), 1340)], moving=True) is None
-    assert "5.210 N" in watched.watch(then_s + 0.06, [force(np.full(20, 5.21), 1360)], moving=True)
+        assert watched.check(t_s, [force(np.full(20, force_n), round(t_s * 1000) - 20)], moving=True) is None
+    assert watched.check(then_s + 0.02, [force(np.full(20, 5.0), 1320)], moving=True) is None
+    assert watched.check(then_s + 0.04, [force(np.full(20, 5.19), 1340)], moving=True) is None
+    assert "5.210 N" in watched.check(then_s + 0.06, [force(np.full(20, 5.21), 1360)], moving=True)
 
 
 def test_after_a_stop_beyond_the_travel_the_place_is_no_reason_to_stop_the_way_back():
     watched = stopped()
-    assert watched.watch(2.0, [position([0.013])], moving=True) is None
+    assert watched.check(2.0, [position([0.013])], moving=True) is None
     watched.reset()
-    assert watched.watch(0.1, [position([0.013])], moving=True)
+    assert watched.check(0.1, [position([0.013])], moving=True)
 
 
 def test_after_a_stop_a_late_loop_and_a_sensor_beyond_its_range_stop_again():
-    assert "late" in stopped().watch(2.0, [], moving=True, late_s=0.2)
+    assert "late" in stopped().check(2.0, [], moving=True, late_s=0.2)
     beyond = Saturated(2.0, "board", "signals.tip", 9.0)
-    assert "beyond its range" in stopped().watch(2.0, [], moving=True, saturated=[beyond])
+    assert "beyond its range" in stopped().check(2.0, [], moving=True, saturated=[beyond])
 
 
 def test_translation_and_turn_of_a_twist_are_held_apart():
@@ -699,7 +699,7 @@ def test_a_motion_before_the_first_force_sample_is_none_out_of_contact():
 
 def test_a_light_contact_at_the_start_is_one_where_the_limit_is_lighter():
     watched = guard(quiet=False, force_n=0.5)
-    watched.watch(0.02, [force(np.full(20, 0.8))], moving=True)
+    watched.check(0.02, [force(np.full(20, 0.8))], moving=True)
     with pytest.raises(GuardRefusal, match=r"at 0.8 N still, beyond limits.force_n = 0.5"):
         watched.admit(MoveAt("stage", 0.01, 0.012))
 
@@ -717,25 +717,25 @@ def test_a_grippers_speed_is_its_own_where_it_has_limits():
 def test_a_force_that_lasts_for_one_window_of_a_long_block_stops_the_bench():
     values = np.zeros(60)
     values[40:50] = 3.0
-    assert "3.000 N (10 ms median)" in guard().watch(0.06, [force(values)], moving=True)
+    assert "3.000 N (10 ms median)" in guard().check(0.06, [force(values)], moving=True)
 
 
 def test_an_empty_block_hides_none_that_follows_it():
-    assert guard().watch(0.0, [position([]), position([0.02])], moving=True)
+    assert guard().check(0.0, [position([]), position([0.02])], moving=True)
 
 
 def test_a_stream_that_the_guard_does_not_know_passes_it():
     block = SampleBlock("board.accelerometer", 0, 0.0, np.full((5, 1), 99.0), rate_hz=1000.0, unit="m/s2")
-    assert guard().watch(0.005, [block], moving=False) is None
+    assert guard().check(0.005, [block], moving=False) is None
 
 
 def test_what_views_show_beside_its_limit_is_force_and_travel_where_they_are_watched():
     limits = GuardSettings(travel_m=0.01, force_stream="board.force", force_n=0.5, force_channels=(1,))
-    assert list(watched(limits)) == [
+    assert list(shown_limits(limits)) == [
         ("force", "board.force", (1,), 0.5, "N"),
         ("travel", "stage.position", (0,), 0.01, "m"),
     ]
-    assert list(watched(GuardSettings(travel_m=0.01, position_stream=None))) == []
+    assert list(shown_limits(GuardSettings(travel_m=0.01, position_stream=None))) == []
 
 
 class HomingSettings(Settings):

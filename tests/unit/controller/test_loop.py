@@ -225,11 +225,11 @@ class ScriptedGuard(Guard):
         )
         self.stop_s, self.seen, self.lates, self.real = None, [], [], False
 
-    def watch(self, t_s, blocks, moving, late_s=0.0, saturated=()):
+    def check(self, t_s, blocks, moving, late_s=0.0, saturated=()):
         blocks = list(blocks)
         self.seen.append((t_s, {block.stream for block in blocks}, moving, late_s, list(saturated)))
         if self.real:
-            return super().watch(t_s, blocks, moving, late_s, saturated)
+            return super().check(t_s, blocks, moving, late_s, saturated)
         if self.stop_s is not None and t_s >= self.stop_s:
             self.stop_s = None
             return "the test stops it"
@@ -323,7 +323,7 @@ def test_a_trial_runs_to_its_end_and_every_mover_is_stopped_then(bench):
     bench.run()
     assert bench.behavior.outcome == "contact"
     assert bench.stops == [(0.2, Stop("stage")), (0.2, Stop("other"))]
-    assert bench.loop.account.unstill == []
+    assert bench.loop.account.not_at_rest == []
     assert bench.shown == [("REST", 0.0), ("APPROACH", 0.1), ("DONE", 0.2)]
 
 
@@ -332,7 +332,7 @@ def test_closing_waits_until_the_last_mover_stands(bench):
     bench.run()
     assert bench.kept[-1][0] == "Standstill"
     assert bench.clock.now() == pytest.approx(0.2 + 0.5, abs=2 * TURN_S)
-    assert bench.loop.account.unstill == []
+    assert bench.loop.account.not_at_rest == []
 
 
 def test_closing_looks_for_the_standstill_at_every_turn(bench):
@@ -365,7 +365,7 @@ def test_what_comes_before_it_was_requested_is_kept(bench):
 def test_a_mover_that_is_not_seen_standing_is_named_after_two_seconds(bench):
     bench.stage.brake_s = None
     bench.run()
-    assert bench.loop.account.unstill == ["stage"]
+    assert bench.loop.account.not_at_rest == ["stage"]
     assert bench.clock.now() == pytest.approx(0.2 + loop_module.STANDSTILL_TIMEOUT_S, abs=2 * TURN_S)
 
 
@@ -373,21 +373,21 @@ def test_a_mover_that_fails_while_it_stops_is_named_and_not_waited_for(bench):
     bench.other.brake_s = None
     bench.other.report(Failed, "the link is gone", at_s=0.25)
     bench.run()
-    assert bench.loop.account.unstill == ["other"]
+    assert bench.loop.account.not_at_rest == ["other"]
     assert bench.clock.now() < 0.3
 
 
 def test_a_failure_of_what_does_not_move_names_no_mover(bench):
     bench.board.report(Failed, "the link is gone", at_s=0.205)
     bench.run()
-    assert bench.loop.account.unstill == []
+    assert bench.loop.account.not_at_rest == []
 
 
 def test_a_mover_that_takes_no_stop_keeps_no_other_from_it(bench):
     bench.stage.broken = RuntimeError("its driver is broken")
     bench.run()
     assert bench.stops[-1] == (0.2, Stop("other"))
-    assert bench.loop.account.unstill == ["stage"]
+    assert bench.loop.account.not_at_rest == ["stage"]
 
 
 @pytest.mark.parametrize("what", ["reading", "polling"])
@@ -402,7 +402,7 @@ def test_a_device_that_breaks_while_the_bench_is_stopped_hides_no_others_standst
 
     bench.stage.apply = applied
     bench.run()
-    assert bench.loop.account.unstill == []
+    assert bench.loop.account.not_at_rest == []
 
 
 def test_a_mover_whose_reading_breaks_is_still_seen_to_stand(bench):
@@ -415,7 +415,7 @@ def test_a_mover_whose_reading_breaks_is_still_seen_to_stand(bench):
 
     bench.stage.apply = applied
     bench.run()
-    assert bench.loop.account.unstill == []
+    assert bench.loop.account.not_at_rest == []
 
 
 def test_an_error_of_a_device_stops_every_mover_and_comes_out(bench):
@@ -871,11 +871,11 @@ def watched(behavior):
     """The events that the behavior gets from now on, and when it wakes at that moment."""
     handled, handle = [], behavior.handle
 
-    def watch(event):
+    def check(event):
         handled.append((event, behavior.wake_s))
         return handle(event)
 
-    behavior.handle = watch
+    behavior.handle = check
     return handled
 
 
@@ -1151,7 +1151,7 @@ def test_an_abort_stops_every_mover_and_then_listens_to_nothing(bench):
     assert bench.sent(Listen)[-1][1] == Listen("board", frozenset())
     assert bench.sent(Listen)[-1][0] >= 0.17
     assert bench.stops == [(0.15, Stop("stage")), (0.15, Stop("other"))]
-    assert bench.loop.account.unstill == []
+    assert bench.loop.account.not_at_rest == []
 
 
 def test_an_abort_from_before_the_trial_keeps_everything_from_moving(bench):

@@ -116,7 +116,7 @@ def test_closing_waits_for_the_standstill_that_it_asked_for(run):
     loop, mover, _ = run(reports=[Standstill(0.16, "stage", 0.0, command_id=1)])
     assert isinstance(mover.commands[-1], Stop)
     assert loop.events[-1].command_id == 3
-    assert loop.account.unstill == []
+    assert loop.account.not_at_rest == []
 
 
 def test_what_was_sent_or_refused_bears_the_number_of_its_command():

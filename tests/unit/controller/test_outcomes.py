@@ -8,8 +8,8 @@ from importlib import import_module
 import pytest
 
 from behaviors.machine import Behavior
-from controller.named import found
 from controller.outcomes import UNMEASURED, counted, exit_of, is_success, successes_in, word_of
+from controller.own_modules import found
 from controller.registry import EXPERIMENTS, experiment_of
 
 

@@ -12,7 +12,7 @@ import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
-from controller.glimpse import Glimpse
+from controller.live_view import LiveView
 from controller.watching import feed
 from controller.watching.feed import CLIENTS, SOCKET, Watched, at
 from controller.watching.page import Door, alive, serve
@@ -152,7 +152,7 @@ def test_no_line_keeps_a_stop_from_being_heard_and_its_sender_gets_the_reason(ru
 
 def test_a_detector_that_cannot_be_shown_ends_neither_the_run_nor_the_watching(run, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(Glimpse, "panels", lambda self: 1 / 0)
+        patch.setattr(LiveView, "panels", lambda self: 1 / 0)
         with watcher(run) as peer:
             assert peer.recv(1) == b""
     with watcher(run) as peer:

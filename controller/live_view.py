@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from behaviors.events import Event
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector, quantity_of
-from controller.limits import GuardSettings, watched
+from controller.limits import GuardSettings, shown_limits
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.scales import displayed, shown_in
 from controller.wording import as_text
@@ -27,7 +27,7 @@ PANELS = 6
 """Most signals on the page (assumption: what a screen holds)."""
 
 
-class Glimpse:
+class LiveView:
     """A trial from what was recorded of it so far.
 
     It is read a few times a second, by the loop's thread between two turns and by the page's thread, which changes
@@ -98,7 +98,7 @@ class Glimpse:
 
     def margins(self) -> Iterator[tuple[str, float, float, str]]:
         """Name, value, limit and unit of what the guard watches: `force 0.04 of 2.0 N`."""
-        for name, stream, channels, limit, unit in watched(self._limits):
+        for name, stream, channels, limit, unit in shown_limits(self._limits):
             values, _ = self.recording.latest(stream, 1)
             if len(values):
                 shown, scale = shown_in(unit)

@@ -10,7 +10,7 @@ from controller.detectors.protocol import Detector
 from controller.signals.protocol import Signal
 
 
-def misfits(
+def unknown_streams(
     streams: Set[str], behavior: Behavior, detectors: Mapping[str, Detector], signals: Sequence[Signal] = ()
 ) -> Sequence[str]:
     """Streams that some state subscribes to and nothing sends; streams without a subscriber are not checked.

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from controller.detectors.protocol import Quantity
-from controller.glimpse import BARS, SPARKS, Glimpse, sparkline
 from controller.guard import GuardSettings
+from controller.live_view import BARS, SPARKS, LiveView, sparkline
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 
@@ -28,17 +28,17 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
     limits = GuardSettings(
         force_stream="board.load_cell", force_n=2.0, position_stream="stage.position", travel_m=0.012
     )
-    glimpse = Glimpse(recording, {"contact": detector}, limits)
-    assert glimpse.lines() == [], "nothing has arrived"
+    view = LiveView(recording, {"contact": detector}, limits)
+    assert view.lines() == [], "nothing has arrived"
     recording.add(block("board.period", 1.0 / np.linspace(27.0, 28.0, 60), "s"))
     readings = np.array([[28.02, 28.13]])
     recording.add(SampleBlock("detector.contact", 0, 1.0, readings, times_s=np.array([1.0])))
     recording.add(block("board.load_cell", [0.1, -0.04], "N"))
     recording.add(block("stage.position", [0.0031], "m"))
-    signal, margins = glimpse.lines()
+    signal, margins = view.lines()
     assert signal.startswith("board.period  ")
     assert len(signal) == 80, "the threshold has its place, whatever the bars leave"
-    wide, _ = glimpse.lines(120)
+    wide, _ = view.lines(120)
     assert sum(letter in BARS for letter in wide) == SPARKS
     assert signal.endswith("28 Hz  contact 28.02 of 28.13")
     assert margins == "force 0.04 of 2.0 N  travel 3.10 of 12.0 mm"
@@ -48,23 +48,23 @@ def test_what_decides_is_shown_whatever_the_profiles_order():
     recording = TrialRecording(1)
     detectors = {"contact": SimpleNamespace(inputs=("board.period",)), "ours": Waveform()}
     behavior = SimpleNamespace(deciding=["ours"])
-    glimpse = Glimpse(recording, detectors, GuardSettings(travel_m=0.012), behavior)
+    view = LiveView(recording, detectors, GuardSettings(travel_m=0.012), behavior)
     recording.add(block("board.period", [0.5, 1.0], "s"))
     recording.add(block("board.accelerometer", [1.0, 1.5], "m/s2"))
     for name, held, unit in (("contact", [28.0, 28.2], "Hz"), ("ours", [2.1, 5.3], "σ")):
         recording.add(
             SampleBlock(f"detector.{name}", 0, 1.0, np.array([held]), times_s=np.ones(1), unit=unit)
         )
-    (signal,) = glimpse.lines()
+    (signal,) = view.lines()
     assert signal.startswith("board.accelerometer  ")
     assert signal.endswith("1.5 m/s²  ours 2.1 of 5.3 σ")
-    assert glimpse.panels()[0] == "detector.ours"
-    assert (glimpse.label("detector.ours", "σ"), glimpse.title("detector.ours")) == (
+    assert view.panels()[0] == "detector.ours"
+    assert (view.label("detector.ours", "σ"), view.title("detector.ours")) == (
         "ours, σ",
         "ours: departure",
     )
-    assert glimpse.title("detector.contact") == "contact: statistic"
-    assert glimpse.title("board.period") == ""
+    assert view.title("detector.contact") == "contact: statistic"
+    assert view.title("board.period") == ""
 
 
 def test_the_latest_samples_come_from_the_last_blocks():
@@ -98,4 +98,4 @@ class Raising:
 def test_a_detector_that_cannot_be_shown_ends_no_trial(detector, lines):
     recording = TrialRecording(1)
     recording.add(block("board.period", [0.5, 1.0], "s"))
-    assert Glimpse(recording, {"own": detector}, GuardSettings(travel_m=0.012)).lines() == lines
+    assert LiveView(recording, {"own": detector}, GuardSettings(travel_m=0.012)).lines() == lines

@@ -16,7 +16,7 @@ _folders: dict[str, Path] = {}
 """Top-level modules of the user's own that are loaded, what they import of their folder included, and that folder."""
 
 
-class NamedError(ValueError):
+class KindError(ValueError):
     """What a name means is not there, or is something else: one line."""
 
 
@@ -37,14 +37,14 @@ def found_beside(name: str, folders: Sequence[Path]) -> Any:
     The folder is on the import path for this import alone.
 
     Raises:
-        NamedError: no such module, it cannot be imported, or it has no such attribute.
+        KindError: no such module, it cannot be imported, or it has no such attribute.
     """
     module_name, colon, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), attribute if colon else "_")):
-        raise NamedError("must be MODULE:CLASS, as in my_lab.edge:Edge")
+        raise KindError("must be MODULE:CLASS, as in my_lab.edge:Edge")
     module = _imported(module_name, folders)
     if attribute and not hasattr(module, attribute):
-        raise NamedError(f"{module.__file__} has no {attribute}")
+        raise KindError(f"{module.__file__} has no {attribute}")
     return getattr(module, attribute) if attribute else module
 
 
@@ -113,7 +113,7 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
     except (Exception, SystemExit) as error:  # a script that was written to be run ends the program
         if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
             where = ", ".join(str(folder) for folder in folders) or "the program"
-            raise NamedError(f"no module {error.name} in {where}") from None
+            raise KindError(f"no module {error.name} in {where}") from None
         helper = str(error.name).partition(".")[0] if isinstance(error, ImportError) else ""
         if there and helper in sys.modules and helper not in _folders and _has(there[0], helper):
             raise _taken(helper, there[0]) from None
@@ -121,7 +121,7 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
         reason = " ".join(str(error).split())
         line = getattr(error, "lineno", None) or place.lineno
         file = getattr(error, "filename", None) or place.filename
-        raise NamedError(
+        raise KindError(
             f"{name} cannot be imported: {type(error).__name__}: {reason} ({file}, line {line})"
         ) from None
     finally:
@@ -145,7 +145,7 @@ def _make_way(top: str, folder: Path) -> None:
     """Unload a module of the same name that another profile's folder has.
 
     Raises:
-        NamedError: the name is one of the program's or of a library.
+        KindError: the name is one of the program's or of a library.
     """
     if top not in sys.modules or _folders.get(top) == folder:
         return
@@ -154,8 +154,8 @@ def _make_way(top: str, folder: Path) -> None:
     _unload(top)
 
 
-def _taken(top: str, folder: Path) -> NamedError:
-    return NamedError(f"the name {top} is taken by a module of the program; rename {folder / top}")
+def _taken(top: str, folder: Path) -> KindError:
+    return KindError(f"the name {top} is taken by a module of the program; rename {folder / top}")
 
 
 def _unload(top: str) -> None:
