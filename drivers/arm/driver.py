@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 from drivers.arm.axis import Axis
 from drivers.arm.commands import valid
 from drivers.arm.host import ArmHost
-from drivers.arm.link import ArmLink, ArmRow, Broken, Kind, Opened
+from drivers.arm.link import ArmLink, ArmRow, LinkError, Opened
 from drivers.arm.settings import ArmSettings
 from drivers.arm.stream import Streams
 from drivers.core.clock import Clock
-from drivers.core.errors import DeviceError, PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.errors import SilentError
 from drivers.core.messages import Applied, Command, DeviceInfo, Listen, Stalled, Standstill, Status, Stop
 from drivers.core.wire import NOT_OPEN, Driver
-
-ERRORS: dict[Kind, type[DeviceError]] = {
-    "port": PortError,
-    "silent": SilentError,
-    "refused": RefusedError,
-    "protocol": ProtocolError,
-}
 
 OPEN_TURN_S = 0.005
 """Pause between two looks at the arm's process while opening (assumption)."""
@@ -52,12 +46,15 @@ class ArmDriver(Driver):
         name: Name in the profile.
         settings: Of the arm.
         clock: Gives bench time.
-        link: To its make of controller; see `drivers.arm.link.ArmLink`.
+
+    Attributes:
+        link: To its make of controller; a make sets it.
     """
 
-    def __init__(self, name: str, settings: ArmSettings, clock: Clock, link: type[ArmLink]) -> None:
+    link: ClassVar[type[ArmLink]]
+
+    def __init__(self, name: str, settings: ArmSettings, clock: Clock) -> None:
         super().__init__(name, clock)
-        self._link = link
         self._settings = settings
         self._streams = Streams(name, settings, clock)
         self._host: ArmHost | None = None
@@ -129,7 +126,7 @@ class ArmDriver(Driver):
     # --- opening ---------------------------------------------------------------------------------------
 
     def _started(self, again: bool) -> ArmHost:
-        return ArmHost(self.name, self._settings, self._link, self._clock, again)
+        return ArmHost(self.name, self._settings, self.link, self._clock, again)
 
     def _opened(self, host: ArmHost) -> Opened:
         deadline_s = self._clock.monotonic_s() + self._settings.open_timeout_s
@@ -137,11 +134,11 @@ class ArmDriver(Driver):
             for message in host.receive():
                 if isinstance(message, Opened):
                     return message
-                if isinstance(message, Broken):
-                    raise ERRORS[message.kind](self.name, "opening", message.reason, message.advice)
-            if fate := host.fate():
+                if isinstance(message, LinkError):
+                    raise message.kind(self.name, "opening", message.reason, message.advice)
+            if exit_reason := host.exit_reason():
                 raise SilentError(
-                    self.name, "opening", fate, "is anything else wrong with this installation?"
+                    self.name, "opening", exit_reason, "is anything else wrong with this installation?"
                 )
             self._clock.rest(OPEN_TURN_S)
         raise SilentError(
@@ -178,7 +175,7 @@ class ArmDriver(Driver):
         now_s = self._clock.monotonic_s()
         host = self._host
         if host is not None:
-            host.turned()
+            host.heartbeat()
             rows: list[ArmRow] = []
             for message in host.receive():
                 if isinstance(message, ArmRow):
@@ -197,8 +194,8 @@ class ArmDriver(Driver):
                 self._ready = True
                 if self._stop is not None:
                     self._send(self._stop)
-            case Broken(reason=reason):
-                self._lose(reason)
+            case LinkError():
+                self._lose(message.reason)
             case Status():
                 if isinstance(message, Standstill):
                     self._stop = None
@@ -212,8 +209,8 @@ class ArmDriver(Driver):
         elif host is None:
             if now_s >= self._retry_s:
                 self._host = self._started(again=True)
-        elif fate := host.fate():
-            self._lose(fate)
+        elif exit_reason := host.exit_reason():
+            self._lose(exit_reason)
         elif self._ready:
             # After a slow turn, messages may still be on their way to the queue.
             punctual = now_s - self._turned_s < 0.5 * SILENCE_S

@@ -51,14 +51,15 @@ class ArmHost:
     ) -> None:
         self._clock = clock
         self.received_s = self._clock.monotonic_s()
-        # The socket is kept beside the pipe: shutting it down is what the child takes for our end.
-        self._socket, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-        self._pipe = Pipe(self._socket)
+        ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+        self._pipe = Pipe(ours)
         # Beside the pipe: a process that is busy recovering reads no pipe, and a full one would hold the loop up.
         self._turns = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        path = [*map(str, {folder_of(link), folder_of(type(settings))}), os.environ.get("PYTHONPATH", "")]
         self._process = subprocess.Popen(
             [sys.executable, "-m", "drivers.arm.process", str(theirs.fileno())],
             cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))},
             pass_fds=[theirs.fileno(), self._turns],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -70,11 +71,11 @@ class ArmHost:
         self._pipe.send(Start(name, settings, link, again, self._turns, clock))
 
     def send(self, command: Command) -> None:
-        """Hand a command over; a process that is gone shows in `fate`."""
+        """Hand a command over; a process that is gone shows in `exit_reason`."""
         with suppress(OSError):
             self._pipe.send(command)
 
-    def turned(self) -> None:
+    def heartbeat(self) -> None:
         """The program's loop has turned: it still supervises the arm. Never waits."""
         os.eventfd_write(self._turns, 1)
 
@@ -90,18 +91,15 @@ class ArmHost:
             self.received_s = self._clock.monotonic_s()
         return messages
 
-    def fate(self) -> str:
+    def exit_reason(self) -> str:
         """How the process ended, or "" while it lives or has left things to be received."""
         if self._ended_s == math.inf:
             return ""
         code = self._process.poll()
         if code is None:
             # It has closed its end; the exit itself follows, as a rule in microseconds.
-            return (
-                ""
-                if self._clock.monotonic_s() - self._ended_s < EXIT_S
-                else "the arm's process closed its pipe"
-            )
+            exiting = self._clock.monotonic_s() - self._ended_s < EXIT_S
+            return "" if exiting else "the arm's process closed its pipe"
         if code < 0:
             return f"the arm's process died ({signal.Signals(-code).name})"
         if code == GAVE_UP:
@@ -121,7 +119,13 @@ class ArmHost:
         """Let the process stop the arm and end; kill it where it does not. Never raises."""
         self._clock.leave()  # stopping takes time
         with suppress(OSError):
-            self._socket.shutdown(socket.SHUT_WR)
+            self._pipe.hang_up()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(LEAVE_S)
         self.kill()
+
+
+def folder_of(kind: type) -> Path:
+    """Where the process finds the module of a class: beside a profile it is on no import path of its own."""
+    module = sys.modules[kind.__module__.partition(".")[0]]
+    return Path(next(iter(getattr(module, "__path__", [module.__file__])))).resolve().parent

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from drivers.arm.settings import Pose
 from drivers.core.clock import Clock
+from drivers.core.errors import DeviceError
 
 STILL_M_S, STILL_RAD_S = 1e-3, 5e-3
 """Speeds below which nothing moves (assumption: noise of the joints' speeds at the tool)."""
@@ -20,8 +21,6 @@ than half of a watchdog's usual 0.1 s."""
 LOOK_S = 0.0004
 """Time between two looks for a new row that is due: a fifth of a UR controller's cycle."""
 
-Kind = Literal["port", "silent", "refused", "protocol"]
-
 
 class ArmRow(NamedTuple):
     """One cycle of the controller.
@@ -32,8 +31,8 @@ class ArmRow(NamedTuple):
         pose: Of the tool: m and rotation vector.
         twist: Of the tool: m/s and rad/s.
         force: On the tool, base frame: N and N m.
-        trouble: Why the arm will not move, or "".
-        obeys: Whether the controller carries commands out; one that does not brakes by itself.
+        fault: Why the arm will not move, or "".
+        running: Whether the controller carries commands out; one that does not brakes by itself.
     """
 
     arrival_s: float
@@ -41,8 +40,8 @@ class ArmRow(NamedTuple):
     pose: Pose
     twist: Pose
     force: Pose
-    trouble: str = ""
-    obeys: bool = True
+    fault: str = ""
+    running: bool = True
 
 
 class Seen(NamedTuple):
@@ -60,7 +59,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """The arm is connected, obeys commands, and its watchdog is set.
+    """The arm is connected, takes commands, and its watchdog is set.
 
     Attributes:
         model: As the controller reports it.
@@ -77,27 +76,18 @@ class Opened:
     details: Mapping[str, object]
 
 
-@dataclass(frozen=True, slots=True)
-class Broken:
-    """The arm's process can do no more, and ends.
+class LinkError(Exception):
+    """The arm's process can do no more, and ends; sent to the program.
 
-    Attributes:
+    Args:
         kind: Which error it is, should it come while opening.
         reason: What happened.
         advice: What to do about it.
     """
 
-    kind: Kind
-    reason: str
-    advice: str
-
-
-class BrokenError(Exception):
-    """Carries a `Broken` out of the depth of the arm's process."""
-
-    def __init__(self, kind: Kind, reason: str, advice: str) -> None:
-        self.broken = Broken(kind, reason, advice)
-        super().__init__(reason)
+    def __init__(self, kind: type[DeviceError], reason: str, advice: str) -> None:
+        super().__init__(kind, reason, advice)
+        self.kind, self.reason, self.advice = kind, reason, advice
 
 
 class Client(Protocol):
@@ -118,10 +108,10 @@ class Client(Protocol):
     def busy(self) -> bool:
         """Whether a move, or its stop, is under way."""
 
-    def kick(self) -> bool:
+    def feed_watchdog(self) -> bool:
         """Feed the controller's watchdog."""
 
-    def zero_force(self) -> bool:
+    def tare(self) -> bool:
         """Take the present force for zero."""
 
     def halt(self) -> None:
@@ -158,7 +148,7 @@ class ArmLink(Protocol):
             again: Whether this replaces a process that died: what still runs on the controller is then our own.
 
         Raises:
-            BrokenError: something is beyond repair.
+            LinkError: something is beyond repair.
             ImportError: the distribution is not installed.
         """
 
@@ -169,5 +159,5 @@ class ArmLink(Protocol):
         """From the same thread as `read`.
 
         Raises:
-            BrokenError: the link is gone.
+            LinkError: the link is gone.
         """

@@ -64,7 +64,7 @@ class MotionState(Enum):
     HALTED = auto()
 
 
-class Conductor:
+class MotionControl:
     """Carries commands out.
 
     Args:
@@ -107,15 +107,15 @@ class Conductor:
         self._target = seen.row.pose
         self._since_s = self._deadline_s = now()
         self._accepted_s = now()
-        self._led_s = now()
+        self._looked_s = now()
 
-    def lead(self) -> None:
+    def heartbeat(self) -> None:
         """The program has looked at the arm. Where it does not for `loop_timeout_s`, nothing that moves goes on."""
-        self._led_s = self._now()
+        self._looked_s = self._now()
 
     def order(self, command: Command) -> None:
         """Begin with a command, or have it wait until what moves has come to rest."""
-        self.lead()
+        self.heartbeat()
         if isinstance(command, Stop):
             self._stop(command)
         elif isinstance(command, Tare):
@@ -133,17 +133,17 @@ class Conductor:
             elif self.state is MotionState.TRAVELLING:
                 self._stop_travel(None)
 
-    def pass_over(self, command: Command) -> None:
+    def refuse_overtaken(self, command: Command) -> None:
         """Refuse a command that a stop has overtaken."""
         self._refuse(command, "a stop came before it was begun")
 
     def step(self, seen: Seen) -> None:
         """One cycle: look at the arm, keep it going."""
         self._seen = seen
-        reason = seen.row.trouble
+        reason = seen.row.fault
         if reason and self.state is not MotionState.HALTED:
             self._halt(reason)
-        self._check_lead()
+        self._check_heartbeat()
         {
             MotionState.STANDING: self._stand,
             MotionState.SPEEDING: self._keep_speed,
@@ -191,7 +191,7 @@ class Conductor:
         if taken or self.state is MotionState.BRAKING:  # braking: it is over already
             self._report(Sent(self._now(), self._name, command))
         else:
-            self._refuse(command, self._seen.row.trouble or NOT_TAKEN)
+            self._refuse(command, self._seen.row.fault or NOT_TAKEN)
             if self.state is not MotionState.HALTED:
                 self._brake(None)
 
@@ -199,7 +199,7 @@ class Conductor:
         self._target = pose
         acceleration = self._settings.acceleration_m_s2
         if not self._client.move(pose, speed_m_s, acceleration):
-            self._refuse(command, self._seen.row.trouble or NOT_TAKEN)
+            self._refuse(command, self._seen.row.fault or NOT_TAKEN)
             return
         self.state = MotionState.TRAVELLING
         self._report(Sent(self._now(), self._name, command))
@@ -210,7 +210,7 @@ class Conductor:
     def _tare(self, command: Tare) -> None:
         if self.state is not MotionState.STANDING:
             self._refuse(command, self._halted or "the arm is not standing still")
-        elif self._client.zero_force():
+        elif self._client.tare():
             self._report(Sent(self._now(), self._name, command))
         else:
             self._refuse(command, NOT_TAKEN)
@@ -292,7 +292,7 @@ class Conductor:
     # --- in every cycle --------------------------------------------------------------------------------
 
     def _stand(self) -> None:
-        self._note(self._client.kick())
+        self._note(self._client.feed_watchdog())
 
     def _keep_speed(self) -> bool:
         twist = self._guided(self._goal)
@@ -314,7 +314,7 @@ class Conductor:
             self._note(self._client.speed(REST, self._settings.stop_m_s2))
 
     def _keep_travelling(self) -> None:
-        self._note(self._client.kick())
+        self._note(self._client.feed_watchdog())
         if self._now() > self._deadline_s:
             self._stop_travel(lambda: self._stalled("it takes too long to get there"))
         elif self._now() - self._since_s > START_S and self._stands() and not self._client.busy():
@@ -325,7 +325,7 @@ class Conductor:
             self._rest()
 
     def _keep_stopping(self) -> None:
-        self._note(self._client.kick())
+        self._note(self._client.feed_watchdog())
         if self._stands() and not self._client.busy():
             self._rest()
         elif self._now() > self._deadline_s:
@@ -337,13 +337,13 @@ class Conductor:
             self._ending = None
         # A program that has ended brakes by itself; motion at the pendant after that is the person's own.
         moving = math.isinf(self._seen.still_since_s)
-        if moving and self._seen.row.obeys and self._now() > self._deadline_s:
+        if moving and self._seen.row.running and self._now() > self._deadline_s:
             self._deadline_s = self._now() + HALT_S
             self._client.halt()
 
-    def _check_lead(self) -> None:
+    def _check_heartbeat(self) -> None:
         """Stop what moves where the program no longer looks: neither guard nor detectors do then."""
-        blind_s = self._now() - self._led_s
+        blind_s = self._now() - self._looked_s
         if blind_s <= self._settings.loop_timeout_s:
             return
         reason = f"the program has not looked at it for {blind_s:.2f} s; what held its loop up?"

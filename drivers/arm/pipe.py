@@ -1,6 +1,6 @@
 """What goes through the pipe between the program and the arm's process.
 
-Downwards go `Start` and `drivers.core.messages` commands; upwards go `Opened`, `ArmRow`, `Broken` and
+Downwards go `Start` and `drivers.core.messages` commands; upwards go `Opened`, `ArmRow`, `LinkError` and
 `drivers.core.messages` statuses. All times in the pipe are the clock's monotonic seconds, which both processes share.
 """
 
@@ -27,7 +27,7 @@ class Start(NamedTuple):
         settings: Of the arm.
         link: To its make of controller.
         again: Whether it replaces a process that died.
-        turns: File descriptor of an `eventfd` that counts the turns of the program's loop.
+        turns: File descriptor of an `eventfd` that counts the turns of the program's loop and does not block.
         clock: The bench's.
     """
 
@@ -51,11 +51,7 @@ class Pipe:
         self._end = end
 
     def send(self, message: object) -> bool:
-        """Whether the message was taken: False where the pipe is full.
-
-        Raises:
-            OSError: the other end is gone.
-        """
+        """Whether the message was taken: False where the pipe is full; raises `OSError` where the other end is gone."""
         try:
             self._end.send(pickle.dumps(message))
         except BlockingIOError:
@@ -76,9 +72,8 @@ class Pipe:
             data = b""
         if not data:
             raise EOFError
-        message: object = pickle.loads(
-            data
-        )  # by a process of our own, over a pair of sockets that is private to them
+        # By a process of our own, over a pair of sockets that is private to them.
+        message: object = pickle.loads(data)
         return message
 
     def wait(self, seconds: float) -> bool:
@@ -88,6 +83,10 @@ class Pipe:
     def drain(self, seconds: float) -> None:
         """Wait until more can be sent, at most so many seconds."""
         select.select([], [self._end], [], seconds)
+
+    def hang_up(self) -> None:
+        """Send nothing more: the other end finds that out after all messages; `OSError` where it is gone."""
+        self._end.shutdown(socket.SHUT_WR)
 
     def close(self) -> None:
         """Close this end."""

@@ -21,12 +21,11 @@ from dataclasses import replace
 from importlib.metadata import version
 
 from drivers.arm.guidance import CYCLE_S
-from drivers.arm.link import CALLS_S, LOOK_S, ArmLink, ArmRow, Broken, BrokenError, Opened, Seen
-from drivers.arm.motion import Conductor, MotionState
+from drivers.arm.link import CALLS_S, LOOK_S, ArmRow, LinkError, Opened, Seen
+from drivers.arm.motion import MotionControl, MotionState
 from drivers.arm.pipe import Pipe, Start
-from drivers.arm.settings import ArmSettings
-from drivers.core.clock import Clock, rest
-from drivers.core.errors import lacking
+from drivers.core.clock import rest
+from drivers.core.errors import ProtocolError, RefusedError, SilentError, lacking
 from drivers.core.messages import Command, Home, Status, Stop
 
 EARLY_S = 0.0006
@@ -57,36 +56,37 @@ class ArmProcess:
 
     Args:
         pipe: To the program.
-        turns: Counts the turns of the program's loop: an `eventfd` that does not block.
-        name: Of the device.
-        settings: Of the arm.
-        link: To its controller.
-        clock: Whose monotonic times go through the pipe.
+        start: Its first message.
     """
 
-    def __init__(
-        self, pipe: Pipe, turns: int, name: str, settings: ArmSettings, link: ArmLink, clock: Clock
-    ) -> None:
+    def __init__(self, pipe: Pipe, start: Start) -> None:
         self._pipe = pipe
-        self._clock = clock
-        self._turns = turns
-        self._name = name
-        self._settings = settings
-        self._link = link
-        self._outbox: deque[Status | ArmRow | Opened | Broken] = deque()
+        self._name, self._settings, self._again = start.name, start.settings, start.again
+        self._turns, self._clock = start.turns, start.clock
+        self._link = start.link(start.settings, start.clock)
+        self._outbox: deque[Status | ArmRow | Opened | LinkError] = deque()
         self._sending = threading.Lock()
         self._heartbeat_s = self._clock.monotonic_s()
         self._patience_s = STUCK_S
         self._seen: Seen
 
-    def run(self, again: bool) -> None:
-        """Connect, then obey until the program is gone; `again` as for `ArmLink.open`.
+    def run(self) -> None:
+        """Connect, then carry out commands until the program is gone, or report why that cannot be."""
+        try:
+            self._run()
+        except LinkError as error:
+            self.end(error)
+        except ImportError as error:
+            advice = lacking(self._link.package, self._link.extra)[1]
+            self.end(LinkError(RefusedError, f"the client is missing ({error})", advice))
+        except Exception as error:
+            # Whatever it is, it is reported to the program, which goes on.
+            advice = "report this with the recording"
+            self.end(LinkError(ProtocolError, f"{type(error).__name__}: {error}", advice))
 
-        Raises:
-            BrokenError: something is beyond repair.
-        """
+    def _run(self) -> None:
         realtime = _ask_for_realtime(self._settings.realtime_priority)
-        opened = self._link.open(again)
+        opened = self._link.open(self._again)
         package = self._link.package
         details = {"client": f"{package} {version(package)}", "realtime": realtime, **opened.details}
         self._seen = Seen(opened.row, math.inf).then(opened.row)
@@ -98,7 +98,7 @@ class ArmProcess:
     # --- control ---------------------------------------------------------------------------------------
 
     def _obey(self) -> None:
-        conductor = Conductor(
+        motion = MotionControl(
             self._name, self._settings, self._link.client, self._clock.monotonic_s, self._send, self._seen
         )
         due_s = self._clock.monotonic_s()
@@ -107,18 +107,18 @@ class ArmProcess:
             self._heartbeat_s = self._clock.monotonic_s()
             try:
                 # However late the cycle is, it takes the program's commands.
-                self._take(conductor)
+                self._take(motion)
                 while self._await_command(due_s):
-                    self._take(conductor)
+                    self._take(motion)
             except EOFError:
-                self._leave(conductor)
+                self._leave(motion)
                 return
             if self._clock.monotonic_s() - self._seen.row.arrival_s > 2.0 * self._settings.link_timeout_s:
-                raise BrokenError("silent", "no rows come through", "is the program still listening?")
+                raise LinkError(SilentError, "no rows come through", "is the program still listening?")
             with suppress(BlockingIOError):  # not a turn since the last look
                 os.eventfd_read(self._turns)
-                conductor.lead()
-            conductor.step(self._seen)
+                motion.heartbeat()
+            motion.step(self._seen)
 
     def _await_command(self, due_s: float) -> bool:
         """Wait until the cycle is due; whether a command has arrived before."""
@@ -128,7 +128,7 @@ class ArmProcess:
                 return True
         return False
 
-    def _take(self, conductor: Conductor) -> None:
+    def _take(self, motion: MotionControl) -> None:
         """Carry out what the program has sent; a stop overtakes what it finds waiting."""
         waiting: deque[Command] = deque()
         while True:
@@ -139,23 +139,23 @@ class ArmProcess:
                 return
             command = waiting.popleft()
             if not isinstance(command, Stop) and any(isinstance(later, Stop) for later in waiting):
-                conductor.pass_over(command)
+                motion.refuse_overtaken(command)
                 continue
             # A recovery takes its time, within its own deadline.
             self._patience_s = STUCK_S + self._settings.recover_s * isinstance(command, Home)
-            conductor.order(command)
+            motion.order(command)
             self._patience_s, self._heartbeat_s = STUCK_S, self._clock.monotonic_s()
 
-    def _leave(self, conductor: Conductor) -> None:
+    def _leave(self, motion: MotionControl) -> None:
         """The program is gone: stop the arm, wait until it stands, end what runs on the controller."""
-        conductor.order(Stop(self._name))
+        motion.order(Stop(self._name))
         deadline_s = self._clock.monotonic_s() + LEAVE_S
         while (
-            conductor.state not in (MotionState.STANDING, MotionState.HALTED)
+            motion.state not in (MotionState.STANDING, MotionState.HALTED)
             and self._clock.monotonic_s() < deadline_s
         ):
             self._heartbeat_s = self._clock.monotonic_s()
-            conductor.step(self._seen)
+            motion.step(self._seen)
             self._clock.hold(self._clock.monotonic_s() + CALLS_S)
             rest(CYCLE_S)
         self._link.client.leave()
@@ -176,29 +176,29 @@ class ArmProcess:
                 self._clock.hold(row.arrival_s + period_s + MARGIN_S)
                 self._send(row)
                 if len(self._outbox) > BACKLOG:
-                    raise BrokenError(
-                        "silent", "the program does not read what it sends", "is this machine overloaded?"
+                    raise LinkError(
+                        SilentError, "the program does not read what it sends", "is this machine overloaded?"
                     )
                 rest(max(0.0, period_s - EARLY_S))
-        except BrokenError as error:
-            self.end(error.broken)
+        except LinkError as error:
+            self.end(error)
 
     def _check_progress(self) -> None:
         self._link.check()
         now_s = self._clock.monotonic_s()
         silent_s = now_s - self._seen.row.arrival_s
         if silent_s > self._settings.link_timeout_s:
-            raise BrokenError(
-                "silent",
+            raise LinkError(
+                SilentError,
                 f"the controller's time has stood still for {silent_s:.2f} s",
                 "is the cable in, and the controller up?",
             )
         if now_s - self._heartbeat_s > self._patience_s:
-            raise BrokenError(
-                "silent", "the client is blocked in a command", "restart the controller's program"
+            raise LinkError(
+                SilentError, "the client is blocked in a command", "restart the controller's program"
             )
 
-    def _send(self, message: Status | ArmRow | Opened | Broken) -> None:
+    def _send(self, message: Status | ArmRow | Opened | LinkError) -> None:
         """Send a message after the queued ones; where the pipe is full, it is queued until the next one."""
         with self._sending:
             self._outbox.append(message)
@@ -207,11 +207,11 @@ class ArmProcess:
                 while self._outbox and self._pipe.send(self._outbox[0]):
                     self._outbox.popleft()
 
-    def end(self, broken: Broken) -> None:
+    def end(self, error: LinkError) -> None:
         """Report why, and exit, whether or not the report can be sent."""
         self._clock.leave()
         self._pipe.drain(DRAIN_S)
-        self._send(broken)
+        self._send(error)
         os._exit(1)
 
 
@@ -234,18 +234,7 @@ def main() -> None:
     pipe.wait(START_S)
     start = pipe.receive()
     assert isinstance(start, Start)
-    link = start.link(start.settings, start.clock)
-    process = ArmProcess(pipe, start.turns, start.name, start.settings, link, start.clock)
-    try:
-        process.run(start.again)
-    except BrokenError as error:
-        process.end(error.broken)
-    except ImportError as error:
-        advice = lacking(link.package, link.extra)[1]
-        process.end(Broken("refused", f"the client is missing ({error})", advice))
-    except Exception as error:
-        # Whatever it is, it is reported to the program, which goes on.
-        process.end(Broken("protocol", f"{type(error).__name__}: {error}", "report this with the recording"))
+    ArmProcess(pipe, start).run()
     os._exit(0)
 
 

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from drivers.arm.link import CALLS_S, BrokenError
+from drivers.arm.link import CALLS_S, LinkError
 from drivers.arm.settings import Pose
 from drivers.core.clock import Clock, rest
+from drivers.core.errors import RefusedError, SilentError
 from drivers.ur_arm.controller import PROTECTIVE_STOP, ControllerState
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.settings import UrArmSettings
@@ -86,7 +87,7 @@ class RtdeClient:
         tcp_offset: The tool's point in the flange's frame, as the controller has it: m and rotation vector.
 
     Raises:
-        BrokenError: the client does not connect, or the controller does not run its script.
+        LinkError: the client does not connect, or the controller does not run its script.
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class RtdeClient:
         try:
             self._control = RTDEControlInterface(settings.host)
         except (RuntimeError, ValueError) as error:
-            raise BrokenError("refused", f"the client reports: {error}", _advice(str(error))) from error
+            raise LinkError(RefusedError, f"the client reports: {error}", _advice(str(error))) from error
         self._link = RtdeSockets(receiving)
         x, y, z, rx, ry, rz = self._control.getTCPOffset()
         self.tcp_offset: Pose = (x, y, z, rx, ry, rz)
@@ -138,12 +139,12 @@ class RtdeClient:
         """See `Client.busy`."""
         return bool(self._control.getAsyncOperationProgressEx().isAsyncOperationRunning())
 
-    def kick(self) -> bool:
-        """See `Client.kick`."""
+    def feed_watchdog(self) -> bool:
+        """See `Client.feed_watchdog`."""
         return bool(self._live.kickWatchdog())
 
-    def zero_force(self) -> bool:
-        """See `Client.zero_force`."""
+    def tare(self) -> bool:
+        """See `Client.tare`."""
         return bool(self._live.zeroFtSensor())
 
     def halt(self) -> None:
@@ -166,7 +167,7 @@ class RtdeClient:
         control.reuploadScript()
         while not self._latest().playing:
             if self._clock.monotonic_s() > deadline_s:
-                return self._latest().trouble or "the controller does not run the script"
+                return self._latest().fault or "the controller does not run the script"
             rest(LOOK_S)
         self._watch()
         return ""
@@ -192,13 +193,13 @@ class RtdeClient:
         # The watchdog counts from here, and this thread looks at the clock again within the calls of a cycle.
         self._clock.hold(self._clock.monotonic_s() + CALLS_S)
         if not self._control.setWatchdog(self._settings.watchdog_hz):
-            raise BrokenError("refused", "the controller takes no watchdog", "is it in remote control?")
+            raise LinkError(RefusedError, "the controller takes no watchdog", "is it in remote control?")
 
     @property
     def _live(self) -> Any:
         """The control interface, whose link stands."""
         if not self.connected():
-            raise BrokenError("silent", CONTROL_GONE, "is the cable in, and the controller up?")
+            raise LinkError(SilentError, CONTROL_GONE, "is the cable in, and the controller up?")
         return self._control
 
 

@@ -38,6 +38,6 @@ class ControllerState(NamedTuple):
         return next((reason for bit, reason in SAFETY.items() if self.safety_bits >> bit & 1), "")
 
     @property
-    def trouble(self) -> str:
+    def fault(self) -> str:
         """Why the arm will not move, or ""."""
         return self.danger or ("" if self.playing else "the controller's program has stopped")

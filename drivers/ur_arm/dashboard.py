@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import socket
 
-from drivers.arm.link import BrokenError
+from drivers.arm.link import LinkError
+from drivers.core.errors import PortError, ProtocolError, SilentError
 
 PORT = 29999
 """Port of the dashboard server (manual)."""
@@ -23,7 +24,7 @@ class Dashboard:
         host: Address of the controller.
 
     Raises:
-        BrokenError: nothing listens there, or what answers is no dashboard.
+        LinkError: nothing listens there, or what answers is no dashboard.
     """
 
     def __init__(self, host: str) -> None:
@@ -31,16 +32,16 @@ class Dashboard:
         try:
             self._socket = socket.create_connection((host, PORT), REPLY_S)
         except OSError as error:
-            raise BrokenError(
-                "port",
+            raise LinkError(
+                PortError,
                 f"nothing answers at {host}:{PORT} ({error.strerror or error})",
                 "is the controller on, and is the address right?",
             ) from error
         self._lines = self._socket.makefile("r", encoding="utf-8", newline="\n")
         greeting = self._line()
         if "Universal Robots" not in greeting:
-            raise BrokenError(
-                "protocol",
+            raise LinkError(
+                ProtocolError,
                 f"{host}:{PORT} greets with {greeting!r}",
                 "is this a Universal Robots controller?",
             )
@@ -49,7 +50,7 @@ class Dashboard:
         """Send a line; the line that comes back.
 
         Raises:
-            BrokenError: nothing comes back.
+            LinkError: nothing comes back.
         """
         try:
             self._socket.sendall(line.encode() + b"\n")
@@ -71,10 +72,10 @@ class Dashboard:
             raise self._silent(None)
         return line.strip()
 
-    def _silent(self, error: Exception | None) -> BrokenError:
+    def _silent(self, error: Exception | None) -> LinkError:
         why = f" ({error})" if error is not None else ""
-        return BrokenError(
-            "silent",
+        return LinkError(
+            SilentError,
             f"the dashboard at {self._host}:{PORT} does not answer{why}",
             "is the controller up, and nothing between it and us?",
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from drivers.arm.driver import ArmDriver
-from drivers.core.clock import Clock
 from drivers.ur_arm.link import UrLink
 from drivers.ur_arm.settings import UrArmSettings
 
@@ -14,12 +13,7 @@ class UrArm(ArmDriver):
     Should the arm's process die, the controller's watchdog stops the arm. A protective stop, a program that was
     stopped and a watchdog that tripped are `Stalled`: `Home` unlocks the arm and starts the program again.
     `<name>.force` is `actual_TCP_force`.
-
-    Args:
-        name: Name in the profile.
-        settings: Of the arm.
-        clock: Gives bench time.
     """
 
-    def __init__(self, name: str, settings: UrArmSettings, clock: Clock) -> None:
-        super().__init__(name, settings, clock, UrLink)
+    link = UrLink
+    _settings: UrArmSettings

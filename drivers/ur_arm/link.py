@@ -7,8 +7,9 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import ClassVar
 
-from drivers.arm.link import LOOK_S, ArmRow, BrokenError, Opened
+from drivers.arm.link import LOOK_S, ArmRow, LinkError, Opened
 from drivers.core.clock import Clock, rest
+from drivers.core.errors import PortError, RefusedError, SilentError
 from drivers.ur_arm.client import CONTROL_GONE, RtdeClient, RtdeSockets
 from drivers.ur_arm.controller import ControllerState
 from drivers.ur_arm.dashboard import Dashboard
@@ -82,7 +83,7 @@ class UrLink:
             tuple(receive.getActualTCPPose()),
             tuple(receive.getActualTCPSpeed()),
             tuple(receive.getActualTCPForce()),
-            state.trouble,
+            state.fault,
             state.playing,
         )
         if receive.getTimestamp() != device_s:
@@ -94,7 +95,7 @@ class UrLink:
         """See `ArmLink.check`."""
         receiving = self._sockets.stands() and self._receive.isConnected()
         if not (receiving and self.client.connected()):
-            raise BrokenError("silent", CONTROL_GONE if receiving else "the receive link is gone", UP)
+            raise LinkError(SilentError, CONTROL_GONE if receiving else "the receive link is gone", UP)
 
     def _connect(self) -> None:
         from rtde_receive import RTDEReceiveInterface
@@ -103,12 +104,12 @@ class UrLink:
         try:
             self._receive = RTDEReceiveInterface(host, self._settings.rate_hz, VARIABLES)
         except RuntimeError as error:
-            raise BrokenError(
-                "port", f"the client reports: {error}", "is the controller on, and is the address right?"
+            raise LinkError(
+                PortError, f"the client reports: {error}", "is the controller on, and is the address right?"
             ) from error
         if not self._receive.isConnected() or self._receive.getTimestamp() == 0.0:
-            raise BrokenError(
-                "silent",
+            raise LinkError(
+                SilentError,
                 f"no data come from {host}",
                 "is the controller up, and RTDE switched on at the pendant?",
             )
@@ -129,22 +130,22 @@ class UrLink:
             period_s = min((later - one for one, later in pairwise(times_s)), default=1.0 / rate_hz)
         self._clock.leave()
         if times_s and abs(period_s * rate_hz - 1.0) > 0.5:
-            raise BrokenError(
-                "refused",
+            raise LinkError(
+                RefusedError,
                 f"its rows come {1.0 / period_s:.4g} times a second, not {rate_hz:g}",
                 f"set rate_hz = {1.0 / period_s:.4g}",
             )
 
     def _check_readiness(self, dashboard: Dashboard, again: bool) -> None:
         if dashboard.ask("is in remote control") == "false":
-            raise BrokenError("refused", "remote control is off", "switch it on at the pendant")
+            raise LinkError(RefusedError, "remote control is off", "switch it on at the pendant")
         if reason := self._state.danger:
-            raise BrokenError("refused", reason, "look at the arm, and release it at the pendant")
+            raise LinkError(RefusedError, reason, "look at the arm, and release it at the pendant")
         if again and self._state.playing:
             dashboard.ask("stop")
         if not self._await_row(lambda: not self._state.playing):
-            raise BrokenError(
-                "refused", "another program runs on the controller", "stop it at the pendant, or its host"
+            raise LinkError(
+                RefusedError, "another program runs on the controller", "stop it at the pendant, or its host"
             )
 
     def _checked_tool(self) -> Tool:
@@ -152,7 +153,7 @@ class UrLink:
         found = Tool(self.client.tcp_offset, self._receive.getPayload(), (x, y, z))
         if reason := disagreement(self._settings, found):
             self.client.leave()
-            raise BrokenError("refused", reason, PENDANT)
+            raise LinkError(RefusedError, reason, PENDANT)
         return found
 
     def _await_row(self, wanted: Callable[[], bool]) -> bool:
@@ -169,8 +170,8 @@ def _checked_version(dashboard: Dashboard) -> str:
     found = dashboard.version()
     major, minor = (int(part) for part in (found or "0.0").split(".")[:2])
     if major != 5 or minor < 6:
-        raise BrokenError(
-            "refused",
+        raise LinkError(
+            RefusedError,
             f"PolyScope {found or 'of unknown version'} is not supported",
             "it takes 5.6 or a later 5.x",
         )

@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 
-from drivers.arm.link import ArmRow, BrokenError, Seen
-from drivers.arm.pipe import Pipe
+from drivers.arm.link import ArmRow, LinkError, Seen
+from drivers.arm.pipe import Pipe, Start
 from drivers.arm.process import ArmProcess
 from drivers.arm.settings import ArmSettings
 from drivers.core.clock import VirtualClock
+from drivers.core.errors import SilentError
 
 START = (0.3, 0.0, 0.3, 0.0, 3.14, 0.0)
 REST = (0.0,) * 6
@@ -26,7 +27,7 @@ class EndError(BaseException):
     """What `os._exit` does here."""
 
 
-GONE = BrokenError("silent", "the link is gone", "is the cable in?")
+GONE = LinkError(SilentError, "the link is gone", "is the cable in?")
 
 
 class Link:
@@ -81,7 +82,8 @@ class Arm:
         ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         self.ends, self.pipe = (ours, theirs), Pipe(ours)
         self.turns = os.eventfd(0, os.EFD_NONBLOCK)
-        self.process = ArmProcess(Pipe(theirs), self.turns, "arm", SETTINGS, self.link, self.clock)
+        start: Any = Start("arm", SETTINGS, lambda *_: self.link, False, self.turns, self.clock)
+        self.process = ArmProcess(Pipe(theirs), start)
         self.process._seen = Seen(self.link.row(), BEGIN_S)
         monkeypatch.setattr("drivers.arm.process.rest", self.clock.rest)
         monkeypatch.setattr("drivers.arm.process.os._exit", self.exit)

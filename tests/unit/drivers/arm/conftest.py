@@ -1,4 +1,4 @@
-"""The arm's conductor on the emulated controller, in virtual time: no client, no process, no socket."""
+"""The arm's motion on the emulated controller, in virtual time: no client, no process, no socket."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,7 +6,7 @@ import pytest
 
 from drivers.arm.axis import Axis
 from drivers.arm.link import ArmRow, Seen
-from drivers.arm.motion import Conductor
+from drivers.arm.motion import MotionControl
 from drivers.core.messages import Command, Status
 from drivers.ur_arm.controller import ControllerState
 from drivers.ur_arm.settings import UrArmSettings
@@ -49,11 +49,11 @@ class DirectClient:
         assert isinstance(value, int)
         return bool(value & 0x8000)
 
-    def kick(self) -> bool:
-        return self._stream("kick", 0, [])
+    def feed_watchdog(self) -> bool:
+        return self._stream("feed_watchdog", 0, [])
 
-    def zero_force(self) -> bool:
-        return self._call("zero_force", 8, [])
+    def tare(self) -> bool:
+        return self._call("tare", 8, [])
 
     def halt(self) -> None:
         self.calls.append("halt")
@@ -105,7 +105,7 @@ class DirectClient:
 
 
 class Rig:
-    """Controller, client and conductor, with time in hand."""
+    """Controller, client and motion, with time in hand."""
 
     def __init__(self, settings: dict[str, object], plane: StiffPlane) -> None:
         quiet = UrControllerSettings(force_noise_n=0.0, torque_noise_n_m=0.0, unlock_s=0.1)
@@ -122,7 +122,7 @@ class Rig:
         self.advance(2)
         self.twists: list[tuple[float, ...]] = []
         self.client = DirectClient(self)
-        self.conductor = Conductor(
+        self.motion = MotionControl(
             "arm", self.settings, self.client, self.now, self.statuses.append, self.seen()
         )
 
@@ -134,7 +134,7 @@ class Rig:
         return self.axis.position_m(tuple(self.controller.arm.pose))
 
     def advance(self, steps: int) -> None:
-        """Cycles of the controller, without the conductor."""
+        """Cycles of the controller, without the motion."""
         for _ in range(steps):
             self.controller.step()
             self.positions_m.append(self.position_m)
@@ -152,19 +152,19 @@ class Rig:
             tuple(controller.arm.pose),
             tuple(controller.arm.twist),
             tuple(controller.force),
-            state.trouble,
+            state.fault,
             state.playing,
         )
 
     def run(self, duration_s: float, cycle_steps: int = 4, old_steps: int = 0) -> None:
-        """The conductor's cycles; `old_steps` is the age of what it sees."""
+        """The motion's cycles; `old_steps` is the age of what it sees."""
         end_s = self.now() + duration_s
         while self.now() < end_s:
             seen = self.seen()
             self.advance(old_steps)
             if self.looking:
-                self.conductor.lead()
-            self.conductor.step(seen)
+                self.motion.heartbeat()
+            self.motion.step(seen)
             self.advance(max(1, cycle_steps - old_steps))
 
     def run_until(self, kind: type[Status], timeout_s: float = 10.0) -> Status:
@@ -179,7 +179,7 @@ class Rig:
         raise AssertionError(f"no {kind.__name__} in {self.statuses}")
 
     def order(self, command: Command) -> None:
-        self.conductor.order(command)
+        self.motion.order(command)
 
     def kinds(self) -> list[str]:
         """The names of the statuses so far."""

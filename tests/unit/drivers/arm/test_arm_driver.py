@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from drivers.arm.driver import ArmDriver
-from drivers.arm.link import ArmRow, Broken, Opened
+from drivers.arm.link import ArmRow, LinkError, Opened
 from drivers.arm.settings import ArmSettings
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
@@ -36,8 +34,7 @@ OPENED = Opened(
     ArmRow(0.0, 0.0, (0.4, 0.0, 0.19, 0.0, 3.0, 0.0), REST, REST),
     {"client": "none"},
 )
-NO_LINK: Any = object()  # the process would make it
-GONE = Broken("silent", "the cable is out", "is it in?")
+GONE = LinkError(SilentError, "the cable is out", "is it in?")
 MOVE, STOP = MoveTo("arm", 0.01, 0.02, id=4), Stop("arm", id=5)
 BEGIN_S = 50.0
 
@@ -46,7 +43,7 @@ class Process:
     """What `ArmHost` is: notes what is sent, gives what the test puts in."""
 
     def __init__(self, name, settings, link, clock, again):
-        assert link is NO_LINK
+        assert link is ArmDriver.link
         self.started = (name, settings, again)
         self.clock, self.received_s = clock, clock.monotonic_s()
         self.inbox, self.sent, self.done, self.ended, self.turns = [], [], [], "", 0
@@ -54,7 +51,7 @@ class Process:
     def send(self, command):
         self.sent.append(command)
 
-    def turned(self):
+    def heartbeat(self):
         self.turns += 1
 
     def receive(self):
@@ -63,7 +60,7 @@ class Process:
             self.received_s = self.clock.monotonic_s()
         return taken
 
-    def fate(self):
+    def exit_reason(self):
         return self.ended
 
     def kill(self):
@@ -82,7 +79,8 @@ class Desk:
         self.clock.restart()
         monkeypatch.setattr("drivers.arm.driver.ArmHost", self.start)
         self.settings = ArmSettings(host="10.0.0.9", rate_hz=500.0, start_pose=START, **changes)
-        self.arm = ArmDriver("arm", self.settings, self.clock, NO_LINK)
+        monkeypatch.setattr(ArmDriver, "link", object(), raising=False)  # the process would make it
+        self.arm = ArmDriver("arm", self.settings, self.clock)
         self.statuses, self.info = [], None
 
     def start(self, *args, **named):
@@ -150,13 +148,10 @@ def test_open_starts_one_process_and_reports_what_it_found(desk):
     }
 
 
-@pytest.mark.parametrize(
-    ("kind", "error"),
-    [("port", PortError), ("silent", SilentError), ("refused", RefusedError), ("protocol", ProtocolError)],
-)
-def test_a_process_that_cannot_open_says_why_and_is_killed(monkeypatch, kind, error):
+@pytest.mark.parametrize("error", [PortError, SilentError, RefusedError, ProtocolError])
+def test_a_process_that_cannot_open_says_why_and_is_killed(monkeypatch, error):
     desk = Desk(monkeypatch)
-    desk.inbox = [Broken(kind, "it is off", "switch it on")]
+    desk.inbox = [LinkError(error, "it is off", "switch it on")]
     with pytest.raises(error, match=r"^arm: it is off while opening; switch it on$"):
         desk.arm.open()
     assert desk.process.done == ["kill"]
@@ -167,7 +162,7 @@ def test_a_process_that_cannot_open_says_why_and_is_killed(monkeypatch, kind, er
 def test_a_process_that_dies_while_opening_is_reported(monkeypatch):
     desk = Desk(monkeypatch)
     desk.inbox = []
-    monkeypatch.setattr(Process, "fate", lambda self: "the arm's process ended with 3")
+    monkeypatch.setattr(Process, "exit_reason", lambda self: "the arm's process ended with 3")
     with pytest.raises(
         SilentError, match=r"^arm: the arm's process ended with 3 while opening; is anything else"
     ):
@@ -324,7 +319,7 @@ def test_a_lost_link_is_tried_again_every_half_second_and_then_the_arm_has_faile
     while desk.clock.now() < lost_s + 2.0:
         known = len(desk.processes)
         if desk.process.done == []:
-            desk.process.inbox = [Broken("port", "nothing listens", "-")]
+            desk.process.inbox = [LinkError(PortError, "nothing listens", "-")]
         statuses += desk.silent(0.01)
         begun_s += [desk.clock.now() - lost_s] * (len(desk.processes) - known)
     assert begun_s == pytest.approx([0.51, 1.02], abs=0.021)

@@ -183,7 +183,7 @@ def test_a_newer_twist_takes_over_and_the_older_s_end_does_not_stop_it(rig) -> N
     arm.run(0.1)
     arm.order(Twist("arm", ASIDE, 0.5))
     arm.run(0.4)
-    assert arm.conductor.state is MotionState.SPEEDING
+    assert arm.motion.state is MotionState.SPEEDING
     arm.run_until(Reached)
     assert arm.kinds() == ["Sent", "Sent", "Reached"]
 
@@ -283,7 +283,7 @@ def test_taring_takes_the_force_away_and_is_refused_while_the_arm_moves(rig) -> 
     arm.run(0.2)
     arm.order(Tare("arm", "arm.force"))
     assert isinstance(arm.statuses[-1], Refused)
-    assert arm.conductor.state is MotionState.SPEEDING
+    assert arm.motion.state is MotionState.SPEEDING
 
 
 def test_an_idle_arm_keeps_its_watchdog_fed(rig) -> None:
@@ -338,7 +338,7 @@ def test_an_emergency_stop_is_not_recovered_from_afar(rig) -> None:
     assert "emergency stop" in arm.run_until(Stalled).reason
     arm.order(Home("arm"))
     assert arm.statuses[-1].reason == "the emergency stop is pressed"
-    assert arm.conductor.state is MotionState.HALTED
+    assert arm.motion.state is MotionState.HALTED
 
 
 def test_a_stop_is_answered_though_the_program_has_stopped(rig) -> None:

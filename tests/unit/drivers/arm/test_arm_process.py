@@ -7,11 +7,12 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from drivers.arm.link import ArmRow, Seen
-from drivers.arm.pipe import Pipe
+from drivers.arm.pipe import Pipe, Start
 from drivers.arm.process import ArmProcess
 from drivers.arm.settings import ArmSettings, Pose
 from drivers.core.clock import VirtualClock
@@ -55,7 +56,7 @@ class SlowClient:
     def end_speed(self) -> bool:
         return self._call()
 
-    def kick(self) -> bool:
+    def feed_watchdog(self) -> bool:
         return self._call()
 
     def busy(self) -> bool:
@@ -87,14 +88,9 @@ class Program:
         self._theirs, self._turns = theirs, os.eventfd(0, os.EFD_NONBLOCK)
         clock, self.client = VirtualClock(), SlowClient()
         clock.rest(100.0)
-        self.process = ArmProcess(
-            VirtualPipe(theirs, clock),
-            self._turns,
-            "arm",
-            settings,
-            SimpleNamespace(client=self.client),
-            clock,
-        )
+        link: Any = SimpleNamespace(client=self.client)
+        start = Start("arm", settings, lambda *_: link, False, self._turns, clock)  # type: ignore[arg-type]
+        self.process = ArmProcess(VirtualPipe(theirs, clock), start)
         self.client.join(self.process, clock)
         now_s = clock.monotonic_s()
         self.process._seen = Seen(ArmRow(now_s, now_s, START, (0.0,) * 6, (0.0,) * 6), now_s)

@@ -13,10 +13,11 @@ from typing import ClassVar
 import pytest
 
 from drivers.arm import process
-from drivers.arm.link import ArmRow, Broken, BrokenError, Opened
+from drivers.arm.link import ArmRow, LinkError, Opened
 from drivers.arm.pipe import Pipe, Start
 from drivers.core.bench_clock import BenchClock, ClockPage
 from drivers.core.clock import WallClock
+from drivers.core.errors import ProtocolError, RefusedError, SilentError
 from tests.unit.drivers.arm.arm_process_bench import REST, SETTINGS, START, Arm, EndError
 
 
@@ -26,8 +27,8 @@ class Client:
     def __init__(self):
         self.calls = []
 
-    def kick(self):
-        self.calls.append("kick")
+    def feed_watchdog(self):
+        self.calls.append("feed_watchdog")
         return True
 
     def busy(self):
@@ -54,10 +55,10 @@ def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(mon
     monkeypatch.setattr(process, "_ask_for_realtime", lambda priority: priority == SETTINGS.realtime_priority)
     monkeypatch.setattr(process, "threading", SimpleNamespace(Thread=thread))
     arm.ends[0].shutdown(socket.SHUT_WR)
-    arm.process.run(True)
+    arm.process.run()
     report = arm.messages()[0]
     arm.close()
-    assert again == [True]
+    assert again == [False]
     details = {"client": f"pytest {version('pytest')}", "realtime": True, "tool": 2}
     assert report == Opened("UR5", "20195500", "5.9.4", opened.row, details)
     ((listener, heartbeat_s),) = threads
@@ -94,102 +95,82 @@ def test_it_is_scheduled_first_where_that_is_asked_for_allowed_and_safe(
 
 
 class MadeLink:
-    """What `main` makes of the program's first message."""
+    """What the process makes of the program's first message; it does not open."""
 
     package, extra = "arm_client", "some_arm"
+    error: ClassVar[Exception]
+    opened: ClassVar[list[tuple[object, ...]]]
 
     def __init__(self, settings, clock):
-        self.given = (settings, clock)
+        self.settings, self.clock = settings, clock
 
-
-class Process:
-    """The arm's process, as `main` begins and ends it."""
-
-    error: BaseException | None = None
-    made: ClassVar[Process]
-
-    def __init__(self, *given):
-        self.given, self.runs, self.reports = given, [], []
-        Process.made = self
-
-    def run(self, again):
-        self.runs.append(again)
-        if self.error is not None:
-            raise self.error
-
-    def end(self, broken):
-        self.reports.append(broken)
-        raise EndError(1)
+    def open(self, again):
+        self.opened.append((self.settings, self.clock, again))
+        raise self.error
 
 
 @pytest.fixture
 def begun(monkeypatch):
-    """Begin a process with the program's first message; the process and its exit code."""
+    """Begin a process with the program's first message; what it reports, and its exit code."""
 
-    def begin(error=None, clock=None, again=False):
-        waits_s = []
-
-        class PatientPipe(Pipe):
-            def wait(self, seconds):
-                waits_s.append(seconds)
-                return super().wait(seconds)
-
+    def begin(error, clock=None, again=False):
         def leave(code):
             raise EndError(code)
 
         ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-        Pipe(ours).send(Start("arm", SETTINGS, MadeLink, again, 17, clock or WallClock()))
+        pipes = []
+        monkeypatch.setattr(process, "Pipe", lambda end: pipes.append(Pipe(end)) or pipes[0])
         monkeypatch.setattr(sys, "argv", ["process", str(theirs.detach())])
-        monkeypatch.setattr(process, "Pipe", PatientPipe)
-        monkeypatch.setattr(process, "ArmProcess", Process)
-        monkeypatch.setattr(Process, "error", error)
+        monkeypatch.setattr(MadeLink, "error", error, raising=False)
+        monkeypatch.setattr(MadeLink, "opened", [], raising=False)
         monkeypatch.setattr(os, "_exit", leave)
-        with pytest.raises(EndError) as ended:
-            process.main()
-        pipe, *_ = Process.made.given
-        pipe.send("up")
-        assert Pipe(ours).receive() == "up"
-        pipe.close()
-        ours.close()
-        assert waits_s == [process.START_S]
-        return Process.made, ended.value.args
+        with ours:
+            pipe = Pipe(ours)
+            pipe.send(Start("arm", SETTINGS, MadeLink, again, 17, clock or WallClock()))
+            with pytest.raises(EndError) as ended:
+                process.main()
+            pipes[0].close()
+            return pipe.receive(), ended.value.args
 
     return begin
 
 
 @pytest.mark.parametrize("again", [False, True])
-def test_the_process_begins_with_the_program_s_first_message_and_exits_with_0(begun, again):
-    made, ended = begun(again=again)
-    _, turns, name, settings, link, clock = made.given
-    assert (turns, name, settings, type(clock)) == (17, "arm", SETTINGS, WallClock)
-    assert isinstance(link, MadeLink) and link.given == (settings, clock)
-    assert (made.runs, made.reports, ended) == ([again], [], (0,))
+def test_the_process_begins_with_the_program_s_first_message(begun, again):
+    begun(ValueError(), again=again)
+    ((settings, clock, replaces),) = MadeLink.opened
+    assert (settings, type(clock), replaces) == (SETTINGS, WallClock, again)
+
+
+def test_a_process_whose_program_has_ended_exits_with_0(begun, monkeypatch):
+    monkeypatch.setattr(process.ArmProcess, "run", lambda self: self._pipe.send("left"))
+    assert begun(ValueError()) == ("left", (0,))
 
 
 def test_the_process_is_handed_the_clock_of_the_bench_whichever_it_is(begun):
     page = ClockPage()
-    made, _ = begun(clock=BenchClock(page))
-    clock = made.given[-1]
+    begun(ValueError(), BenchClock(page))
+    ((_, clock, _),) = MadeLink.opened
     assert isinstance(clock, BenchClock)
     page.write(5000.0, time.monotonic(), 5000.0)
     assert clock.monotonic_s() == 5000.0, "it is the same time"
 
 
 @pytest.mark.parametrize(
-    ("error", "broken"),
+    ("error", "report"),
     [
-        (BrokenError("silent", "no data", "look"), Broken("silent", "no data", "look")),
+        (LinkError(SilentError, "no data", "look"), (SilentError, "no data", "look")),
         (
             ModuleNotFoundError("No module named 'arm_client'"),
-            Broken(
-                "refused",
+            (
+                RefusedError,
                 "the client is missing (No module named 'arm_client')",
                 "install it: pip install 'touchbench[some_arm]'",
             ),
         ),
-        (ValueError("a b"), Broken("protocol", "ValueError: a b", "report this with the recording")),
+        (ValueError("a b"), (ProtocolError, "ValueError: a b", "report this with the recording")),
     ],
 )
-def test_whatever_ends_the_process_is_reported_first(begun, error, broken):
-    made, ended = begun(error)
-    assert (made.reports, ended) == ([broken], (1,))
+def test_whatever_ends_the_process_is_reported_first(begun, error, report):
+    sent, ended = begun(error)
+    assert (sent.args, ended) == (report, (1,))

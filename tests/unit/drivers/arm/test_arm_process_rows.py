@@ -8,10 +8,11 @@ import socket
 import pytest
 
 from drivers.arm.guidance import CYCLE_S
-from drivers.arm.link import CALLS_S, ArmRow, Broken, BrokenError
-from drivers.arm.motion import Conductor
+from drivers.arm.link import CALLS_S, ArmRow, LinkError
+from drivers.arm.motion import MotionControl
 from drivers.arm.pipe import Pipe
 from drivers.arm.process import BACKLOG, LEAVE_S
+from drivers.core.errors import PortError, SilentError
 from drivers.core.messages import Home, MoveAt, Sent, Standstill, Stop
 from tests.unit.drivers.arm.arm_process_bench import BEGIN_S, GONE, REST, SETTINGS, Arm, EndError
 
@@ -51,7 +52,7 @@ def test_rows_go_up_as_they_come_and_a_controller_whose_time_stands_is_lost(arm)
     assert len(rows) in (10, 11)
     silent_s = arm.clock.monotonic_s() - rows[-1].arrival_s
     assert 0.1 < silent_s < 0.102
-    assert broken == Broken("silent", "the controller's time has stood still for 0.10 s", CABLE)
+    assert broken.args == (SilentError, "the controller's time has stood still for 0.10 s", CABLE)
     assert arm.clock.held_s == pytest.approx([row.arrival_s + 0.00225 for row in rows])
     assert arm.clock.left == 1
 
@@ -59,7 +60,7 @@ def test_rows_go_up_as_they_come_and_a_controller_whose_time_stands_is_lost(arm)
 def test_a_link_that_is_gone_ends_the_process_at_once(arm):
     row, broken = arm.listens(lambda: setattr(arm.link, "gone", True))
     assert isinstance(row, ArmRow)
-    assert broken == GONE.broken
+    assert broken.args == GONE.args
     assert arm.clock.monotonic_s() - BEGIN_S < 0.002
 
 
@@ -76,8 +77,10 @@ def test_a_client_that_is_blocked_ends_the_process(arm, patience_s):
     """A second for a command, and `recover_s` more for a recovery."""
     arm.process._patience_s = patience_s
     *rows, broken = arm.listens(rows_come(arm))
-    assert broken == Broken(
-        "silent", "the client is blocked in a command", "restart the controller's program"
+    assert broken.args == (
+        SilentError,
+        "the client is blocked in a command",
+        "restart the controller's program",
     )
     assert arm.clock.monotonic_s() - BEGIN_S == pytest.approx(patience_s, abs=0.004)
     assert len(rows) > 300 * patience_s
@@ -89,26 +92,28 @@ def test_a_program_that_does_not_read_for_five_seconds_ends_the_process(arm):
         pass
     with pytest.raises(EndError):
         arm.process._listen()
-    assert arm.process._outbox[-1] == Broken(
-        "silent", "the program does not read what it sends", "is this machine overloaded?"
+    assert arm.process._outbox[-1].args == (
+        SilentError,
+        "the program does not read what it sends",
+        "is this machine overloaded?",
     )
 
 
 def test_the_last_message_waits_for_room_in_the_pipe_and_need_not_be_read(arm):
     waits_s = []
     arm.process._pipe.drain = waits_s.append
-    broken = Broken("port", "no", "do")
+    error = LinkError(PortError, "no", "do")
     with pytest.raises(EndError, match="1"):
-        arm.process.end(broken)
-    assert arm.messages() == [broken]
+        arm.process.end(error)
+    assert [message.args for message in arm.messages()] == [error.args]
     assert waits_s == [0.1]
     arm.ends[0].close()
     with pytest.raises(EndError, match="1"):
-        arm.process.end(broken)
+        arm.process.end(error)
 
 
-class Conducted:
-    """A conductor that notes its orders and how patient the listener was meanwhile."""
+class Ordered:
+    """A motion control that notes its orders and how patient the listener was meanwhile."""
 
     def __init__(self, arm):
         self.arm, self.orders, self.passed, self.patience_s, self.took_s = arm, [], [], [], 0.0
@@ -118,7 +123,7 @@ class Conducted:
         self.patience_s.append(self.arm.process._patience_s)
         self.arm.clock.rest(self.took_s)
 
-    def pass_over(self, command):
+    def refuse_overtaken(self, command):
         self.passed.append(command)
 
 
@@ -126,11 +131,11 @@ def test_commands_are_taken_in_order_with_patience_for_a_recovery(arm):
     home, move = Home("arm"), MoveAt("arm", 0.01, 0.02)
     for command in (home, move):
         arm.pipe.send(command)
-    conductor = Conducted(arm)
-    conductor.took_s = 0.5
-    arm.process._take(conductor)
-    assert (conductor.orders, conductor.passed) == ([home, move], [])
-    assert conductor.patience_s == [5.0, 1.0]
+    motion = Ordered(arm)
+    motion.took_s = 0.5
+    arm.process._take(motion)
+    assert (motion.orders, motion.passed) == ([home, move], [])
+    assert motion.patience_s == [5.0, 1.0]
     assert arm.process._patience_s == 1.0
     assert arm.process._heartbeat_s == arm.clock.monotonic_s()
 
@@ -139,20 +144,20 @@ def test_a_stop_overtakes_all_that_waits_and_nothing_that_comes_after_it(arm):
     home, first, last, stop = Home("arm"), MoveAt("arm", 0.01, 0.02), MoveAt("arm", 0.01, 0.03), Stop("arm")
     for command in (home, first, stop, last):
         arm.pipe.send(command)
-    conductor = Conducted(arm)
-    arm.process._take(conductor)
-    assert (conductor.orders, conductor.passed) == ([stop, last], [home, first])
+    motion = Ordered(arm)
+    arm.process._take(motion)
+    assert (motion.orders, motion.passed) == ([stop, last], [home, first])
 
 
 def test_a_stop_that_comes_during_a_command_overtakes_what_waited_behind_it(arm):
     home, move, stop = Home("arm"), MoveAt("arm", 0.01, 0.02), Stop("arm")
     arm.pipe.send(home)
     arm.pipe.send(move)
-    conductor = Conducted(arm)
-    arm.clock.each = lambda: arm.pipe.send(stop) if len(conductor.orders) == 1 else None
-    conductor.took_s = 0.1
-    arm.process._take(conductor)
-    assert (conductor.orders, conductor.passed) == ([home, stop], [move])
+    motion = Ordered(arm)
+    arm.clock.each = lambda: arm.pipe.send(stop) if len(motion.orders) == 1 else None
+    motion.took_s = 0.1
+    arm.process._take(motion)
+    assert (motion.orders, motion.passed) == ([home, stop], [move])
 
 
 class Deaf:
@@ -172,13 +177,13 @@ class Deaf:
 @pytest.mark.parametrize("stops", [True, False])
 def test_an_arm_whose_program_is_gone_is_stopped_seen_standing_and_its_program_ended(arm, stops):
     client = arm.link.client = Deaf()
-    conductor = Conductor(
+    motion = MotionControl(
         "arm", SETTINGS, client, arm.clock.monotonic_s, arm.process._send, arm.process._seen
     )
-    conductor.order(MoveAt("arm", 0.01, 0.04))
+    motion.order(MoveAt("arm", 0.01, 0.04))
     now_s = arm.clock.monotonic_s()
     arm.sees(twist=MOVING)
-    conductor.step(arm.process._seen)
+    motion.step(arm.process._seen)
     beats_s = []
 
     def each():
@@ -187,7 +192,7 @@ def test_an_arm_whose_program_is_gone_is_stopped_seen_standing_and_its_program_e
             arm.sees(arrival_s=arm.clock.monotonic_s(), twist=REST)
 
     arm.clock.each = each
-    arm.process._leave(conductor)
+    arm.process._leave(motion)
     took_s = arm.clock.monotonic_s() - now_s
     assert took_s == pytest.approx(0.12 if stops else LEAVE_S, abs=2 * CYCLE_S)
     assert client.calls[-1] == "leave"
@@ -205,9 +210,9 @@ def test_a_controller_without_rows_ends_the_process_from_its_other_thread_too(ar
     """Twice the time-out of the link: the listener speaks first."""
     arm.link.client = Deaf()
     arm.process._pipe.wait = arm.clock.rest
-    with pytest.raises(BrokenError, match="no rows come through") as caught:
+    with pytest.raises(LinkError, match="no rows come through") as caught:
         arm.process._obey()
-    assert caught.value.broken == Broken("silent", "no rows come through", "is the program still listening?")
+    assert caught.value.args == (SilentError, "no rows come through", "is the program still listening?")
     assert arm.clock.monotonic_s() - BEGIN_S == pytest.approx(0.2, abs=2 * CYCLE_S)
 
 
@@ -251,7 +256,7 @@ def test_what_comes_between_two_cycles_is_begun_before_the_next(arm):
     arm.link.client.speed = lambda *_: begun_s.append(arm.clock.monotonic_s()) or True
     arm.process._pipe.wait = Wait(arm, BEGIN_S + 0.011, lambda: arm.pipe.send(MoveAt("arm", 0.01, 0.04)))
     arm.clock.each = lambda: ages_s.append(arm.clock.monotonic_s() - arm.process._heartbeat_s)
-    with pytest.raises(BrokenError):
+    with pytest.raises(LinkError):
         arm.process._obey()
     assert begun_s[:3] == [pytest.approx(BEGIN_S + after_s) for after_s in (0.011, 0.016, 0.024)]
     assert max(ages_s) <= CYCLE_S + 1e-9, "the listener sees it alive"

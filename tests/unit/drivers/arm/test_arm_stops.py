@@ -1,4 +1,4 @@
-"""How the arm's conductor begins and stops, call by call, on a controller that does nothing by itself."""
+"""How the arm's motion begins and stops, call by call, on a controller that does nothing by itself."""
 
 import math
 
@@ -6,7 +6,7 @@ import pytest
 
 from drivers.arm.guidance import CYCLE_S
 from drivers.arm.link import ArmRow, Seen
-from drivers.arm.motion import Conductor, MotionState
+from drivers.arm.motion import MotionControl, MotionState
 from drivers.arm.settings import ArmSettings
 from drivers.core.messages import (
     Home,
@@ -56,23 +56,23 @@ class Arm:
     """Time, the arm's latest row, and calls and statuses since last taken."""
 
     def __init__(self):
-        self.now_s, self.trouble, self.obeys, self.speed_m_s = 100.0, "", True, 0.0
+        self.now_s, self.fault, self.running, self.speed_m_s = 100.0, "", True, 0.0
         self.pose, self.still_since_s = START, 0.0
         self.statuses, self.client = [], Client()
         settings = ArmSettings(rate_hz=500.0, host="-", start_pose=START)
-        self.conductor = Conductor(
+        self.motion = MotionControl(
             "arm", settings, self.client, lambda: self.now_s, self.statuses.append, self.seen
         )
 
     @property
     def seen(self):
         twist = (0.0, 0.0, -self.speed_m_s, 0.0, 0.0, 0.0)
-        row = ArmRow(self.now_s, self.now_s, self.pose, twist, REST, self.trouble, self.obeys)
+        row = ArmRow(self.now_s, self.now_s, self.pose, twist, REST, self.fault, self.running)
         return Seen(row, self.still_since_s)
 
     @property
     def state(self):
-        return self.conductor.state
+        return self.motion.state
 
     def moves(self, speed_m_s=0.02):
         self.speed_m_s, self.still_since_s = speed_m_s, math.inf
@@ -81,14 +81,14 @@ class Arm:
         self.speed_m_s, self.still_since_s = 0.0, self.now_s
 
     def order(self, command):
-        self.conductor.order(command)
+        self.motion.order(command)
         return self.taken()
 
     def step(self, after_s=0.0):
         """A cycle, some time later; the program looks at the arm."""
         self.now_s += after_s
-        self.conductor.lead()
-        self.conductor.step(self.seen)
+        self.motion.heartbeat()
+        self.motion.step(self.seen)
         return self.taken()
 
     def taken(self):
@@ -113,25 +113,25 @@ def brought(state):
     if state in (MotionState.BRAKING, MotionState.STOPPING):
         arm.order(MoveTo("arm", 0.0, 0.01, id=4))
     if state is MotionState.HALTED:
-        arm.trouble = ESTOP
+        arm.fault = ESTOP
         arm.step()
-        arm.trouble = ""
+        arm.fault = ""
     assert arm.state is state
     arm.now_s += 0.1
     return arm
 
 
-BRAKE, END_MOVE, KICK = ("speed", REST, 3.0), ("end_move", 3.0), ("kick",)
+BRAKE, END_MOVE, FEED = ("speed", REST, 3.0), ("end_move", 3.0), ("feed_watchdog",)
 
 
 @pytest.mark.parametrize(
     ("state", "at_once", "while_it_moves", "at_rest"),
     [
-        (MotionState.STANDING, [], [KICK], [KICK]),
+        (MotionState.STANDING, [], [FEED], [FEED]),
         (MotionState.SPEEDING, [BRAKE], [BRAKE], [("end_speed",)]),
         (MotionState.BRAKING, [BRAKE], [BRAKE], [("end_speed",)]),
-        (MotionState.TRAVELLING, [END_MOVE], [KICK], [KICK]),
-        (MotionState.STOPPING, [], [KICK], [KICK]),
+        (MotionState.TRAVELLING, [END_MOVE], [FEED], [FEED]),
+        (MotionState.STOPPING, [], [FEED], [FEED]),
     ],
 )
 def test_a_stop_in_every_state_is_sent_kept_up_and_ends_in_a_standstill(
@@ -147,13 +147,13 @@ def test_a_stop_in_every_state_is_sent_kept_up_and_ends_in_a_standstill(
     standstill = [Standstill(arm.now_s + 0.001, "arm", pytest.approx(0.01), command_id=9)]
     assert arm.step(0.001) == (at_rest, standstill)
     assert arm.state is MotionState.STANDING
-    assert arm.step(0.01) == ([KICK], []), "nothing that waited is begun"
+    assert arm.step(0.01) == ([FEED], []), "nothing that waited is begun"
 
 
 def test_an_arm_that_stood_before_the_stop_is_looked_at_for_20_ms_from_then_on():
     arm = Arm()
     arm.order(STOP)
-    assert arm.step(0.0195) == ([KICK], [])
+    assert arm.step(0.0195) == ([FEED], [])
     assert [type(status) for status in arm.step(0.001)[1]] == [Standstill]
 
 
@@ -173,20 +173,20 @@ def test_a_move_is_not_over_while_the_controller_is_busy_with_it(state):
     arm.order(STOP)
     arm.stands()
     arm.client.is_busy = True
-    assert arm.step(0.1) == ([KICK], [])
+    assert arm.step(0.1) == ([FEED], [])
     arm.client.is_busy = False
     assert [type(status) for status in arm.step(0.0)[1]] == [Standstill]
 
 
 @pytest.mark.parametrize(
     ("state", "kept", "bound_s"),
-    [(MotionState.SPEEDING, [BRAKE], 2.0 + 0.3 / 3.0), (MotionState.TRAVELLING, [KICK], 2.0)],
+    [(MotionState.SPEEDING, [BRAKE], 2.0 + 0.3 / 3.0), (MotionState.TRAVELLING, [FEED], 2.0)],
 )
 def test_an_arm_that_does_not_stop_in_time_is_stopped_from_outside(state, kept, bound_s):
     """Speed over deceleration, and two seconds."""
     arm = brought(state)
     arm.moves(0.3)
-    arm.conductor.step(arm.seen)
+    arm.motion.step(arm.seen)
     arm.order(STOP)
     assert arm.step(bound_s - 0.001) == (kept, [])
     last = [] if state is MotionState.SPEEDING else kept
@@ -206,7 +206,7 @@ def test_a_motion_that_waits_begins_when_the_last_has_come_to_rest(state):
 @pytest.mark.parametrize("state", [MotionState.BRAKING, MotionState.STOPPING])
 def test_a_halt_refuses_what_waits_and_says_what_to_do(state):
     arm = brought(state)
-    arm.trouble = ESTOP
+    arm.fault = ESTOP
     assert arm.step()[1] == [
         Refused(arm.now_s, "arm", MoveTo("arm", 0.0, 0.01, id=4), ESTOP),
         Stalled(arm.now_s, "arm", f"{ESTOP}; look at the arm, then send it Home", command_id=3),
@@ -218,7 +218,7 @@ def test_a_halt_refuses_what_waits_and_says_what_to_do(state):
     home = Home("arm", id=5)
     arm.client.ill = "it stays pressed"
     assert arm.order(home) == ([("recover",)], [Refused(arm.now_s, "arm", home, "it stays pressed")])
-    arm.client.ill = arm.trouble = ""
+    arm.client.ill = arm.fault = ""
     calls, statuses = arm.order(home)
     assert (calls[0], statuses) == (("recover",), [sent(arm, home)])
 
@@ -226,7 +226,7 @@ def test_a_halt_refuses_what_waits_and_says_what_to_do(state):
 def test_a_stop_under_way_is_answered_though_the_arm_halts():
     arm = brought(MotionState.SPEEDING)
     arm.order(STOP)
-    arm.trouble = ESTOP
+    arm.fault = ESTOP
     assert [type(status) for status in arm.step()[1]] == [Stalled]
     arm.stands()
     assert arm.step(0.021)[1] == [Standstill(arm.now_s, "arm", 0.0, command_id=9)]
@@ -237,7 +237,7 @@ def test_a_halted_arm_that_goes_on_is_stopped_from_outside_every_half_second():
     arm.moves()
     halts_s = [round(arm.now_s - 100.01, 2) for _ in range(150) if arm.step(0.01)[0] == [("halt",)]]
     assert halts_s == [pytest.approx(at_s, abs=0.011) for at_s in (0.5, 1.0, 1.5)]
-    arm.obeys, arm.trouble = False, "its program has ended"
+    arm.running, arm.fault = False, "its program has ended"
     assert all(arm.step(0.1) == ([], []) for _ in range(20)), "its program has ended: it brakes by itself"
 
 
@@ -245,9 +245,9 @@ def test_a_controller_that_takes_nothing_for_a_tenth_of_a_second_is_halted():
     arm = brought(MotionState.STANDING)
     arm.step()
     arm.client.takes = False
-    assert arm.step(0.0995) == ([KICK], [])
+    assert arm.step(0.0995) == ([FEED], [])
     why = "the controller takes no commands; look at the arm, then send it Home"
-    assert arm.step(0.001) == ([KICK, ("halt",)], [Stalled(arm.now_s, "arm", why)])
+    assert arm.step(0.001) == ([FEED, ("halt",)], [Stalled(arm.now_s, "arm", why)])
 
 
 def test_a_move_that_takes_too_long_is_stopped_and_stalls():
@@ -255,8 +255,8 @@ def test_a_move_that_takes_too_long_is_stopped_and_stalls():
     arm = Arm()
     arm.order(TO)
     arm.moves()
-    assert arm.step(3.0 + 2.0 * 0.01 / 0.5 + 2.0 - 0.001) == ([KICK], [])
-    assert arm.step(0.002) == ([KICK, END_MOVE], [])
+    assert arm.step(3.0 + 2.0 * 0.01 / 0.5 + 2.0 - 0.001) == ([FEED], [])
+    assert arm.step(0.002) == ([FEED, END_MOVE], [])
     arm.stands()
     assert arm.step(0.021)[1] == [Stalled(arm.now_s, "arm", "it takes too long to get there", command_id=3)]
 
@@ -264,26 +264,26 @@ def test_a_move_that_takes_too_long_is_stopped_and_stalls():
 def test_a_move_that_has_not_begun_after_50_ms_and_stands_elsewhere_is_a_stall():
     arm = Arm()
     arm.order(TO)
-    assert arm.step(0.0495) == ([KICK], [])
+    assert arm.step(0.0495) == ([FEED], [])
     reason = "it stands 30.0 mm and 0.000 rad from where it was sent"
-    assert arm.step(0.001) == ([KICK], [Stalled(arm.now_s, "arm", reason, command_id=3)])
+    assert arm.step(0.001) == ([FEED], [Stalled(arm.now_s, "arm", reason, command_id=3)])
 
 
-@pytest.mark.parametrize(("command", "kept"), [(AT, [BRAKE]), (TO, [END_MOVE, KICK])])
+@pytest.mark.parametrize(("command", "kept"), [(AT, [BRAKE]), (TO, [END_MOVE, FEED])])
 def test_an_arm_unsupervised_for_half_a_second_stops(command, kept):
     arm = Arm()
     arm.order(command)
     arm.moves()
     arm.now_s += 0.5
-    arm.conductor.step(arm.seen)
+    arm.motion.step(arm.seen)
     assert arm.state in (MotionState.SPEEDING, MotionState.TRAVELLING)
     arm.taken()
     arm.now_s += 0.01
-    arm.conductor.step(arm.seen)
+    arm.motion.step(arm.seen)
     assert arm.taken()[0][: len(kept)] == kept
     arm.stands()
     arm.now_s += 0.021
-    arm.conductor.step(arm.seen)
+    arm.motion.step(arm.seen)
     reason = "the program has not looked at it for 0.51 s; what held its loop up?"
     assert arm.taken()[1] == [Stalled(arm.now_s, "arm", reason, command_id=3)]
 
@@ -300,7 +300,7 @@ BEGINNINGS = [
     (TO, ("move", beside(down_m=0.03), 0.01, 0.5)),
     (MovePose("arm", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01, id=3), ("move", beside(0.02), 0.01, 0.5)),
     (Home("arm", id=3), ("move", START, 0.02, 0.5)),
-    (Tare("arm", "arm.force", id=3), ("zero_force",)),
+    (Tare("arm", "arm.force", id=3), ("tare",)),
 ]
 
 
@@ -350,7 +350,7 @@ def test_a_twist_is_brought_up_kept_and_ends_at_the_leash():
     arm.pose = beside(0.2)
     x_twist = (0.02, 0.0, 0.0, 0.0, 0.0, 0.0)
     row = arm.seen.row._replace(twist=x_twist)
-    arm.conductor.step(Seen(row, math.inf))
+    arm.motion.step(Seen(row, math.inf))
     assert arm.taken()[0] == [BRAKE]
     arm.stands()
     reason = "it is at the end of its leash of 0.2 m"
@@ -370,16 +370,16 @@ def test_an_arm_that_moves_is_not_tared_and_one_beyond_its_leash_not_sent_home()
 
 def test_a_command_that_a_stop_has_overtaken_is_refused():
     arm = Arm()
-    arm.conductor.pass_over(AT)
+    arm.motion.refuse_overtaken(AT)
     assert arm.taken() == ([], [Refused(arm.now_s, "arm", AT, "a stop came before it was begun")])
 
 
 def test_what_waits_is_refused_without_supervision():
     arm = brought(MotionState.BRAKING)
     arm.moves()
-    arm.conductor.lead()
+    arm.motion.heartbeat()
     arm.now_s += 0.51
-    arm.conductor.step(arm.seen)
+    arm.motion.step(arm.seen)
     reason = "the program has not looked at it for 0.51 s; what held its loop up?"
     assert arm.taken()[1] == [Refused(arm.now_s, "arm", MoveTo("arm", 0.0, 0.01, id=4), reason)]
     arm.stands()

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from drivers.arm.link import ArmRow, Broken, BrokenError, Opened
+from drivers.arm.link import ArmRow, LinkError, Opened
 from drivers.core.clock import VirtualClock
+from drivers.core.errors import PortError, RefusedError, SilentError
 from drivers.ur_arm import link
 from drivers.ur_arm.controller import PLAYING
 from drivers.ur_arm.settings import UrArmSettings
@@ -24,7 +25,7 @@ HOST = SETTINGS.host
 BEGIN_S = 100.0
 CYCLE_S = 0.002
 TCP = (0.0, 0.0, 0.12, 0.0, 0.0, 1.57)
-OTHER = Broken("refused", "another program runs on the controller", "stop it at the pendant, or its host")
+OTHER = (RefusedError, "another program runs on the controller", "stop it at the pendant, or its host")
 
 
 class Receive:
@@ -134,10 +135,10 @@ class Opening:
         return self.link.open(again)
 
     def refuses(self, again=False):
-        with pytest.raises(BrokenError) as caught:
+        with pytest.raises(LinkError) as caught:
             self.link.open(again)
         assert self.uploads == []
-        return caught.value.broken
+        return caught.value.args
 
 
 @pytest.fixture
@@ -181,37 +182,45 @@ def test_a_polyscope_of_5_6_or_later_is_taken(opening, found):
 )
 def test_another_polyscope_is_refused_before_any_other_query(opening, found, called):
     opening.dashboard.polyscope = found
-    assert opening.refuses() == Broken(
-        "refused", f"PolyScope {called} is not supported", "it takes 5.6 or a later 5.x"
+    assert opening.refuses() == (
+        RefusedError,
+        f"PolyScope {called} is not supported",
+        "it takes 5.6 or a later 5.x",
     )
     assert opening.dashboard.asked == opening.streams == []
 
 
 def test_a_client_that_does_not_connect_is_a_port_that_does_not_answer(opening):
     opening.error = RuntimeError("Connection refused")
-    assert opening.refuses() == Broken(
-        "port", "the client reports: Connection refused", "is the controller on, and is the address right?"
+    assert opening.refuses() == (
+        PortError,
+        "the client reports: Connection refused",
+        "is the controller on, and is the address right?",
     )
 
 
 @pytest.mark.parametrize("what", ["connected", "device_s"])
 def test_a_controller_that_sends_no_data_is_silent(opening, what):
     setattr(opening.receive, what, {"connected": False, "device_s": 0.0}[what])
-    assert opening.refuses() == Broken(
-        "silent", f"no data come from {HOST}", "is the controller up, and RTDE switched on at the pendant?"
+    assert opening.refuses() == (
+        SilentError,
+        f"no data come from {HOST}",
+        "is the controller up, and RTDE switched on at the pendant?",
     )
     assert opening.clock.monotonic_s() == BEGIN_S
 
 
 def test_a_controller_that_is_not_in_remote_control_is_refused(opening):
     opening.dashboard.answers["is in remote control"] = "false"
-    assert opening.refuses() == Broken("refused", "remote control is off", "switch it on at the pendant")
+    assert opening.refuses() == (RefusedError, "remote control is off", "switch it on at the pendant")
 
 
 def test_an_arm_that_may_not_move_is_refused_and_not_released(opening):
     opening.receive.safety = NORMAL | PROTECTIVE
-    assert opening.refuses(again=True) == Broken(
-        "refused", "the arm is in a protective stop", "look at the arm, and release it at the pendant"
+    assert opening.refuses(again=True) == (
+        RefusedError,
+        "the arm is in a protective stop",
+        "look at the arm, and release it at the pendant",
     )
     assert opening.dashboard.asked == ["is in remote control"]
 
@@ -252,11 +261,11 @@ def test_a_program_that_goes_on_though_it_was_stopped_is_refused(opening):
 
 def test_an_arm_with_another_tool_than_the_profile_states_is_refused_and_its_program_ended(opening):
     opening.link._settings = SETTINGS.model_copy(update={"tcp_offset": TCP, "payload_kg": 0.5})
-    with pytest.raises(BrokenError) as caught:
+    with pytest.raises(LinkError) as caught:
         opening.link.open(False)
-    broken = caught.value.broken
-    assert (broken.kind, broken.reason) == ("refused", "its payload_kg is 1.25, the profile's 0.5")
-    assert "pendant" in broken.advice
+    refused = caught.value
+    assert (refused.kind, refused.reason) == (RefusedError, "its payload_kg is 1.25, the profile's 0.5")
+    assert "pendant" in refused.advice
     assert opening.left == 1
 
 
@@ -275,9 +284,9 @@ def test_rows_that_a_busy_machine_misses_at_first_are_no_other_rate(opening):
 def test_rows_at_another_rate_than_the_profile_states_are_refused_with_theirs(opening, asked_hz, row_s):
     opening.link._settings = SETTINGS.model_copy(update={"rate_hz": asked_hz})
     opening.row_s = row_s
-    broken = opening.refuses()
-    assert (broken.kind, broken.advice) == ("refused", f"set rate_hz = {1.0 / row_s:g}")
-    assert f"not {asked_hz:g}" in broken.reason
+    kind, reason, advice = opening.refuses()
+    assert (kind, advice) == (RefusedError, f"set rate_hz = {1.0 / row_s:g}")
+    assert f"not {asked_hz:g}" in reason
 
 
 def test_each_new_row_is_read_once_whole_and_with_the_time_of_its_arrival(opening):
@@ -293,7 +302,7 @@ def test_each_new_row_is_read_once_whole_and_with_the_time_of_its_arrival(openin
 
 
 @pytest.mark.parametrize(
-    ("safety", "runtime", "trouble", "obeys"),
+    ("safety", "runtime", "fault", "running"),
     [
         (NORMAL, PLAYING, "", True),
         (NORMAL, STOPPED, "the controller's program has stopped", False),
@@ -301,11 +310,11 @@ def test_each_new_row_is_read_once_whole_and_with_the_time_of_its_arrival(openin
         (NORMAL | PROTECTIVE | 1 << 7, STOPPED, "the emergency stop is pressed", False),
     ],
 )
-def test_a_row_says_why_the_arm_will_not_move(opening, safety, runtime, trouble, obeys):
+def test_a_row_says_why_the_arm_will_not_move(opening, safety, runtime, fault, running):
     opening.opens()
     opening.receive.safety, opening.receive.runtime, opening.receive.device_s = safety, runtime, 20.0
     row = opening.link.read()
-    assert (row.trouble, row.obeys) == (trouble, obeys)
+    assert (row.fault, row.running) == (fault, running)
 
 
 @pytest.mark.parametrize(
@@ -323,6 +332,6 @@ def test_a_link_that_is_gone_is_found_so(opening, what, reason):
         opening.receive.connected = False
     else:
         setattr(opening, what, False)
-    with pytest.raises(BrokenError) as caught:
+    with pytest.raises(LinkError) as caught:
         opening.link.check()
-    assert caught.value.broken == Broken("silent", reason, "is the cable in, and the controller up?")
+    assert caught.value.args == (SilentError, reason, "is the cable in, and the controller up?")
