@@ -39,27 +39,13 @@ def valid(device: str, settings: ArmSettings, streams: Collection[str], command:
                 reason = f"{stream} cannot be tared"
                 raise CommandError(device, "taring", reason, f"its streams are {', '.join(sorted(streams))}")
             return command
-        case MoveAt(velocity_m_s=speed_m_s, limit_m=target_m):
-            clamped_m_s = _checked(device, settings, target_m, speed_m_s)
-            return replace(command, velocity_m_s=clamped_m_s)
-        case MoveTo(position_m=target_m, speed_m_s=speed_m_s):
-            if speed_m_s < 0.0:
-                raise _no_speed(device, target_m, speed_m_s)
-            return replace(command, speed_m_s=_checked(device, settings, target_m, speed_m_s))
+        case MoveAt() | MoveTo():
+            return settings.checked(device, command)
         case Twist():
             return _checked_twist(device, settings, command)
         case MovePose():
             return _checked_pose(device, settings, command)
     raise CommandError(device, f"applying {command}", "an arm only moves", "send it to another device")
-
-
-def _checked(device: str, settings: ArmSettings, target_m: float, speed_m_s: float) -> float:
-    if not math.isfinite(speed_m_s) or speed_m_s == 0.0:
-        raise _no_speed(device, target_m, speed_m_s)
-    if not settings.travel_min_m <= target_m <= settings.travel_max_m:
-        reason = f"its travel is {settings.travel_min_m:g} to {settings.travel_max_m:g} m"
-        raise CommandError(device, _doing(target_m, speed_m_s), reason, "choose a target inside it")
-    return math.copysign(min(abs(speed_m_s), settings.max_speed_m_s), speed_m_s)
 
 
 def _checked_twist(device: str, settings: ArmSettings, command: Twist) -> Twist:
@@ -102,13 +88,3 @@ def _checked_pose(device: str, settings: ArmSettings, command: MovePose) -> Move
         max(settings.max_speed_m_s, settings.max_turn_rad_s) if any(offset[3:]) else settings.max_speed_m_s
     )
     return replace(command, speed_m_s=min(command.speed_m_s, fastest))
-
-
-def _no_speed(device: str, target_m: float, speed_m_s: float) -> CommandError:
-    return CommandError(
-        device, _doing(target_m, speed_m_s), f"{speed_m_s:g} m/s is no speed", "choose one above zero"
-    )
-
-
-def _doing(target_m: float, speed_m_s: float) -> str:
-    return f"moving to {target_m:g} m at {speed_m_s:g} m/s"

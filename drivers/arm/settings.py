@@ -7,7 +7,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
 
-from drivers.core.settings import Address, HomeSpeed, Settings
+from drivers.core.axis import AxisLimits
+from drivers.core.settings import Address, HomeSpeed
 
 Vector = Annotated[tuple[float, float, float], Strict(False)]
 Pose = Annotated[tuple[float, float, float, float, float, float], Strict(False)]
@@ -16,7 +17,7 @@ UNIT_TOLERANCE = 1e-3
 """How far the length of a direction may be from 1 (assumption: three digits in a profile)."""
 
 
-class ArmSettings(Settings):
+class ArmSettings(AxisLimits):
     """An arm on its controller; a make adds its own settings, and narrows `rate_hz` to what its controller sends.
 
     Poses are those of the tool's point in the base frame: x, y, z in metres and a rotation vector in radians.
@@ -63,11 +64,7 @@ class ArmSettings(Settings):
     """SCHED_FIFO priority of the arm's process where the system allows it; 0 does not ask."""
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if not self.travel_min_m < self.travel_max_m:
-            raise ValueError(
-                f"travel_min_m = {self.travel_min_m} is not below travel_max_m = {self.travel_max_m}"
-            )
+    def _of_length_one(self) -> Self:
         if abs(math.hypot(*self.approach_axis) - 1.0) > UNIT_TOLERANCE:
             raise ValueError(f"approach_axis has length {math.hypot(*self.approach_axis):.4g}, not 1")
         return self

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import threading
 from collections import deque
 from contextlib import suppress
@@ -17,6 +18,8 @@ from drivers.core.settings import Settings
 
 JOIN_TIMEOUT_S = 1.0
 """Longest wait for the reader thread at close; it is woken, so this is not expected to pass (assumption)."""
+
+_LINE_END = re.compile(rb"[\r\n]+")
 
 _ADVICE = {
     errno.ENOENT: ("does not exist", "is it plugged in? see: ls /dev/serial/by-id"),
@@ -69,6 +72,32 @@ def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
     with suppress(OSError, ValueError, NotImplementedError):
         opened.set_low_latency_mode(True)
     return SerialLink(device, opened, clock)
+
+
+class LineBuffer:
+    """Cuts a stream of bytes, split anywhere, into lines; what grows beyond `longest` bytes is dropped.
+
+    Attributes:
+        dropped: Lines that were too long.
+    """
+
+    def __init__(self, longest: int) -> None:
+        self.dropped = 0
+        self._longest = longest
+        self._rest = b""
+        self._overlong = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Lines completed by these bytes, without their ends; empty lines are left out."""
+        *lines, rest = _LINE_END.split(self._rest + data)
+        if lines and self._overlong:
+            lines = lines[1:]
+            self._overlong = False
+        if len(rest) > self._longest and not self._overlong:
+            self._overlong = True
+            self.dropped += 1
+        self._rest = b"" if self._overlong else rest
+        return [line for line in lines if line]
 
 
 class SerialLink:

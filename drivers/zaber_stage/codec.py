@@ -60,11 +60,6 @@ REJECTIONS = {
 """Reasons of a rejection, and what they mean (Zaber ASCII protocol)."""
 
 _TAIL = re.compile(rb":([0-9A-Fa-f]{2})$")
-_LINE_END = re.compile(rb"[\r\n]+")
-
-
-class ChecksumError(CodecError):
-    """A line whose checksum is wrong, or missing where one is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +74,12 @@ class StageRequest:
 
 @dataclass(frozen=True, slots=True)
 class StageReply:
-    """The answer to one command."""
+    """A line to the host.
+
+    Attributes:
+        lead: "@" answers a command; what comes unasked is "!", the end of a movement, or "#", for people, whose text
+            is `data`.
+    """
 
     device: int
     axis: int
@@ -88,48 +88,7 @@ class StageReply:
     busy: bool
     flag: str
     data: str
-
-
-@dataclass(frozen=True, slots=True)
-class Alert:
-    """Sent by a device on its own when a movement ends."""
-
-    device: int
-    axis: int
-    busy: bool
-    flag: str
-    data: str
-
-
-@dataclass(frozen=True, slots=True)
-class StageInfo:
-    """A line for people."""
-
-    device: int
-    axis: int
-    id: int | None
-    text: str
-
-
-Message = StageReply | Alert | StageInfo
-
-
-class LineBuffer:
-    """Cuts a stream of bytes, split anywhere, into lines; what grows beyond `MAX_LINE` is dropped."""
-
-    def __init__(self) -> None:
-        self._rest = b""
-        self._overlong = False
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """Lines completed by these bytes, without their ends; empty lines are left out."""
-        *lines, rest = _LINE_END.split(self._rest + data)
-        if lines and self._overlong:
-            lines = lines[1:]
-            self._overlong = False
-        self._overlong = self._overlong or len(rest) > MAX_LINE
-        self._rest = b"" if self._overlong else rest
-        return [line for line in lines if line]
+    lead: str = "@"
 
 
 def lrc(body: bytes) -> int:
@@ -147,10 +106,9 @@ def decode_request(line: bytes) -> StageRequest:
     """Decode a line to a device.
 
     Raises:
-        ChecksumError: the line's checksum is wrong.
-        CodecError: the line is no command.
+        CodecError: the line is no command, or its checksum is wrong.
     """
-    fields = _body(line, b"/", checksum=False).split()
+    fields = _body(line, "/", checksum=False).split()
     numbers: list[int] = []
     while fields and len(numbers) < 3 and fields[0].isdecimal():
         numbers.append(int(fields.pop(0)))
@@ -158,20 +116,19 @@ def decode_request(line: bytes) -> StageRequest:
     return StageRequest(device, axis, rest[0] if rest else None, " ".join(fields))
 
 
-def encode_message(message: Message, *, checksum: bool = True) -> bytes:
-    """A reply, alert or info line as the bytes on the wire."""
-    head = f"{message.device:02d} {message.axis}"
-    if not isinstance(message, Alert) and message.id is not None:
-        head += f" {message.id:02d}"
-    if isinstance(message, StageInfo):
-        return _frame("#", f"{head} {message.text}", checksum, "\r\n")
-    state = f"{'BUSY' if message.busy else 'IDLE'} {message.flag} {message.data}".rstrip()
-    if isinstance(message, Alert):
-        return _frame("!", f"{head} {state}", checksum, "\r\n")
-    return _frame("@", f"{head} {'OK' if message.accepted else 'RJ'} {state}", checksum, "\r\n")
+def encode_message(message: StageReply, *, checksum: bool = True) -> bytes:
+    """A line to the host as the bytes on the wire."""
+    words = [f"{message.device:02d} {message.axis}"]
+    if message.id is not None:
+        words.append(f"{message.id:02d}")
+    if message.lead == "@":
+        words.append("OK" if message.accepted else "RJ")
+    if message.lead != "#":
+        words += ["BUSY" if message.busy else "IDLE", message.flag]
+    return _frame(message.lead, " ".join([*words, message.data]).rstrip(), checksum, "\r\n")
 
 
-def decode_message(line: bytes, *, checksum: bool = True) -> Message:
+def decode_message(line: bytes, *, checksum: bool = True) -> StageReply:
     """Decode a line to the host.
 
     Args:
@@ -179,27 +136,23 @@ def decode_message(line: bytes, *, checksum: bool = True) -> Message:
         checksum: True where a line without a checksum is an error.
 
     Raises:
-        ChecksumError: the checksum is wrong, or missing where it is asked for.
-        CodecError: the line is no message of this protocol.
+        CodecError: the line is no message of this protocol, or its checksum is wrong, or missing where it is asked for.
     """
-    lead = line[:1]
-    fields = _body(line, lead if lead in (b"@", b"!", b"#") else b"@", checksum=checksum).split(" ")
+    lead = line[:1].decode("latin-1")
+    fields = _body(line, lead if lead in ("@", "!", "#") else "@", checksum=checksum).split(" ")
     try:
         device, axis = int(fields[0]), int(fields[1])
         rest = fields[2:]
         number = None
-        if lead != b"!" and rest and rest[0].isdecimal():
+        if lead != "!" and rest and rest[0].isdecimal():
             number = int(rest.pop(0))
-        if lead == b"#":
-            return StageInfo(device, axis, number, " ".join(rest))
-        accepted = lead == b"!" or _either(rest.pop(0), "OK", "RJ")
+        if lead == "#":
+            return StageReply(device, axis, number, True, False, NO_FLAG, " ".join(rest), lead)
+        accepted = lead == "!" or _either(rest.pop(0), "OK", "RJ")
         busy = _either(rest.pop(0), "BUSY", "IDLE")
-        flag, data = rest[0], " ".join(rest[1:])
+        return StageReply(device, axis, number, accepted, busy, rest[0], " ".join(rest[1:]), lead)
     except (ValueError, IndexError) as error:
         raise CodecError(f"no Zaber ASCII message: {line!r}") from error
-    if lead == b"!":
-        return Alert(device, axis, busy, flag, data)
-    return StageReply(device, axis, number, accepted, busy, flag, data)
 
 
 def meaning(flag: str) -> str:
@@ -210,16 +163,6 @@ def meaning(flag: str) -> str:
 def astray(flag: str) -> bool:
     """Whether a flag means that the device is not where its commands put it: all faults, and WM."""
     return flag.startswith("F") or flag == "WM"
-
-
-def microsteps(length_m: float, microstep_m: float) -> int:
-    """The whole number of microsteps nearest to a length."""
-    return round(length_m / microstep_m)
-
-
-def length_m(microsteps_: int, microstep_m: float) -> float:
-    """Metres of a number of microsteps."""
-    return microsteps_ * microstep_m
 
 
 def velocity_data(velocity_m_s: float, microstep_m: float) -> int:
@@ -243,18 +186,18 @@ def _frame(lead: str, body: str, checksum: bool, end: str) -> bytes:
     return lead.encode("ascii") + raw + tail.encode("ascii") + end.encode("ascii")
 
 
-def _body(line: bytes, lead: bytes, *, checksum: bool) -> str:
+def _body(line: bytes, lead: str, *, checksum: bool) -> str:
     """The text between the lead character and the checksum, which is verified."""
-    if not line.startswith(lead):
+    if not line.startswith(lead.encode()):
         raise CodecError(f"no Zaber ASCII line: {line!r}")
     body = line[1:]
     tail = _TAIL.search(body)
     if tail is not None:
         body = body[: tail.start()]
         if lrc(body) != int(tail[1], 16):
-            raise ChecksumError(f"wrong checksum: {line!r}")
+            raise CodecError(f"wrong checksum: {line!r}")
     elif checksum:
-        raise ChecksumError(f"no checksum: {line!r}")
+        raise CodecError(f"no checksum: {line!r}")
     try:
         return body.decode("ascii")
     except UnicodeDecodeError as error:

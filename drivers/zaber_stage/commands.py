@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 from drivers.core.errors import CommandError
 from drivers.core.messages import Command, Home, Listen, MoveAt, MoveTo, Stop
 from drivers.zaber_stage.mounting import Mounting, StageLimits
@@ -25,27 +22,9 @@ def valid(device: str, limits: StageLimits, command: Command) -> Command:
     match command:
         case Home() | Stop() | Listen():
             return command
-        case MoveAt(velocity_m_s=speed_m_s, limit_m=target_m):
-            pass
-        case MoveTo(position_m=target_m, speed_m_s=speed_m_s):
-            pass
-        case _:
-            raise CommandError(
-                device, f"applying {command}", "a stage only moves", "send it to another device"
-            )
-    doing = f"moving to {target_m:g} m at {speed_m_s:g} m/s"
-    if not math.isfinite(speed_m_s) or speed_m_s == 0.0 or (speed_m_s < 0.0 and isinstance(command, MoveTo)):
-        raise CommandError(device, doing, f"{speed_m_s:g} m/s is no speed", "choose one above zero")
-    if not limits.travel_min_m <= target_m <= limits.travel_max_m:
-        reason = f"its travel is {limits.travel_min_m:g} to {limits.travel_max_m:g} m"
-        raise CommandError(device, doing, reason, "choose a target inside it")
-    if not command.blind_travel_m > 0.0:
-        reason = f"a blind travel of {command.blind_travel_m:g} m lets it go nowhere"
-        raise CommandError(device, doing, reason, "choose one above zero")
-    clamped_m_s = math.copysign(min(abs(speed_m_s), limits.max_speed_m_s), speed_m_s)
-    if isinstance(command, MoveAt):
-        return replace(command, velocity_m_s=clamped_m_s)
-    return replace(command, speed_m_s=clamped_m_s)
+        case MoveAt() | MoveTo():
+            return limits.checked(device, command)
+    raise CommandError(device, f"applying {command}", "a stage only moves", "send it to another device")
 
 
 def refusal(mounting: Mounting, command: MoveAt | MoveTo, here: int, acceleration_m_s2: float) -> str:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 from drivers.core.clock import Clock
 from drivers.core.errors import CodecError
-from drivers.core.links import SerialLink
+from drivers.core.links import LineBuffer, SerialLink
 from drivers.zaber_stage import codec
 
 AXIS = 1
@@ -16,21 +15,25 @@ AXIS = 1
 
 @dataclass(slots=True, eq=False)
 class StageQuestion:
-    """A command on its way: monotonic times in seconds, of its first and of its last writing."""
+    """A command on its way.
+
+    Attributes:
+        text: Of the command.
+        id: Under which it was last written.
+        first_s: Monotonic time of its first writing.
+        sent_s: Likewise of its last.
+        attempts: How often it was written.
+        reply: The answer, once it has come.
+        arrival_s: Monotonic time at which it came.
+    """
 
     text: str
     id: int
     first_s: float
     sent_s: float
     attempts: int = 1
-
-
-class StageAnswer(NamedTuple):
-    """A reply, with the monotonic times at which its question was written and at which it arrived."""
-
-    reply: codec.StageReply
-    sent_s: float
-    arrival_s: float
+    reply: codec.StageReply = field(init=False)
+    arrival_s: float = field(init=False)
 
 
 class StageDialogue:
@@ -63,7 +66,7 @@ class StageDialogue:
         self._clock = clock
         self._retry_s = retry_s
         self._timeout_s = timeout_s
-        self._lines = codec.LineBuffer()
+        self._lines = LineBuffer(codec.MAX_LINE)
         self._open: dict[int, StageQuestion] = {}
         self._next_id = 0
 
@@ -78,27 +81,29 @@ class StageDialogue:
         """Neither repeat a question nor take its answer."""
         self._open.pop(question.id, None)
 
-    def turn(self) -> list[tuple[StageQuestion, StageAnswer]]:
-        """The answers that have arrived, in order; repeats what is overdue."""
+    def turn(self) -> list[StageQuestion]:
+        """The questions that have been answered, in the order of their replies; repeats what is overdue."""
         answered = []
         for arrival_s, data in self._link.receive():
             self.garbage = data
             for line in self._lines.feed(data):
-                reply = self._decode(line)
-                question = self._open.pop(reply.id, None) if reply and reply.id is not None else None
-                if reply and question:
-                    answered.append((question, StageAnswer(reply, question.sent_s, arrival_s)))
+                question = self._answered(line, arrival_s)
+                if question is not None:
+                    answered.append(question)
         self._repeat(self._clock.monotonic_s())
         return answered
 
-    def _decode(self, line: bytes) -> codec.StageReply | None:
+    def _answered(self, line: bytes, arrival_s: float) -> StageQuestion | None:
         try:
-            message = codec.decode_message(line, checksum=self.checksums_due)
+            reply = codec.decode_message(line, checksum=self.checksums_due)
         except CodecError:
             return None
         self.garbage = b""
-        mine = isinstance(message, codec.StageReply) and message.device == self._address
-        return message if mine and isinstance(message, codec.StageReply) else None
+        if reply.lead != "@" or reply.device != self._address or reply.id not in self._open:
+            return None
+        question = self._open.pop(reply.id)
+        question.reply, question.arrival_s = reply, arrival_s
+        return question
 
     def _repeat(self, now_s: float) -> None:
         for question in list(self._open.values()):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import asdict
 from typing import TypeVar
 
 import numpy as np
@@ -28,17 +27,9 @@ from drivers.core.numbering import Runs
 from drivers.core.wire import WireDriver
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import doing, valid
-from drivers.zaber_stage.dialogue import StageAnswer, StageDialogue, StageQuestion
+from drivers.zaber_stage.dialogue import StageDialogue, StageQuestion
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
-from drivers.zaber_stage.procedures import (
-    Moving,
-    Opening,
-    Procedures,
-    RejectedError,
-    StageFound,
-    StageLine,
-    StageWay,
-)
+from drivers.zaber_stage.procedures import SETS_OUT, Moving, Procedures, RejectedError, StageWay
 
 T = TypeVar("T")
 
@@ -79,7 +70,7 @@ class ZaberStage(WireDriver[SerialLink]):
         self._listening = False
         self._waiting: Command | None = None  # not yet begun
         self._command: Command | None = None  # of the procedure
-        self._procedure: Moving | Opening | None = None
+        self._procedure: Moving | None = None
         self._question: StageQuestion | None = None  # of the procedure
         self._poll: StageQuestion | None = None  # for the position
         self._halt: StageQuestion | None = None
@@ -99,12 +90,12 @@ class ZaberStage(WireDriver[SerialLink]):
         self._dialogue = dialogue
         return DeviceInfo(
             self.name,
-            model=f"Zaber device {found.device_id}",
-            serial=found.serial,
-            version=found.firmware,
+            model=f"Zaber device {found['device_id']}",
+            serial=str(found["serial"]),
+            version=str(found["firmware"]),
             streams={self._info.name: self._info},
             mover=True,
-            details={**asdict(found), "homed": codec.UNHOMED.isdisjoint(found.flags)},
+            details=found,
         )
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
@@ -182,8 +173,8 @@ class ZaberStage(WireDriver[SerialLink]):
     def _update(self, link: SerialLink) -> str | None:
         """Process what has arrived, send what is due."""
         dialogue = self._dialogue
-        for question, answer in dialogue.turn():
-            self._receive(dialogue, question, answer)
+        for question in dialogue.turn():
+            self._receive(dialogue, question)
         if dialogue.fault is not None:
             what = doing(self._command or self._motion)
             self._fail(f"{dialogue.fault} while {what}; is the cable in {self._settings.port}?")
@@ -202,39 +193,37 @@ class ZaberStage(WireDriver[SerialLink]):
             self._poll = dialogue.ask("get pos")
             self._asked_s = self._poll.sent_s
 
-    def _ask(self, dialogue: StageDialogue, line: StageLine) -> None:
-        self._question = dialogue.ask(line.text)
-        if line.decisive and self._command is not None and dialogue.fault is None:
+    def _ask(self, dialogue: StageDialogue, line: str) -> None:
+        self._question = dialogue.ask(line)
+        if line.startswith(SETS_OUT) and self._command is not None and dialogue.fault is None:
             self._since_s = self._question.sent_s
             self._stopping = None
             self._sent(self._command, self._since_s)
 
     # receiving
 
-    def _receive(self, dialogue: StageDialogue, question: StageQuestion, answer: StageAnswer) -> None:
+    def _receive(self, dialogue: StageDialogue, question: StageQuestion) -> None:
         if question is self._poll:
             self._poll = None
-            self._observe(dialogue, question, answer)
+            self._observe(dialogue, question)
         elif question is self._halt:
             self._halt = None
         elif question is self._renewal:
             self._renewal = None
-            if not answer.reply.accepted:
-                self._stall(
-                    self._clock.from_monotonic(answer.arrival_s),
-                    f"it rejects {question.text!r} with {answer.reply.data}",
-                )
+            if not question.reply.accepted:
+                reason = f"it rejects {question.text!r} with {question.reply.data}"
+                self._stall(self._clock.from_monotonic(question.arrival_s), reason)
                 self._motion = None
         elif question is self._question:
-            self._advance(dialogue, answer)
+            self._advance(dialogue, question.reply)
 
-    def _advance(self, dialogue: StageDialogue, answer: StageAnswer) -> None:
+    def _advance(self, dialogue: StageDialogue, reply: codec.StageReply) -> None:
         """Pass the reply to the procedure, and send its next line."""
         command, procedure = self._command, self._procedure
         assert command is not None
         assert procedure is not None
         try:
-            self._ask(dialogue, procedure.send(answer.reply))
+            self._ask(dialogue, procedure.send(reply))
         except StopIteration as end:
             self._question = self._procedure = self._command = None
             self._motion, self._way = command, end.value
@@ -242,22 +231,22 @@ class ZaberStage(WireDriver[SerialLink]):
             self._question = self._procedure = self._command = None
             self._refuse(command, str(rejection))
 
-    def _observe(self, dialogue: StageDialogue, question: StageQuestion, answer: StageAnswer) -> None:
+    def _observe(self, dialogue: StageDialogue, question: StageQuestion) -> None:
         """Take a position and the flag that comes with it."""
-        reply = answer.reply
+        reply = question.reply
         if not (reply.accepted and reply.data.lstrip("-").isdecimal()):
             self._fail(f"it answers 'get pos' with {reply.data!r}; is this a linear stage?")
             return
         counts = self._mounting.counts(int(reply.data))
-        t_s = self._clock.from_monotonic(0.5 * (answer.sent_s + answer.arrival_s))
+        t_s = self._clock.from_monotonic(0.5 * (question.sent_s + question.arrival_s))
         if self._listening:
-            self._sample(question.attempts - 1, t_s, counts, self._clock.from_monotonic(answer.arrival_s))
+            self._sample(question.attempts - 1, t_s, counts, self._clock.from_monotonic(question.arrival_s))
         newly = reply.flag != self._flag
         self._flag = reply.flag
         if newly and codec.astray(reply.flag):
             self._stall(t_s, f"{codec.meaning(reply.flag)} ({reply.flag})")
             self._motion = None
-        if answer.sent_s < self._since_s:
+        if question.sent_s < self._since_s:
             return
         if self._motion is not None and self._way is not None:
             # A stage that stands elsewhere was stopped by something, perhaps by hand: it is not sent on.
@@ -270,7 +259,7 @@ class ZaberStage(WireDriver[SerialLink]):
 
     def _send_on(self, dialogue: StageDialogue, ahead: StageWay, *, standing: bool) -> None:
         self._way = ahead
-        self._renewal = dialogue.ask(self._procedures.towards(ahead).text)
+        self._renewal = dialogue.ask(self._procedures.towards(ahead))
         self._renewals += 1
         self._halts += standing
 
@@ -307,7 +296,7 @@ class ZaberStage(WireDriver[SerialLink]):
 
     # the rest
 
-    def _converse(self, link: SerialLink, dialogue: StageDialogue) -> StageFound:
+    def _converse(self, link: SerialLink, dialogue: StageDialogue) -> dict[str, object]:
         """Identify the stage; what was changed in one that is refused is put back."""
         try:
             found = self._play(dialogue, self._procedures.identify())
@@ -328,20 +317,18 @@ class ZaberStage(WireDriver[SerialLink]):
         advice = f"is it powered, set to the ASCII protocol, and device {address} on its line?"
         raise SilentError(self.name, "opening", f"{dialogue.fault} from {port}", advice)
 
-    def _play(
-        self, dialogue: StageDialogue, procedure: Generator[StageLine, codec.StageReply, T]
-    ) -> T | None:
+    def _play(self, dialogue: StageDialogue, procedure: Generator[str, codec.StageReply, T]) -> T | None:
         """Carry a procedure through, waiting for each reply; None where one does not come.
 
         No checksum is asked for: the procedure may switch them.
         """
         dialogue.checksums_due = False
         try:
-            question = dialogue.ask(next(procedure).text)
+            question = dialogue.ask(next(procedure))
             while dialogue.fault is None:
-                for answered, answer in dialogue.turn():
+                for answered in dialogue.turn():
                     if answered is question:
-                        question = dialogue.ask(procedure.send(answer.reply).text)
+                        question = dialogue.ask(procedure.send(answered.reply))
                 self._clock.rest(OPEN_TURN_S)
         except StopIteration as end:
             result: T = end.value

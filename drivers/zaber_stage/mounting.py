@@ -7,16 +7,16 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from drivers.core.axis import AxisLimits
 from drivers.core.links import SerialPort
 from drivers.core.messages import MoveAt, MoveTo
-from drivers.core.settings import Settings
 from drivers.zaber_stage import codec
 
 ROUNDING = 1e-6
 """Microsteps that a length may be off by arithmetic alone and still count as whole."""
 
 
-class StageLimits(Settings):
+class StageLimits(AxisLimits):
     """How a stage is mounted, how far and how fast it may go: the same for a real one and a simulated one.
 
     Positions are on the approach axis, which grows towards the object: `origin_m` from the home end is its
@@ -41,10 +41,6 @@ class StageLimits(Settings):
 
     @model_validator(mode="after")
     def _on_the_rail(self) -> Self:
-        if not self.travel_min_m < self.travel_max_m:
-            raise ValueError(
-                f"travel_min_m = {self.travel_min_m} is not below travel_max_m = {self.travel_max_m}"
-            )
         ends_m = [self.origin_m + self.forward * end for end in (self.travel_min_m, self.travel_max_m)]
         if min(ends_m) < -ROUNDING * self.microstep_m:
             raise ValueError(
@@ -85,7 +81,7 @@ class Mounting:
     def __init__(self, settings: StageLimits) -> None:
         self._microstep_m = settings.microstep_m
         self._forward = settings.forward
-        self._origin = codec.microsteps(settings.origin_m, settings.microstep_m)
+        self._origin = round(settings.origin_m / settings.microstep_m)
         self.lowest = self.at_least(settings.travel_min_m)
         self.highest = self.at_most(settings.travel_max_m)
 
@@ -99,7 +95,7 @@ class Mounting:
 
     def nearest(self, position_m: float) -> int:
         """The count nearest to a position, inside the travel."""
-        return min(max(codec.microsteps(position_m, self._microstep_m), self.lowest), self.highest)
+        return min(max(round(position_m / self._microstep_m), self.lowest), self.highest)
 
     def target(self, command: MoveAt | MoveTo) -> int:
         """The count where a motion ends."""
@@ -115,7 +111,7 @@ class Mounting:
 
     def position_m(self, counts: int) -> float:
         """Metres on the approach axis."""
-        return codec.length_m(counts, self._microstep_m)
+        return counts * self._microstep_m
 
     def device(self, counts: int) -> int:
         """The device position of a count."""

@@ -1,19 +1,21 @@
 """The lines that open the stage and carry out a command.
 
-A procedure is a generator: it yields lines and is sent the reply to each. It touches no port and no clock.
+A procedure is a generator: it yields lines and is sent the reply to each. It touches no port and no clock. A line that
+begins with one of `SETS_OUT` sets the stage in motion.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from drivers.core.messages import Command, MoveAt, MoveTo
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import NOT_HOMED, refusal
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
+
+SETS_OUT = ("home", "move")
 
 RENEWED_SHARE = 0.25
 """How much of the blind travel is used up before the stage is sent on (assumption: it leaves three more chances)."""
@@ -24,13 +26,6 @@ AGREES = 0.01
 pitches differ by more)."""
 
 DATA_SHEET = "hold travel and speed in the profile against the stage's data sheet"
-
-
-class StageLine(NamedTuple):
-    """A line to send; `decisive` where it sets the stage in motion."""
-
-    text: str
-    decisive: bool = False
 
 
 class RejectedError(Exception):
@@ -44,22 +39,6 @@ class RejectedError(Exception):
     def __init__(self, reason: str, advice: str = DATA_SHEET) -> None:
         super().__init__(reason)
         self.advice = advice
-
-
-@dataclass(frozen=True, slots=True)
-class StageFound:
-    """What opening found and set; limits as the device has them, in metres from its home end."""
-
-    device_id: str
-    serial: str
-    firmware: str
-    microstep_m: float
-    travel_m: float
-    acceleration_m_s2: float
-    limits_found_m: tuple[float, float]
-    limits_set_m: tuple[float, float]
-    max_speed_m_s: float
-    flags: tuple[str, ...]
 
 
 class StageWay(NamedTuple):
@@ -78,8 +57,10 @@ class StageWay(NamedTuple):
     blind_travel_m: float
 
 
-Opening = Generator[StageLine, codec.StageReply, StageFound]
-Moving = Generator[StageLine, codec.StageReply, StageWay | None]
+Opening = Generator[str, codec.StageReply, dict[str, object]]
+"""Ends with what it found and set; limits as the device has them, in metres from its home end."""
+
+Moving = Generator[str, codec.StageReply, StageWay | None]
 """Ends with the stage's way, or None where it goes to its home end."""
 
 
@@ -105,17 +86,17 @@ class Procedures:
             RejectedError: it is too old, disagrees with the profile, or does not take a limit.
         """
         s = self._settings
-        status = yield StageLine("")
+        status = yield ""
         if status.busy:
-            yield from _accepted(StageLine("stop"))
-        firmware = yield from _accepted(StageLine("get version"))
+            yield from _accepted("stop")
+        firmware = yield from _accepted("get version")
         _check_firmware(firmware.data)
-        serial = yield from _accepted(StageLine("get system.serial"))
+        serial = yield from _accepted("get system.serial")
         if serial.data != self._serial:
             self._serial = serial.data
             self._found.clear()
         yield from self._hold("comm.checksum", 1)
-        device_id = yield from _accepted(StageLine("get deviceid"))
+        device_id = yield from _accepted("get deviceid")
         acceleration = yield from _asked("accel")
         self._acceleration_m_s2 = codec.acceleration_m_s2(acceleration, s.microstep_m)
         limits = {}
@@ -126,24 +107,26 @@ class Procedures:
         for name, value in wanted.items():
             yield from self._hold(name, value)
         yield from self._hold("maxspeed", codec.velocity_data(s.max_speed_m_s, s.microstep_m))
-        warnings = yield from _accepted(StageLine("warnings clear"))
-        return StageFound(
-            device_id=device_id.data,
-            serial=serial.data,
-            firmware=firmware.data,
-            microstep_m=s.microstep_m,
-            travel_m=s.travel_m,
-            acceleration_m_s2=self._acceleration_m_s2,
-            limits_found_m=self._metres(limits),
-            limits_set_m=self._metres(wanted),
-            max_speed_m_s=s.max_speed_m_s,
-            flags=tuple(warnings.data.split()[1:]),
-        )
+        warnings = yield from _accepted("warnings clear")
+        flags = tuple(warnings.data.split()[1:])
+        return {
+            "device_id": device_id.data,
+            "serial": serial.data,
+            "firmware": firmware.data,
+            "microstep_m": s.microstep_m,
+            "travel_m": s.travel_m,
+            "acceleration_m_s2": self._acceleration_m_s2,
+            "limits_found_m": self._metres(limits),
+            "limits_set_m": self._metres(wanted),
+            "max_speed_m_s": s.max_speed_m_s,
+            "flags": flags,
+            "homed": codec.UNHOMED.isdisjoint(flags),
+        }
 
-    def put_back(self) -> Generator[StageLine, codec.StageReply, None]:
+    def put_back(self) -> Generator[str, codec.StageReply, None]:
         """Sets what opening changed to what it found: the device keeps its settings for good."""
         for name, value in reversed(self._found.items()):
-            yield StageLine(f"set {name} {value}")
+            yield f"set {name} {value}"
         self._found.clear()
 
     def carry_out(self, command: Command) -> Moving:
@@ -152,9 +135,9 @@ class Procedures:
         Raises:
             RejectedError: it is not homed, is beyond the target, or rejects a line.
         """
-        warnings = yield from _accepted(StageLine("warnings clear"))
+        warnings = yield from _accepted("warnings clear")
         if not isinstance(command, MoveAt | MoveTo):
-            yield from _accepted(StageLine("home", decisive=True))
+            yield from _accepted("home")
             return None
         if codec.UNHOMED.intersection(warnings.data.split()):
             raise RejectedError(NOT_HOMED)
@@ -171,9 +154,9 @@ class Procedures:
         yield from _accepted(self.towards(way))
         return way
 
-    def towards(self, way: StageWay) -> StageLine:
+    def towards(self, way: StageWay) -> str:
         """The line that sends the stage to the bound of its way; one that moves goes on at its speed."""
-        return StageLine(f"move abs {self._mounting.device(way.bound)} {way.speed}", decisive=True)
+        return f"move abs {self._mounting.device(way.bound)} {way.speed}"
 
     def renewed(self, way: StageWay, here: int) -> StageWay | None:
         """The way with its bound moved on; None where that may wait until more of what was given is used up."""
@@ -188,7 +171,7 @@ class Procedures:
         Where the upper one is what this profile sets, it was set after this check, by a program that was killed.
         """
         s, counts = self._settings, found["limit.max"]
-        length_m = codec.length_m(counts, s.microstep_m)
+        length_m = counts * s.microstep_m
         if counts != wanted["limit.max"] and abs(length_m - s.travel_m) > AGREES * s.travel_m:
             raise RejectedError(
                 f"its limit.max of {counts} microsteps is {length_m:.4g} m at microstep_m = {s.microstep_m:g}, not"
@@ -203,23 +186,20 @@ class Procedures:
                 "choose travel_min_m and travel_max_m inside them",
             )
 
-    def _hold(self, setting: str, value: int) -> Generator[StageLine, codec.StageReply, None]:
+    def _hold(self, setting: str, value: int) -> Generator[str, codec.StageReply, None]:
         """Sets what differs, and reads it back; what was found is kept for `put_back`."""
         found = yield from _asked(setting)
         if found == value:
             return
         self._found.setdefault(setting, found)  # of this stage, before it was first changed
-        yield from _accepted(StageLine(f"set {setting} {value}"))
+        yield from _accepted(f"set {setting} {value}")
         held = yield from _asked(setting)
         if held != value:
             raise RejectedError(f"it was sent {setting} = {value} and holds {held}")
 
     def _metres(self, limits: Mapping[str, int]) -> tuple[float, float]:
         microstep_m = self._settings.microstep_m
-        return (
-            codec.length_m(limits["limit.min"], microstep_m),
-            codec.length_m(limits["limit.max"], microstep_m),
-        )
+        return limits["limit.min"] * microstep_m, limits["limit.max"] * microstep_m
 
 
 def _check_firmware(found: str) -> None:
@@ -235,16 +215,16 @@ def _check_firmware(found: str) -> None:
         )
 
 
-def _accepted(line: StageLine) -> Generator[StageLine, codec.StageReply, codec.StageReply]:
+def _accepted(line: str) -> Generator[str, codec.StageReply, codec.StageReply]:
     reply = yield line
     if not reply.accepted:
         reason = codec.REJECTIONS.get(reply.data, "it gives no reason")
-        raise RejectedError(f"it rejects {line.text!r} with {reply.data}: {reason}")
+        raise RejectedError(f"it rejects {line!r} with {reply.data}: {reason}")
     return reply
 
 
-def _asked(setting: str) -> Generator[StageLine, codec.StageReply, int]:
-    reply = yield from _accepted(StageLine(f"get {setting}"))
+def _asked(setting: str) -> Generator[str, codec.StageReply, int]:
+    reply = yield from _accepted(f"get {setting}")
     try:
         return int(reply.data)
     except ValueError:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from drivers.core.errors import CodecError
+from drivers.core.links import LineBuffer
 from drivers.core.settings import Settings
 from drivers.zaber_stage import codec
 from simulator.physics.bench import Bench
@@ -73,7 +74,7 @@ class EmulatedZaberStage:
         self._axis = axis
         self._usual_m_s2 = axis.acceleration_m_s2
         self._on_plan = on_plan
-        self._lines = codec.LineBuffer()
+        self._lines = LineBuffer(codec.MAX_LINE)
         self._outbox: list[tuple[float, bytes]] = []
         self._faults: deque[Fault] = deque()
         self._silent = False
@@ -88,7 +89,7 @@ class EmulatedZaberStage:
             "comm.alert": 0,
             "comm.checksum": 0,
             "deviceid": settings.device_id,
-            "limit.max": codec.microsteps(settings.travel_m, settings.microstep_m),
+            "limit.max": round(settings.travel_m / settings.microstep_m),
             "limit.min": 0,
             "maxspeed": codec.velocity_data(axis.max_speed_m_s, settings.microstep_m),
             "resolution": 64,
@@ -265,7 +266,7 @@ class EmulatedZaberStage:
         unit_m = self._settings.microstep_m
         acceleration_m_s2 = codec.acceleration_m_s2(given[0], unit_m) if given else None
         speed_m_s = abs(codec.velocity_m_s(speed, unit_m))
-        self._begin(t_s, codec.length_m(target, unit_m), speed_m_s, acceleration_m_s2)
+        self._begin(t_s, target * unit_m, speed_m_s, acceleration_m_s2)
         return "0"
 
     def _begin(
@@ -323,7 +324,7 @@ class EmulatedZaberStage:
         return " ".join([f"{len(active):02d}", *active])
 
     def _position(self, t_s: float) -> int:
-        return codec.microsteps(self._axis.position(t_s), self._settings.microstep_m)
+        return round(self._axis.position(t_s) / self._settings.microstep_m)
 
     def _velocity(self, t_s: float) -> int:
         return codec.velocity_data(self._axis.velocity(t_s), self._settings.microstep_m)
@@ -338,7 +339,7 @@ class EmulatedZaberStage:
             self._flags -= codec.UNHOMED
         if self._values["comm.alert"]:
             flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
-            alert = codec.Alert(self._settings.address, 1, busy=False, flag=flag, data="")
+            alert = codec.StageReply(self._settings.address, 1, None, True, False, flag, "", lead="!")
             checksum = self._values["comm.checksum"] == 1
             self._outbox.append((self._axis.arrival_s, codec.encode_message(alert, checksum=checksum)))
 

@@ -37,6 +37,7 @@ from drivers.can_gripper import codec as gripper
 from drivers.core.can_frame import CanFrame
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import CodecError, DeviceError
+from drivers.core.links import LineBuffer
 from drivers.core.messages import StreamInfo
 from drivers.dsa_matrix import codec as dsa
 from drivers.dsa_matrix.frames import MatrixFrames
@@ -149,7 +150,7 @@ def _board_seeds() -> Iterable[bytes]:
 
 
 def _zaber(data: bytes) -> None:
-    lines = zaber.LineBuffer()
+    lines = LineBuffer(zaber.MAX_LINE)
     for line in [line for piece in _halves(data) for line in lines.feed(piece)]:
         for checksum in (True, False):
             with suppress(CodecError):

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.core.clock import VirtualClock
 from drivers.zaber_stage.codec import StageReply, StageRequest, decode_request, encode_message
-from drivers.zaber_stage.dialogue import StageAnswer, StageDialogue
+from drivers.zaber_stage.dialogue import StageDialogue
 
 BEGIN_S = 64.0
 WRITE_S = 1.0 / 256.0
@@ -74,10 +74,9 @@ def test_an_answer_goes_to_its_question_with_both_times_once(line):
     first, second = line.dialogue.ask("stop"), line.dialogue.ask("get pos")
     line.clock.rest(0.01)
     late, early = reply(second.id, data="123"), reply(first.id)
-    assert line.receives(late, early) == [
-        (second, StageAnswer(late, second.sent_s, line.clock.monotonic_s())),
-        (first, StageAnswer(early, first.sent_s, line.clock.monotonic_s())),
-    ]
+    assert line.receives(late, early) == [second, first]
+    assert (second.reply, first.reply) == (late, early)
+    assert first.arrival_s == second.arrival_s == line.clock.monotonic_s()
     assert line.receives(early) == []
 
 
@@ -90,14 +89,14 @@ def test_answers_of_others_without_a_number_or_to_no_question_are_passed_over(li
 def test_a_line_that_came_in_two_pieces_has_the_time_of_its_end(line):
     question, data = line.dialogue.ask("stop"), encode_message(reply(0))
     line.link.waiting = [(1.0, data[:5]), (2.0, data[5:])]
-    assert line.dialogue.turn() == [(question, StageAnswer(reply(0), question.sent_s, 2.0))]
+    assert line.dialogue.turn() == [question]
+    assert (question.reply, question.arrival_s) == (reply(0), 2.0)
 
 
 def test_garbage_before_an_answer_is_no_matter(line):
     question = line.dialogue.ask("stop")
     line.link.waiting = [(1.0, b"\xff@@\n")]
-    ((answered, _),) = line.receives(reply(question.id))
-    assert answered is question
+    assert line.receives(reply(question.id)) == [question]
     assert line.dialogue.garbage == b""
     assert line.dialogue.fault is None
 
@@ -121,7 +120,7 @@ def test_a_question_without_an_answer_is_asked_again_under_a_new_number(line):
     line.turn(0.125)
     line.turn(0.001)
     assert question.attempts == 3
-    assert line.receives(reply(2))[0][0] is question
+    assert line.receives(reply(2)) == [question]
     line.turn(1.0)
     assert line.ids == [0, 1, 2]
     assert line.dialogue.fault is None
@@ -166,7 +165,7 @@ def test_what_is_withdrawn_is_neither_asked_again_nor_answered(line):
     question, other = line.dialogue.ask("move max"), line.dialogue.ask("stop")
     line.dialogue.withdraw(question)
     line.dialogue.withdraw(question)
-    assert [answered for answered, _ in line.receives(reply(0), reply(1))] == [other]
+    assert line.receives(reply(0), reply(1)) == [other]
     line.turn(1.0)
     assert line.ids == [0, 1]
     assert line.dialogue.fault is None
