@@ -11,28 +11,12 @@ not distinguish 1 from 2 by these bits: `GripperState.object` is true for both, 
 from __future__ import annotations
 
 import struct
-from typing import Final
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from struct import Struct
+from typing import Final, NamedTuple
 
-from drivers.can_gripper.messages import (
-    ASKED,
-    PLAIN,
-    Answer,
-    AskState,
-    DriveOrder,
-    Encoder,
-    GripFinding,
-    GripperCode,
-    GripperErrors,
-    GripperInfo,
-    GripperState,
-    Heartbeat,
-    HeartbeatPeriod,
-    Number,
-    Order,
-    Plain,
-    Poll,
-    Watchdog,
-)
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 
@@ -55,52 +39,173 @@ MOTOR_BIT: Final = 0x80
 """In the second byte of `GripperErrors` (docs/reference/can_gripper.md)."""
 
 
+class GripperCode(IntEnum):
+    """Command numbers, 6 bits (docs/reference/can_gripper.md)."""
+
+    ESTOP = 0
+    CLEAR_ERROR = 1
+    HEARTBEAT = 9
+    PING = 10
+    IDLE = 12
+    WATCHDOG = 15
+    TEMPERATURE = 23
+    VOLTAGE = 24
+    INFO = 25
+    ERRORS = 26
+    CURRENT = 27
+    ENCODER = 28
+    HEARTBEAT_PERIOD = 30
+    STATE = 60
+    DRIVE = 61
+    CALIBRATE = 62
+
+
+ORDERS: Final[Mapping[GripperCode, Struct]] = {
+    GripperCode.ESTOP: Struct(""),
+    GripperCode.CLEAR_ERROR: Struct(""),
+    GripperCode.IDLE: Struct(""),
+    GripperCode.CALIBRATE: Struct(""),
+    GripperCode.DRIVE: Struct(""),
+    GripperCode.WATCHDOG: Struct(">IB"),
+    GripperCode.HEARTBEAT_PERIOD: Struct(">I"),
+}
+"""Numbers of each order. `WATCHDOG`: a fault where nothing arrives for so many ms, 0 for never; an action that the
+firmware stores and never uses. `HEARTBEAT_PERIOD`: ms, 0 for never."""
+
+READINGS: Final[Mapping[GripperCode, Struct]] = {
+    GripperCode.HEARTBEAT: Struct(""),
+    GripperCode.PING: Struct(""),
+    GripperCode.TEMPERATURE: Struct(">h"),
+    GripperCode.VOLTAGE: Struct(">h"),
+    GripperCode.CURRENT: Struct(">h"),
+    GripperCode.ENCODER: Struct(">ii"),
+    GripperCode.INFO: Struct(">BBBI"),
+}
+"""Numbers of each reading: degrees Celsius; mV; mA; ticks and ticks per second, positive opens; hardware, batch,
+software and serial number."""
+
+QUERIES: Final = (READINGS.keys() | {GripperCode.ERRORS}) - {GripperCode.HEARTBEAT}
+"""What a remote frame can ask for; the answer has the same number."""
+
+
+class GripperMessage(NamedTuple):
+    """An order or a query (to the gripper), or a reading (from it), with its numbers; a query has none."""
+
+    code: GripperCode
+    numbers: tuple[int, ...] = ()
+
+
+POLL: Final = GripperMessage(GripperCode.DRIVE)
+"""Asks for `GripperState` and feeds the watchdog."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveOrder:
+    """Go to a position; answered by `GripperState`.
+
+    Attributes:
+        position: 0 open to 255 closed.
+        speed: 0 to 255.
+        current_ma: Limit.
+        activate: Wake the drive.
+        go: Move; else it sleeps.
+        estop: Raise the emergency stop; it stays up until an order without it, and a `CLEAR_ERROR`.
+    """
+
+    position: int
+    speed: int
+    current_ma: int
+    activate: bool = True
+    go: bool = True
+    estop: bool = False
+
+
+Order = GripperMessage | DriveOrder
+
+
+class GripFinding(IntEnum):
+    """The firmware's finding on a motion; on the wire with its bits exchanged."""
+
+    MOVING = 0
+    OBJECT_CLOSING = 1
+    OBJECT_OPENING = 2
+    AT_POSITION = 3
+
+
+@dataclass(frozen=True, slots=True)
+class GripperState:
+    """State of the gripper.
+
+    Attributes:
+        position: 0 open to 255 closed; means nothing before calibration.
+        current_ma: Measured; negative closes, positive opens (firmware).
+        finding: What became of the motion.
+        activated: As the last `DriveOrder` had it.
+        going: As the last `DriveOrder` had it.
+        over_temperature: Fault.
+        watchdog: Fault.
+        estop: Fault raised by a `DriveOrder`; that of an `ESTOP` order shows in `GripperErrors` alone.
+        calibrated: It knows its ends.
+    """
+
+    position: int
+    current_ma: int
+    finding: GripFinding
+    activated: bool
+    going: bool
+    over_temperature: bool
+    watchdog: bool
+    estop: bool
+    calibrated: bool
+
+    @property
+    def object(self) -> bool:
+        """Something holds the jaws."""
+        return self.finding in (GripFinding.OBJECT_CLOSING, GripFinding.OBJECT_OPENING)
+
+
+@dataclass(frozen=True, slots=True)
+class GripperErrors:
+    """Active faults by name, and whether the motor is calibrated (by the maker; not the jaws)."""
+
+    active: frozenset[str]
+    motor_calibrated: bool = True
+
+
+Answer = GripperState | GripperErrors | GripperMessage
+
+
 def encode_order(node: int, order: Order) -> CanFrame:
-    """An order as the frame on the wire.
+    """An order or a query as the frame on the wire.
 
     Raises:
         struct.error: a number does not fit its field.
     """
-    match order:
-        case Plain(code=code):
-            return CanFrame(_id(node, code))
-        case AskState(code=code):
-            return CanFrame(_id(node, code), remote=True)
-        case Poll():
-            return CanFrame(_id(node, GripperCode.DRIVE))
-        case DriveOrder():
-            flags = order.activate << 7 | order.go << 6 | order.estop << 5
-            data = struct.pack(">BBhB", order.position, order.speed, order.current_ma, flags)
-            return CanFrame(_id(node, GripperCode.DRIVE), data)
-        case Watchdog():
-            return CanFrame(
-                _id(node, GripperCode.WATCHDOG), struct.pack(">IB", order.period_ms, order.action)
-            )
-        case HeartbeatPeriod():
-            return CanFrame(_id(node, GripperCode.HEARTBEAT_PERIOD), struct.pack(">I", order.period_ms))
+    if isinstance(order, DriveOrder):
+        flags = order.activate << 7 | order.go << 6 | order.estop << 5
+        data = struct.pack(">BBhB", order.position, order.speed, order.current_ma, flags)
+        return CanFrame(_id(node, GripperCode.DRIVE), data)
+    if order.code in QUERIES:
+        return CanFrame(_id(node, order.code), remote=True)
+    return CanFrame(_id(node, order.code), ORDERS[order.code].pack(*order.numbers))
 
 
 def decode_order(frame: CanFrame) -> tuple[int, Order]:
-    """Node and order, as the gripper reads them.
+    """Node and order or query, as the gripper reads them.
 
     Raises:
         CodecError: no order of this protocol, or of another length.
     """
     node, code, _ = _parts(frame)
+    layout = ORDERS.get(code)
     if frame.remote:
-        if code in ASKED:
-            return node, AskState(code)
-    elif code in PLAIN and not frame.data:
-        return node, Plain(code)
-    elif code is GripperCode.DRIVE and not frame.data:
-        return node, Poll()
+        if code in QUERIES:
+            return node, GripperMessage(code)
     elif code is GripperCode.DRIVE and len(frame.data) == 5:
         position, speed, current_ma, flags = struct.unpack(">BBhB", frame.data)
         return node, DriveOrder(position, speed, current_ma, _bit(flags, 7), _bit(flags, 6), _bit(flags, 5))
-    elif code is GripperCode.WATCHDOG and len(frame.data) == 5:
-        return node, Watchdog(*struct.unpack(">IB", frame.data))
-    elif code is GripperCode.HEARTBEAT_PERIOD and len(frame.data) == 4:
-        return node, HeartbeatPeriod(*struct.unpack(">I", frame.data))
+    elif layout is not None and len(frame.data) == layout.size:
+        return node, GripperMessage(code, layout.unpack(frame.data))
     raise CodecError(f"no order: {frame}")
 
 
@@ -109,17 +214,10 @@ def encode_answer(node: int, fault: bool, answer: Answer) -> CanFrame:
     match answer:
         case GripperState():
             code, data = GripperCode.STATE, _state_bytes(answer)
-        case Heartbeat(code=code):
-            data = b""
-        case Number(code=code):
-            data = struct.pack(">h", answer.value)
-        case GripperInfo():
-            code = GripperCode.INFO
-            data = struct.pack(">BBBI", answer.hardware, answer.batch, answer.software, answer.serial)
         case GripperErrors():
             code, data = GripperCode.ERRORS, _error_bytes(answer, fault)
-        case Encoder():
-            code, data = GripperCode.ENCODER, struct.pack(">ii", answer.position, answer.speed)
+        case GripperMessage(code, numbers):
+            data = READINGS[code].pack(*numbers)
     return CanFrame(_id(node, code, fault), data)
 
 
@@ -130,25 +228,15 @@ def decode_answer(frame: CanFrame) -> tuple[int, bool, Answer]:
         CodecError: no answer of this protocol, or of another length.
     """
     node, code, fault = _parts(frame)
-    data = frame.data
-    answer: Answer | None = None
-    if frame.remote:
-        pass
-    elif code is GripperCode.STATE and len(data) == 4:
-        answer = _state(data)
-    elif code in (GripperCode.PING, GripperCode.HEARTBEAT) and not data:
-        answer = Heartbeat(code)
-    elif code in (GripperCode.TEMPERATURE, GripperCode.VOLTAGE, GripperCode.CURRENT) and len(data) == 2:
-        answer = Number(code, *struct.unpack(">h", data))
-    elif code is GripperCode.INFO and len(data) == 7:
-        answer = GripperInfo(*struct.unpack(">BBBI", data))
-    elif code is GripperCode.ERRORS and len(data) == 2:
-        answer = _errors(data)
-    elif code is GripperCode.ENCODER and len(data) == 8:
-        answer = Encoder(*struct.unpack(">ii", data))
-    if answer is None:
-        raise CodecError(f"no answer: {frame}")
-    return node, fault, answer
+    data, layout = frame.data, READINGS.get(code)
+    if not frame.remote:
+        if code is GripperCode.STATE and len(data) == 4:
+            return node, fault, _state(data)
+        if code is GripperCode.ERRORS and len(data) == 2:
+            return node, fault, _errors(data)
+        if layout is not None and len(data) == layout.size:
+            return node, fault, GripperMessage(code, layout.unpack(data))
+    raise CodecError(f"no answer: {frame}")
 
 
 def _id(node: int, code: GripperCode, fault: bool = False) -> int:
@@ -188,8 +276,7 @@ def _state_bytes(state: GripperState) -> bytes:
 def _state(data: bytes) -> GripperState:
     position, current_ma, flags = struct.unpack(">BhB", data)
     finding = GripFinding(_exchanged(flags >> 4 & 0b11))
-    activated, going, hot, late, stopped, calibrated = (_bit(flags, place) for place in (7, 6, 3, 2, 1, 0))
-    return GripperState(position, current_ma, finding, activated, going, hot, late, stopped, calibrated)
+    return GripperState(position, current_ma, finding, *(_bit(flags, place) for place in (7, 6, 3, 2, 1, 0)))
 
 
 def _error_bytes(errors: GripperErrors, fault: bool) -> bytes:

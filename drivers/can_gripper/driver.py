@@ -5,28 +5,29 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Self, TypeVar
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from drivers.can_gripper.brackets import Brackets, CanGripperSettings, valid
-from drivers.can_gripper.codec import encode_order
-from drivers.can_gripper.identify import answer_from, identify
-from drivers.can_gripper.messages import (
-    AskState,
+from drivers.can_gripper import units
+from drivers.can_gripper.codec import (
+    POLL,
+    Answer,
     DriveOrder,
     GripFinding,
     GripperCode,
     GripperErrors,
+    GripperMessage,
     GripperState,
     Order,
-    Plain,
-    Poll,
-    Watchdog,
+    decode_answer,
+    encode_order,
 )
-from drivers.can_gripper.units import LONGEST_S
-from drivers.can_gripper.watch import Watch
-from drivers.core.can_link import CanLink, ReceivedFrame, open_can
+from drivers.can_gripper.outcome import GripperOutcome
+from drivers.core.can_link import CanLink, CanPort, ReceivedFrame, open_can, strange_frames
+from drivers.core.errors import CodecError
 from drivers.core.messages import (
     Applied,
     Command,
@@ -39,14 +40,54 @@ from drivers.core.messages import (
     StreamInfo,
 )
 from drivers.core.numbering import Runs, SampleRun
-from drivers.core.wire import WireDriver
+from drivers.core.wire import Inquiry, WireDriver
+
+OPEN_ATTEMPTS = 4
+"""How often a query is sent while opening (assumption: three frames may be lost)."""
 
 IDLE = DriveOrder(0, 0, 0, activate=False, go=False)
 
 
-class _Sample(NamedTuple):
-    width_m: float
-    closing_ma: int
+T = TypeVar("T", bound=Answer)
+
+
+class CanGripperSettings(CanPort):
+    """A gripper on a CAN bus; widths are the opening between its fingers."""
+
+    node: int = Field(default=0, ge=0, le=15)
+    """Node number on the bus (docs/reference/can_gripper.md: 0 by default)."""
+    closed_width_m: float = Field(default=units.CLOSED_MIN_M, ge=units.CLOSED_MIN_M, le=units.CLOSED_MAX_M)
+    """Opening of the closed jaws: set by the brackets that the fingers stand on, 48 mm less than the open ones."""
+    max_speed_m_s: float = Field(default=0.1, gt=0.0, le=units.SPEED_MAX_M_S)
+    """Greatest rate of the opening (assumption: a quarter of what it can do)."""
+    max_force_n: float = Field(default=units.FORCE_MAX_N, ge=units.FORCE_MIN_N, le=units.FORCE_MAX_N)
+    """Greatest force that may be asked for."""
+    release_force_n: float = Field(default=15.0, ge=units.FORCE_MIN_N, le=units.FORCE_MAX_N)
+    """How hard it may press outwards while it opens (assumption: twice what steady motion needs)."""
+    force_n_per_ma: float = Field(default=units.FORCE_N_PER_MA, gt=0.0, le=1.0)
+    """Force of the jaws in N for each mA of motor current."""
+    watchdog_s: float = Field(default=1.0, ge=0.2, le=60.0)
+    """The gripper opens its grip when the host is silent for this long (assumption: twice the tolerated silence)."""
+    poll_interval_s: float = Field(default=0.01, ge=0.002, le=0.1)
+    """Time between two questions while it moves, holds or is subscribed (data sheet: 50 Hz or faster)."""
+    idle_interval_s: float = Field(default=0.1, ge=0.002, le=5.0)
+    """The same otherwise: it feeds the watchdog (assumption)."""
+    reply_timeout_s: float = Field(default=0.05, gt=0.0, le=5.0)
+    """When an answer counts as lost. Assumption: three times the longest delay measured on a pty."""
+    silence_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
+    """Silence after which the gripper has failed (assumption: ten lost answers)."""
+    object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
+    """How long something must hold the jaws to be an object: a start at full current looks like one for some ms."""
+
+    @model_validator(mode="after")
+    def _fed_in_time(self) -> Self:
+        slowest_s = max(self.idle_interval_s, self.poll_interval_s) + self.reply_timeout_s
+        if self.watchdog_s < 2.0 * slowest_s:
+            raise ValueError(
+                f"watchdog_s = {self.watchdog_s:g} is less than twice idle_interval_s + reply_timeout_s"
+                f" = {slowest_s:g}: one lost answer would open the grip"
+            )
+        return self
 
 
 class CanGripper(WireDriver[CanLink]):
@@ -70,20 +111,19 @@ class CanGripper(WireDriver[CanLink]):
     _opens = staticmethod(open_can)
 
     def _prepare(self) -> None:
-        self._brackets = Brackets(self._settings.closed_width_m, self._settings.force_n_per_ma)
+        s = self._settings
+        self._units = units.GripperUnits(s.closed_width_m, s.force_n_per_ma)
         self._infos = (
-            StreamInfo(f"{self.name}.width", ("width",), "m", longest_s=LONGEST_S),
-            StreamInfo(
-                f"{self.name}.force", ("force",), "N", self._settings.force_n_per_ma, longest_s=LONGEST_S
-            ),
+            StreamInfo(f"{self.name}.width", ("width",), "m", longest_s=units.LONGEST_S),
+            StreamInfo(f"{self.name}.force", ("force",), "N", s.force_n_per_ma, longest_s=units.LONGEST_S),
         )
-        self._runs = Runs[_Sample]()
+        self._runs = Runs[GripperState]()
         self._seq = 0
         self._unanswered = 0
         self._forget()
 
     def _forget(self) -> None:
-        self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
+        self._outcome = GripperOutcome(self.name, self._units, self._settings.object_hold_s)
         self._subscribed: frozenset[str] = frozenset()
         self._state: GripperState | None = None
         self._order = IDLE  # the last one that drives the jaws
@@ -96,38 +136,77 @@ class CanGripper(WireDriver[CanLink]):
 
     def _identify(self, link: CanLink) -> DeviceInfo:
         """A gripper that is found moving is stopped."""
-        found = identify(self.name, self._settings, link, self._clock)
-        self._write(link, Watchdog(round(self._settings.watchdog_s * 1e3)))
-        if found.state.calibrated and found.state.going and found.state.finding is GripFinding.MOVING:
-            steady_ma = self._brackets.current_ma(self._settings.release_force_n)
-            self._write(link, DriveOrder(found.state.position, 0, steady_ma))
-        self._state = found.state
-        self._watch.faulty = bool(found.errors.active)
-        self._asked.clear()
+
+        def reading(code: GripperCode) -> tuple[int, ...]:
+            return self._ask(link, GripperMessage(code), GripperMessage).numbers
+
+        hardware, _, software, serial = reading(GripperCode.INFO)
+        errors = self._ask(link, GripperMessage(GripperCode.ERRORS), GripperErrors).active
+        (temperature_c,), (supply_mv,) = reading(GripperCode.TEMPERATURE), reading(GripperCode.VOLTAGE)
+        state = self._state = self._ask(link, POLL, GripperState)
+        self._set_watchdog(link, self._settings.watchdog_s)
+        if state.calibrated and state.going and state.finding is GripFinding.MOVING:
+            steady_ma = self._units.current_ma(self._settings.release_force_n)
+            self._write(link, DriveOrder(state.position, 0, steady_ma))
+        self._outcome.faulty = bool(errors)
         return DeviceInfo(
             self.name,
-            model=f"SSG-48, hardware {found.info.hardware}",
-            serial=str(found.info.serial),
-            version=str(found.info.software),
+            model=f"SSG-48, hardware {hardware}",
+            serial=str(serial),
+            version=str(software),
             streams={info.name: info for info in self._infos},
             mover=True,
             details={
-                "closed_width_m": self._brackets.closed_width_m,
-                "open_width_m": self._brackets.open_width_m,
+                "closed_width_m": self._units.closed_width_m,
+                "open_width_m": self._units.open_width_m,
                 "watchdog_s": self._settings.watchdog_s,
-                "calibrated": found.state.calibrated,
-                "faults": sorted(found.errors.active),
-                "temperature_c": found.temperature_c,
-                "supply_v": found.supply_v,
+                "calibrated": state.calibrated,
+                "faults": sorted(errors),
+                "temperature_c": float(temperature_c),
+                "supply_v": supply_mv * 1e-3,
             },
         )
 
     def _leave(self, link: CanLink, failure: str | None) -> None:
         """Stop what moves, switch the watchdog off: what is held stays held."""
         if failure is None:
-            if not self._watch.resting:
+            if not self._outcome.resting:
                 self._write(link, *self._stopping())
-            self._write(link, Watchdog(0))
+            self._set_watchdog(link, 0.0)
+
+    def _ask(self, link: CanLink, order: GripperMessage, kind: type[T]) -> T:
+        """Query it until it answers; raises a `DeviceError`."""
+        strangers = 0
+
+        def parse(received: ReceivedFrame) -> T | None:
+            nonlocal strangers
+            answer, _ = self._answer(received)
+            strangers += answer is None
+            # Readings carry the code that was queried.
+            fits = not isinstance(answer, GripperMessage) or answer.code is order.code
+            return answer if isinstance(answer, kind) and fits else None
+
+        where = f"node {self._settings.node}, and the bus at {self._settings.bitrate} bit/s?"
+        inquiry = Inquiry(
+            self.name,
+            f"asking who is at {self._settings.port}",
+            link,
+            self._clock,
+            self._settings.reply_timeout_s,
+            strange=lambda: strange_frames(strangers, link),
+            stranger=f"is the gripper {where}",
+            silent=f"is it powered with 24 V, {where}",
+        )
+        question = encode_order(self._settings.node, order)
+        return inquiry.ask(lambda: link.send(question), parse, OPEN_ATTEMPTS)
+
+    def _answer(self, received: ReceivedFrame) -> tuple[Answer | None, bool]:
+        """An answer of this node, None where the frame is something else, and whether it has a fault."""
+        try:
+            sender, fault, answer = decode_answer(received.frame)
+        except CodecError:
+            return None, False
+        return (answer, fault) if sender == self._settings.node else (None, False)
 
     def apply(self, command: Command) -> Applied:
         """Queue a command; it is written when this returns.
@@ -143,8 +222,9 @@ class CanGripper(WireDriver[CanLink]):
         return super().apply(command)
 
     def _valid(self, command: Command) -> Command:
-        s = self._settings
-        return valid(self.name, self._brackets, s.max_speed_m_s, s.max_force_n, command)
+        return self._units.checked(
+            self.name, command, self._settings.max_speed_m_s, self._settings.max_force_n
+        )
 
     def _carry_out(self, command: Command) -> None:
         assert self._link is not None
@@ -159,7 +239,7 @@ class CanGripper(WireDriver[CanLink]):
     def _order_now(self, link: CanLink, command: Command) -> None:
         orders = self._orders(command)
         self._write(link, *orders)
-        self._watch.begin(command, self._clock.now(), drives=any(map(_drives, orders)))
+        self._outcome.begin(command, self._clock.now(), drives=any(map(_drives, orders)))
 
     def read(self) -> Sequence[SampleBlock]:
         """Widths and forces that have arrived since the last call."""
@@ -183,7 +263,7 @@ class CanGripper(WireDriver[CanLink]):
     def _refusal(self, command: Command) -> str | None:
         """Why a command cannot be carried out now."""
         if isinstance(command, Grip | Release):
-            if self._watch.faulty:
+            if self._outcome.faulty:
                 return "it has a fault; send Home, which clears it"
             if self._state is None or not self._state.calibrated:
                 return "it does not know its ends; send Home first, with empty jaws"
@@ -193,32 +273,36 @@ class CanGripper(WireDriver[CanLink]):
         """The orders that carry out a command."""
         match command:
             case Grip():
-                self._order = self._brackets.grip(command)
+                self._order = self._units.grip(command)
                 return (self._order,)
             case Release():
-                self._order = self._brackets.release(command, self._settings.release_force_n)
+                self._order = self._units.release(command, self._settings.release_force_n)
                 return (self._order,)
             case Stop():
-                return (Poll(),) if self._watch.resting else self._stopping()
+                return (POLL,) if self._outcome.resting else self._stopping()
         known = self._state is not None and self._state.calibrated
-        if known and not self._watch.faulty:
-            return (Poll(),)
+        if known and not self._outcome.faulty:
+            return (POLL,)
         # An emergency stop stays up until an order without it has come, and only then can be cleared.
         self._order = IDLE
-        clearing = (IDLE, Plain(GripperCode.CLEAR_ERROR))
-        return clearing if known else (*clearing, Plain(GripperCode.CALIBRATE))
+        clearing = (IDLE, GripperMessage(GripperCode.CLEAR_ERROR))
+        return clearing if known else (*clearing, GripperMessage(GripperCode.CALIBRATE))
 
     def _stopping(self) -> Sequence[Order]:
         """The order that stops a motion: hold the position, or sleep where it is not known."""
         if self._state is None or not self._state.calibrated:
-            return (Plain(GripperCode.IDLE),)
-        self._order = self._brackets.hold(self._state, self._order)
+            return (GripperMessage(GripperCode.IDLE),)
+        self._order = replace(self._order, position=self._state.position)
         return (self._order,)
+
+    def _set_watchdog(self, link: CanLink, period_s: float) -> None:
+        """Set the gripper's own; 0 switches it off."""
+        self._write(link, GripperMessage(GripperCode.WATCHDOG, (round(period_s * 1e3), 0)))
 
     def _write(self, link: CanLink, *orders: Order) -> None:
         for order in orders:
             sent_s = link.send(encode_order(self._settings.node, order))
-            if isinstance(order, Poll | DriveOrder) and sent_s is not None:
+            if (order == POLL or isinstance(order, DriveOrder)) and sent_s is not None:
                 self._asked.append(sent_s)
                 self._asked_s = sent_s
 
@@ -233,15 +317,15 @@ class CanGripper(WireDriver[CanLink]):
         if self._missing * self._settings.reply_timeout_s >= self._settings.silence_timeout_s:
             return f"no answer to {self._missing} polls in a row; is it powered, and the bus whole?"
         if link.fault is None and not self._asked and now_s - self._asked_s >= self._interval_s():
-            self._write(link, Poll())
+            self._write(link, POLL)
         return None
 
     def _interval_s(self) -> float:
-        watched = self._subscribed or self._watch.busy or self._order.go
+        watched = self._subscribed or self._outcome.busy or self._order.go
         return self._settings.poll_interval_s if watched else self._settings.idle_interval_s
 
     def _receive(self, link: CanLink, received: ReceivedFrame) -> None:
-        answer, fault = answer_from(self._settings.node, received) or (None, False)
+        answer, fault = self._answer(received)
         if isinstance(answer, GripperErrors):
             self._faults = sorted(answer.active)
         if not isinstance(answer, GripperState):
@@ -249,21 +333,19 @@ class CanGripper(WireDriver[CanLink]):
         self._missing = 0
         asked_s = self._asked.popleft() if self._asked else received.arrival_s
         earliest_s = self._earliest_asked_s(asked_s)
-        if fault and not self._watch.faulty:
-            self._write(link, AskState(GripperCode.ERRORS))
+        if fault and not self._outcome.faulty:
+            self._write(link, GripperMessage(GripperCode.ERRORS))
         self._state = answer
-        home = self._watch.only_asks
-        if fault and not self._watch.faulty and home is not None:
+        home = self._outcome.only_asks
+        if fault and not self._outcome.faulty and home is not None:
             # The fault is older than the Home, as after a pause longer than the watchdog's: the Home clears it.
-            self._watch.faulty = True
+            self._outcome.faulty = True
             self._order_now(link, home)
         else:
-            self._statuses += self._watch.push(self._clock.from_monotonic(earliest_s), answer, fault)
+            self._statuses += self._outcome.push(self._clock.from_monotonic(earliest_s), answer, fault)
         if self._subscribed:
             t_s = self._clock.from_monotonic(0.5 * (asked_s + received.arrival_s))
-            width_m = self._brackets.width_m(answer.position)
-            arrival_s = self._clock.from_monotonic(received.arrival_s)
-            self._runs.push(self._seq, t_s, arrival_s, _Sample(width_m, -answer.current_ma))
+            self._runs.push(self._seq, t_s, self._clock.from_monotonic(received.arrival_s), answer)
         self._seq += 1
 
     def _earliest_asked_s(self, asked_s: float) -> float:
@@ -291,17 +373,17 @@ class CanGripper(WireDriver[CanLink]):
             for stream in sorted(self._subscribed):
                 self._lost(t_s, stream, 1)
 
-    def _block(self, info: StreamInfo, run: SampleRun[_Sample]) -> SampleBlock:
-        width = info is self._infos[0]
+    def _block(self, info: StreamInfo, run: SampleRun[GripperState]) -> SampleBlock:
+        if info is self._infos[0]:
+            values = [self._units.width_m(state.position) for state in run.samples]
+        else:
+            values = [-state.current_ma for state in run.samples]
+        times_s = np.array(run.times_s)
         return info.block(
-            run.seq,
-            run.t0_s,
-            np.array([[sample.width_m if width else sample.closing_ma] for sample in run.samples]),
-            times_s=np.array(run.times_s),
-            arrival_s=run.arrival_s,
+            run.seq, run.t0_s, np.array(values)[:, None], times_s=times_s, arrival_s=run.arrival_s
         )
 
 
 def _drives(order: Order) -> bool:
     """Whether an order drives the jaws; one that puts the drive to sleep does not."""
-    return order == Plain(GripperCode.CALIBRATE) or (isinstance(order, DriveOrder) and order.go)
+    return order.go if isinstance(order, DriveOrder) else order.code is GripperCode.CALIBRATE

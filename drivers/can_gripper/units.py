@@ -1,15 +1,27 @@
-"""SSG-48: what it counts ⇄ SI."""
+"""SSG-48: SI ⇄ what it counts, and which commands it takes."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
+
+from drivers.can_gripper.codec import DriveOrder
+from drivers.core.errors import CommandError, wrong
+from drivers.core.messages import Command, Grip, Home, Listen, Release, Stop
 
 LONGEST_S: Final = 0.05
 """Longest time between two states while all is well, s. Assumption: five at 100 Hz."""
 
 STROKE_M: Final = 0.048
 """Travel of the opening (data sheet)."""
+
+CLOSED_MIN_M: Final = 0.008
+CLOSED_MAX_M: Final = 0.085 - STROKE_M
+"""Least and greatest opening of closed jaws: the brackets reach from 8 to 85 mm (the bench's page)."""
+
+ROUNDING_M: Final = 1e-9
+"""By how much a width may leave the travel and still count as its end (assumption)."""
 
 POSITION_COUNTS: Final = 255
 """Positions run from 0, open, to this, closed: 0.19 mm a count (docs/reference/can_gripper.md)."""
@@ -31,6 +43,9 @@ FASTEST_TICKS_S: Final = 80_000.0
 
 SPEED_COUNTS: Final = 255
 
+SPEED_MAX_M_S: Final = FASTEST_TICKS_S / TICKS_PER_M
+"""0.37 m/s: both jaws at their fastest."""
+
 FORCE_N_PER_MA: Final = 0.0462
 """Force of the jaws for each milliampere: a public driver's fit to the data sheet's curve."""
 
@@ -39,6 +54,10 @@ STEADY_MA: Final = 150
 
 MOST_MA: Final = 1300
 """Greatest current (data sheet)."""
+
+FORCE_MIN_N: Final = STEADY_MA * FORCE_N_PER_MA
+FORCE_MAX_N: Final = MOST_MA * FORCE_N_PER_MA
+"""6.9 N and 60 N: what the currents allow that the gripper is stable at."""
 
 
 def speed_count(speed_m_s: float) -> int:
@@ -57,11 +76,76 @@ def speed_m_s(count: int) -> float:
     return speed_ticks_s(count) / TICKS_PER_M
 
 
-def opening_m(position: int) -> float:
-    """By how much the jaws are open at a position: 0 closed, `STROKE_M` open."""
-    return STROKE_M * (POSITION_COUNTS - position) / POSITION_COUNTS
+class GripperUnits:
+    """Turns widths and forces into the gripper's counts and back, and commands into its orders.
 
+    Args:
+        closed_width_m: Opening of the closed jaws: set by the brackets that the fingers stand on.
+        force_n_per_ma: Force for each mA.
+    """
 
-def position_count(opening_m_: float) -> int:
-    """The position nearest to an opening."""
-    return round(POSITION_COUNTS * (1.0 - opening_m_ / STROKE_M))
+    def __init__(self, closed_width_m: float, force_n_per_ma: float = FORCE_N_PER_MA) -> None:
+        self.closed_width_m = closed_width_m
+        self.open_width_m = closed_width_m + STROKE_M
+        self._force_n_per_ma = force_n_per_ma
+
+    def width_m(self, position: int) -> float:
+        """Opening at a position."""
+        return self.closed_width_m + STROKE_M * (POSITION_COUNTS - position) / POSITION_COUNTS
+
+    def position(self, width_m: float) -> int:
+        """The position nearest to an opening."""
+        return round(POSITION_COUNTS * (1.0 - (width_m - self.closed_width_m) / STROKE_M))
+
+    def current_ma(self, force_n: float) -> int:
+        """The greatest current that presses no harder than a force."""
+        return math.floor(force_n / self._force_n_per_ma + 1e-9)
+
+    def force_n(self, current_ma: int) -> float:
+        """How hard a current presses, whichever way."""
+        return abs(current_ma) * self._force_n_per_ma
+
+    def grip(self, command: Grip) -> DriveOrder:
+        """The order that carries out a command."""
+        speed, current_ma = speed_count(command.speed_m_s), self.current_ma(command.force_n)
+        return DriveOrder(self.position(command.width_m), speed, current_ma)
+
+    def release(self, command: Release, force_n: float) -> DriveOrder:
+        """The same; `force_n` is how hard it may press outwards."""
+        return DriveOrder(0, speed_count(command.speed_m_s), self.current_ma(force_n))
+
+    def checked(self, device: str, command: Command, max_speed_m_s: float, max_force_n: float) -> Command:
+        """The command as it will be sent: too great a speed is clamped, numbers are rounded to the gripper's counts.
+
+        Raises:
+            CommandError: not for a gripper, not finite or out of range.
+        """
+        match command:
+            case Home() | Stop() | Listen():
+                return command
+            case Release(speed_m_s=asked_m_s):
+                doing = "opening"
+            case Grip(speed_m_s=asked_m_s):
+                doing = f"gripping at {command.width_m * 1e3:g} mm with {command.force_n:g} N"
+            case _:
+                advice = "a gripper can Home, Grip, Release, Stop and Listen"
+                raise wrong(device, command, "it has no such command", advice)
+        if not (math.isfinite(asked_m_s) and asked_m_s > 0.0):
+            raise CommandError(device, doing, f"{asked_m_s:g} m/s is no speed", "choose one above zero")
+        clamped_m_s = min(asked_m_s, max_speed_m_s)
+        if isinstance(command, Release):
+            return replace(command, speed_m_s=speed_m_s(speed_count(clamped_m_s)))
+        if not self.closed_width_m - ROUNDING_M <= command.width_m <= self.open_width_m + ROUNDING_M:
+            reach = f"{self.closed_width_m * 1e3:g} to {self.open_width_m * 1e3:g} mm"
+            advice = "choose a width inside that"
+            raise CommandError(device, doing, f"its brackets let it open {reach}", advice)
+        if not FORCE_MIN_N - ROUNDING_M <= command.force_n <= max_force_n + ROUNDING_M:
+            advice = f"choose from {FORCE_MIN_N:.3g} to {max_force_n:.3g} N"
+            raise CommandError(device, doing, f"{command.force_n:g} N is out of range", advice)
+        order = self.grip(replace(command, speed_m_s=clamped_m_s))
+        return replace(
+            command,
+            width_m=self.width_m(order.position),
+            speed_m_s=speed_m_s(order.speed),
+            force_n=self.force_n(order.current_ma),
+        )

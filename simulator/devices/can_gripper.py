@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Literal, get_args
 
 from pydantic import Field
 
 from drivers.can_gripper import units
-from drivers.can_gripper.codec import decode_order, encode_answer
-from drivers.can_gripper.messages import (
+from drivers.can_gripper.codec import (
+    POLL,
+    QUERIES,
     Answer,
-    AskState,
     DriveOrder,
-    Encoder,
     GripperCode,
     GripperErrors,
-    GripperInfo,
+    GripperMessage,
     GripperState,
-    Heartbeat,
-    HeartbeatPeriod,
-    Number,
     Order,
-    Plain,
-    Poll,
-    Watchdog,
+    decode_order,
+    encode_answer,
 )
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
@@ -59,10 +54,10 @@ class EmulatedCanGripperSettings(Settings):
 class EmulatedCanGripper:
     """Answers as the gripper does.
 
-    Its habits, all of the firmware's: orders but `DriveOrder` and `Poll` have no answer; a `DriveOrder` is answered
+    Its habits, all of the firmware's: orders but `DriveOrder` and `POLL` have no answer; a `DriveOrder` is answered
     with the state before it; a fault puts the drive to sleep and stays until `CLEAR_ERROR`, and an emergency stop that
     came in a `DriveOrder` until a `DriveOrder` without it has come as well; faults do not undo the calibration; a
-    `DriveOrder` aborts a calibration; only `Poll`, `DriveOrder` and queries feed the watchdog, whose action
+    `DriveOrder` aborts a calibration; only `POLL`, `DriveOrder` and queries feed the watchdog, whose action
     is never used.
 
     Args:
@@ -94,7 +89,7 @@ class EmulatedCanGripper:
             return []
         if node != self._settings.node or self._silent:
             return []
-        if isinstance(order, AskState | Poll | DriveOrder):
+        if isinstance(order, DriveOrder) or order == POLL or order.code in QUERIES:
             self._fed_s = t_s
         answer = self._obey(order, t_s)
         return [] if answer is None else [self._sent(answer, t_s)]
@@ -104,7 +99,7 @@ class EmulatedCanGripper:
         self._run(t_s)
         if self._silent or self._sent_s is None or t_s - self._sent_s < self._heartbeat_s:
             return []
-        return [self._sent(Heartbeat(GripperCode.HEARTBEAT), t_s)]
+        return [self._sent(GripperMessage(GripperCode.HEARTBEAT), t_s)]
 
     def inject(self, kind: str, t_s: float) -> None:
         """Break something at `t_s`.
@@ -154,22 +149,22 @@ class EmulatedCanGripper:
 
     def _obey(self, order: Order, t_s: float) -> Answer | None:
         match order:
-            case AskState(code=code):
-                return self._answers()[code]()
-            case Poll():
-                return self._state()
             case DriveOrder():
                 state = self._state()
                 self._go(order)
                 return state
-            case Plain(code=code):
-                self._plain(code)
-            case Watchdog(period_ms=period_ms):
+            case GripperMessage(GripperCode.DRIVE):
+                return self._state()
+            case GripperMessage(GripperCode.WATCHDOG, (period_ms, _)):
                 if math.isinf(self._watchdog_s):
                     self._fed_s = t_s
                 self._watchdog_s = period_ms * 1e-3 if period_ms else math.inf
-            case HeartbeatPeriod(period_ms=period_ms):
+            case GripperMessage(GripperCode.HEARTBEAT_PERIOD, (period_ms,)):
                 self._heartbeat_s = period_ms * 1e-3 if period_ms else math.inf
+            case GripperMessage(code):
+                if code in QUERIES:
+                    return self._reading(code)
+                self._plain(code)
         return None
 
     def _go(self, order: DriveOrder) -> None:
@@ -198,18 +193,20 @@ class EmulatedCanGripper:
             self._awake = False
             self._source.calibrate()
 
-    def _answers(self) -> dict[GripperCode, Callable[[], Answer]]:
+    def _reading(self, code: GripperCode) -> Answer:
+        if code is GripperCode.ERRORS:
+            return GripperErrors(frozenset(self._faults))
         s, source = self._settings, self._source
         hot = "over temperature" in self._faults
-        return {
-            GripperCode.PING: lambda: Heartbeat(GripperCode.PING),
-            GripperCode.TEMPERATURE: lambda: Number(GripperCode.TEMPERATURE, 80 if hot else s.temperature_c),
-            GripperCode.VOLTAGE: lambda: Number(GripperCode.VOLTAGE, s.supply_mv),
-            GripperCode.INFO: lambda: GripperInfo(s.hardware, 25, s.software, s.serial),
-            GripperCode.ERRORS: lambda: GripperErrors(frozenset(self._faults)),
-            GripperCode.CURRENT: lambda: Number(GripperCode.CURRENT, round(source.current_ma)),
-            GripperCode.ENCODER: lambda: Encoder(source.ticks, round(source.ticks_s)),
+        numbers: Mapping[GripperCode, tuple[int, ...]] = {
+            GripperCode.PING: (),
+            GripperCode.TEMPERATURE: (80 if hot else s.temperature_c,),
+            GripperCode.VOLTAGE: (s.supply_mv,),
+            GripperCode.INFO: (s.hardware, 25, s.software, s.serial),
+            GripperCode.CURRENT: (round(source.current_ma),),
+            GripperCode.ENCODER: (source.ticks, round(source.ticks_s)),
         }
+        return GripperMessage(code, numbers[code])
 
     def _state(self) -> GripperState:
         source = self._source

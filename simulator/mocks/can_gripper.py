@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.can_gripper.brackets import FORCE_MAX_N, SPEED_MAX_M_S, Brackets, valid
-from drivers.can_gripper.messages import DriveOrder, GripFinding, GripperState
-from drivers.can_gripper.units import FORCE_N_PER_MA, LONGEST_S, POSITION_COUNTS, speed_ticks_s
-from drivers.can_gripper.watch import Watch
+from drivers.can_gripper.codec import DriveOrder, GripFinding, GripperState
+from drivers.can_gripper.outcome import GripperOutcome
+from drivers.can_gripper.units import (
+    FORCE_MAX_N,
+    FORCE_N_PER_MA,
+    LONGEST_S,
+    POSITION_COUNTS,
+    SPEED_MAX_M_S,
+    GripperUnits,
+    speed_ticks_s,
+)
 from drivers.core.messages import (
     Applied,
     Command,
@@ -56,7 +64,7 @@ class MockCanGripper(MockDriver):
 
     def _wire(self) -> None:
         name, jaws = self.name, part(self._bench, "jaws", self.name)
-        self._brackets = Brackets(jaws.jaws.settings.closed_width_m)
+        self._units = GripperUnits(jaws.jaws.settings.closed_width_m)
         self._infos = {
             f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
             f"{name}.force": StreamInfo(
@@ -66,7 +74,7 @@ class MockCanGripper(MockDriver):
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
-        self._watch = Watch(self.name, self._brackets, self._settings.object_hold_s)
+        self._outcome = GripperOutcome(self.name, self._units, self._settings.object_hold_s)
         self._order = DriveOrder(0, 0, 0)
         self._subscribed: frozenset[str] = frozenset()
         self._bench.jaws.poll_at(self._settings.poll_hz)
@@ -82,8 +90,8 @@ class MockCanGripper(MockDriver):
             mover=True,
             clock="bench",
             details={
-                "closed_width_m": self._brackets.closed_width_m,
-                "open_width_m": self._brackets.open_width_m,
+                "closed_width_m": self._units.closed_width_m,
+                "open_width_m": self._units.open_width_m,
                 "calibrated": self._bench.jaws.calibrated,
             },
         )
@@ -91,7 +99,7 @@ class MockCanGripper(MockDriver):
     def close(self) -> None:
         """Nothing to release; the jaws hold where they are."""
         self._bench.jaws.advance(self._clock.now())
-        if not self._watch.resting:
+        if not self._outcome.resting:
             self._hold()
 
     def apply(self, command: Command) -> Applied:
@@ -101,7 +109,7 @@ class MockCanGripper(MockDriver):
             CommandError: not for a gripper, not finite or out of range.
         """
         settings, now_s = self._settings, self._clock.now()
-        command = valid(self.name, self._brackets, settings.max_speed_m_s, settings.max_force_n, command)
+        command = self._units.checked(self.name, command, settings.max_speed_m_s, settings.max_force_n)
         if isinstance(command, Listen):
             self._run(now_s)
             self._subscribed = command.streams & frozenset(self._infos)
@@ -114,7 +122,7 @@ class MockCanGripper(MockDriver):
             self._refuse(command, refusal)
             return Applied(command, now_s)
         drives = self._do(command)
-        self._watch.begin(command, now_s, drives=drives)
+        self._outcome.begin(command, now_s, drives=drives)
         self._sent(command)
         return Applied(command, now_s)
 
@@ -130,7 +138,7 @@ class MockCanGripper(MockDriver):
                 self._lost(now_s, stream, len(samples))
             return ()
         times_s = np.array([number for number, _ in samples]) / self._settings.poll_hz
-        widths_m = [self._brackets.width_m(state.position) for _, state in samples]
+        widths_m = [self._units.width_m(state.position) for _, state in samples]
         closing_ma = [-state.current_ma for _, state in samples]
         columns = {f"{self.name}.width": np.array(widths_m), f"{self.name}.force": np.array(closing_ma)}
         t0_s = float(times_s[0])
@@ -164,10 +172,10 @@ class MockCanGripper(MockDriver):
         """Do it; whether it drives the jaws."""
         match command:
             case Grip():
-                self._go(self._brackets.grip(command))
+                self._go(self._units.grip(command))
             case Release():
-                self._go(self._brackets.release(command, self._settings.release_force_n))
-            case Stop() if not self._watch.resting:
+                self._go(self._units.release(command, self._settings.release_force_n))
+            case Stop() if not self._outcome.resting:
                 self._hold()
                 return bool(self._bench.jaws.calibrated)
             case Home() if not self._bench.jaws.calibrated:
@@ -178,7 +186,7 @@ class MockCanGripper(MockDriver):
 
     def _hold(self) -> None:
         if self._bench.jaws.calibrated:
-            self._go(self._brackets.hold(self._state(), self._order))
+            self._go(replace(self._order, position=self._state().position))
         else:
             self._bench.jaws.sleep()
 
@@ -193,7 +201,7 @@ class MockCanGripper(MockDriver):
         if not len(states) or self._gone(now_s):
             return
         for state in _states(states):
-            self._statuses += self._watch.push(number / self._settings.poll_hz, state, fault=False)
+            self._statuses += self._outcome.push(number / self._settings.poll_hz, state, fault=False)
             if self._subscribed:
                 self._samples.append((number, state))
             number += 1

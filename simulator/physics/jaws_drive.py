@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.can_gripper.messages import GripFinding
+from drivers.can_gripper.codec import GripFinding
 from drivers.can_gripper.units import MOST_MA, TICKS_PER_M
 from drivers.core.clock import last_tick
 from simulator.physics import jaws_kernel as kernel

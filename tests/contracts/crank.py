@@ -11,24 +11,31 @@ TURN_S = 0.005
 
 
 class Crank:
-    """An open device, its blocks and statuses so far.
+    """A device, its blocks and statuses so far.
 
     Args:
         device: Closed.
         clock: Its clock.
+        opens: Whether it is opened now.
+
+    Attributes:
+        turn_s: Time between two turns.
     """
 
-    def __init__(self, device: Any, clock: Any) -> None:
+    turn_s = TURN_S
+
+    def __init__(self, device: Any, clock: Any, opens: bool = True) -> None:
         self.device = device
         self.clock = clock
-        self.info = device.open()
+        if opens:
+            self.info = device.open()
         self.blocks: list[SampleBlock] = []
         self.statuses: list[Status] = []
 
     def turn(self, seconds: float) -> None:
         end_s = self.clock.now() + seconds
         while self.clock.now() < end_s:
-            self.clock.wait_until(self.clock.now() + TURN_S)
+            self.clock.wait_until(self.clock.now() + self.turn_s)
             self.blocks += self.device.read()
             self.statuses += self.device.poll()
 
@@ -40,3 +47,20 @@ class Crank:
 
     def of(self, kind: type[Status]) -> list[Any]:
         return [status for status in self.statuses if isinstance(status, kind)]
+
+    def take(self, kind: type[Status]) -> list[Any]:
+        """The statuses of a kind, which are then forgotten."""
+        taken = self.of(kind)
+        self.statuses = [status for status in self.statuses if not isinstance(status, kind)]
+        return taken
+
+    def until(self, kind: type[Status], seconds: float = 10.0) -> Any:
+        """The next status of a kind."""
+        end_s = self.clock.now() + seconds
+        while self.clock.now() < end_s:
+            self.turn(self.turn_s)
+            for status in self.statuses:
+                if isinstance(status, kind):
+                    self.statuses.remove(status)
+                    return status
+        raise AssertionError(f"no {kind.__name__} in {seconds} s, but {self.statuses}")

@@ -25,12 +25,11 @@ from drivers.core.messages import (
     Sent,
     Stalled,
     Standstill,
-    Status,
     Stop,
 )
 from simulator.physics.jaws import GripObject, JawsSettings
 from simulator.physics.jaws_drive import JawsDrive
-from tests.contracts.crank import TURN_S, Crank
+from tests.contracts.crank import Crank
 
 SCENE = JawsSettings(
     closed_width_m=0.020, objects={"mug": GripObject(width_m=0.040), "worn mug": GripObject(width_m=0.038)}
@@ -58,20 +57,14 @@ class GripperBench(Crank):
     """
 
     def __init__(
-        self, device: Any, clock: Any, change: Callable[[Callable[[JawsDrive], object]], None]
+        self,
+        device: Any,
+        clock: Any,
+        change: Callable[[Callable[[JawsDrive], object]], None],
+        opens: bool = True,
     ) -> None:
-        super().__init__(device, clock)
+        super().__init__(device, clock, opens)
         self.change = change
-
-    def until(self, kind: type[Status], seconds: float = 10.0) -> Any:
-        end_s = self.clock.now() + seconds
-        while self.clock.now() < end_s:
-            self.turn(TURN_S)
-            for status in self.statuses:
-                if isinstance(status, kind):
-                    self.statuses.remove(status)
-                    return status
-        raise AssertionError(f"no {kind.__name__} in {seconds} s, but {self.statuses}")
 
     def place(self, name: str | None) -> None:
         def scene(drive: JawsDrive) -> None:

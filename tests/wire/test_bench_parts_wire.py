@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.can_gripper.brackets import CanGripperSettings
-from drivers.can_gripper.driver import CanGripper
+from drivers.can_gripper.driver import CanGripper, CanGripperSettings
 from drivers.core.bench_clock import BenchClock, ClockPage
 from drivers.core.errors import RefusedError
 from drivers.core.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.can_gripper.brackets import CanGripperSettings
-from drivers.can_gripper.driver import CanGripper
+from drivers.can_gripper.driver import CanGripper, CanGripperSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.can_link import CanPort, open_can
 from drivers.core.clock import WallClock

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
-from drivers.can_gripper.brackets import CanGripperSettings
-from drivers.can_gripper.driver import CanGripper
+from drivers.can_gripper.driver import CanGripper, CanGripperSettings
 from drivers.core.clock import Clock, WallClock
 from drivers.core.errors import PortError, ProtocolError, SilentError
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings

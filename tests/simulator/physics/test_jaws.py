@@ -7,7 +7,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from drivers.can_gripper.messages import GripFinding
+from drivers.can_gripper.codec import GripFinding
 from simulator.physics.jaws import GripObject, Jaws, JawsSettings
 from simulator.physics.jaws_drive import JawsDrive
 from simulator.physics.jaws_kernel import TICK_S

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from drivers.can_gripper.brackets import CanGripperSettings
-from drivers.can_gripper.driver import CanGripper
+from drivers.can_gripper.codec import Order, decode_order
+from drivers.can_gripper.driver import CanGripper, CanGripperSettings
 from drivers.core.can_frame import CanFrame
-from drivers.core.can_link import PeriodicQuestion, ReceivedFrame
-from drivers.core.clock import WallClock
-from drivers.core.messages import Command, DeviceInfo, SampleBlock, Status
-from simulator.devices.can_gripper import EmulatedCanGripper
+from drivers.core.can_link import ReceivedFrame
+from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from simulator.physics.jaws_drive import JawsDrive
+from tests.contracts.gripper_suite import SCENE, GripperBench
+from tests.unit.drivers.far_end import FarClock, FarEnd
 
-TURN_S = 0.005
 DELAY_S = 0.0002
 """From a question to its answer: what a slcan adapter was measured to take."""
 
@@ -22,105 +21,57 @@ FRAME_S = 0.0001
 """How long a frame is on the bus: some hundred bits at 1 Mbit/s."""
 
 
-class Host:
-    """Time, and the far end of the link."""
+class GripperBus(FarEnd):
+    """A bus with one gripper; a frame takes its time in both directions.
 
-    def __init__(self, gripper: EmulatedCanGripper, begin_s: float) -> None:
-        self.gripper = gripper
-        self.now_s = begin_s
-        self.sent: list[CanFrame] = []
-        self.spoil: Callable[[CanFrame], CanFrame | None] = lambda frame: frame
+    Attributes:
+        late_s: How much later answers come than they do.
+        malformed: As of a `CanLink`.
+    """
+
+    def __init__(self, device: EmulatedCanGripper) -> None:
+        super().__init__(device, lambda: 0.005)
         self.late_s = 0.0
-        """How much later answers come than they do."""
-
-        self.fault: str | None = None
         self.malformed = 0
-        self.closed = False
-        self._due: list[ReceivedFrame] = []
 
-    def open(self, *_: object) -> Any:
-        self.closed = False
-        return self
-
-    def advance(self, seconds: float) -> None:
-        self.now_s += seconds
-        self._keep(self.gripper.step(self.now_s))
-
-    def send(self, frame: CanFrame) -> float | None:
-        if self.fault is not None:
-            return None
-        self.sent.append(frame)
-        self.now_s += FRAME_S
-        self._keep(self.gripper.receive(frame, self.now_s))
-        return self.now_s
+    def send(self, data: CanFrame) -> float | None:
+        if self.fault is None:
+            self.t_s += FRAME_S
+        return super().send(data)
 
     def receive(self) -> list[ReceivedFrame]:
-        received = [one for one in self._due if one.arrival_s <= self.now_s]
-        self._due = [one for one in self._due if one.arrival_s > self.now_s]
+        received = [one for one in self.arrived if one.arrival_s <= self.t_s]
+        self.arrived = [one for one in self.arrived if one.arrival_s > self.t_s]
         return received
 
-    def ask(self, question: PeriodicQuestion | None) -> None:
-        raise AssertionError("the gripper does not poll by the link's thread")
-
-    def close(self) -> None:
-        self.closed = True
-
-    def _keep(self, frames: list[CanFrame]) -> None:
-        for frame in frames:
-            spoilt = self.spoil(frame)
-            if spoilt is not None:
-                arrival_s = self.now_s + DELAY_S + self.late_s
-                if self._due:  # none overtakes another
-                    arrival_s = max(arrival_s, self._due[-1].arrival_s)
-                self._due.append(ReceivedFrame(spoilt, arrival_s))
+    def arrive(self, data: list[CanFrame]) -> None:
+        for frame in filter(None, map(self.hush, data)):
+            arrival_s = self.t_s + DELAY_S + self.late_s
+            if self.arrived:  # none overtakes another
+                arrival_s = max(arrival_s, self.arrived[-1].arrival_s)
+            self.arrived.append(ReceivedFrame(frame, arrival_s))
 
 
-class HostClock(WallClock):
-    """Bench time that begins with the host's."""
+class Bench(GripperBench):
+    """A driver on an emulated gripper in virtual time, closed."""
 
-    def __init__(self, host: Host) -> None:
-        self._host = host
-        self._origin_s = host.now_s
-
-    def now(self) -> float:
-        return self._host.now_s - self._origin_s
-
-    def monotonic_s(self) -> float:
-        return self._host.now_s
-
-    def rest(self, seconds: float) -> None:
-        self._host.advance(seconds)
-
-
-class Bench:
-    """Driver, emulated gripper, jaws."""
-
-    def __init__(self, host: Host, drive: JawsDrive, settings: CanGripperSettings) -> None:
-        self.host = host
+    def __init__(self, drive: JawsDrive, **driver: Any) -> None:
         self.drive = drive
-        self.clock = HostClock(host)
-        self.driver = CanGripper("gripper", settings, self.clock, host.open)
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
+        self.bus = GripperBus(EmulatedCanGripper(EmulatedCanGripperSettings(), drive))
+        settings = {"port": "can0", "closed_width_m": SCENE.closed_width_m, **driver}
+        clock = FarClock(self.bus)
+        gripper = CanGripper("gripper", CanGripperSettings(**settings), clock, self.bus.connect)
+        super().__init__(gripper, clock, lambda scene: scene(drive), opens=False)
 
-    def open(self) -> DeviceInfo:
-        return self.driver.open()
+    def orders(self, deed: Callable[[], object]) -> list[Order]:
+        """What is written meanwhile."""
+        before = len(self.bus.written)
+        deed()
+        return [decode_order(frame)[1] for frame in self.bus.written[before:]]
 
-    def apply(self, command: Command) -> None:
-        self.driver.apply(command)
+    def applied(self, *commands: object) -> list[Order]:
+        """What is written for commands."""
+        return self.orders(lambda: [self.device.apply(command) for command in commands])
 
-    def turn(self, seconds: float) -> None:
-        until_s = self.host.now_s + seconds
-        while self.host.now_s < until_s:
-            self.host.advance(TURN_S)
-            self.blocks += self.driver.read()
-            self.statuses += self.driver.poll()
-
-    def take(self, kind: type[Status]) -> list[Status]:
-        found = [status for status in self.statuses if isinstance(status, kind)]
-        self.statuses = [status for status in self.statuses if not isinstance(status, kind)]
-        return found
-
-    def place(self, name: str | None) -> None:
-        self.drive.jaws.place(name)
-        self.drive.disturb()
+    def inject(self, kind: str) -> None:
+        self.bus.device.inject(kind, self.bus.t_s)

@@ -1,16 +1,20 @@
-"""The gripper's driver on an emulated gripper, in virtual time."""
+"""The gripper's driver on an emulated gripper, in virtual time: what it promises, and what it writes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from drivers.can_gripper.codec import POLL, DriveOrder, GripperCode, GripperMessage, Order
 from drivers.core.can_frame import CanFrame
-from drivers.core.errors import PortError, ProtocolError, SilentError
+from drivers.core.can_link import ReceivedFrame
+from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.messages import (
+    Applied,
     Failed,
     Grip,
     Gripped,
@@ -25,220 +29,235 @@ from drivers.core.messages import (
     Standstill,
     Stop,
 )
-from tests.unit.drivers.can_gripper.gripper_bench import Bench
+from simulator.physics.jaws_drive import JawsDrive
+from tests.contracts.gripper_suite import GRIP, SCENE, FreshGripperContract, GripperContract, calibrated_jaws
+from tests.unit.drivers.can_gripper.gripper_bench import DELAY_S, FRAME_S, Bench
 
-GRIP = Grip("gripper", 0.020, 0.1, 20.0)
+OPEN_SLOWLY = Release("gripper", 0.02)
+HOME, STOP = Home("gripper"), Stop("gripper")
 WIDTH, FORCE = "gripper.width", "gripper.force"
+IDLE = DriveOrder(0, 0, 0, activate=False, go=False)
+CLEAR, CALIBRATE, SLEEP, ERRORS = (
+    GripperMessage(code)
+    for code in (GripperCode.CLEAR_ERROR, GripperCode.CALIBRATE, GripperCode.IDLE, GripperCode.ERRORS)
+)
+STEADY_MA = 324
+"""15 N at 0.0462 N/mA, rounded down."""
 
 Make = Callable[..., Bench]
 
 
-def hold_the_mug(bench: Bench) -> Gripped:
-    bench.apply(Release("gripper", 0.1))
+class TestCanGripper(GripperContract):
+    @pytest.fixture
+    def bench(self) -> Bench:
+        made = Bench(calibrated_jaws())
+        made.info = made.device.open()
+        return made
+
+
+class TestFreshCanGripper(FreshGripperContract):
+    @pytest.fixture
+    def fresh(self) -> Bench:
+        made = Bench(JawsDrive(SCENE))
+        made.info = made.device.open()
+        return made
+
+
+def watchdog(period_ms: int) -> Order:
+    return GripperMessage(GripperCode.WATCHDOG, (period_ms, 0))
+
+
+def hold_the_mug(bench: Bench) -> None:
+    bench.device.apply(Release("gripper", 0.1))
     bench.turn(0.6)
-    assert len(bench.take(Reached)) == 1
     bench.place("mug")
-    bench.apply(GRIP)
+    bench.device.apply(GRIP)
     bench.turn(0.5)
-    (gripped,) = bench.take(Gripped)
-    assert isinstance(gripped, Gripped)
-    return gripped
+    assert bench.take(Gripped)[0].object
+    bench.statuses.clear()
 
 
-def test_open_identifies_itself_and_moves_nothing(make_bench: Make) -> None:
-    bench = make_bench(calibrated=False)
+def position(bench: Bench) -> int:
+    assert bench.device._state is not None
+    return int(bench.device._state.position)
+
+
+# --- opening and closing -------------------------------------------------------------------------
+
+
+def test_open_identifies_it_sets_the_watchdog_and_moves_nothing(make_bench: Make) -> None:
+    bench = make_bench(calibrated=False, watchdog_s=2.5)
     before_m = bench.drive.jaws.width_m
-    info = bench.open()
-    bench.turn(0.5)
+    *asked, last = bench.orders(lambda: setattr(bench, "info", bench.device.open()))
+    assert asked == [*(GripperMessage(GripperCode(code)) for code in (25, 26, 23, 24)), POLL]
+    assert last == watchdog(2500)
+    info = bench.info
     assert (info.serial, info.mover, set(info.streams)) == ("4848", True, {WIDTH, FORCE})
-    assert info.details["open_width_m"] == pytest.approx(0.058)
     assert info.details["supply_v"] == pytest.approx(24.0)
     assert info.details["calibrated"] is False
+    bench.turn(0.5)
     assert bench.drive.jaws.width_m == before_m
     assert bench.statuses == []
 
 
-def test_open_leaves_a_grip_as_it_is_and_stops_a_motion(make_bench: Make) -> None:
-    bench = make_bench()
-    bench.open()
-    hold_the_mug(bench)
-    bench.driver.close()
-    bench.host.advance(30.0)
-    bench.open()
-    assert bench.drive.jaws.contact_n == pytest.approx(20.0, abs=0.6)
-    bench.apply(Release("gripper", 0.01))
-    bench.turn(0.5)
-    bench.driver._failure = "the program was killed"
-    bench.driver.close()
-    bench.open()
-    bench.turn(0.5)
-    assert abs(bench.drive.jaws.rate_m_s) < 1e-4
-    assert bench.drive.jaws.width_m < 0.055
-
-
-def test_homing_calibrates_where_the_ends_are_not_known(make_bench: Make) -> None:
-    bench = make_bench(calibrated=False)
-    bench.open()
-    bench.apply(Home("gripper"))
+def test_open_stops_what_moves_where_it_is_with_little_force(bench: Bench) -> None:
+    bench.device.apply(OPEN_SLOWLY)
+    bench.turn(0.3)
+    bench.device._failure = "the program was killed"
+    assert bench.orders(bench.device.close) == []
+    period, hold = bench.orders(bench.device.open)[-2:]
+    assert period == watchdog(1000)
+    assert hold == DriveOrder(position(bench), 0, STEADY_MA)
     bench.turn(1.0)
-    assert bench.take(Reached) == []
-    bench.turn(2.0)
-    (reached,) = bench.take(Reached)
-    assert isinstance(reached, Reached)
-    assert reached.position_m == pytest.approx(0.010)
-    assert bench.drive.calibrated
+    assert abs(bench.drive.jaws.rate_m_s) < 1e-4
 
 
-def test_homing_again_leaves_what_is_held(bench: Bench) -> None:
+def test_what_the_last_session_left_is_forgotten_at_open(bench: Bench) -> None:
+    bench.listen(WIDTH)
     hold_the_mug(bench)
-    bench.apply(Home("gripper"))
-    bench.turn(0.2)
-    assert len(bench.take(Reached)) == 1
-    assert bench.drive.jaws.contact_n == pytest.approx(20.0, abs=0.6)
+    assert bench.orders(bench.device.close) == [watchdog(0)], "what is held stays held"
+    bench.device.open()
+    assert bench.applied(STOP) == [POLL]
+    bench.turn(0.3)
+    bench.blocks.clear()
+    asked = bench.orders(lambda: bench.turn(1.0))
+    assert 8 <= len(asked) <= 11, "asked ten times a second: nothing is under way"
+    assert bench.blocks == []
 
 
-def test_a_calibration_that_never_ends_is_a_stall(make_bench: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = make_bench(calibrated=False)
-    monkeypatch.setattr(bench.drive, "calibrate", lambda: None)
-    bench.open()
-    bench.apply(Home("gripper"))
-    bench.turn(33.0)
-    (stalled,) = bench.take(Stalled)
-    assert isinstance(stalled, Stalled)
-    assert "gave up its calibration" in stalled.reason
+def test_closing_in_motion_holds_the_jaws_where_they_were_last_seen(bench: Bench) -> None:
+    (opening,) = bench.applied(OPEN_SLOWLY)
+    bench.turn(0.3)
+    assert isinstance(opening, DriveOrder)
+    hold = replace(opening, position=position(bench), current_ma=STEADY_MA)
+    assert bench.orders(bench.device.close) == [hold, watchdog(0)]
 
 
-@pytest.mark.parametrize("command", [GRIP, Release("gripper", 0.05)])
-def test_nothing_is_gripped_before_homing(make_bench: Make, command: Grip) -> None:
-    bench = make_bench(calibrated=False)
-    bench.open()
-    bench.apply(command)
-    (refused,) = bench.take(Refused) or bench.driver.poll()
-    assert isinstance(refused, Refused)
-    assert "send Home first" in refused.reason
+def test_closing_a_gripper_that_has_failed_writes_nothing(bench: Bench) -> None:
+    """Its watchdog lets go by itself."""
+    bench.device.apply(OPEN_SLOWLY)
+    bench.bus.hush = lambda frame: None
+    bench.turn(1.0)
+    assert len(bench.take(Failed)) == 1
+    assert bench.orders(bench.device.close) == []
+    assert bench.bus.closed
 
 
-def test_an_object_is_gripped_with_the_force_that_was_asked_for(bench: Bench) -> None:
-    gripped = hold_the_mug(bench)
-    assert gripped.object
-    assert gripped.force_n == pytest.approx(20.0, abs=0.05)
-    assert gripped.width_m == pytest.approx(0.039, abs=0.2e-3), "40 mm, squeezed by 20 N at 20 kN/m"
-    assert bench.drive.jaws.contact_n == pytest.approx(20.0, abs=0.6), "friction is half a newton"
+@pytest.mark.parametrize(
+    ("fault", "error", "line"),
+    [
+        ("silent", SilentError, "no answer in 0.2 s .*powered with 24 V, node 0"),
+        ("another node", ProtocolError, "4 frames of others .*is the gripper node 0"),
+        ("unplugged", PortError, "the bus was taken away"),
+    ],
+)
+def test_a_bus_without_the_gripper_is_refused(
+    make_bench: Make, fault: str, error: type[DeviceError], line: str
+) -> None:
+    bench = make_bench()
+    if fault == "silent":
+        bench.inject("silent")
+    elif fault == "another node":
+        bench.bus.hush = lambda frame: replace(frame, id=frame.id | 0x80)
+    else:
+        bench.bus.fault = line
+    with pytest.raises(error, match=line):
+        bench.device.open()
+    assert bench.bus.closed
+
+
+def test_frames_of_others_are_passed_over(make_bench: Make) -> None:
+    bench = make_bench()
+    bench.bus.arrived = [ReceivedFrame(CanFrame(0x123, b"\1"), 0.0)]
+    assert bench.device.open().serial == "4848"
+
+
+# --- commands ------------------------------------------------------------------------------------
 
 
 def test_a_grip_is_one_frame_and_on_the_bus_when_apply_returns(bench: Bench) -> None:
     bench.turn(0.1)
-    before = len(bench.host.sent)
-    bench.apply(replace(GRIP, force_n=30.0))
-    (frame,) = bench.host.sent[before:]
+    before = len(bench.bus.written)
+    bench.device.apply(replace(GRIP, force_n=30.0))
+    (frame,) = bench.bus.written[before:]
     assert frame.id == 0x7A
-    assert frame.data[0] == 202  # 20 mm of 10 to 58: 255 x 38 / 48 = 201.9
+    assert frame.data[0] == 202  # 30 mm of 20 to 68: 255 x 38 / 48 = 201.9
     assert int.from_bytes(frame.data[2:4], "big") == 649  # 30 N / 0.0462 N/mA
     assert frame.data[4] == 0xC0
 
 
-def test_a_second_grip_tightens(bench: Bench) -> None:
-    hold_the_mug(bench)
-    bench.apply(replace(GRIP, force_n=40.0))
-    bench.turn(0.3)
-    (gripped,) = bench.take(Gripped)
-    assert isinstance(gripped, Gripped)
-    assert gripped.object
-    assert bench.drive.jaws.contact_n == pytest.approx(40.0, abs=0.6)
+def test_apply_says_what_was_sent_and_when(bench: Bench) -> None:
+    quick = bench.device.apply(Release("gripper", 9.0))
+    assert quick.command.speed_m_s == pytest.approx(0.1, rel=0.02)
+    assert quick.t_s == bench.clock.now()
+    assert bench.device.poll() == [Sent(quick.t_s, "gripper", quick.command)]
+    listen = Listen("gripper", frozenset({WIDTH, "board.force"}))
+    assert bench.device.apply(listen) == Applied(listen, bench.clock.now())
 
 
-def test_jaws_that_meet_nothing_say_so(bench: Bench) -> None:
-    bench.apply(GRIP)
-    bench.turn(1.0)
-    (gripped,) = bench.take(Gripped)
-    assert isinstance(gripped, Gripped)
-    assert not gripped.object
-    assert gripped.width_m == pytest.approx(0.020, abs=0.2e-3)
-
-
-def test_a_lost_object_is_reported(bench: Bench) -> None:
-    hold_the_mug(bench)
-    bench.place(None)
-    bench.turn(0.5)
-    (gripped,) = bench.take(Gripped)
-    assert isinstance(gripped, Gripped)
-    assert not gripped.object
-
-
-def test_release_opens_fully_and_lets_go(bench: Bench) -> None:
-    hold_the_mug(bench)
-    bench.apply(Release("gripper", 0.1))
-    bench.turn(0.5)
-    (reached,) = bench.take(Reached)
-    assert isinstance(reached, Reached)
-    assert reached.position_m == pytest.approx(0.058)
-    assert bench.drive.jaws.contact_n == 0.0
-
-
-def test_jaws_that_cannot_open_have_stalled(bench: Bench) -> None:
-    bench.apply(Release("gripper", 0.02))
+def test_home_writes_what_is_missing_and_no_more(make_bench: Make) -> None:
+    bench = make_bench(calibrated=False)
+    bench.device.open()
+    assert bench.applied(HOME) == [IDLE, CLEAR, CALIBRATE]
+    bench.turn(3.0)
+    assert bench.applied(HOME) == [POLL]
+    bench.inject("overheat")
+    assert bench.orders(lambda: bench.turn(0.2)).count(ERRORS) == 1
+    assert bench.applied(HOME) == [IDLE, CLEAR]
     bench.turn(0.2)
-    bench.host.gripper.inject("stall", bench.host.now_s)
-    bench.turn(0.5)
-    (stalled,) = bench.take(Stalled)
-    assert isinstance(stalled, Stalled)
-    assert "something holds its jaws" in stalled.reason
+    assert bench.applied(HOME) == [POLL]
 
 
-def test_stop_holds_the_jaws_where_they_are(bench: Bench) -> None:
-    bench.apply(Release("gripper", 0.02))
-    bench.turn(0.5)
-    bench.apply(Stop("gripper"))
-    bench.turn(0.5)
-    (still,) = bench.take(Standstill)
-    assert isinstance(still, Standstill)
-    assert still.position_m == pytest.approx(0.020, abs=0.001), "10 mm in half a second from the closed end"
-    width_m = bench.drive.jaws.width_m
-    bench.turn(0.5)
-    assert bench.drive.jaws.width_m == pytest.approx(width_m, abs=1e-5)
-    assert bench.take(Reached) == []
+@pytest.mark.parametrize("command", [GRIP, OPEN_SLOWLY])
+def test_what_cannot_be_done_is_refused_unwritten_with_what_to_do(make_bench: Make, command: Grip) -> None:
+    bench = make_bench(calibrated=False)
+    bench.device.open()
+
+    def refusal() -> object:
+        now_s = bench.clock.now()
+        assert bench.applied(command) == []
+        (status,) = bench.device.poll()
+        assert isinstance(status, Refused)
+        assert (status.t_s, status.device) == (now_s, "gripper")
+        return status.reason
+
+    assert refusal() == "it does not know its ends; send Home first, with empty jaws"
+    bench.device.apply(HOME)
+    bench.turn(3.0)
+    bench.inject("overheat")
+    bench.turn(0.2)
+    bench.device.poll()
+    assert refusal() == "it has a fault; send Home, which clears it"
 
 
-def test_stop_keeps_what_is_held(bench: Bench) -> None:
-    hold_the_mug(bench)
-    bench.apply(Stop("gripper"))
+# --- stops ---------------------------------------------------------------------------------------
+
+
+def test_stops_of_a_motion_hold_it_with_its_own_current_and_keep_the_jaws_asked_often(bench: Bench) -> None:
+    bench.device.apply(OPEN_SLOWLY)
+    bench.turn(0.3)
+    seen = position(bench)
+    for hold in bench.applied(STOP, STOP):
+        assert isinstance(hold, DriveOrder)
+        assert (hold.position, hold.current_ma, hold.go) == (seen, STEADY_MA, True)
     bench.turn(0.3)
     assert len(bench.take(Standstill)) == 1
-    assert bench.drive.jaws.contact_n == pytest.approx(20.0, abs=0.6)
+    assert 45 <= len(bench.orders(lambda: bench.turn(0.5))) <= 52, "they hold: a hundred times a second"
 
 
 def test_stops_of_a_held_object_write_no_order_to_the_drive(bench: Bench) -> None:
     hold_the_mug(bench)
-    before = len(bench.host.sent)
-    for command in (Stop("gripper"), Stop("gripper"), Home("gripper"), Stop("gripper")):
-        bench.apply(command)
-    assert [frame.data for frame in bench.host.sent[before:]] == [b""] * 4
-
-
-def test_two_stops_of_a_motion_stop_it_with_its_own_current(bench: Bench) -> None:
-    bench.apply(Release("gripper", 0.02))
-    bench.turn(0.2)
-    before = len(bench.host.sent)
-    bench.apply(Stop("gripper"))
-    bench.apply(Stop("gripper"))
-    for frame in bench.host.sent[before:]:
-        assert int.from_bytes(frame.data[2:4], "big") == 324  # 15 N / 0.0462 N/mA
-        assert frame.data[4] == 0xC0
-    bench.turn(0.3)
-    assert len(bench.take(Standstill)) == 1
+    assert bench.applied(STOP, STOP, HOME, STOP) == [POLL] * 4
 
 
 def test_stops_after_a_fault_was_cleared_wake_no_drive(bench: Bench) -> None:
     hold_the_mug(bench)
-    bench.host.gripper.inject("overheat", bench.host.now_s)
+    bench.inject("overheat")
     bench.turn(0.1)
-    bench.apply(Stop("gripper"))
+    bench.device.apply(STOP)
     bench.turn(0.2)
-    bench.apply(Home("gripper"))
-    before = len(bench.host.sent)
-    bench.apply(Stop("gripper"))
-    bench.apply(Stop("gripper"))
-    assert [frame.data for frame in bench.host.sent[before:]] == [b""] * 2
+    bench.device.apply(HOME)
+    assert bench.applied(STOP, STOP) == [POLL] * 2
     bench.turn(0.2)
     assert bench.drive.current_ma == 0.0
     assert len(bench.take(Standstill)) == 2
@@ -246,113 +265,148 @@ def test_stops_after_a_fault_was_cleared_wake_no_drive(bench: Bench) -> None:
 
 def test_stop_is_answered_before_homing_too(make_bench: Make) -> None:
     bench = make_bench(calibrated=False)
-    bench.open()
-    bench.apply(Stop("gripper"))
+    bench.device.open()
+    bench.device.apply(STOP)
     bench.turn(0.3)
     assert len(bench.take(Standstill)) == 1
 
 
-def test_stop_breaks_a_calibration_off(make_bench: Make) -> None:
+@pytest.mark.parametrize("closes", [False, True])
+def test_a_calibration_is_stopped_by_putting_the_drive_to_sleep(make_bench: Make, closes: bool) -> None:
     bench = make_bench(calibrated=False)
-    bench.open()
-    bench.apply(Home("gripper"))
+    bench.device.open()
+    bench.device.apply(HOME)
     bench.turn(0.3)
-    bench.apply(Stop("gripper"))
+    if closes:
+        assert bench.orders(bench.device.close) == [SLEEP, watchdog(0)]
+        return
+    assert bench.applied(STOP) == [SLEEP]
     bench.turn(0.3)
     assert len(bench.take(Standstill)) == 1
     assert bench.drive.current_ma == 0.0
 
 
+# --- faults --------------------------------------------------------------------------------------
+
+
 def test_a_host_that_hangs_loses_the_grip_and_says_so_when_it_wakes(bench: Bench) -> None:
     hold_the_mug(bench)
-    bench.host.advance(1.5)
+    bench.bus.wait(1.5)
     bench.turn(0.1)
     (stalled,) = bench.take(Stalled)
-    assert isinstance(stalled, Stalled)
     assert "watchdog" in stalled.reason
     assert bench.drive.jaws.contact_n < 0.6
-    bench.apply(GRIP)
+    bench.device.apply(GRIP)
     bench.turn(0.1)
     assert len(bench.take(Refused)) == 1
-    bench.apply(Home("gripper"))
-    bench.turn(0.1)
-    assert len(bench.take(Reached)) == 1
-    bench.apply(GRIP)
-    bench.turn(0.5)
-    assert len(bench.take(Gripped)) == 1
+    for command, answer in ((HOME, Reached), (GRIP, Gripped)):
+        bench.device.apply(command)
+        bench.turn(0.5)
+        assert len(bench.take(answer)) == 1
 
 
 def test_home_clears_a_fault_that_is_not_known_yet(bench: Bench) -> None:
     """Between two trials nothing is read: rows, measures and garbage may take longer than the watchdog waits."""
     hold_the_mug(bench)
-    bench.host.advance(1.5)
-    bench.apply(Home("gripper"))
+    bench.bus.wait(1.5)
+    bench.device.apply(HOME)
     bench.turn(0.1)
     assert bench.take(Stalled) == []
     assert len(bench.take(Reached)) == 1
-    bench.apply(GRIP)
+    bench.device.apply(GRIP)
     bench.turn(0.5)
     assert len(bench.take(Gripped)) == 1
-    bench.host.advance(1.5)
+    bench.bus.wait(1.5)
     bench.turn(0.1)
     assert len(bench.take(Stalled)) == 1, "a later one is reported"
 
 
-@pytest.mark.parametrize(("fault", "message"), [("overheat", "too hot")])
-def test_a_fault_opens_the_grip_and_is_a_stall(bench: Bench, fault: str, message: str) -> None:
+@pytest.mark.parametrize(
+    ("fault", "message"), [("over temperature", "too hot"), ("emergency stop", "a fault of its motor")]
+)
+def test_a_fault_opens_the_grip_and_is_a_stall_once(bench: Bench, fault: str, message: str) -> None:
     hold_the_mug(bench)
-    bench.host.gripper.inject(fault, bench.host.now_s)
-    bench.turn(0.1)
+    if fault == "over temperature":
+        bench.inject("overheat")
+    else:
+        bench.bus.send(CanFrame(0x000))  # of another host
+    bench.turn(0.3)
     (stalled,) = bench.take(Stalled)
-    assert isinstance(stalled, Stalled)
     assert message in stalled.reason
     assert bench.drive.jaws.contact_n < 0.6
-    assert bench.driver.account()["faults"] == ["over temperature"]
-
-
-def test_an_emergency_stop_of_another_host_is_a_stall_once(bench: Bench) -> None:
-    hold_the_mug(bench)
-    bench.host.send(CanFrame(0x000))
-    bench.turn(0.3)
-    assert len(bench.take(Stalled)) == 1
-    assert bench.driver.account()["faults"] == ["emergency stop"]
+    assert bench.device.account()["faults"] == [fault]
 
 
 def test_a_power_failure_is_seen_as_lost_ends(bench: Bench) -> None:
-    bench.host.gripper.inject("reboot", bench.host.now_s)
+    bench.inject("reboot")
     bench.turn(0.2)
-    bench.apply(GRIP)
+    bench.device.apply(GRIP)
     bench.turn(0.1)
-    (refused,) = bench.take(Refused)
-    assert isinstance(refused, Refused)
-    assert "does not know its ends" in refused.reason
+    assert "does not know its ends" in bench.take(Refused)[0].reason
+
+
+def test_a_bus_that_is_gone_is_a_failure_once_and_what_it_did_not_take_was_not_sent(bench: Bench) -> None:
+    bench.bus.fault = "the bus was taken away"
+    bench.device.apply(STOP)
+    assert bench.device.poll() == [Failed(bench.clock.now(), "gripper", "the bus was taken away")]
+    bench.device.apply(STOP)
+    bench.turn(0.1)
+    assert [type(status) for status in bench.statuses] == [Refused]
+
+
+def test_ten_questions_in_a_row_without_an_answer_are_a_failure(bench: Bench) -> None:
+    bench.listen(WIDTH, FORCE)
+    bench.turn(0.2)
+    bench.statuses.clear()
+    begin_s = bench.clock.now()
+    bench.bus.hush = lambda frame: None
+    failed = bench.until(Failed, 2.0)
+    assert failed.reason == "no answer to 10 polls in a row; is it powered, and the bus whole?"
+    assert failed.t_s - begin_s == pytest.approx(0.55, abs=0.06)
+    lost = bench.take(Lost)
+    assert [(status.stream, status.samples) for status in lost] == [(FORCE, 1), (WIDTH, 1)] * 10
+    assert lost[0].t_s == pytest.approx(begin_s, abs=0.011)
+    assert lost[-1].t_s - lost[0].t_s == pytest.approx(0.5, abs=0.06), "each was given up after 50 ms"
+    assert bench.device.account()["lost"] == 10
+
+
+def test_nine_lost_answers_and_one_that_comes_are_no_failure(bench: Bench) -> None:
+    for _ in range(6):
+        bench.bus.hush = lambda frame: None
+        bench.turn(0.4)
+        bench.bus.hush = lambda frame: frame
+        bench.turn(0.15)
+    assert bench.take(Failed) == []
+
+
+# --- samples -------------------------------------------------------------------------------------
 
 
 def test_width_and_force_come_ten_milliseconds_apart_with_the_time_of_the_question(bench: Bench) -> None:
-    bench.apply(Listen("gripper", frozenset({WIDTH, FORCE})))
+    bench.listen(WIDTH, FORCE)
     hold_the_mug(bench)
     bench.turn(0.5)
-    widths = [block for block in bench.blocks if block.stream == WIDTH]
-    forces = [block for block in bench.blocks if block.stream == FORCE]
+    widths, forces = bench.blocks_of(WIDTH), bench.blocks_of(FORCE)
     times_s = np.concatenate([block.times for block in widths])
     assert np.diff(times_s).min() > 0.0
     assert np.median(np.diff(times_s)) == pytest.approx(0.010, abs=5e-4)
     assert [block.seq for block in widths] == [block.seq for block in forces]
     assert forces[-1].physical[-1, 0] == pytest.approx(20.0, abs=0.05), "compression is positive"
     assert widths[-1].physical[-1, 0] == pytest.approx(0.039, abs=0.2e-3)
+    # Midway between the question and its answer.
+    assert widths[-1].arrival_s - widths[-1].times[-1] == pytest.approx(0.5 * DELAY_S, abs=1e-9)  # type: ignore[operator]
+    assert FRAME_S < DELAY_S
 
 
-def test_a_lost_answer_is_a_reported_jump_in_the_sequence(bench: Bench) -> None:
-    bench.apply(Listen("gripper", frozenset({WIDTH})))
+def test_a_lost_answer_is_a_reported_jump_and_nothing_is_asked_while_it_may_come(bench: Bench) -> None:
+    bench.listen(WIDTH)
     bench.turn(0.2)
-    bench.host.spoil = lambda frame: None
-    bench.turn(0.02)
-    bench.host.spoil = lambda frame: frame
+    bench.bus.hush = lambda frame: None
+    assert 1 <= len(bench.orders(lambda: bench.turn(0.02))) <= 2
+    bench.bus.hush = lambda frame: frame
     bench.turn(0.2)
-    lost = bench.take(Lost)
-    assert sum(status.samples for status in lost if isinstance(status, Lost)) == 1
-    ends = [block.seq + len(block) for block in bench.blocks]
-    jumps = [block.seq - end for block, end in zip(bench.blocks[1:], ends, strict=False)]
+    assert sum(status.samples for status in bench.take(Lost)) == 1
+    jumps = [after.seq - before.seq - len(before) for before, after in pairwise(bench.blocks)]
     assert sorted(jumps)[-2:] == [0, 1]
 
 
@@ -361,92 +415,15 @@ def test_a_lost_answer_is_a_reported_jump_in_the_sequence(bench: Bench) -> None:
 def test_an_answer_that_was_given_up_and_comes_after_all_is_not_taken_for_a_later_ones(
     bench: Bench, late_s: float, before_s: float
 ) -> None:
-    bench.apply(Release("gripper", 0.1))
+    bench.device.apply(Release("gripper", 0.1))
     bench.turn(0.6)
     bench.place("mug")
-    bench.apply(Listen("gripper", frozenset({WIDTH})))
-    bench.host.late_s = late_s
+    bench.listen(WIDTH)
+    bench.bus.late_s = late_s
     bench.turn(before_s)
-    bench.apply(GRIP)
+    bench.device.apply(GRIP)
     bench.turn(late_s + 0.1)
-    bench.host.late_s = 0.0
+    bench.bus.late_s = 0.0
     bench.turn(0.8)
     (gripped,) = bench.take(Gripped)
-    assert isinstance(gripped, Gripped)
     assert gripped.object, "the jaws stood wide open when they were asked, before the command"
-
-
-def test_nothing_is_sent_without_a_subscriber(bench: Bench) -> None:
-    bench.turn(0.3)
-    assert bench.blocks == []
-
-
-def test_at_rest_it_is_asked_ten_times_a_second_only(bench: Bench) -> None:
-    bench.turn(0.2)
-    before = len(bench.host.sent)
-    bench.turn(2.0)
-    assert 15 <= len(bench.host.sent) - before <= 22
-
-
-def test_silence_is_a_failure(bench: Bench) -> None:
-    bench.host.gripper.inject("silent", bench.host.now_s)
-    bench.turn(2.0)
-    (failed,) = bench.take(Failed)
-    assert isinstance(failed, Failed)
-    assert "no answer" in failed.reason
-
-
-def test_a_bus_that_is_gone_is_a_failure_once(bench: Bench) -> None:
-    bench.host.fault = "the bus was taken away"
-    bench.turn(0.2)
-    assert len(bench.take(Failed)) == 1
-    bench.apply(Stop("gripper"))
-    bench.turn(0.1)
-    assert len(bench.take(Refused)) == 1
-
-
-def test_close_keeps_the_grip_and_switches_the_watchdog_off(bench: Bench) -> None:
-    hold_the_mug(bench)
-    bench.driver.close()
-    bench.driver.close()
-    assert bench.host.closed
-    bench.host.advance(10.0)
-    assert bench.drive.jaws.contact_n == pytest.approx(20.0, abs=0.6)
-
-
-def test_close_stops_a_motion(bench: Bench) -> None:
-    bench.apply(Release("gripper", 0.01))
-    bench.turn(0.5)
-    bench.driver.close()
-    bench.host.advance(5.0)
-    assert bench.drive.jaws.width_m < 0.02
-
-
-def test_an_empty_bus_is_silence(make_bench: Make) -> None:
-    bench = make_bench()
-    bench.host.gripper.inject("silent", bench.host.now_s)
-    with pytest.raises(SilentError, match=r"^gripper: no answer in 0.2 s .*powered with 24 V, node 0"):
-        bench.open()
-    assert bench.host.closed
-
-
-def test_another_node_on_the_bus_is_no_gripper(make_bench: Make) -> None:
-    bench = make_bench()
-    bench.host.spoil = lambda frame: replace(frame, id=frame.id | 0x80)
-    with pytest.raises(ProtocolError, match="is the gripper node 0"):
-        bench.open()
-
-
-def test_a_bus_that_goes_while_opening_is_a_port_error(make_bench: Make) -> None:
-    bench = make_bench()
-    bench.host.fault = "the bus was taken away"
-    with pytest.raises(PortError, match="taken away"):
-        bench.open()
-
-
-def test_a_sent_command_is_reported(bench: Bench) -> None:
-    bench.apply(GRIP)
-    bench.turn(0.05)
-    (sent,) = bench.take(Sent)
-    assert isinstance(sent, Sent)
-    assert isinstance(sent.command, Grip)

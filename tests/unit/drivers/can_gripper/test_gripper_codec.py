@@ -6,24 +6,20 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.can_gripper.codec import decode_answer, decode_order, encode_answer, encode_order
-from drivers.can_gripper.messages import (
+from drivers.can_gripper.codec import (
+    POLL,
     Answer,
-    AskState,
     DriveOrder,
-    Encoder,
     GripFinding,
     GripperCode,
     GripperErrors,
-    GripperInfo,
+    GripperMessage,
     GripperState,
-    Heartbeat,
-    HeartbeatPeriod,
-    Number,
     Order,
-    Plain,
-    Poll,
-    Watchdog,
+    decode_answer,
+    decode_order,
+    encode_answer,
+    encode_order,
 )
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
@@ -31,16 +27,16 @@ from drivers.core.errors import CodecError
 ORDERS = [
     (0, DriveOrder(100, 20, 500), "07A", "64 14 01 F4 C0"),
     (0, DriveOrder(255, 255, -1, activate=False, go=False, estop=True), "07A", "FF FF FF FF 20"),
-    (3, Poll(), "1FA", ""),
-    (0, Plain(GripperCode.CALIBRATE), "07C", ""),
-    (0, Plain(GripperCode.CLEAR_ERROR), "002", ""),
-    (0, Plain(GripperCode.ESTOP), "000", ""),
-    (15, Plain(GripperCode.IDLE), "798", ""),
-    (0, Watchdog(1000), "01E", "00 00 03 E8 00"),
-    (0, HeartbeatPeriod(500), "03C", "00 00 01 F4"),
+    (3, POLL, "1FA", ""),
+    (0, GripperMessage(GripperCode.CALIBRATE), "07C", ""),
+    (0, GripperMessage(GripperCode.CLEAR_ERROR), "002", ""),
+    (0, GripperMessage(GripperCode.ESTOP), "000", ""),
+    (15, GripperMessage(GripperCode.IDLE), "798", ""),
+    (0, GripperMessage(GripperCode.WATCHDOG, (1000, 0)), "01E", "00 00 03 E8 00"),
+    (0, GripperMessage(GripperCode.HEARTBEAT_PERIOD, (500,)), "03C", "00 00 01 F4"),
     (0, DriveOrder(1, 2, 3, activate=True, go=False), "07A", "01 02 00 03 80"),
-    (0, Watchdog(2**32 - 1, 200), "01E", "FF FF FF FF C8"),
-    (0, HeartbeatPeriod(2**32 - 1), "03C", "FF FF FF FF"),
+    (0, GripperMessage(GripperCode.WATCHDOG, (2**32 - 1, 200)), "01E", "FF FF FF FF C8"),
+    (0, GripperMessage(GripperCode.HEARTBEAT_PERIOD, (2**32 - 1,)), "03C", "FF FF FF FF"),
 ]
 
 
@@ -55,18 +51,18 @@ ANSWERS = [
     (0, False, state(GripFinding.AT_POSITION), "078", "80 FE D4 F1"),
     (0, True, state(GripFinding.MOVING, watchdog=True), "079", "80 FE D4 C5"),
     (0, True, state(GripFinding.MOVING, over_temperature=True, estop=True), "079", "80 FE D4 CB"),
-    (2, False, Heartbeat(GripperCode.HEARTBEAT), "112", ""),
-    (0, False, Heartbeat(GripperCode.PING), "014", ""),
-    (0, False, Number(GripperCode.TEMPERATURE, 31), "02E", "00 1F"),
-    (0, False, Number(GripperCode.VOLTAGE, 24_000), "030", "5D C0"),
-    (0, False, Number(GripperCode.CURRENT, -2), "036", "FF FE"),
-    (0, False, GripperInfo(2, 25, 1, 4848), "032", "02 19 01 00 00 12 F0"),
+    (2, False, GripperMessage(GripperCode.HEARTBEAT), "112", ""),
+    (0, False, GripperMessage(GripperCode.PING), "014", ""),
+    (0, False, GripperMessage(GripperCode.TEMPERATURE, (31,)), "02E", "00 1F"),
+    (0, False, GripperMessage(GripperCode.VOLTAGE, (24_000,)), "030", "5D C0"),
+    (0, False, GripperMessage(GripperCode.CURRENT, (-2,)), "036", "FF FE"),
+    (0, False, GripperMessage(GripperCode.INFO, (2, 25, 1, 4848)), "032", "02 19 01 00 00 12 F0"),
     (0, True, GripperErrors(frozenset({"emergency stop", "watchdog"})), "035", "81 A0"),
     (0, False, GripperErrors(frozenset()), "034", "00 80"),
     (0, False, replace(state(GripFinding.AT_POSITION), going=False), "078", "80 FE D4 B1"),
-    (0, False, GripperInfo(200, 201, 202, 2**32 - 1), "032", "C8 C9 CA FF FF FF FF"),
+    (0, False, GripperMessage(GripperCode.INFO, (200, 201, 202, 2**32 - 1)), "032", "C8 C9 CA FF FF FF FF"),
     (0, True, GripperErrors(frozenset({"encoder"}), motor_calibrated=False), "035", "A0 00"),
-    (0, False, Encoder(4321, -200), "038", "00 00 10 E1 FF FF FF 38"),
+    (0, False, GripperMessage(GripperCode.ENCODER, (4321, -200)), "038", "00 00 10 E1 FF FF FF 38"),
 ]
 
 
@@ -82,19 +78,19 @@ def test_orders_are_the_bytes_of_the_interface_page(
 @pytest.mark.parametrize(
     ("code", "identifier"),
     [
-        (GripperCode.PING, 0x14),
-        (GripperCode.TEMPERATURE, 0x2E),
-        (GripperCode.VOLTAGE, 0x30),
-        (GripperCode.INFO, 0x32),
-        (GripperCode.ERRORS, 0x34),
-        (GripperCode.CURRENT, 0x36),
-        (GripperCode.ENCODER, 0x38),
+        ("PING", 0x14),
+        ("TEMPERATURE", 0x2E),
+        ("VOLTAGE", 0x30),
+        ("INFO", 0x32),
+        ("ERRORS", 0x34),
+        ("CURRENT", 0x36),
+        ("ENCODER", 0x38),
     ],
 )
-def test_questions_are_remote_frames(code: GripperCode, identifier: int) -> None:
-    frame = CanFrame(identifier, remote=True)
-    assert encode_order(0, AskState(code)) == frame
-    assert decode_order(frame) == (0, AskState(code))
+def test_queries_are_remote_frames(code: str, identifier: int) -> None:
+    frame, query = CanFrame(identifier, remote=True), GripperMessage(GripperCode[code])
+    assert encode_order(0, query) == frame
+    assert decode_order(frame) == (0, query)
 
 
 @pytest.mark.parametrize(("node", "fault", "answer", "identifier", "data"), ANSWERS)
@@ -106,15 +102,11 @@ def test_answers_are_the_bytes_of_the_interface_page(
     assert decode_answer(frame) == (node, fault, answer)
 
 
-def test_either_order_of_the_object_bits_is_an_object() -> None:
-    for flags in (0xD1, 0xE1):
-        _, _, answer = decode_answer(CanFrame(0x78, bytes([128, 0, 0, flags])))
-        assert isinstance(answer, GripperState)
-        assert answer.object
-    for flags in (0xC1, 0xF1):
-        _, _, answer = decode_answer(CanFrame(0x78, bytes([128, 0, 0, flags])))
-        assert isinstance(answer, GripperState)
-        assert not answer.object
+@pytest.mark.parametrize(("flags", "held"), [(0xD1, True), (0xE1, True), (0xC1, False), (0xF1, False)])
+def test_either_order_of_the_object_bits_is_an_object(flags: int, held: bool) -> None:
+    _, _, answer = decode_answer(CanFrame(0x78, bytes([128, 0, 0, flags])))
+    assert isinstance(answer, GripperState)
+    assert answer.object is held
 
 
 @pytest.mark.parametrize(
@@ -153,4 +145,4 @@ def test_what_is_no_order_is_refused(frame: CanFrame) -> None:
 
 def test_a_node_beyond_fifteen_is_refused() -> None:
     with pytest.raises(CodecError, match="no node 16"):
-        encode_order(16, Poll())
+        encode_order(16, POLL)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from drivers.can_gripper.brackets import Brackets
-from drivers.can_gripper.messages import GripFinding, GripperState
+from drivers.can_gripper.codec import GripFinding, GripperState
+from drivers.can_gripper.units import GripperUnits
 from drivers.core.messages import (
     Command,
     Grip,
@@ -36,7 +36,7 @@ FAULTS = {
 """Faults in a state, and what they mean."""
 
 
-class Watch:
+class GripperOutcome:
     """Follows the last command of one gripper.
 
     A state counts only where it was requested after the command was sent. The jaws have an object when
@@ -46,7 +46,7 @@ class Watch:
 
     Args:
         device: Name in the profile.
-        brackets: Of the gripper.
+        units: Of the gripper.
         hold_s: How long something must hold the jaws.
 
     Attributes:
@@ -54,10 +54,10 @@ class Watch:
         faulty: Whether the last state had a fault.
     """
 
-    def __init__(self, device: str, brackets: Brackets, hold_s: float) -> None:
+    def __init__(self, device: str, units: GripperUnits, hold_s: float) -> None:
         self.faulty = False
         self._device = device
-        self._brackets = brackets
+        self._units = units
         self._hold_s = hold_s
         self.forget()
 
@@ -96,8 +96,9 @@ class Watch:
 
         The answer to a `Stop` or `Home` may be due still: two stops in a row find the same jaws.
         """
-        lost = isinstance(self._driving, Grip) and self._state is not None and not _held(self._state)
-        return not self._under_way and not lost
+        state = self._state
+        moving = state is not None and state.finding is GripFinding.MOVING
+        return not self._under_way and not (isinstance(self._driving, Grip) and moving)
 
     @property
     def only_asks(self) -> Home | None:
@@ -150,7 +151,7 @@ class Watch:
     def _homing(self, t_s: float, state: GripperState) -> list[Status]:
         if self.busy and state.calibrated:
             self.busy = False
-            width_m = self._brackets.width_m(state.position)
+            width_m = self._units.width_m(state.position)
             return [Reached(t_s, self._device, width_m, command_id=self._id)]
         if self.busy and t_s - self._sent_s > CALIBRATION_S:
             self.busy = self._under_way = False
@@ -165,7 +166,7 @@ class Watch:
         if found and self._free is not None and abs(state.position - self._free) <= STUCK_COUNTS:
             reason = f"{self._held_at(state)}, where they stood before; they grip nothing"
             return [Stalled(t_s, self._device, reason, command_id=self._id)]
-        width_m, force_n = self._brackets.width_m(state.position), self._brackets.force_n(state.current_ma)
+        width_m, force_n = self._units.width_m(state.position), self._units.force_n(state.current_ma)
         return [Gripped(t_s, self._device, found, width_m, force_n, command_id=self._id)]
 
     def _releasing(self, t_s: float, state: GripperState, found: bool | None) -> list[Status]:
@@ -174,7 +175,7 @@ class Watch:
         self.busy = False
         if found:
             return [Stalled(t_s, self._device, self._held_at(state), command_id=self._id)]
-        width_m = self._brackets.width_m(state.position)
+        width_m = self._units.width_m(state.position)
         return [Reached(t_s, self._device, width_m, command_id=self._id)]
 
     def _stopping(
@@ -185,11 +186,11 @@ class Watch:
         if not self.busy or not (there or t_s - self._still_s >= STILL_S):
             return []
         self.busy = self._under_way = False
-        width_m = self._brackets.width_m(state.position)
+        width_m = self._units.width_m(state.position)
         return [Standstill(t_s, self._device, width_m, command_id=self._id)]
 
     def _held_at(self, state: GripperState) -> str:
-        return f"something holds its jaws at {self._brackets.width_m(state.position) * 1e3:.1f} mm"
+        return f"something holds its jaws at {self._units.width_m(state.position) * 1e3:.1f} mm"
 
     def _stands_free(self) -> int | None:
         """Where the jaws stand, if nothing holds them where they were sent; None where that is not known. Jaws that
@@ -206,7 +207,3 @@ class Watch:
             return False if state.finding is GripFinding.AT_POSITION else None
         self._held_s = t_s if self._held_s is None else self._held_s
         return True if t_s - self._held_s >= self._hold_s else None
-
-
-def _held(state: GripperState) -> bool:
-    return state.finding is not GripFinding.MOVING
