@@ -2,20 +2,19 @@ import pytest
 
 from behaviors.aura import Aura, AuraFactors, AuraSettings
 from behaviors.chirp import ChirpSettings, ChirpSweep
-from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
+from behaviors.events import Resumed, Tick
 from behaviors.machine import NoFactors
 from drivers.core.messages import (
     Chirp,
     Excite,
-    Failed,
     Home,
     MovePose,
     Reached,
     Release,
-    Standstill,
     Stop,
     Tone,
 )
+from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 
 PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.051, 0.0, 0.0)}}
 DETECTORS = frozenset({"pretouch_ours", "contact_ours", "contact_paper"})
@@ -23,14 +22,6 @@ DETECTORS = frozenset({"pretouch_ours", "contact_ours", "contact_paper"})
 
 def aura(**settings):
     return Aura(AuraSettings(paths=PATHS, contact="contact_ours", **settings), AuraFactors(), DETECTORS)
-
-
-def arm(t_s):
-    return Reached(t_s, "arm", 0.0)
-
-
-def jaws(t_s):
-    return Reached(t_s, "gripper", 0.056)
 
 
 PATH = {
@@ -47,15 +38,7 @@ PATH = {
 
 
 def to(state, **settings):
-    behavior = aura(**settings)
-    commands = list(behavior.begin(0.0))
-    for name, events in PATH.items():
-        for event in events:
-            commands = list(behavior.handle(event))
-        if name is state:
-            break
-    assert behavior.state is state
-    return behavior, commands
+    return lead(aura(**settings), PATH, state)
 
 
 def go(x_m, z_m, speed_m_s):
@@ -77,16 +60,16 @@ def test_it_goes_along_the_path_and_back():
 
 def test_events_stop_nothing_in_an_approach_that_does_not_touch():
     behavior, _ = to("APPROACHING")
-    assert behavior.handle(PreTouch(7.0, "pretouch_ours", 1.0, 0.5)) == []
-    assert behavior.handle(Contact(8.0, "contact_ours", 9.0, 5.0)) == []
+    assert behavior.handle(seen(7.0, "pretouch_ours")) == []
+    assert behavior.handle(touch(8.0, "contact_ours")) == []
     assert behavior.state == "APPROACHING"
 
 
 def test_the_acting_detector_alone_stops_an_approach_that_touches():
     behavior, _ = to("APPROACHING", touch=True)
-    assert behavior.handle(Contact(8.0, "contact_paper", 9.0, 5.0)) == []
-    assert behavior.handle(Contact(8.1, "contact_ours", 9.0, 5.0)) == [Stop("arm")]
-    behavior.handle(Standstill(8.2, "arm", 0.02))
+    assert behavior.handle(touch(8.0, "contact_paper")) == []
+    assert behavior.handle(touch(8.1, "contact_ours")) == [Stop("arm")]
+    behavior.handle(still(8.2, 0.02))
     assert behavior.state == "HOLDING"
     assert behavior.outcome == "contact"
 
@@ -95,22 +78,13 @@ def test_it_approaches_as_often_as_it_is_asked_to():
     behavior, _ = to("RETRACTING", cycles=2)
     behavior.handle(arm(18.3))
     assert behavior.state == "BASELINE"
-    for event in (Tick(21.0), arm(26.0), Tick(28.5), arm(33.0)):
-        behavior.handle(event)
+    tell(behavior, Tick(21.0), arm(26.0), Tick(28.5), arm(33.0))
     assert behavior.state == "LEAVING"
 
 
 def test_an_axis_without_a_path_is_named():
     with pytest.raises(ValueError, match=r"axis = z: no such path in behavior\.paths; there are x"):
         Aura(AuraSettings(paths=PATHS), AuraFactors(axis="z"), DETECTORS)
-
-
-@pytest.mark.parametrize("state", list(PATH))
-def test_a_failure_in_any_state_stops_both_movers(state):
-    behavior, _ = to(state)
-    commands = behavior.handle(Failed(30.0, "audio", "the link is gone"))
-    assert commands == [Stop("arm"), Stop("gripper"), Excite("audio", False)]
-    assert behavior.outcome == "fault"
 
 
 def test_after_a_pause_near_the_object_it_backs_off_first():
@@ -136,25 +110,23 @@ def test_an_approach_that_a_pause_broke_off_is_made_again():
     behavior.handle(arm(12.1))
     assert behavior.state == "BASELINE"
     assert behavior.handle(Tick(14.2)) == [go(0.051, 0.0, 0.01)]
-    behavior.handle(arm(19.3))
-    behavior.handle(Resumed(20.0))
+    tell(behavior, arm(19.3), Resumed(20.0))
     assert behavior.state == "RETRACTING", "paused at its end"
     behavior.handle(arm(25.1))
     assert behavior.state == "LEAVING"
 
 
-LEFT_ALONE = [Contact(4.5, "contact_ours", 9.0, 5.0)]
-HELD = [*LEFT_ALONE, ContactHeld(5.0, "contact_ours", 9.0, 5.0)]
-ENDED = [*HELD, ContactLost(5.5, "contact_ours", 0.0, 5.0)]
-AGAIN = [*ENDED, Contact(5.6, "contact_ours", 9.0, 5.0)]
+LEFT_ALONE = [touch(4.5, "contact_ours")]
+HELD = [*LEFT_ALONE, held(5.0, "contact_ours")]
+ENDED = [*HELD, lost(5.5, "contact_ours")]
+AGAIN = [*ENDED, touch(5.6, "contact_ours")]
 
 
 @pytest.mark.parametrize("reported", [LEFT_ALONE, HELD, AGAIN])
 @pytest.mark.parametrize("event", [Tick(6.0), Resumed(5.9)])
 def test_a_touch_that_stands_before_the_approach_lets_none_begin(reported, event):
     behavior, _ = to("BASELINE", touch=True)
-    for each in reported:
-        behavior.handle(each)
+    tell(behavior, *reported)
     assert behavior.handle(event) == [go(0.0, 0.1, 0.05)], "up and away from what it touches"
     behavior.handle(arm(8.0))
     assert (behavior.done, behavior.outcome) == (True, "touched")
@@ -163,32 +135,24 @@ def test_a_touch_that_stands_before_the_approach_lets_none_begin(reported, event
 
 def test_a_touch_that_has_ended_before_the_approach_hinders_nothing():
     behavior, _ = to("BASELINE", touch=True)
-    for each in ENDED:
-        behavior.handle(each)
+    tell(behavior, *ENDED)
     assert behavior.handle(Tick(6.0)) == [go(0.051, 0.0, 0.01)]
 
 
-@pytest.mark.parametrize(("detector", "touch"), [("contact_paper", True), ("contact_ours", False)])
-def test_who_does_not_act_hinders_no_approach(detector, touch):
-    behavior, _ = to("BASELINE", touch=touch)
-    behavior.handle(Contact(4.5, detector, 9.0, 5.0))
+@pytest.mark.parametrize(("detector", "touches"), [("contact_paper", True), ("contact_ours", False)])
+def test_who_does_not_act_hinders_no_approach(detector, touches):
+    behavior, _ = to("BASELINE", touch=touches)
+    behavior.handle(touch(4.5, detector))
     assert behavior.handle(Tick(6.0)) == [go(0.051, 0.0, 0.01)]
 
 
 def test_a_touch_whose_end_was_not_felt_ends_a_trial_of_many_approaches():
     behavior, _ = to("APPROACHING", touch=True, cycles=3)
-    behavior.handle(Contact(8.1, "contact_ours", 9.0, 5.0))
-    for event in (Standstill(8.2, "arm", 0.02), Tick(10.3), arm(12.0)):
-        behavior.handle(event)
+    behavior.handle(touch(8.1, "contact_ours"))
+    tell(behavior, still(8.2, 0.02), Tick(10.3), arm(12.0))
     assert behavior.state == "BASELINE"
     assert behavior.handle(Tick(14.1)) == [go(0.0, 0.1, 0.05)]
     assert "not its end" in behavior.reason
-
-
-def test_without_a_pause_the_detectors_stay_armed_from_approach_to_approach():
-    behavior, _ = to("RETRACTING", cycles=2)
-    behavior.handle(arm(18.3))
-    assert behavior.state == "BASELINE"
 
 
 @pytest.mark.parametrize("state", ["HOLDING", "RETRACTING"])

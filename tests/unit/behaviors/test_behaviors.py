@@ -24,6 +24,7 @@ from drivers.core.messages import (
     Standstill,
     Stop,
 )
+from tests.unit.behaviors.driving import lead, tell
 
 
 def transient(detectors=("contact",), **settings):
@@ -42,30 +43,20 @@ def refused(t_s, detector):
     return BaselineRefused(t_s, detector, 28.0, math.nan, "no variance")
 
 
-def to(state):
-    """A transient trial, driven into a state by the events that lead there."""
-    path: dict[Any, list[Any]] = {
-        "HOMING": [],
-        "STARTING": [Reached(0.1, "stage", 0.0)],
-        "SETTLING": [Reached(0.2, "stage", 0.0)],
-        "BASELINE": [Tick(91.0)],
-        "APPROACH": [ready(93.0)],
-        "STOPPING": [contact(94.0)],
-        "HOLDING": [Standstill(94.1, "stage", 0.004)],
-        "RETRACTING": [Tick(95.0)],
-    }
-    behavior = transient()
-    behavior.begin(0.0)
-    for name, events in path.items():
-        for event in events:
-            behavior.handle(event)
-        if name is state:
-            break
-    assert behavior.state is state
-    return behavior
+PATH: dict[str, list[Any]] = {
+    "HOMING": [],
+    "STARTING": [Reached(0.1, "stage", 0.0)],
+    "SETTLING": [Reached(0.2, "stage", 0.0)],
+    "BASELINE": [Tick(91.0)],
+    "APPROACH": [ready(93.0)],
+    "STOPPING": [contact(94.0)],
+    "HOLDING": [Standstill(94.1, "stage", 0.004)],
+    "RETRACTING": [Tick(95.0)],
+}
 
 
-ALIVE = [state for state in Transient.states if state not in Transient.final]
+def to(state, detectors=("contact",)):
+    return lead(transient(detectors), PATH, state)[0]
 
 
 def test_a_trial_goes_from_homing_to_done_with_its_commands():
@@ -84,25 +75,6 @@ def test_a_trial_goes_from_homing_to_done_with_its_commands():
     assert behavior.handle(Reached(95.0, "stage", 0.0)) == [Excite("board", False)]
     assert behavior.done
     assert behavior.outcome == "contact"
-
-
-@pytest.mark.parametrize("state", ALIVE)
-@pytest.mark.parametrize(
-    ("event", "outcome"),
-    [
-        (Failed(95.0, "board", "the link is gone"), "fault"),
-        (Stalled(95.0, "stage", "stalled"), "fault"),
-        (Refused(95.0, "stage", Stop("stage"), "not homed"), "fault"),
-        (GuardStopped(95.0, "3 N"), "guard"),
-    ],
-)
-def test_a_failure_in_any_state_stops_the_mover_and_ends_the_trial(state, event, outcome):
-    behavior = to(state)
-    assert behavior.handle(event) == [Stop("stage"), Excite("board", False)]
-    assert behavior.done
-    assert behavior.outcome == outcome
-    assert event.reason in behavior.reason
-    assert getattr(event, "device", "") in behavior.reason
 
 
 @pytest.mark.parametrize("behavior", [found(entry.made) for entry in EXPERIMENTS.values()])
@@ -131,13 +103,6 @@ def test_a_plan_for_a_state_that_no_row_names_is_refused():
         Misspelt(TransientSettings(), TransientFactors(speed_m_s=0.005), frozenset({"contact"}))
 
 
-@pytest.mark.parametrize("behavior", [found(entry.made) for entry in EXPERIMENTS.values()])
-def test_every_alive_state_can_fail(behavior):
-    for trigger in ("refused", "stalled", "failed", "guard_stopped"):
-        sources = {source for row in behavior.rows if row.trigger == trigger for source in row.sources}
-        assert sources == set(behavior.states) - behavior.final
-
-
 def test_another_detectors_contact_does_not_stop_the_approach():
     behavior = to("APPROACH")
     assert behavior.handle(contact(94.0, "shadow")) == []
@@ -145,20 +110,14 @@ def test_another_detectors_contact_does_not_stop_the_approach():
 
 
 def test_the_approach_waits_for_every_detectors_baseline():
-    behavior = transient(detectors=("contact", "shadow"))
-    behavior.begin(0.0)
-    for event in (Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(91.0)):
-        behavior.handle(event)
+    behavior = to("BASELINE", ("contact", "shadow"))
     assert behavior.handle(ready(93.0)) == []
     assert behavior.handle(ready(102.0, "shadow")) == [MoveAt("stage", 0.005, 0.01)]
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_detector_that_only_listens_and_refuses_its_baseline_is_gone_on_without(order):
-    behavior = transient(detectors=("contact", "shadow"))
-    behavior.begin(0.0)
-    for event in (Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(91.0)):
-        behavior.handle(event)
+    behavior = to("BASELINE", ("contact", "shadow"))
     first, last = [ready(93.0), refused(93.0, "shadow")][::order]
     assert behavior.handle(first) == []
     assert behavior.handle(last) == [MoveAt("stage", 0.005, 0.01)]
@@ -189,6 +148,37 @@ def first_trial(name):
     )
     made = found(EXPERIMENTS[profile.experiment].made)
     return lambda: made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
+
+
+FINGER = [Stop("stage"), Excite("board", False)]
+SONIC = [Stop("arm"), Stop("gripper"), Excite("audio", False)]
+STOPS = {
+    **dict.fromkeys(("static", "transient", "flexion", "proximal", "tradeoff"), FINGER),
+    **dict.fromkeys(("pretouch", "touch", "objects", "centering", "grasp"), SONIC),
+    **{name: [Stop("arm")] for name in ("pointer", "slip")},
+    "chirp": [Excite("audio", False)],
+    "weights": [],
+}
+"""What a trial commands when it cannot go on."""
+
+ENDINGS: list[tuple[Any, str]] = [
+    (Failed(95.0, "board", "the link is gone"), "fault"),
+    (Stalled(95.0, "stage", "protective stop"), "fault"),
+    (Refused(95.0, "stage", Stop("stage"), "not homed"), "fault"),
+    (GuardStopped(95.0, "3 N"), "guard"),
+]
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_what_ends_a_trial_in_any_state_stops_all_that_moves(name):
+    made = first_trial(name)
+    for state in set(made().states) - made().final:
+        for event, outcome in ENDINGS:
+            behavior = made()
+            behavior.state = state
+            assert behavior.handle(event) == STOPS[name], state
+            assert (behavior.done, behavior.outcome) == (True, outcome)
+            assert event.reason in behavior.reason and getattr(event, "device", "") in behavior.reason
 
 
 @pytest.mark.parametrize("name", ACTING)
@@ -235,16 +225,8 @@ def test_a_state_that_outlives_its_deadline_ends_the_trial_and_is_named():
 
 
 def test_a_baseline_that_does_not_come_is_reported_with_the_awaited_detectors_and_what_came():
-    behavior = transient(("contact", "other"))
-    behavior.begin(0.0)
-    for event in (
-        Reached(0.1, "stage", 0.0),
-        Reached(0.2, "stage", 0.0),
-        Tick(91.0),
-        ready(93.0),
-        Tick(125.0),
-    ):
-        behavior.handle(event)
+    behavior = to("BASELINE", ("contact", "other"))
+    tell(behavior, ready(93.0), Tick(125.0))
     assert behavior.reason == (
         "BASELINE took longer than 30 s: it waited for baseline ready or contact of contact, other, stage;"
         " baseline ready of contact came"
@@ -270,10 +252,8 @@ def test_a_contact_that_was_found_stands_after_a_pause(state):
 
 
 def test_a_contact_while_another_detector_learns_starts_no_approach():
-    behavior = transient(detectors=("contact", "shadow"))
-    behavior.begin(0.0)
-    for event in (Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(91.0), ready(93.0)):
-        behavior.handle(event)
+    behavior = to("BASELINE", ("contact", "shadow"))
+    behavior.handle(ready(93.0))
     assert behavior.handle(contact(95.0)) == [MoveTo("stage", 0.0, 0.01)]
     assert behavior.state == "RETRACTING"
 
@@ -290,8 +270,7 @@ def test_static_places_the_probe_by_its_condition(condition, position_m):
     settings = StaticSettings(light_m=0.003, full_m=0.0045)
     behavior: Behavior = Static(settings, StaticFactors(condition=condition), frozenset())
     behavior.begin(0.0)
-    behavior.handle(Reached(0.1, "stage", 0.0))
-    behavior.handle(Reached(0.2, "stage", 0.0))
+    tell(behavior, Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0))
     assert behavior.handle(Tick(91.0)) == [MoveTo("stage", position_m, 0.002)]
 
 

@@ -1,51 +1,23 @@
-import math
-
 import pytest
 
 from behaviors.centering import Centering, CenteringSettings
-from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
+from behaviors.events import Resumed, Tick
 from behaviors.search import SearchFactors
 from drivers.core.messages import (
     Excite,
-    Failed,
     Grip,
     Gripped,
     Home,
     MoveAt,
     MovePose,
     MoveTo,
-    Reached,
     Release,
-    Standstill,
     Stop,
     Tone,
 )
+from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 
 DETECTORS = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})
-
-
-def seen(t_s, detector, position_m=math.nan):
-    return PreTouch(t_s, detector, 1.0, 0.5, position_m)
-
-
-def touch(t_s, detector):
-    return Contact(t_s, detector, 9.0, 5.0)
-
-
-def held(t_s, detector):
-    return ContactHeld(t_s, detector, 9.0, 5.0)
-
-
-def lost(t_s, detector):
-    return ContactLost(t_s, detector, 0.0, 5.0)
-
-
-def arm(t_s, position_m=0.0):
-    return Reached(t_s, "arm", position_m)
-
-
-def jaws(t_s):
-    return Reached(t_s, "gripper", 0.056)
 
 
 PATH = {
@@ -56,9 +28,9 @@ PATH = {
     "BASELINE": [arm(4.0)],
     "SEEKING_FORWARD": [Tick(6.0)],
     "TURNING": [seen(6.5, "left_ours", 0.005)],
-    "SEEKING_BACKWARD": [Standstill(6.6, "arm", 0.0055)],
+    "SEEKING_BACKWARD": [still(6.6, 0.0055)],
     "STOPPING": [seen(8.0, "right_ours", -0.001)],
-    "CENTERING": [Standstill(8.1, "arm", -0.0015)],
+    "CENTERING": [still(8.1, -0.0015)],
     "RESTING": [arm(9.0, 0.002)],
     "CLOSING": [Tick(11.0)],
     "CONFIRMING": [Gripped(12.0, "gripper", True, 0.019, 10.0)],
@@ -69,15 +41,7 @@ PATH = {
 
 
 def to(state, **settings):
-    behavior = Centering(CenteringSettings(**settings), SearchFactors(), DETECTORS)
-    commands = list(behavior.begin(0.0))
-    for name, events in PATH.items():
-        for event in events:
-            commands = list(behavior.handle(event))
-        if name is state:
-            break
-    assert behavior.state is state
-    return behavior, commands
+    return lead(Centering(CenteringSettings(**settings), SearchFactors(), DETECTORS), PATH, state)
 
 
 @pytest.mark.parametrize(("width_m", "state"), [(0.0509, "CONFIRMING"), (0.0511, "FAILED")])
@@ -112,9 +76,8 @@ def test_it_searches_one_way_then_the_other_and_goes_to_the_middle():
 
 def test_a_finger_that_reports_no_place_is_taken_to_be_where_the_arm_came_to_stand():
     behavior, _ = to("SEEKING_FORWARD")
-    for event in (seen(6.5, "left_ours"), Standstill(6.6, "arm", 0.006), seen(8.0, "right_ours")):
-        behavior.handle(event)
-    assert behavior.handle(Standstill(8.1, "arm", -0.002)) == [MoveTo("arm", pytest.approx(0.002), 0.01)]
+    tell(behavior, seen(6.5, "left_ours"), still(6.6, 0.006), seen(8.0, "right_ours"))
+    assert behavior.handle(still(8.1, -0.002)) == [MoveTo("arm", pytest.approx(0.002), 0.01)]
 
 
 def test_the_finger_behind_the_motion_is_not_heeded():
@@ -134,15 +97,14 @@ def test_a_sweep_that_sees_nothing_leaves_and_names_the_finger():
 def test_a_touch_during_the_search_stops_at_once():
     behavior, _ = to("SEEKING_FORWARD")
     assert behavior.handle(touch(6.46, "left_contact")) == [Stop("arm")]
-    behavior.handle(Standstill(6.5, "arm", 0.01))
+    behavior.handle(still(6.5, 0.01))
     assert behavior.state == "LEAVING"
     assert behavior.reason == "touched during the search"
 
 
 def test_a_grip_that_one_finger_alone_feels_is_not_confirmed():
     behavior, _ = to("CONFIRMING")
-    behavior.handle(touch(12.1, "left_contact"))
-    behavior.handle(ContactLost(12.2, "left_contact", 0.0, 5.0))
+    tell(behavior, touch(12.1, "left_contact"), lost(12.2, "left_contact"))
     assert behavior.handle(touch(12.3, "right_contact")) == []
     assert behavior.state == "CONFIRMING"
     assert behavior.handle(Tick(13.1)) == [Release("gripper", 0.02)]
@@ -151,9 +113,12 @@ def test_a_grip_that_one_finger_alone_feels_is_not_confirmed():
 
 def test_fingers_that_feel_it_before_the_gripper_reports_it_confirm_at_once():
     behavior, _ = to("CLOSING")
-    behavior.handle(touch(11.5, "left_contact"))
-    behavior.handle(touch(11.6, "right_contact"))
-    behavior.handle(Gripped(12.0, "gripper", True, 0.019, 10.0))
+    tell(
+        behavior,
+        touch(11.5, "left_contact"),
+        touch(11.6, "right_contact"),
+        Gripped(12.0, "gripper", True, 0.019, 10.0),
+    )
     assert behavior.state == "HOLDING"
 
 
@@ -167,17 +132,6 @@ def test_without_a_grasp_it_leaves_from_the_middle():
     behavior, _ = to("CENTERING", grasp=False)
     behavior.handle(arm(9.0, 0.002))
     assert behavior.state == "LEAVING"
-
-
-@pytest.mark.parametrize("state", list(PATH))
-def test_a_failure_in_any_state_stops_both_movers(state):
-    behavior, _ = to(state)
-    assert behavior.handle(Failed(20.0, "audio", "the link is gone")) == [
-        Stop("arm"),
-        Stop("gripper"),
-        Excite("audio", False),
-    ]
-    assert behavior.outcome == "fault"
 
 
 @pytest.mark.parametrize(
@@ -209,19 +163,16 @@ def test_with_a_run_up_the_right_finger_goes_first_and_what_it_finds_is_thrown_a
     assert behavior.handle(seen(6.4, "left_ours", -0.003)) == [], "it is behind the motion"
     assert behavior.handle(seen(6.5, "right_ours", -0.005)) == [Stop("arm")]
     assert not behavior.plan.detectors & {"left_ours", "right_ours"}
-    assert behavior.handle(Standstill(6.6, "arm", -0.0055)) == [MoveAt("arm", 0.01, 0.017)]
-    behavior.handle(seen(7.5, "left_ours", 0.005))
-    behavior.handle(Standstill(7.6, "arm", 0.0055))
-    behavior.handle(seen(8.5, "right_ours", -0.002))
-    assert behavior.handle(Standstill(8.6, "arm", -0.0025)) == [MoveTo("arm", pytest.approx(0.0015), 0.01)]
+    assert behavior.handle(still(6.6, -0.0055)) == [MoveAt("arm", 0.01, 0.017)]
+    tell(behavior, seen(7.5, "left_ours", 0.005), still(7.6, 0.0055), seen(8.5, "right_ours", -0.002))
+    assert behavior.handle(still(8.6, -0.0025)) == [MoveTo("arm", pytest.approx(0.0015), 0.01)]
 
 
 def test_the_papers_way_has_no_run_up():
     names = frozenset({"left_paper", "right_paper"})
     behavior = Centering(CenteringSettings(run_up=True), SearchFactors(method="paper"), names)
     behavior.begin(0.0)
-    for event in (arm(1.0), jaws(2.0), jaws(3.0), arm(4.0)):
-        behavior.handle(event)
+    tell(behavior, arm(1.0), jaws(2.0), jaws(3.0), arm(4.0))
     assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
 
 
@@ -248,8 +199,7 @@ AWAY = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
 @pytest.mark.parametrize("run_up", [False, True])
 def test_a_touch_that_stands_before_the_search_lets_none_begin(reported, event, run_up):
     behavior, _ = to("BASELINE", run_up=run_up)
-    for each in reported:
-        behavior.handle(each)
+    tell(behavior, *reported)
     assert behavior.handle(event) == [AWAY]
     behavior.handle(arm(8.0))
     assert (behavior.done, behavior.outcome) == (True, "touched")
@@ -258,8 +208,7 @@ def test_a_touch_that_stands_before_the_search_lets_none_begin(reported, event, 
 
 def test_a_touch_that_has_ended_before_the_search_hinders_nothing():
     behavior, _ = to("BASELINE")
-    for each in (touch(4.5, "left_contact"), held(5.0, "left_contact"), lost(5.5, "left_contact")):
-        behavior.handle(each)
+    tell(behavior, touch(4.5, "left_contact"), held(5.0, "left_contact"), lost(5.5, "left_contact"))
     assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
 
 
@@ -269,41 +218,32 @@ def test_a_touch_that_is_held_while_the_arm_turns_ends_the_search_where_it_stand
     assert behavior.handle(touch(6.1, finger)) == [], "as it sets out"
     behavior.handle(seen(6.5, "left_ours", 0.005))
     assert behavior.handle(held(6.6, finger)) == [], "it is stopping already"
-    assert behavior.handle(Standstill(6.7, "arm", 0.0055)) == [AWAY]
+    assert behavior.handle(still(6.7, 0.0055)) == [AWAY]
     assert (behavior.outcome, behavior.reason) == ("touched", "touched during the search")
 
 
 def test_a_touch_that_begins_while_the_arm_turns_is_heeded_when_it_is_held():
     behavior, _ = to("TURNING")
     behavior.handle(touch(6.55, "right_contact"))
-    assert behavior.handle(Standstill(6.6, "arm", 0.0055)) == [MoveAt("arm", -0.01, -0.017)]
+    assert behavior.handle(still(6.6, 0.0055)) == [MoveAt("arm", -0.01, -0.017)]
     assert behavior.handle(held(7.05, "right_contact")) == [Stop("arm")]
     assert behavior.reason == "touched during the search"
 
 
 def test_a_touch_that_is_held_while_the_run_up_is_reversed_ends_the_search():
     behavior, _ = to("BASELINE", run_up=True)
-    behavior.handle(Tick(6.0))
-    behavior.handle(touch(6.1, "right_contact"))
-    behavior.handle(seen(6.4, "right_ours", -0.005))
+    tell(behavior, Tick(6.0), touch(6.1, "right_contact"), seen(6.4, "right_ours", -0.005))
     assert behavior.state == "REVERSING"
     behavior.handle(held(6.6, "right_contact"))
-    assert behavior.handle(Standstill(6.7, "arm", -0.0055)) == [AWAY]
+    assert behavior.handle(still(6.7, -0.0055)) == [AWAY]
 
 
 def test_a_touch_of_the_search_confirms_no_grip():
     behavior, _ = to("SEEKING_BACKWARD")
     behavior.handle(touch(6.65, "left_contact"))
-    for event in (
-        seen(7.0, "right_ours", -0.001),
-        Standstill(7.1, "arm", -0.0015),
-        arm(9.0, 0.002),
-        Tick(11.0),
-    ):
-        behavior.handle(event)
+    tell(behavior, seen(7.0, "right_ours", -0.001), still(7.1, -0.0015), arm(9.0, 0.002), Tick(11.0))
     assert behavior.state == "CLOSING"
-    behavior.handle(touch(11.5, "right_contact"))
-    behavior.handle(Gripped(12.0, "gripper", True, 0.019, 10.0))
+    tell(behavior, touch(11.5, "right_contact"), Gripped(12.0, "gripper", True, 0.019, 10.0))
     assert behavior.state == "CONFIRMING", "the left finger has felt nothing"
     assert behavior.handle(Tick(13.1)) == [Release("gripper", 0.02)]
 
@@ -311,8 +251,7 @@ def test_a_touch_of_the_search_confirms_no_grip():
 def test_an_event_that_was_on_its_way_when_its_detector_was_disarmed_confirms_no_grip():
     behavior, _ = to("STOPPING")
     behavior.handle(touch(8.0, "left_contact"))
-    for event in (Standstill(8.1, "arm", -0.0015), arm(9.0, 0.002), Tick(11.0), touch(11.5, "right_contact")):
-        behavior.handle(event)
+    tell(behavior, still(8.1, -0.0015), arm(9.0, 0.002), Tick(11.0), touch(11.5, "right_contact"))
     behavior.handle(Gripped(12.0, "gripper", True, 0.019, 10.0))
     assert behavior.state == "CONFIRMING"
 
@@ -320,6 +259,5 @@ def test_an_event_that_was_on_its_way_when_its_detector_was_disarmed_confirms_no
 def test_a_grip_that_a_pause_broke_off_reports_it():
     behavior, _ = to("CLOSING")
     assert behavior.handle(Resumed(12.0)) == [Release("gripper", 0.02)]
-    behavior.handle(jaws(13.0))
-    behavior.handle(arm(14.0))
+    tell(behavior, jaws(13.0), arm(14.0))
     assert (behavior.outcome, behavior.reason) == ("not_gripped", "a pause broke the grip off")

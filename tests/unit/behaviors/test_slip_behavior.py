@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 from pydantic import ValidationError
 
-from behaviors.events import BaselineRefused, Contact, GuardStopped, Resumed, SlipStarted, Tick
+from behaviors.events import BaselineRefused, Contact, Resumed, SlipStarted, Tick
 from behaviors.machine import UNDECIDED
 from behaviors.slip import RollSlip
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
-from drivers.core.messages import Home, MoveAt, Reached, Sent, Standstill, Stop, Tare, Twist
+from drivers.core.messages import Home, MoveAt, Sent, Stop, Tare, Twist
+from tests.unit.behaviors.driving import arm, still, tell
 
 RUN = {
     "stream": "board.fingertip",
@@ -34,10 +35,6 @@ def trial(run=None, **settings):
     return RollSlip(made, RollSlipFactors(sensor="fingertip"), frozenset({"touch", "paper", "ours", "other"}))
 
 
-def reached(t_s, position_m=0.0):
-    return Reached(t_s, "arm", position_m)
-
-
 def slip(t_s, detector="ours"):
     return SlipStarted(t_s, detector, 12.0, 7.0)
 
@@ -47,21 +44,21 @@ def touch(t_s, detector="touch"):
 
 
 PATH = [
-    ("ZEROING", reached(0.5)),
+    ("ZEROING", arm(0.5)),
     ("TILTING", Tick(0.7)),
-    ("RESTING", reached(2.7)),
+    ("RESTING", arm(2.7)),
     ("DESCENDING", Tick(3.7)),
     ("STOPPING", touch(5.2)),
-    ("PRESSING", Standstill(5.21, "arm", 0.0031)),
-    ("HOLDING", reached(5.7, 0.0041)),
+    ("PRESSING", still(5.21, 0.0031)),
+    ("HOLDING", arm(5.7, 0.0041)),
     ("ROLLING", Tick(5.9)),
-    ("LOADING", reached(7.3)),
-    ("SLIPPING", reached(7.9)),
-    ("HOLDING", reached(10.9)),
+    ("LOADING", arm(7.3)),
+    ("SLIPPING", arm(7.9)),
+    ("HOLDING", arm(10.9)),
     ("LIFTING", Tick(11.9)),
-    ("LEVELLING", reached(12.5)),
-    ("RETURNING", reached(13.0)),
-    ("DONE", reached(14.0)),
+    ("LEVELLING", arm(12.5)),
+    ("RETURNING", arm(13.0)),
+    ("DONE", arm(14.0)),
 ]
 
 
@@ -111,13 +108,7 @@ def test_a_trial_touches_presses_rolls_slides_and_goes_home():
 def test_only_the_sensors_own_detectors_listen_from_rest_until_it_lifts():
     for state, _ in PATH[:-1]:
         plan = led_to(state).plan
-        listening = state not in (
-            "ZEROING",
-            "TILTING",
-            "LIFTING",
-            "LEVELLING",
-            "RETURNING",
-        )
+        listening = state not in MOVING_FREELY
         assert plan.detectors == (frozenset({"touch", "paper", "ours"}) if listening else frozenset()), state
         assert ("signals.tip" in plan.measures) is listening
 
@@ -136,8 +127,7 @@ def test_slip_detectors_may_listen_from_the_first_motion_on_and_learn_there():
 def test_without_a_tilt_it_rests_at_once():
     behavior = trial({"tilt_rad": 0.0})
     behavior.begin(0.0)
-    behavior.handle(reached(0.5))
-    behavior.handle(Tick(0.7))
+    tell(behavior, arm(0.5), Tick(0.7))
     assert behavior.state == "RESTING"
 
 
@@ -148,17 +138,16 @@ def test_stop_on_slip_stops_at_once_for_the_reflex_detector_alone(reflex):
     assert behavior.handle(slip(8.0, other)) == []
     assert behavior.handle(slip(8.1, reflex)) == [Stop("arm")]
     assert behavior.handle(Sent(8.1, "arm", Stop("arm"))) == []
-    assert behavior.handle(Standstill(8.2, "arm", 0.004)) == []
+    assert behavior.handle(still(8.2, 0.004)) == []
     assert behavior.state == "STOPPED"
     assert behavior.handle(Tick(8.7)) == [MoveAt("arm", -0.01, 0.0)]
 
 
 def test_a_roll_that_is_cut_short_is_turned_back_by_what_it_turned():
     behavior = led_to("ROLLING", stop_on_slip=True)
-    for event in (slip(5.9 + 0.5), Standstill(6.5, "arm", 0.004), Tick(7.1)):
-        behavior.handle(event)
+    tell(behavior, slip(5.9 + 0.5), still(6.5, 0.004), Tick(7.1))
     # a quarter of 0.8 rad from -0.4 rad: 0.2 rad are left
-    assert behavior.handle(reached(7.6)) == [Twist("arm", (0.0, 0.0, 0.0, 0.0, 0.2, 0.0), pytest.approx(1.0))]
+    assert behavior.handle(arm(7.6)) == [Twist("arm", (0.0, 0.0, 0.0, 0.0, 0.2, 0.0), pytest.approx(1.0))]
 
 
 def test_without_stop_on_slip_nothing_follows_from_slip():
@@ -169,7 +158,7 @@ def test_without_stop_on_slip_nothing_follows_from_slip():
 
 def test_a_table_that_is_not_there_ends_the_trial_without_contact():
     behavior = led_to("DESCENDING")
-    assert behavior.handle(reached(6.7, 0.006)) == [MoveAt("arm", -0.01, 0.0)]
+    assert behavior.handle(arm(6.7, 0.006)) == [MoveAt("arm", -0.01, 0.0)]
     assert behavior.outcome == "no_contact"
     assert "0.006 m" in behavior.reason
 
@@ -178,15 +167,6 @@ def test_the_touch_of_another_detector_is_not_its_own():
     behavior = led_to("DESCENDING")
     assert behavior.handle(touch(5.0, "other")) == []
     assert behavior.state == "DESCENDING"
-
-
-@pytest.mark.parametrize(
-    "state", [state for state in RollSlip.states if state not in ("HALTING", "STOPPED", *RollSlip.final)]
-)
-def test_the_guards_stop_ends_the_trial_from_every_state(state):
-    behavior = led_to(state)
-    assert behavior.handle(GuardStopped(20.0, "signals.tip is beyond its range")) == [Stop("arm")]
-    assert (behavior.done, behavior.outcome) == (True, "guard")
 
 
 LIFT = MoveAt("arm", -0.01, 0.0)
@@ -202,7 +182,7 @@ def paused_in(state):
     behavior = led_to("SLIPPING", stop_on_slip=True)
     behavior.handle(slip(8.1))
     if state == "STOPPED":
-        behavior.handle(Standstill(8.2, "arm", 0.004))
+        behavior.handle(still(8.2, 0.004))
     return behavior
 
 
@@ -216,8 +196,7 @@ def test_a_pause_is_followed_by_a_lift_before_anything_else_wherever_the_tip_may
 @pytest.mark.parametrize("state", ["HOMING", "ZEROING", "TILTING", "RESTING"])
 def test_a_pause_in_the_air_begins_anew(state):
     behavior = paused_in(state)
-    behavior.handle(Resumed(60.0))
-    behavior.handle(reached(70.0))
+    tell(behavior, Resumed(60.0), arm(70.0))
     assert behavior.state == "ZEROING"
     assert behavior.handle(Tick(71.0)) == [
         Twist("arm", (0.0, 0.0, 0.0, 0.0, -0.2, 0.0), pytest.approx(2.0))
@@ -228,8 +207,8 @@ def test_a_pause_in_the_descent_lifts_and_then_begins_anew():
     behavior = led_to("DESCENDING")
     behavior.handle(Resumed(60.0))
     assert behavior.handle(Resumed(61.0)) == [LIFT], "paused once more"
-    assert behavior.handle(reached(62.0)) == [Home("arm")]
-    behavior.handle(reached(63.0))
+    assert behavior.handle(arm(62.0)) == [Home("arm")]
+    behavior.handle(arm(63.0))
     assert behavior.state == "ZEROING"
     for state, event in PATH[1:]:
         behavior.handle(replace(event, t_s=event.t_s + 63.0))
@@ -250,20 +229,13 @@ def test_a_turn_that_a_pause_broke_off_is_left_to_home(state):
     """It is unknown how far it went: turned back by the whole of it, the tip would end up beyond its range."""
     behavior = led_to(state)
     behavior.handle(Resumed(60.0))
-    assert behavior.handle(reached(61.0)) == [Home("arm")]
+    assert behavior.handle(arm(61.0)) == [Home("arm")]
     assert behavior.state == "RETURNING"
 
 
 def test_the_forces_of_the_trials_own_sensor_are_watched_in_every_motion():
     assert trial().range_streams == {"signals.tip"}
     assert trial({"forces_stream": None}).range_streams == frozenset()
-
-
-def test_a_refused_baseline_is_a_fault_with_its_reason():
-    behavior = led_to("RESTING")
-    behavior.handle(BaselineRefused(3.0, "touch", float("nan"), 0.3, "a value is not finite"))
-    assert (behavior.done, behavior.outcome) == (True, "fault")
-    assert "not finite" in behavior.reason
 
 
 @pytest.mark.parametrize(("stops", "outcome"), [(True, "fault"), (False, UNDECIDED)])

@@ -1,9 +1,12 @@
+import math
+
 import pytest
 from pydantic import ValidationError
 
-from behaviors.events import GuardStopped, Resumed, Tick
+from behaviors.events import Resumed, Tick
 from behaviors.weights import Weights, WeightsFactors, WeightsSettings
-from drivers.core.messages import Answered, Ask, Failed, Loaded, LoadWeight, Refused
+from drivers.core.messages import Answered, Ask, Loaded, LoadWeight
+from tests.unit.behaviors.driving import lead, tell
 
 
 def weights(bridge="x", **settings):
@@ -23,8 +26,8 @@ def answered(t_s):
 
 
 def run(behavior):
-    """Answers whatever is asked; returns every load that was recorded, in order."""
-    recorded, t_s = [], 0.0
+    """Answers whatever is asked; returns every load that was recorded, in order. At the end all is taken off."""
+    recorded, t_s, force_n = [], 0.0, math.nan
     commands = behavior.begin(t_s)
     while not behavior.done:
         t_s += 1.0
@@ -41,6 +44,7 @@ def run(behavior):
                     commands = behavior.handle(Tick(t_s))
             case _:
                 raise AssertionError(commands)
+    assert force_n == 0.0
     return recorded
 
 
@@ -63,23 +67,6 @@ def test_listed_weights_come_in_their_order():
     assert run(weights(weights_x_n=(2.0, 0.5, 1.0), order="listed")) == [0.0, 2.0, 0.5, 1.0, 0.0]
 
 
-def test_at_the_end_everything_is_taken_off():
-    behavior = weights(weights_x_n=(1.0, 2.0), order="listed")
-    asked = []
-    commands = behavior.begin(0.0)
-    t_s = 0.0
-    while not behavior.done:
-        t_s += 10.0
-        asked += [command.force_n for command in commands if isinstance(command, LoadWeight)]
-        if behavior.state == "SETTING_UP":
-            commands = behavior.handle(answered(t_s))
-        elif behavior.state == "HANGING":
-            commands = behavior.handle(Loaded(t_s, "operator", "x", asked[-1]))
-        else:
-            commands = behavior.handle(Tick(t_s))
-    assert asked == [0.0, 1.0, 2.0, 0.0, 0.0]
-
-
 def test_the_wrong_weight_is_waited_out():
     behavior = weights()
     behavior.begin(0.0)
@@ -98,31 +85,12 @@ def test_the_wrong_weight_is_waited_out():
 def test_a_person_who_does_not_answer_ends_the_trial_with_the_request_in_its_reason():
     behavior = weights(answer_timeout_s=60.0)
     behavior.begin(0.0)
-    behavior.handle(answered(1.0))
-    behavior.handle(Tick(60.9))
+    tell(behavior, answered(1.0), Tick(60.9))
     assert not behavior.done
     behavior.handle(Tick(61.0))
     assert behavior.done
     assert behavior.outcome == "aborted"
     assert behavior.reason == "operator did not answer within 60 s when asked for 0 N on bridge x"
-
-
-@pytest.mark.parametrize(
-    ("event", "outcome"),
-    [
-        (Refused(5.0, "operator", LoadWeight("operator", "x", 0.0), "the person says no"), "fault"),
-        (Failed(5.0, "board", "the link is gone"), "fault"),
-        (GuardStopped(5.0, "saturated"), "guard"),
-    ],
-)
-def test_a_failure_ends_the_trial_with_its_reason(event, outcome):
-    behavior = weights()
-    behavior.begin(0.0)
-    behavior.handle(answered(1.0))
-    behavior.handle(event)
-    assert behavior.done
-    assert behavior.outcome == outcome
-    assert event.reason in behavior.reason
 
 
 def test_a_pause_before_the_fingertip_is_set_up_asks_for_that_again():
@@ -132,25 +100,12 @@ def test_a_pause_before_the_fingertip_is_set_up_asks_for_that_again():
     assert behavior.state == "SETTING_UP"
 
 
-@pytest.mark.parametrize("state", ["HANGING", "SWINGING"])
-def test_a_pause_with_a_weight_on_its_way_asks_for_it_again(state):
-    behavior = weights()
-    behavior.begin(0.0)
-    behavior.handle(answered(1.0))
-    if state == "SWINGING":
-        behavior.handle(Loaded(2.0, "operator", "x", 0.0))
-    assert behavior.state is state
-    assert behavior.handle(Resumed(2.5)) == [LoadWeight("operator", "x", 0.0)]
-    assert behavior.state == "HANGING"
+HUNG = {"HANGING": [answered(1.0)], "SWINGING": [Loaded(2.0, "operator", "x", 0.0)], "RECORDING": [Tick(3.0)]}
 
 
-def test_after_a_pause_the_same_weight_is_asked_for_again():
-    behavior = weights()
-    behavior.begin(0.0)
-    behavior.handle(answered(1.0))
-    behavior.handle(Loaded(2.0, "operator", "x", 0.0))
-    behavior.handle(Tick(3.0))
-    assert behavior.state == "RECORDING"
+@pytest.mark.parametrize("state", HUNG)
+def test_after_a_pause_the_same_weight_is_asked_for_again(state):
+    behavior, _ = lead(weights(), HUNG, state)
     assert behavior.handle(Resumed(3.2)) == [LoadWeight("operator", "x", 0.0)]
     assert behavior.state == "HANGING"
 
