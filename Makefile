@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test lines browser mutants check docs format bench recordings soak-test fuzz lerobot lock diagrams clean
+.PHONY: run test lines browser mutants check docs format bench recordings soak-test fuzz lerobot franka lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -67,6 +67,11 @@ lerobot: .venv/dev.stamp         ## exported runs, loaded by LeRobot itself: som
 	test -x build/lerobot/bin/python || $(PYTHON) -m venv build/lerobot
 	build/lerobot/bin/python -m pip install --quiet --disable-pip-version-check -r requirements/lerobot.in
 	$(BIN)/python -m tests.lerobot_reads build/lerobot/bin/python
+
+franka: .venv/dev.stamp         ## the Franka arm's driver on franka-sim, a twin that others wrote: a minute, best on a quiet machine
+	test -x build/franka/bin/python || $(PYTHON) -m venv build/franka
+	build/franka/bin/python -m pip install --quiet --disable-pip-version-check -r requirements/franka.in
+	$(BIN)/python -m tests.franka_moves build/franka/bin/python
 
 diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behaviors' own tables
 	$(BIN)/python -m config.diagrams

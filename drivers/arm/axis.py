@@ -78,10 +78,19 @@ def turned_by(
 
 def _product(turn: Quaternion, start: Quaternion) -> tuple[float, float, float]:
     (a, b, c, d), (e, f, g, h) = turn, start
-    w = a * e - b * f - c * g - d * h
-    x = a * f + b * e + c * h - d * g
-    y = a * g - b * h + c * e + d * f
-    z = a * h + b * g - c * f + d * e
+    return rotation_vector(
+        (
+            a * e - b * f - c * g - d * h,
+            a * f + b * e + c * h - d * g,
+            a * g - b * h + c * e + d * f,
+            a * h + b * g - c * f + d * e,
+        )
+    )
+
+
+def rotation_vector(unit: Quaternion) -> tuple[float, float, float]:
+    """The rotation vector (rad), at most pi long, of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = unit
     length = math.hypot(x, y, z)
     # The quaternion and its opposite are one rotation; the one with w >= 0 turns by no more than pi.
     factor = math.copysign(2.0 * math.atan2(length, abs(w)) / length, w) if length else 0.0

@@ -1,0 +1,1 @@
+"""A Franka arm through franky-control (libfranka)."""
