@@ -9,7 +9,7 @@ BIN := .venv/bin
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
 
-SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_answers loop_together)) \
+SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together)) \
 	$(addprefix tests/unit/drivers/,arm barrett_hand can_gripper sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
 
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before; guard, limits, loop and stop paths: every line

@@ -19,6 +19,7 @@ from benchmarks.results import FOLDER, save
 from config import assemble
 from config.jobs import Silent
 from config.profile import load_profile
+from controller.arrivals import Arrivals
 from controller.campaign import Campaign
 from controller.guard import Guard
 from controller.loop import Loop
@@ -58,7 +59,8 @@ PARTS: tuple[tuple[str, type[Any], tuple[str, ...]], ...] = (
     ("physics", AuraPart, ("baseband", "carrier")),
     ("signals", Signals, ("push",)),
     ("detectors", Loop, ("_detect",)),
-    ("guard", Guard, ("check", "missing", "whole_until_s")),
+    ("guard", Guard, ("check",)),
+    ("guard", Arrivals, ("check", "whole_until_s")),
     ("keeping", Snapshot, ("__init__", "restore")),
     ("behavior", Loop, ("_handle",)),
     ("recorder", Recorder, ("record", "readings", "event", "begin_trial", "end_trial", "flush", "close")),

@@ -13,7 +13,6 @@ from controller.numbers import normalised
 from drivers.core.messages import (
     MOTION,
     Command,
-    Failed,
     Grip,
     Home,
     MoveAt,
@@ -47,6 +46,10 @@ class Guard:
 
     Args:
         settings: The limits.
+
+    Attributes:
+        arrivals: Whether what is subscribed arrives.
+        inputs: Streams that must be alive while anything moves.
     """
 
     def __init__(self, settings: GuardSettings) -> None:
@@ -58,21 +61,19 @@ class Guard:
         streams = (settings.position_stream, settings.pose_stream)
         owners = [stream.partition(".")[0] for stream in streams if stream is not None]
         self._carrier = owners[0] if owners else ""
-        looks: list[tuple[str | None, bool, Callable[[SampleBlock], Sequence[str]]]] = [
-            (settings.force_stream, settings.force_n is not None, self._force)
-        ]
+        looks: list[tuple[str | None, Callable[[SampleBlock], Sequence[str]]]] = []
+        if settings.force_n is not None:
+            looks.append((settings.force_stream, self._force))
         for bounds in (self._first, *self._others.values()):
             looks += [
-                (bounds.limits.position_stream, True, bounds.position),
-                (bounds.limits.pose_stream, True, bounds.pose),
+                (bounds.limits.position_stream, bounds.position),
+                (bounds.limits.pose_stream, bounds.pose),
             ]
         self._looks: dict[str, list[Callable[[SampleBlock], Sequence[str]]]] = {}
-        for stream, wanted, look in looks:
-            if stream is not None and wanted:
+        for stream, look in looks:
+            if stream is not None:
                 self._looks.setdefault(stream, []).append(look)
-        self.inputs: frozenset[str]
-        """Streams that must be alive while anything moves."""
-        self._arrivals = Arrivals(settings.stale_s, settings.stuck_s)
+        self.arrivals = Arrivals(settings.stale_s, settings.stuck_s)
         self.reset()
 
     def reset(self, range_streams: frozenset[str] = frozenset()) -> None:
@@ -87,7 +88,7 @@ class Guard:
         self._start_contact_n = math.inf
         self._stopped_s: float | None = None
         self._went_back: dict[str, bool] = {}  # of each mover's last motion along its axis
-        self._arrivals.begin()
+        self.arrivals.begin()
         self.arm(frozenset())
 
     def arm(self, decisive: frozenset[str]) -> None:
@@ -96,11 +97,7 @@ class Guard:
         Args:
             decisive: Input streams of the armed detectors: a motion that ends by them needs them alive.
         """
-        self._arrivals.depend(self.inputs | decisive)
-
-    def expect(self, streams: frozenset[str], t_s: float) -> None:
-        """Take these streams as subscribed from `t_s` on, and no others."""
-        self._arrivals.expect(streams, t_s)
+        self.arrivals.depend(self.inputs | decisive)
 
     def check_streams(
         self, streams: Mapping[str, StreamInfo], sources: Mapping[str, Sequence[str]] | None = None
@@ -114,7 +111,7 @@ class Guard:
         Raises:
             GuardRefusal: a stream that nothing sends, or one with too few channels.
         """
-        self._arrivals.know_streams(streams, sources or {})
+        self.arrivals.know_streams(streams, sources or {})
         settings = self.settings
         needed = [("limits.force_stream", settings.force_stream, max(settings.force_channels) + 1)]
         for bounds in (self._first, *self._others.values()):
@@ -246,16 +243,6 @@ class Guard:
     def in_contact_from_start(self) -> bool:
         """Whether the trial began in contact and is still there: the limit follows it down, turn by turn."""
         return 0.0 < self._start_contact_n < math.inf
-
-    def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
-        """Until when nothing is missing, in turns that are processed as one, as `Arrivals.whole_until_s` does."""
-        return self._arrivals.whole_until_s(t_s, blocks)
-
-    def missing(
-        self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
-    ) -> Failed | None:
-        """See whether what is subscribed arrives, as `Arrivals.check` does; where it does not every mover must stop."""
-        return self._arrivals.check(t_s, blocks, moving, late_s)
 
     def _force(self, block: SampleBlock) -> Sequence[str]:
         """Running median over whole windows; a sample that is not finite is a reason by itself."""

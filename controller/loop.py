@@ -360,10 +360,10 @@ class Loop:
         events: list[Event] = [*statuses, *saturated, *found]
         if events:
             return min(event.t_s for event in events)
-        moving, whole_s = bool(self._trial.moving), self._guard.whole_until_s(t_s, blocks)
+        moving, whole_s = bool(self._trial.moving), self._guard.arrivals.whole_until_s(t_s, blocks)
         if whole_s < math.inf:
             return whole_s
-        if self._guard.check(t_s, blocks, moving) or self._guard.missing(t_s, blocks, moving):
+        if self._guard.check(t_s, blocks, moving) or self._guard.arrivals.check(t_s, blocks, moving):
             return t_s
         self._record_blocks(gathered)
         self._record_blocks(made)
@@ -406,7 +406,7 @@ class Loop:
         moving = bool(trial.moving)
         beyond = [status for status in statuses if isinstance(status, Saturated)]
         reason = guard.check(t_s, blocks, moving, late_s, beyond)
-        missing = guard.missing(t_s, blocks, moving, late_s)
+        missing = guard.arrivals.check(t_s, blocks, moving, late_s)
         if reason is not None or missing is not None or any(isinstance(each, ENDING) for each in statuses):
             guard.latch(t_s)
             self._stop_all()
@@ -565,7 +565,7 @@ class Loop:
             if wanted != present:
                 self._send(Listen(name, wanted))
         self._trial.asked, self._trial.behind = asked, asked - streams
-        self._guard.expect(asked | streams, now_s)
+        self._guard.arrivals.expect(asked | streams, now_s)
         for stream in sorted(streams - self._trial.subscribed):
             self._witness.skip(stream, self._trial.silent_since.pop(stream, now_s), now_s)
         for stream in self._trial.subscribed - streams:
@@ -640,8 +640,8 @@ class Loop:
         now_s = self._clock.now()
         self._trial.turn = math.floor(now_s * self._settings.rate_hz)  # no turn was late
         # Nor was any stream silent: the program was suspended.
-        self._guard.expect(frozenset(), now_s)
-        self._guard.expect(self._trial.asked | self._trial.subscribed, now_s)
+        self._guard.arrivals.expect(frozenset(), now_s)
+        self._guard.arrivals.expect(self._trial.asked | self._trial.subscribed, now_s)
 
     def _go_on(self, t_s: float) -> None:
         """End a pause, once the movers' answers to its stop have been passed over.

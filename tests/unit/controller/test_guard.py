@@ -117,29 +117,29 @@ def test_a_trial_may_have_the_range_of_its_own_streams_watched_and_the_next_one_
 
 def test_what_the_guard_watches_must_arrive_while_anything_moves():
     watched = guard(range_streams=["signals.tip"])
-    watched.expect(frozenset({"stage.position", "signals.tip"}), 0.0)
-    assert watched.missing(0.1, [], moving=True) is None
-    assert watched.missing(0.19, [position([0.0], t0_s=0.19)], moving=True) is None
-    failed = watched.missing(0.21, [], moving=True)
+    watched.arrivals.expect(frozenset({"stage.position", "signals.tip"}), 0.0)
+    assert watched.arrivals.check(0.1, [], moving=True) is None
+    assert watched.arrivals.check(0.19, [position([0.0], t0_s=0.19)], moving=True) is None
+    failed = watched.arrivals.check(0.21, [], moving=True)
     assert failed is not None
     assert failed.reason.startswith("signals.tip is silent")
 
 
 def test_the_inputs_of_an_armed_detector_must_arrive_while_anything_moves_and_not_when_it_is_disarmed():
     watched = guard()
-    watched.expect(frozenset({"board.period"}), 0.0)
+    watched.arrivals.expect(frozenset({"board.period"}), 0.0)
     watched.arm(frozenset({"board.period"}))
-    watched.missing(0.0, [], moving=True)
-    assert watched.missing(0.2, [], moving=True) is not None
+    watched.arrivals.check(0.0, [], moving=True)
+    assert watched.arrivals.check(0.2, [], moving=True) is not None
     watched.arm(frozenset())
-    assert watched.missing(0.2, [], moving=True) is None
+    assert watched.arrivals.check(0.2, [], moving=True) is None
 
 
 def test_a_new_trial_has_nothing_that_is_late():
     watched = guard()
-    watched.expect(frozenset({"board.load_cell"}), 0.0)
+    watched.arrivals.expect(frozenset({"board.load_cell"}), 0.0)
     watched.reset()
-    assert watched.missing(90.0, [], moving=True) is None
+    assert watched.arrivals.check(90.0, [], moving=True) is None
 
 
 def test_a_range_that_nothing_reports_is_refused_before_anything_moves():
@@ -344,31 +344,6 @@ def test_each_side_of_the_box_holds(place_m):
 @pytest.mark.parametrize(("position_m", "stops"), [(-0.0005, False), (-0.00051, True), (0.012, False)])
 def test_the_ends_of_the_travel_are_inside(position_m, stops):
     assert bool(guard().check(0.0, [position([position_m])], moving=True)) == stops
-
-
-def test_an_age_does_not_run_backwards():
-    watched = guard(force_n=None)
-    watched.expect(frozenset({"stage.position"}), 0.0)
-    watched.missing(0.0, [position([0.0])], moving=True)
-    watched.missing(0.1, [position([0.0], t0_s=0.1)], moving=True)
-    # A block that comes late with older samples makes nothing older than it is.
-    assert watched.missing(0.19, [position([0.0], t0_s=0.02)], moving=True) is None
-    assert "silent for 0.101 s" in watched.missing(0.201, [], moving=True).reason
-
-
-def test_a_stream_may_be_exactly_as_old_as_its_limit():
-    watched = guard(force_n=None, stale_s=0.125)
-    watched.expect(frozenset({"stage.position"}), 0.0)
-    watched.missing(0.0, [position([0.0])], moving=True)
-    assert watched.missing(0.125, [], moving=True) is None
-    assert watched.missing(0.126, [], moving=True)
-
-
-def test_an_empty_block_keeps_no_stream_alive():
-    watched = guard(force_n=None)
-    watched.expect(frozenset({"stage.position"}), 0.0)
-    watched.missing(0.0, [position([0.0])], moving=True)
-    assert "silent" in watched.missing(0.2, [position([])], moving=True).reason
 
 
 def test_a_loop_may_be_exactly_as_late_as_its_limit():

@@ -22,6 +22,7 @@ from drivers.core.messages import (
     Lost,
     MoveTo,
     Reached,
+    Refused,
     SampleBlock,
     Saturated,
     Stalled,
@@ -224,6 +225,14 @@ class ScriptedGuard(Guard):
             )
         )
         self.stop_s, self.seen, self.lates, self.real = None, [], [], False
+        self.arrivals.check = self._noting(self.arrivals.check)
+
+    def _noting(self, check):
+        def noted(t_s, blocks, moving, late_s=0.0):
+            self.lates.append(late_s)
+            return check(t_s, blocks, moving, late_s)
+
+        return noted
 
     def check(self, t_s, blocks, moving, late_s=0.0, saturated=()):
         blocks = list(blocks)
@@ -234,10 +243,6 @@ class ScriptedGuard(Guard):
             self.stop_s = None
             return "the test stops it"
         return None
-
-    def missing(self, t_s, blocks, moving, late_s=0.0):
-        self.lates.append(late_s)
-        return super().missing(t_s, blocks, moving, late_s)
 
 
 class Bench:
@@ -981,6 +986,73 @@ def test_a_mover_counts_as_moving_while_it_moves_or_is_commanded_to_stop_and_not
     assert [t_s for t_s, moves in moving if moves] == pytest.approx(
         np.arange(bench.sent(Stop)[0][0] + TURN_S, bench.sent(Stop)[1][0], TURN_S)
     )
+
+
+# --- answers ---------------------------------------------------------------------------------------
+
+
+class Hasty(Behavior):
+    """Sends a second motion before the first is answered."""
+
+    table = (on("deadline", "FIRST", "SECOND"), on("reached", "SECOND", "DONE"))
+
+    def __init__(self):
+        super().__init__({"FIRST": StatePlan(0.05), "SECOND": StatePlan(1.0)}, "stage")
+
+    def enter_FIRST(self):
+        self.command(MoveTo("stage", 0.001, 0.01))
+
+    def enter_SECOND(self):
+        self.command(MoveTo("stage", 0.002, 0.01))
+
+    def enter_DONE(self):
+        self.conclude("contact")
+
+
+@pytest.fixture
+def hasty():
+    return Bench(Hasty())
+
+
+def test_every_command_has_a_number_of_its_own(hasty):
+    hasty.run()
+    assert [command.id for _, command in hasty.log] == list(range(1, len(hasty.log) + 1))
+
+
+def test_a_number_belongs_to_what_was_sent_and_not_to_what_it_asks_for():
+    numbered = MoveTo("stage", 0.001, 0.01, id=7)
+    assert numbered == MoveTo("stage", 0.001, 0.01)
+    assert Refused(0.0, "stage", numbered, "it is busy").command_id == 7
+
+
+def test_the_answer_to_an_older_command_ends_nothing(hasty):
+    loop = hasty.run()
+    first, second = [event for event in loop.events if isinstance(event, Reached)]
+    assert (first.t_s, second.t_s) == pytest.approx((0.10, 0.15)), "both are kept in the record"
+    assert dict(loop.visits)["DONE"] == second.t_s
+    assert hasty.behavior.outcome == "contact"
+
+
+def test_a_mover_counts_as_moving_until_its_newest_command_is_answered(hasty):
+    hasty.stage.travel_s = 0.4
+    # Ten turns until the second command, then 200 a second until its answer: an idle loop would take 50 a second.
+    assert hasty.run().account.turns >= 200 * 0.45
+
+
+def test_a_stall_ends_the_trial_whatever_it_is_about(hasty):
+    hasty.stage.report(Stalled, "it hit something", at_s=0.07, command_id=1)
+    hasty.run()
+    assert hasty.behavior.outcome == "fault"
+    assert "it hit something" in hasty.behavior.reason
+
+
+def test_closing_waits_for_the_standstill_that_it_asked_for(hasty):
+    hasty.stage.report(Standstill, 0.0, at_s=0.16, command_id=1)
+    loop = hasty.run()
+    (*_, (_, stop)) = hasty.sent(Stop)
+    answers = {event.device: event.command_id for event in loop.events if isinstance(event, Standstill)}
+    assert answers["stage"] == next(command.id for _, command in hasty.stops if command.device == "stage") > 1
+    assert stop.device == "other" and loop.account.not_at_rest == []
 
 
 # --- the operator ---------------------------------------------------------------------------------

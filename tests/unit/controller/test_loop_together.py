@@ -1,6 +1,7 @@
 """Turns that the loop takes together: a bench goes the same way as turn by turn, in few looks."""
 
 import math
+from copy import copy
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -235,104 +236,71 @@ class Bench:
         return self
 
 
-def arrives(bench):
-    bench.detector.above = math.inf
-
-
-def arrives_unpredicted(bench):
+def unpredicted(bench):
     bench.stage, bench.detector.above = Stage("stage", bench.clock), math.inf
 
 
-def breaks(bench):
-    bench.board.breaks_s = 0.551
+def rests(rest_s, **named):
+    return lambda bench: setattr(bench, "behavior", Approach(rest_s, **named))
 
 
-def breaks_at_rest(bench):
-    bench.board.breaks_s = 0.2
+def put(**changes):
+    """Of a part of the bench: `board={"ends_s": 0.5}`."""
+
+    def case(bench):
+        for part, values in changes.items():
+            for name, value in values.items():
+                setattr(getattr(bench, part), name, copy(value))
+
+    return case
 
 
-def falls_silent(bench):
-    bench.board.ends_s = 0.5
-
-
-def falls_silent_at_rest(bench):
-    bench.behavior, bench.board.ends_s = Approach(1.0), 0.1
-
-
-def presses(bench):
-    bench.board.load_n = ((0.6, 0.601), (0.0, 60.0))
-
-
-def loses_samples(bench):
-    bench.board.reports = [Lost(0.503, "board", "board.force", 3)]
-
-
-def loses_samples_twice(bench):
-    bench.board.reports = [Lost(at_s, "board", "board.force", 3) for at_s in (0.563, 0.503)]
-
-
-def leaves_its_range(bench):
-    bench.sum.beyond_s = 0.477
-
-
-def cannot_be_used(bench):
-    bench.sum.breaks_s = 0.3
-
-
-def bears_less_and_less(bench):
-    bench.board.load_n = ((0.0, 0.1, 0.5), (60.0, 60.0, 20.0))
-    bench.behavior = Approach(0.7)
-
-
-def bears_more(bench):
-    bench.board.load_n = ((0.0, 0.1, 0.2, 0.3), (60.0, 60.0, 80.0, 20.0))
-
-
-def rests_long(bench):
-    bench.behavior, bench.detector.above = Approach(5.0), 5300.0
-
-
-def idles(bench):
-    bench.behavior, bench.detector.above = Approach(1.0, prompt=False), 1300.0
-    bench.stage.blind_s = 1.0
-
-
-def must_be_looked_at(bench):
-    bench.stage.blind_s = 1 / RATE_HZ
-
-
-def cannot_be_copied(bench):
-    bench.board.held = (n for n in ())
+def lost(*times_s):
+    return put(board={"reports": [Lost(at_s, "board", "board.force", 3) for at_s in times_s]})
 
 
 @pytest.mark.parametrize(
-    ("case", "looks"),
+    ("cases", "looks"),
     [
-        (arrives, 16),
-        (arrives_unpredicted, 18),
-        (breaks, 28),
-        (breaks_at_rest, 21),
-        (falls_silent, 27),
-        (falls_silent_at_rest, 68),
-        (presses, 18),
-        (loses_samples, 23),
-        (loses_samples_twice, 28),
-        (leaves_its_range, 12),
-        (cannot_be_used, 19),
-        (bears_less_and_less, 18),
-        (bears_more, 15),
-        (rests_long, 19),
-        (idles, 18),
-        (must_be_looked_at, 170),
-        (cannot_be_copied, 170),
+        pytest.param([put(detector={"above": math.inf})], 16, id="arrives"),
+        pytest.param([unpredicted], 18, id="arrives unpredicted"),
+        pytest.param([put(board={"breaks_s": 0.551})], 28, id="breaks"),
+        pytest.param([put(board={"breaks_s": 0.2})], 21, id="breaks at rest"),
+        pytest.param([put(board={"ends_s": 0.5})], 27, id="falls silent"),
+        pytest.param([rests(1.0), put(board={"ends_s": 0.1})], 68, id="falls silent at rest"),
+        pytest.param([put(board={"load_n": ((0.6, 0.601), (0.0, 60.0))})], 18, id="presses"),
+        pytest.param([lost(0.503)], 23, id="loses samples"),
+        pytest.param([lost(0.563, 0.503)], 28, id="loses samples twice"),
+        pytest.param([put(sum={"beyond_s": 0.477})], 12, id="leaves its range"),
+        pytest.param([put(sum={"breaks_s": 0.3})], 19, id="cannot be used"),
+        pytest.param(
+            [rests(0.7), put(board={"load_n": ((0.0, 0.1, 0.5), (60.0, 60.0, 20.0))})],
+            18,
+            id="is in contact from the start, less and less",
+        ),
+        pytest.param(
+            [put(board={"load_n": ((0.0, 0.1, 0.2, 0.3), (60.0, 60.0, 80.0, 20.0))})],
+            15,
+            id="is in contact from the start, and more",
+        ),
+        pytest.param([rests(5.0), put(detector={"above": 5300.0})], 19, id="rests long"),
+        pytest.param(
+            [rests(1.0, prompt=False), put(detector={"above": 1300.0}, stage={"blind_s": 1.0})],
+            18,
+            id="idles",
+        ),
+        pytest.param([put(stage={"blind_s": 1 / RATE_HZ})], 170, id="must be looked at"),
+        pytest.param(
+            [lambda bench: setattr(bench.board, "held", (n for n in ()))], 170, id="cannot be copied"
+        ),
     ],
-    ids=lambda case: getattr(case, "__name__", None),
 )
-def test_a_bench_goes_the_same_way_as_turn_by_turn_in_so_many_looks(case, looks):
+def test_a_bench_goes_the_same_way_as_turn_by_turn_in_so_many_looks(cases, looks):
     apart, together = Bench(), Bench()
     for bench, at_once in ((apart, False), (together, True)):
         Board.looks = []
-        case(bench)
+        for case in cases:
+            case(bench)
         bench.run(together=at_once)
     for what in ("kept", "shown", "skipped", "recorded", "read", "decided"):
         assert getattr(together, what) == getattr(apart, what), what
