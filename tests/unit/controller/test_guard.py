@@ -1,5 +1,6 @@
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,30 +53,122 @@ def position(values_m, t0_s=0.0):
     return SampleBlock("stage.position", 0, t0_s, np.array(values_m)[:, None], times_s=times_s, unit="m")
 
 
-def test_the_force_may_be_another_channel_of_its_stream():
-    values = np.zeros((20, 6))
-    values[:, 2] = 2.5
-    block = SampleBlock("arm.force", 0, 0.0, values, rate_hz=500.0, unit="N")
-    watching = {"force_stream": "arm.force", "position_stream": None}
-    assert guard(**watching).check(0.04, [block], moving=False) is None
-    assert "2.500 N" in guard(**watching, force_channels=(2,)).check(0.04, [block], moving=False)
+def pose(*places_m):
+    values = np.array([(*place, 0.0, 3.1416, 0.0) for place in places_m])
+    return SampleBlock("arm.pose", 0, 0.0, values, rate_hz=500.0, unit="m")
 
 
-def test_a_spike_shorter_than_half_the_median_stops_nothing():
-    values = np.zeros(40)
-    values[10:14] = 50.0
-    assert guard().check(0.04, [force(values), position([0.0])], moving=True) is None
+BOX = {"workspace_min_m": [-0.1, -0.1, 0.0], "workspace_max_m": [0.1, 0.1, 0.3], "pose_stream": "arm.pose"}
+"""Lists, as a profile gives them."""
+
+WRIST = {"force_stream": "arm.force", "position_stream": None}
+ALL_THREE = {**WRIST, "force_channels": (0, 1, 2)}
 
 
-def test_a_lasting_force_stops_the_bench_and_names_the_limit():
-    reason = guard().check(0.02, [force(np.full(20, 2.5)), position([0.0])], moving=True)
-    assert reason is not None
-    assert "2.500 N" in reason
-    assert "limits.force_n = 2" in reason
+def boxed():
+    return guard(**BOX)
 
 
-def test_a_pull_counts_like_a_push():
-    assert guard().check(0.02, [force(np.full(20, -2.5)), position([0.0])], moving=True)
+def sent(stream, values, **more):
+    """A block of 1 kHz."""
+    return SampleBlock(stream, 0, 0.0, np.asarray(values), rate_hz=1000.0, **more)
+
+
+def wrist(*forces_n, **more):
+    return sent("arm.force", np.tile(forces_n, (20, 1)), **more)
+
+
+def among_three(number, odd, others):
+    return [odd if each == number else others for each in range(3)]
+
+
+BEYOND = Saturated(0.0, "signals", "signals.fingertip", 1.62)
+SPIKE = force(np.where((np.arange(40) >= 10) & (np.arange(40) < 14), 50.0, 0.0))
+WINDOW = force(np.where((np.arange(60) >= 40) & (np.arange(60) < 50), 3.0, 0.0))
+PRESSED = force(np.full(20, 2.5))
+
+SEEN: dict[str, Any] = {
+    "a spike shorter than half the median": ({}, [SPIKE], None),
+    "a lasting force": (
+        {},
+        [PRESSED],
+        "board.load_cell is at 2.500 N (10 ms median), beyond limits.force_n = 2",
+    ),
+    "a force that lasts for one window of a long block": ({}, [WINDOW], "3.000 N (10 ms median)"),
+    "a pull": ({}, [force(np.full(20, -2.5))], "2.500 N"),
+    "a force that is no number": ({}, [force([0.0, math.nan])], "board.load_cell reads nan"),
+    "one sample where the median is over less than two": (
+        {"force_median_s": 0.001},
+        [force([2.5])],
+        "2.500 N",
+    ),
+    "another channel": (WRIST, [wrist(0.0, 0.0, 2.5)], None),
+    "the channel": ({**WRIST, "force_channels": (2,)}, [wrist(0.0, 0.0, 2.5)], "2.500 N"),
+    "the size of three channels, within": ({**ALL_THREE, "force_n": 2.01}, [wrist(1.2, 0.0, 1.6, 9.0)], None),
+    "the size of three channels": ({**ALL_THREE, "force_n": 1.99}, [wrist(1.2, 0.0, 1.6, 9.0)], "2.000 N"),
+    "counts of 1.5 N": ({}, [sent("board.load_cell", [[150_000]] * 20, scale=1e-5)], None),
+    "counts of 3 N": ({}, [sent("board.load_cell", [[300_000]] * 20, scale=1e-5)], "3.000 N"),
+    "counts of channels, within": ({**ALL_THREE, "force_n": 2.6}, [wrist(1500, 2000, 0, scale=1e-3)], None),
+    "counts of channels": ({**ALL_THREE, "force_n": 2.4}, [wrist(1500, 2000, 0, scale=1e-3)], "2.500 N"),
+    "the travel": ({}, [position([-0.0005, 0.0119, 0.012])], None),
+    "beyond the travel": ({}, [position([0.0119, 0.0121])], "stage.position is at 0.012100 m"),
+    "before the travel": ({}, [position([-0.00051])], "-0.000510 m"),
+    "counts within the travel": ({}, [sent("stage.position", [[24_000]], scale=0.5e-6)], None),
+    "counts beyond the travel": ({}, [sent("stage.position", [[24_200]], scale=0.5e-6)], "0.012100 m"),
+    "an empty block before one": ({}, [position([]), position([0.02])], "0.020000 m"),
+    "a tool in its box": (BOX, [pose((0.0, 0.0, 0.1), (0.1, -0.1, 0.3))], None),
+    "a tool that leaves its box": (
+        BOX,
+        [pose((0.0, 0.0, 0.1), (0.0, 0.1001, 0.1))],
+        "arm.pose is at (0.0000, 0.1001, 0.1000) m, outside limits.workspace_min_m .. workspace_max_m",
+    ),
+    "a pose that is no number": (BOX, [pose((math.nan, 0.0, 0.1))], "nan"),
+    "counts in the box": (BOX, [sent("arm.pose", np.full((1, 6), 90), scale=1e-3)], None),
+    "counts beyond the box": (
+        BOX,
+        [sent("arm.pose", np.full((1, 6), 110), scale=1e-3)],
+        "(0.1100, 0.1100, 0.1100)",
+    ),
+    "an unknown stream": ({}, [sent("board.accelerometer", np.full((5, 1), 99.0))], None),
+    **{
+        f"position {number} of three": ({}, [position(among_three(number, 0.0121, 0.005))], "0.012100 m")
+        for number in range(3)
+    },
+    **{
+        f"pose {number} of three": (
+            BOX,
+            [pose(*among_three(number, (0.0, 0.0, 0.31), (0.0, 0.0, 0.1)))],
+            "0.3100",
+        )
+        for number in range(3)
+    },
+    **{
+        f"beyond the box at {place_m}": (BOX, [pose(place_m)], "outside")
+        for place_m in ((-0.11, 0, 0.1), (0.11, 0, 0.1), (0, -0.11, 0.1), (0, 0, -0.01))
+    },
+}
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("name", SEEN)
+def test_what_is_beyond_a_limit_stops_the_bench_moving_or_not(name, moving):
+    changes, blocks, words = SEEN[name]
+    reason = guard(**changes).check(0.04, blocks, moving=moving)
+    assert reason is None if words is None else words in reason
+
+
+@pytest.mark.parametrize(
+    ("late_s", "moving", "stops"), [(0.125, True, False), (0.126, True, True), (0.3, False, False)]
+)
+def test_a_late_loop_stops_what_moves(late_s, moving, stops):
+    reason = guard(late_s=0.125).check(0.0, [position([0.0])], moving=moving, late_s=late_s)
+    assert (reason is not None and "the loop is" in reason) == stops
+
+
+def test_a_sensor_beyond_its_range_stops_the_bench_and_is_the_first_of_several_reasons():
+    for blocks, late_s in (([], 0.0), ([position([0.02])], 1.0)):
+        reason = guard().check(0.0, blocks, moving=bool(blocks), late_s=late_s, saturated=[BEYOND])
+        assert reason.startswith("signals.fingertip is beyond its range, at 1.62")
 
 
 @pytest.mark.parametrize("size", [1, 3, 7, 25])
@@ -90,21 +183,6 @@ def test_the_median_is_the_same_however_the_samples_come(size):
         assert (reason is not None) == (end - 25 >= 6), (start, end)
         if reason is not None:
             return
-
-
-def test_a_force_that_is_not_a_number_stops_the_bench():
-    reason = guard().check(0.0, [force([0.0, math.nan])], moving=True)
-    assert reason == "board.load_cell reads nan"
-
-
-def test_a_late_loop_stops_what_moves():
-    blocks = [force(np.zeros(5)), position([0.0])]
-    assert "late" in (guard().check(0.0, blocks, moving=True, late_s=0.3) or "")
-    assert guard().check(0.0, blocks, moving=False, late_s=0.3) is None
-
-
-def test_force_counts_while_nothing_moves_as_well():
-    assert guard().check(0.02, [force(np.full(20, 2.5))], moving=False)
 
 
 def test_a_trial_may_have_the_range_of_its_own_streams_watched_and_the_next_one_has_not():
@@ -153,12 +231,6 @@ def test_a_range_that_nothing_reports_is_refused_before_anything_moves():
         guard(range_streams=["signals.tap"]).check_streams(streams)
 
 
-def test_travel_beyond_the_limit_stops_the_bench():
-    reason = guard().check(0.0, [force([0.0]), position([0.0119, 0.0121])], moving=True)
-    assert reason is not None
-    assert "stage.position is at 0.012100 m" in reason
-
-
 @pytest.mark.parametrize(
     ("command", "reason"),
     [
@@ -192,40 +264,9 @@ def test_a_bench_without_a_force_stream_watches_none():
     assert guard(force_n=None).inputs == {"stage.position"}
 
 
-def pose(*places_m):
-    values = np.array([(*place, 0.0, 3.1416, 0.0) for place in places_m])
-    return SampleBlock("arm.pose", 0, 0.0, values, rate_hz=500.0, unit="m")
-
-
-def boxed():
-    # Lists, as a profile gives them.
-    return guard(workspace_min_m=[-0.1, -0.1, 0.0], workspace_max_m=[0.1, 0.1, 0.3], pose_stream="arm.pose")
-
-
-def test_a_tool_that_leaves_its_box_stops_the_bench():
-    watched = boxed()
-    assert "arm.pose" in watched.inputs
-    assert watched.check(0.0, [pose((0.0, 0.0, 0.1), (0.1, -0.1, 0.3))], moving=True) is None
-    reason = watched.check(0.0, [pose((0.0, 0.0, 0.1), (0.0, 0.1001, 0.1))], moving=True)
-    assert reason == (
-        "arm.pose is at (0.0000, 0.1001, 0.1000) m, outside limits.workspace_min_m .. workspace_max_m"
-    )
-
-
-def test_a_pose_that_is_not_a_number_is_in_no_box():
-    assert boxed().check(0.0, [pose((math.nan, 0.0, 0.1))], moving=True)
-
-
 def test_half_a_box_is_refused():
     with pytest.raises(ValueError, match="give all or none"):
         guard(workspace_min_m=(0.0, 0.0, 0.0))
-
-
-def test_a_sensor_beyond_its_range_stops_the_bench():
-    saturated = Saturated(0.0, "signals", "signals.fingertip", 1.62)
-    reason = guard().check(0.0, [], moving=False, saturated=[saturated])
-    assert reason is not None
-    assert reason.startswith("signals.fingertip is beyond its range, at 1.62")
 
 
 @pytest.mark.parametrize(
@@ -278,87 +319,6 @@ def test_no_free_motion_without_a_reach_one_that_only_turns_included(command):
 def test_no_turn_without_a_reach_in_radians():
     with pytest.raises(GuardRefusal, match=r"limits.reach_rad = 0"):
         arm(reach_m=0.1).admit(Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.1, 0.0), 5.0))
-
-
-def test_of_several_channels_the_size_of_the_force_counts():
-    values = np.tile([1.2, 0.0, 1.6, 9.0], (20, 1))  # 2 N of the first three
-    block = SampleBlock("arm.force", 0, 0.0, values, rate_hz=1000.0, unit="N")
-    watching = {"force_stream": "arm.force", "force_channels": (0, 1, 2)}
-    assert guard(**watching, force_n=2.01).check(0.02, [block], moving=False) is None
-    assert "2.000 N" in guard(**watching, force_n=1.99).check(0.02, [block], moving=False)
-
-
-# --- scales, ages, places, in every sample
-
-
-def test_a_force_is_in_newtons_and_not_in_counts():
-    counts = np.full((20, 1), 150_000)
-    block = SampleBlock("board.load_cell", 0, 0.0, counts, rate_hz=1000.0, unit="N", scale=1e-5)
-    assert guard().check(0.02, [block], moving=True) is None, "1.5 N"
-    heavy = SampleBlock("board.load_cell", 0, 0.0, 2 * counts, rate_hz=1000.0, unit="N", scale=1e-5)
-    assert "3.000 N" in guard().check(0.02, [heavy], moving=True)
-
-
-def test_several_channels_of_force_are_in_newtons_too():
-    counts = np.tile([1500, 2000], (20, 1))  # 2.5 N
-    block = SampleBlock("arm.force", 0, 0.0, counts, rate_hz=1000.0, unit="N", scale=1e-3)
-    watching = {"force_stream": "arm.force", "force_channels": (0, 1)}
-    assert guard(**watching, force_n=2.6).check(0.02, [block], moving=True) is None
-    assert "2.500 N" in guard(**watching, force_n=2.4).check(0.02, [block], moving=True)
-
-
-def test_a_position_is_in_metres_and_not_in_counts():
-    counts = np.array([[20_000], [24_000]])
-    block = SampleBlock("stage.position", 0, 0.0, counts, times_s=np.zeros(2), unit="m", scale=0.5e-6)
-    assert guard().check(0.0, [block], moving=True) is None
-    far = SampleBlock("stage.position", 0, 0.0, counts + 200, times_s=np.zeros(2), unit="m", scale=0.5e-6)
-    assert "0.012100 m" in guard().check(0.0, [far], moving=True)
-
-
-def test_a_pose_is_in_metres_and_not_in_counts():
-    block = SampleBlock("arm.pose", 0, 0.0, np.full((1, 6), 90), rate_hz=500.0, unit="m", scale=1e-3)
-    assert boxed().check(0.0, [block], moving=True) is None
-    far = SampleBlock("arm.pose", 0, 0.0, np.full((1, 6), 110), rate_hz=500.0, unit="m", scale=1e-3)
-    assert "(0.1100, 0.1100, 0.1100) m" in boxed().check(0.0, [far], moving=True)
-
-
-@pytest.mark.parametrize("number", range(3))
-def test_every_position_of_a_block_counts(number):
-    places_m = [0.005, 0.005, 0.005]
-    places_m[number] = 0.0121
-    assert "0.012100 m" in guard().check(0.0, [position(places_m)], moving=True)
-
-
-@pytest.mark.parametrize("number", range(3))
-def test_every_pose_of_a_block_counts(number):
-    places_m = [(0.0, 0.0, 0.1)] * 3
-    places_m[number] = (0.0, 0.0, 0.31)
-    assert "0.3100" in boxed().check(0.0, [pose(*places_m)], moving=True)
-
-
-@pytest.mark.parametrize("place_m", [(-0.11, 0, 0.1), (0.11, 0, 0.1), (0, -0.11, 0.1), (0, 0, -0.01)])
-def test_each_side_of_the_box_holds(place_m):
-    assert boxed().check(0.0, [pose(place_m)], moving=True)
-
-
-@pytest.mark.parametrize(("position_m", "stops"), [(-0.0005, False), (-0.00051, True), (0.012, False)])
-def test_the_ends_of_the_travel_are_inside(position_m, stops):
-    assert bool(guard().check(0.0, [position([position_m])], moving=True)) == stops
-
-
-def test_a_loop_may_be_exactly_as_late_as_its_limit():
-    assert guard(late_s=0.125).check(0.0, [], moving=True, late_s=0.125) is None
-
-
-def test_the_first_of_several_reasons_is_reported():
-    saturated = Saturated(0.0, "signals", "signals.fingertip", 1.62)
-    reason = guard().check(0.0, [position([0.02])], moving=True, late_s=1.0, saturated=[saturated])
-    assert reason.startswith("signals.fingertip is beyond its range")
-
-
-def test_a_median_over_less_than_two_samples_is_the_sample():
-    watched = guard(force_median_s=0.001)
-    assert "2.500 N" in watched.check(0.001, [force([2.5])], moving=True)
 
 
 def test_a_window_begins_anew_with_a_trial():
@@ -687,21 +647,6 @@ def test_a_grippers_speed_is_its_own_where_it_has_limits():
         GuardRefusal, match=r"^Grip\(gripper\): 0.11 m/s is beyond limits.movers.gripper.speed_m_s"
     ):
         limits.admit(Grip("gripper", 0.01, 0.11, 10.0))
-
-
-def test_a_force_that_lasts_for_one_window_of_a_long_block_stops_the_bench():
-    values = np.zeros(60)
-    values[40:50] = 3.0
-    assert "3.000 N (10 ms median)" in guard().check(0.06, [force(values)], moving=True)
-
-
-def test_an_empty_block_hides_none_that_follows_it():
-    assert guard().check(0.0, [position([]), position([0.02])], moving=True)
-
-
-def test_a_stream_that_the_guard_does_not_know_passes_it():
-    block = SampleBlock("board.accelerometer", 0, 0.0, np.full((5, 1), 99.0), rate_hz=1000.0, unit="m/s2")
-    assert guard().check(0.005, [block], moving=False) is None
 
 
 def test_what_views_show_beside_its_limit_is_force_and_travel_where_they_are_watched():

@@ -225,7 +225,7 @@ class ScriptedGuard(Guard):
             )
         )
         self.stop_s, self.seen, self.lates, self.real = None, [], [], False
-        self.arrivals.check = self._noting(self.arrivals.check)
+        self.arrivals.check = self._noting(self.arrivals.check)  # type: ignore[method-assign]
 
     def _noting(self, check):
         def noted(t_s, blocks, moving, late_s=0.0):
