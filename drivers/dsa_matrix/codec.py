@@ -6,10 +6,10 @@ Source: docs/reference/sensors.md; the layout of the infos is that of the maker'
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,48 +69,19 @@ class Id(IntEnum):
     THRESHOLD = 0x14
 
 
-# --- host to controller ---------------------------------------------------------------------------
+REQUESTS: Final[Mapping[int, struct.Struct]] = {
+    Id.CONTROLLER: struct.Struct(""),
+    Id.SENSOR: struct.Struct(""),
+    Id.ACQUIRE: struct.Struct("<BH"),
+    Id.MATRIX: struct.Struct("<B"),
+    Id.SET_THRESHOLD: struct.Struct("<BxH"),
+    Id.THRESHOLD: struct.Struct("<B"),
+}
+"""Numbers of each request. `ACQUIRE`: flags, frames a second. `MATRIX`, `THRESHOLD`: number of the matrix.
+`SET_THRESHOLD`: which matrices, counts below which texels are sent as 0."""
 
 
-@dataclass(frozen=True, slots=True)
-class AskMatrices:
-    """Asks for `ControllerInfo` or `SensorInfo`."""
-
-    id: Id
-
-
-@dataclass(frozen=True, slots=True)
-class AskMatrix:
-    """Asks for the `MatrixInfo` of a matrix, or for its `Threshold`."""
-
-    id: Id
-    matrix: int
-
-
-@dataclass(frozen=True, slots=True)
-class Acquire:
-    """Send frames, so many a second, run-length encoded or not; or send none."""
-
-    run: bool
-    rle: bool
-    frames_per_s: int
-
-
-@dataclass(frozen=True, slots=True)
-class SetThreshold:
-    """Texels below this are sent as 0, in all matrices."""
-
-    counts: int
-
-
-Request = AskMatrices | AskMatrix | Acquire | SetThreshold
-
-
-# --- controller to host ---------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerInfo:
+class ControllerInfo(NamedTuple):
     """The controller's identity."""
 
     error: int
@@ -118,10 +89,10 @@ class ControllerInfo:
     hardware: int
     software: int
     status: int
+    can_baud: int = 1_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class SensorInfo:
+class SensorInfo(NamedTuple):
     """The sensor that is connected to it."""
 
     error: int
@@ -130,8 +101,7 @@ class SensorInfo:
     serial: int
 
 
-@dataclass(frozen=True, slots=True)
-class MatrixInfo:
+class MatrixInfo(NamedTuple):
     """One matrix: its cells, their size in mm."""
 
     error: int
@@ -140,22 +110,16 @@ class MatrixInfo:
     cells_x: int
     cells_y: int
     uid: bytes
+    hardware: int = 1
+    full_scale: float = TEXEL_MAX
 
 
-@dataclass(frozen=True, slots=True)
-class Done:
-    """The answer to `Acquire` and `SetThreshold`; error 0 is success."""
+class Done(NamedTuple):
+    """The answer to `ACQUIRE` and `SET_THRESHOLD`, and with a matrix's threshold to `THRESHOLD`; error 0 is success."""
 
     id: Id
     error: int
-
-
-@dataclass(frozen=True, slots=True)
-class Threshold:
-    """The threshold of a matrix."""
-
-    error: int
-    counts: int
+    counts: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,68 +137,50 @@ class Frame:
     texels: NDArray[np.uint16]
 
 
-Answer = ControllerInfo | SensorInfo | MatrixInfo | Done | Threshold | Frame
+Answer = ControllerInfo | SensorInfo | MatrixInfo | Done | Frame
 
-_CONTROLLER: Final = struct.Struct("<HIBHBBBBIB")
+_CONTROLLER: Final = struct.Struct("<HIBHB3xIx")
 """18 bytes: the last field is u16 in the maker's library, and the controller sends one byte of it."""
 
-_SENSOR: Final = struct.Struct("<HHHBIB")
-_MATRIX: Final = struct.Struct("<HffHH6s2xB24xfB")
-_CAN_BAUD: Final = 1_000_000
+_SENSOR: Final = struct.Struct("<HH2xBIx")
+_MATRIX: Final = struct.Struct("<HffHH6s2xB24xfx")
 
 
-def encode_request(request: Request) -> MatrixPacket:
-    """A request as a packet."""
-    match request:
-        case AskMatrices(id=number):
-            return MatrixPacket(number)
-        case AskMatrix(id=number, matrix=matrix):
-            return MatrixPacket(number, bytes([matrix]))
-        case Acquire():
-            flags = RUN_BIT * request.run | RLE_BIT * request.rle
-            return MatrixPacket(Id.ACQUIRE, struct.pack("<BH", flags, request.frames_per_s))
-        case SetThreshold(counts=counts):
-            return MatrixPacket(Id.SET_THRESHOLD, struct.pack("<BBH", ALL_MATRICES_BIT, 0, counts))
+def request(number: Id, *numbers: int) -> MatrixPacket:
+    """A request with its numbers, as `REQUESTS` has them."""
+    return MatrixPacket(number, REQUESTS[number].pack(*numbers))
 
 
-def decode_request(packet: MatrixPacket) -> Request:
-    """Decode a packet to the controller.
+def acquire(run: bool, rle: bool, frames_per_s: int) -> MatrixPacket:
+    """Send frames, so many a second, run-length encoded or not; or send none."""
+    return request(Id.ACQUIRE, RUN_BIT * run | RLE_BIT * rle, frames_per_s)
+
+
+def decode_request(packet: MatrixPacket) -> tuple[int, ...]:
+    """The numbers of a packet to the controller, as `REQUESTS` has them.
 
     Raises:
         CodecError: no request of this protocol.
     """
-    data = packet.payload
-    if packet.id in (Id.CONTROLLER, Id.SENSOR) and not data:
-        return AskMatrices(Id(packet.id))
-    if packet.id in (Id.MATRIX, Id.THRESHOLD) and len(data) == 1:
-        return AskMatrix(Id(packet.id), data[0])
-    if packet.id == Id.ACQUIRE and len(data) == 3:
-        flags, frames_per_s = struct.unpack("<BH", data)
-        return Acquire(bool(flags & RUN_BIT), bool(flags & RLE_BIT), frames_per_s)
-    if packet.id == Id.SET_THRESHOLD and len(data) == 4:
-        return SetThreshold(*struct.unpack_from("<H", data, 2))
-    raise CodecError(f"no request: {packet}")
+    layout = REQUESTS.get(packet.id)
+    if layout is None or layout.size != len(packet.payload):
+        raise CodecError(f"no request: {packet}")
+    return layout.unpack(packet.payload)
 
 
 def encode_answer(answer: Answer) -> MatrixPacket:
     """An answer as a packet."""
     match answer:
         case ControllerInfo():
-            a = answer
-            data = _CONTROLLER.pack(
-                a.error, a.serial, a.hardware, a.software, a.status, 0, 0, 0, _CAN_BAUD, 0
-            )
-            return MatrixPacket(Id.CONTROLLER, data)
+            return MatrixPacket(Id.CONTROLLER, _CONTROLLER.pack(*answer))
         case SensorInfo():
-            data = _SENSOR.pack(answer.error, answer.matrices, 0, answer.hardware, answer.serial, 0)
-            return MatrixPacket(Id.SENSOR, data)
+            return MatrixPacket(Id.SENSOR, _SENSOR.pack(*answer))
         case MatrixInfo():
-            size = (answer.texel_width_mm, answer.texel_height_mm, answer.cells_x, answer.cells_y)
-            return MatrixPacket(Id.MATRIX, _MATRIX.pack(answer.error, *size, answer.uid, 1, TEXEL_MAX, 0))
-        case Done(id=number, error=error):
+            return MatrixPacket(Id.MATRIX, _MATRIX.pack(*answer))
+        case Done(number, error, None):
             return MatrixPacket(number, struct.pack("<H", error))
-        case Threshold():
-            return MatrixPacket(Id.THRESHOLD, struct.pack("<HH", answer.error, answer.counts))
+        case Done(number, error, counts):
+            return MatrixPacket(number, struct.pack("<HH", error, counts))
         case Frame():
             texels = _runs(answer.texels) if answer.rle else answer.texels.astype("<u2").tobytes()
             return MatrixPacket(Id.FRAME, struct.pack("<IB", answer.time_ms, RLE_BIT * answer.rle) + texels)
@@ -252,18 +198,17 @@ def decode_answer(packet: MatrixPacket) -> Answer:
             case Id.FRAME:
                 return _frame(data)
             case Id.CONTROLLER:
-                return ControllerInfo(*_CONTROLLER.unpack(data)[:5])
+                return ControllerInfo(*_CONTROLLER.unpack(data))
             case Id.SENSOR:
-                error, matrices, _, hardware, serial, _ = _SENSOR.unpack(data)
-                return SensorInfo(error, matrices, hardware, serial)
+                return SensorInfo(*_SENSOR.unpack(data))
             case Id.MATRIX:
-                return MatrixInfo(*_MATRIX.unpack(data)[:6])
+                return MatrixInfo(*_MATRIX.unpack(data))
             case Id.ACQUIRE | Id.SET_THRESHOLD:
                 return Done(Id(packet.id), *struct.unpack("<H", data))
             case Id.THRESHOLD:
-                return Threshold(*struct.unpack("<HH", data))
-    except struct.error as error_:
-        raise CodecError(f"packet {packet.id:#04x} of {len(data)} bytes: {error_}") from error_
+                return Done(Id.THRESHOLD, *struct.unpack("<HH", data))
+    except struct.error as error:
+        raise CodecError(f"packet {packet.id:#04x} of {len(data)} bytes: {error}") from error
     raise CodecError(f"packet {packet.id:#04x} is unknown")
 
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.core.errors import CodecError, RefusedError, check_streams, wrong
+from drivers.core.errors import CodecError, ProtocolError, RefusedError, check_streams, wrong
 from drivers.core.links import SerialLink, SerialPort, open_serial
-from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
-from drivers.core.wire import WireDriver
+from drivers.core.messages import Command, DeviceInfo, Listen, Saturated, StreamInfo
+from drivers.core.numbering import DeviceClock, SampleStream
+from drivers.core.wire import Inquiry, WireDriver
 from drivers.dsa_matrix import codec
-from drivers.dsa_matrix.frames import MatrixFrames
-from drivers.dsa_matrix.identify import MatrixIdentity, identify
-from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
+from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
+
+ATTEMPTS = 3
+"""How often a query is sent to a controller that has answered before (assumption)."""
 
 BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
@@ -42,13 +46,7 @@ class DsaMatrixSettings(SerialPort):
     """Bound on the drift between the controller's clock and the host's. Assumption: two crystals of 100 ppm."""
 
 
-@dataclass(slots=True)
-class _Order:
-    """An order without an answer yet, and when it counts as lost."""
-
-    request: codec.Request
-    due_s: float
-    repeated: bool = False
+T = TypeVar("T", bound=codec.Answer)
 
 
 class DsaMatrix(WireDriver[SerialLink]):
@@ -64,35 +62,45 @@ class DsaMatrix(WireDriver[SerialLink]):
     _opens = staticmethod(open_serial)
 
     def _prepare(self) -> None:
-        self._stream = f"{self.name}.taxels"
-        self._frames: MatrixFrames | None = None
+        self._stream: SampleStream[NDArray[np.uint16]] | None = None
         self._forget()
 
     def _forget(self) -> None:
         self._decoder = PacketDecoder()
         self._listening = False
-        self._order: _Order | None = None
+        self._saturated = False
+        self._missing = self._wrong = 0
+        self._ordered: bool | None = None  # whether frames were asked for or stopped, without an answer yet
+        self._repeated = False
+        self._due_s = self._received_s = 0.0
         self._refusal: str | None = None
-        self._received_s = 0.0
 
     def _identify(self, link: SerialLink) -> DeviceInfo:
         """Stop frames that an earlier host has left on, query the matrices; wait for a controller that powers up."""
         s = self._settings
-        found = identify(self.name, s.port, link, self._decoder, self._clock, s.power_up_s, s.reply_timeout_s)
+        attempts = max(ATTEMPTS, round(s.power_up_s / s.reply_timeout_s))
+        self._ask(link, self._acquire(False), codec.Done, attempts)
+        controller = self._ask(link, codec.request(codec.Id.CONTROLLER), codec.ControllerInfo)
+        sensor = self._ask(link, codec.request(codec.Id.SENSOR), codec.SensorInfo)
+        matrices = [
+            self._ask(link, codec.request(codec.Id.MATRIX, number), codec.MatrixInfo)
+            for number in range(sensor.matrices)
+        ]
         if s.threshold_counts is not None:
-            found.set_threshold(s.threshold_counts)
-        info = self._stream_info(found)
-        self._frames = MatrixFrames(self.name, info, self._clock, s.max_drift_ppm)
+            self._set_threshold(link, s.threshold_counts, sensor.matrices)
+        info = self._stream_info(matrices)
+        self._device_clock = DeviceClock(s.max_drift_ppm, wrap_s=codec.TIME_MODULUS * 1e-3)
+        self._stream = SampleStream(info, self._device_clock, self._clock, np.int32)
         return DeviceInfo(
             self.name,
             model="DSACON32-M",
-            serial=str(found.controller.serial),
-            version=str(found.controller.software),
+            serial=str(controller.serial),
+            version=str(controller.software),
             streams={info.name: info},
             clock=f"{self.name} milliseconds",
             details={
                 "port": s.port,
-                "sensor_serial": found.sensor.serial,
+                "sensor_serial": sensor.serial,
                 "matrices": [
                     {
                         "rows": matrix.cells_y,
@@ -100,59 +108,109 @@ class DsaMatrix(WireDriver[SerialLink]):
                         "texel_m": (matrix.texel_width_mm * 1e-3, matrix.texel_height_mm * 1e-3),
                         "uid": matrix.uid.hex(),
                     }
-                    for matrix in found.matrices
+                    for matrix in matrices
                 ],
                 "raw_limit_hz": self._raw_limit_hz(len(info.channels)),
             },
         )
 
+    def _set_threshold(self, link: SerialLink, counts: int, matrices: int) -> None:
+        self._ask(link, codec.request(codec.Id.SET_THRESHOLD, codec.ALL_MATRICES_BIT, counts), codec.Done)
+        for number in range(matrices):
+            held = self._ask(link, codec.request(codec.Id.THRESHOLD, number), codec.Done).counts
+            if held != counts:
+                reason = f"matrix {number} was set to threshold {counts} and holds {held}"
+                advice = "is its firmware older than release 268?"
+                raise RefusedError(self.name, "setting it up", reason, advice)
+
+    def _ask(self, link: SerialLink, request: MatrixPacket, kind: type[T], attempts: int = ATTEMPTS) -> T:
+        """Ask until the answer to this request comes; raises a `DeviceError`."""
+        doing = f"asking who is at {self._settings.port}"
+
+        def send() -> None:
+            self._decoder.flush()  # left over from the last attempt
+            link.send(encode_packet(request))
+
+        def parse(arrived: tuple[float, bytes]) -> T | None:
+            for packet in self._decoder.feed(arrived[1]):
+                if packet.id != request.id:
+                    continue
+                try:
+                    answer = codec.decode_answer(packet)
+                except CodecError as error:
+                    raise ProtocolError(self.name, doing, str(error), "is it a DSACON32-M?") from error
+                refusal = getattr(answer, "error", 0)
+                if refusal:
+                    reason = f"it answers with an error: {codec.meaning(refusal)}"
+                    raise RefusedError(self.name, doing, reason, "is its sensor plugged in?")
+                if isinstance(answer, kind):
+                    return answer
+            return None
+
+        inquiry = Inquiry(
+            self.name,
+            doing,
+            link,
+            self._clock,
+            self._settings.reply_timeout_s,
+            strange=self._strange,
+            stranger="is another device at this port, or the baud rate wrong?",
+            silent="is it powered?",
+        )
+        return inquiry.ask(send, parse, attempts)
+
+    def _strange(self) -> str:
+        noise = self._decoder.noise.replace(codec.POWER_UP_NOISE, b"")
+        packets = self._decoder.good
+        return f"{noise!r} and {packets} packets came, and no answer" if noise or packets else ""
+
     def _leave(self, link: SerialLink, failure: str | None) -> None:
-        link.send(encode_packet(codec.encode_request(self._acquire(False))))
+        link.send(encode_packet(self._acquire(False)))
 
     def _valid(self, command: Command) -> Command:
         if not isinstance(command, Listen):
             raise wrong(self.name, command, "it has no such command", "matrices can Listen")
-        check_streams(self.name, command, command.streams, (self._stream,))
+        check_streams(self.name, command, command.streams, (f"{self.name}.taxels",))
         return command
 
     def _carry_out(self, command: Command) -> None:
         wanted = isinstance(command, Listen) and bool(command.streams)
-        if wanted == self._listening or self._link is None or self._frames is None:
+        if wanted == self._listening or self._link is None or self._stream is None:
             return
         self._turn()
         self._listening = wanted
         if wanted:
-            self._frames.begin()
-        self._ask(self._link, self._acquire(wanted))
+            self._stream.begin()
+            self._saturated = False
+        self._order(self._link, wanted)
         self._sent(command)
 
     def account(self) -> Mapping[str, object]:
         """Packets, errors and losses, and the drift of the controller's clock, for the manifest."""
-        frames, counts = self._frames, self._decoder.counts
-        if frames is None:
+        if self._stream is None:
             return {}
         return {
-            "packets": counts.good,
-            "bad_crc": counts.bad_crc,
-            "bytes_passed_over": counts.passed_over,
-            "frames_wrong": frames.wrong,
-            "frames_lost": frames.lost,
-            "drift_ppm": frames.clock.model.drift_ppm,
+            "packets": self._decoder.good,
+            "bad_crc": self._decoder.bad_crc,
+            "bytes_passed_over": self._decoder.passed_over,
+            "frames_wrong": self._wrong,
+            "frames_lost": self._missing,
+            "drift_ppm": self._device_clock.model.drift_ppm,
         }
 
-    def _acquire(self, run: bool) -> codec.Acquire:
-        return codec.Acquire(run, self._settings.rle, self._settings.frame_hz if run else 0)
+    def _acquire(self, run: bool) -> MatrixPacket:
+        return codec.acquire(run, self._settings.rle, self._settings.frame_hz if run else 0)
 
     def _raw_limit_hz(self, cells: int) -> float:
         return self._settings.baud / BITS_PER_BYTE / (OVERHEAD_BYTES + 2 * cells)
 
-    def _stream_info(self, found: MatrixIdentity) -> StreamInfo:
+    def _stream_info(self, matrices: Sequence[codec.MatrixInfo]) -> StreamInfo:
         """The stream of the texels.
 
         Raises:
             RefusedError: there is no cell, or the line cannot carry raw frames at the rate that is asked for.
         """
-        channels = codec.channel_names((matrix.cells_y, matrix.cells_x) for matrix in found.matrices)
+        channels = codec.channel_names((matrix.cells_y, matrix.cells_x) for matrix in matrices)
         if not channels:
             raise RefusedError(self.name, "opening", "it has no matrix", "is the sensor plugged into it?")
         limit_hz, s = self._raw_limit_hz(len(channels)), self._settings
@@ -161,48 +219,61 @@ class DsaMatrix(WireDriver[SerialLink]):
             raise RefusedError(
                 self.name, "opening", reason, f"set rle = true, or frame_hz to {int(limit_hz)} at the most"
             )
-        return StreamInfo(self._stream, channels, "V", codec.VOLT_PER_COUNT, float(s.frame_hz))
+        return StreamInfo(f"{self.name}.taxels", channels, "V", codec.VOLT_PER_COUNT, float(s.frame_hz))
 
-    def _ask(self, link: SerialLink, request: codec.Request) -> None:
-        link.send(encode_packet(codec.encode_request(request)))
-        now_s = self._received_s = self._clock.monotonic_s()
-        self._order = _Order(request, now_s + self._settings.reply_timeout_s)
+    def _order(self, link: SerialLink, run: bool, repeated: bool = False) -> None:
+        """Ask for frames, or for none."""
+        link.send(encode_packet(self._acquire(run)))
+        self._received_s = self._clock.monotonic_s()
+        self._due_s = self._received_s + self._settings.reply_timeout_s
+        self._ordered, self._repeated = run, repeated
 
     def _update(self, link: SerialLink) -> str | None:
         """Process what has arrived; check for silence."""
-        frames = self._frames
-        assert frames is not None
+        stream = self._stream
+        assert stream is not None
         for arrival_s, data in link.receive():
             self._received_s = arrival_s
             for packet in self._decoder.feed(data):
                 try:
                     answer = codec.decode_answer(packet)
                 except CodecError:
-                    frames.wrong += 1
+                    self._wrong += 1
                     continue
                 if isinstance(answer, codec.Frame) and self._listening:
-                    frames.push(answer, arrival_s)
+                    self._take(stream, answer, arrival_s)
                 elif isinstance(answer, codec.Done):
                     self._settle(answer)
-        self._statuses += frames.take_statuses()
-        self._blocks += frames.take_blocks()
+        self._blocks += stream.take()
         return self._refusal or link.fault or self._overdue(link) or self._silent()
+
+    def _take(self, stream: SampleStream[NDArray[np.uint16]], frame: codec.Frame, arrival_s: float) -> None:
+        info = stream.info
+        if len(frame.texels) != len(info.channels):
+            self._wrong += 1
+            return
+        bench_s, lost = stream.push(frame.texels, frame.time_ms * 1e-3, arrival_s)
+        if lost is not None:
+            self._missing += lost
+            self._lost(bench_s, info.name, lost)
+        full = bool((frame.texels >= codec.TEXEL_MAX).any())
+        if full and not self._saturated:
+            self._report(Saturated(bench_s, self.name, info.name, codec.TEXEL_MAX * info.scale))
+        self._saturated = full
 
     def _settle(self, done: codec.Done) -> None:
         if done.id is codec.Id.ACQUIRE:
-            self._order = None
+            self._ordered = None
         if done.error:
             self._refusal = f"it refuses to send frames: {codec.meaning(done.error)}"
 
     def _overdue(self, link: SerialLink) -> str | None:
         """Repeat an order that has no answer, once."""
-        order, now_s = self._order, self._clock.monotonic_s()
-        if order is None or now_s < order.due_s:
+        if self._ordered is None or self._clock.monotonic_s() < self._due_s:
             return None
-        if order.repeated:
+        if self._repeated:
             return f"no answer to an order, sent twice in {2 * self._settings.reply_timeout_s:g} s"
-        self._ask(link, order.request)
-        self._order = _Order(order.request, now_s + self._settings.reply_timeout_s, repeated=True)
+        self._order(link, self._ordered, repeated=True)
         return None
 
     def _silent(self) -> str | None:

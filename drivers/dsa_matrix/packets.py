@@ -64,16 +64,6 @@ def encode_packet(packet: MatrixPacket) -> bytes:
 
 
 @dataclass(slots=True)
-class PacketCounts:
-    """Counts of the bytes and packets on the line."""
-
-    good: int = 0
-    bad_crc: int = 0
-    passed_over: int = 0
-    """Bytes that belong to no packet: noise at power-up, and what faults leave behind."""
-
-
-@dataclass(slots=True)
 class PacketDecoder:
     """Cuts a stream of bytes into packets, in whatever pieces they come.
 
@@ -81,11 +71,15 @@ class PacketDecoder:
     Memory is bounded by `MAX_PAYLOAD_BYTES`.
 
     Attributes:
-        counts: Of the bytes so far.
-        noise: The latest skipped bytes, for error messages.
+        good: Packets so far.
+        bad_crc: Packets so far whose CRC was wrong.
+        passed_over: Bytes so far that belong to no packet: noise at power-up, and what faults leave behind.
+        noise: The latest of these bytes, for error messages.
     """
 
-    counts: PacketCounts = field(default_factory=PacketCounts)
+    good: int = 0
+    bad_crc: int = 0
+    passed_over: int = 0
     noise: bytes = b""
     _rest: bytearray = field(default_factory=bytearray)
 
@@ -102,11 +96,11 @@ class PacketDecoder:
             elif len(rest) < end:
                 break
             elif length and checksum(bytes(rest[3 : end - CRC_BYTES])) != rest[end - CRC_BYTES : end]:
-                self.counts.bad_crc += 1
+                self.bad_crc += 1
                 self._pass_over(1)
             else:
                 packets.append(MatrixPacket(rest[3], bytes(rest[HEADER_BYTES : HEADER_BYTES + length])))
-                self.counts.good += 1
+                self.good += 1
                 del rest[:end]
         return packets
 
@@ -135,6 +129,6 @@ class PacketDecoder:
 
     def _pass_over(self, count: int) -> None:
         if count:
-            self.counts.passed_over += count
+            self.passed_over += count
             self.noise = (self.noise + bytes(self._rest[:count]))[-32:]
             del self._rest[:count]

@@ -104,7 +104,7 @@ class EmulatedDsaMatrix:
         self._noise: list[float] = []
         self._deaf_s = -math.inf
         self._threshold = settings.threshold_counts
-        self._acquire = codec.Acquire(run=False, rle=False, frames_per_s=0)
+        self._rate_hz, self._rle = 0, False
         self._tick = 0
         self._silent = False
         self._spoil: list[str] = []
@@ -117,7 +117,7 @@ class EmulatedDsaMatrix:
         if t_s >= self._deaf_s:
             for packet in self._line.feed(data):
                 try:
-                    answer = self._obey(codec.decode_request(packet), t_s)
+                    answer = self._obey(packet.id, codec.decode_request(packet), t_s)
                 except CodecError:
                     answer = codec.Done(codec.Id.ACQUIRE, UNKNOWN)
                 self._send(encode_packet(codec.encode_answer(answer)), t_s)
@@ -156,7 +156,7 @@ class EmulatedDsaMatrix:
 
     def _power_up(self, t_s: float, start_ms: int, booted: bool) -> None:
         self._power_s, self._start_ms = t_s, start_ms
-        self._acquire = codec.Acquire(run=False, rle=False, frames_per_s=0)
+        self._rate_hz, self._rle = 0, False
         self._outbox.clear()
         self._noise = [] if booted else [t_s + after_s for after_s in NOISE_S]
         self._deaf_s = -math.inf if booted else t_s + DEAF_S
@@ -176,8 +176,8 @@ class EmulatedDsaMatrix:
         self._source.advance(t_s)
         while self._noise and self._noise[0] <= t_s:
             self._send(codec.POWER_UP_NOISE, self._noise.pop(0))
-        rate_hz = self._acquire.frames_per_s
-        if not self._acquire.run or rate_hz == 0:
+        rate_hz = self._rate_hz
+        if rate_hz == 0:
             return
         while self._tick <= math.floor(self._clock_s(t_s) * rate_hz):
             clock_s = self._tick / rate_hz
@@ -187,7 +187,7 @@ class EmulatedDsaMatrix:
     def _send_frame(self, clock_s: float, host_s: float) -> None:
         (texels,) = counts(self._source.texels_v(np.array([host_s])), self._threshold)
         time_ms = (self._start_ms + math.floor(clock_s * 1e3 + 1e-6)) % codec.TIME_MODULUS
-        packet = encode_packet(codec.encode_answer(codec.Frame(time_ms, self._acquire.rle, texels)))
+        packet = encode_packet(codec.encode_answer(codec.Frame(time_ms, self._rle, texels)))
         if self._free_s - host_s > len(packet) * BITS_PER_BYTE / self._settings.baud:
             return
         fault = self._spoil.pop(0) if self._spoil else None
@@ -214,27 +214,30 @@ class EmulatedDsaMatrix:
 
     # commands
 
-    def _obey(self, request: codec.Request, t_s: float) -> codec.Answer:
+    def _obey(self, request: int, numbers: tuple[int, ...], t_s: float) -> codec.Answer:
         error = REFUSED if self._refusals else 0
         self._refusals = max(0, self._refusals - 1)
         s = self._settings
-        match request:
-            case codec.AskMatrices(id=codec.Id.CONTROLLER):
-                return codec.ControllerInfo(error, s.serial, 0x10, s.software, 0x80 | self._acquire.run << 6)
-            case codec.AskMatrices():
+        match request, numbers:
+            case codec.Id.CONTROLLER, _:
+                return codec.ControllerInfo(
+                    error, s.serial, 0x10, s.software, 0x80 | bool(self._rate_hz) << 6
+                )
+            case codec.Id.SENSOR, _:
                 return codec.SensorInfo(error, len(self._matrices), 0x10, 3210)
-            case codec.AskMatrix(id=codec.Id.MATRIX, matrix=number):
+            case codec.Id.MATRIX, (number,):
                 return self._matrix(number, error)
-            case codec.AskMatrix():
-                return codec.Threshold(error, self._threshold)
-            case codec.SetThreshold(counts=threshold):
+            case codec.Id.THRESHOLD, _:
+                return codec.Done(codec.Id.THRESHOLD, error, self._threshold)
+            case codec.Id.SET_THRESHOLD, (_, threshold):
                 self._threshold = self._threshold if error else threshold
                 return codec.Done(codec.Id.SET_THRESHOLD, error)
-            case codec.Acquire() if request.frames_per_s > FASTEST_HZ:
-                error = REFUSED
-            case codec.Acquire() if not error:
-                self._acquire = request
-                self._tick = math.floor(self._clock_s(t_s) * request.frames_per_s) + 1
+            case _, (flags, rate_hz):
+                error = REFUSED if rate_hz > FASTEST_HZ else error
+                if not error:
+                    self._rle = bool(flags & codec.RLE_BIT)
+                    self._rate_hz = rate_hz if flags & codec.RUN_BIT else 0
+                    self._tick = math.floor(self._clock_s(t_s) * rate_hz) + 1
         return codec.Done(codec.Id.ACQUIRE, error)
 
     def _matrix(self, number: int, error: int) -> codec.MatrixInfo:

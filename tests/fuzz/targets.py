@@ -38,9 +38,9 @@ from drivers.core.can_frame import CanFrame
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import CodecError, DeviceError
 from drivers.core.links import LineBuffer
-from drivers.core.messages import StreamInfo
+from drivers.core.messages import Listen, StreamInfo
 from drivers.dsa_matrix import codec as dsa
-from drivers.dsa_matrix.frames import MatrixFrames
+from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
 from drivers.operator import codec as person
 from drivers.sensor_board import codec as board
@@ -53,6 +53,7 @@ from simulator.devices.barrett_hand import (
     EmulatedBarrettHandSettings,
 )
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from simulator.devices.memory_line import MemoryLine
 from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
@@ -220,17 +221,21 @@ def _dsacon(data: bytes) -> None:
     decoder = PacketDecoder()
     packets = [packet for piece in _halves(data) for packet in decoder.feed(piece)] + decoder.flush()
     packets += [MatrixPacket(part[0], part[1:]) for part in data.split(b"\xaa\xbb") if part]
-    info = StreamInfo("dsa.taxels", ("a", "b"), "V", 1e-3, 100.0)
-    frames = MatrixFrames("dsa", info, VirtualClock(), 200.0)
-    for place, packet in enumerate(packets):
-        with suppress(CodecError):
-            answer = dsa.decode_answer(packet)
-            if isinstance(answer, dsa.Frame):
-                frames.push(answer, 0.01 * place)
+    for packet in packets:
         with suppress(CodecError):
             dsa.decode_request(packet)
-    frames.take_blocks()
-    texels = SteadyTexels((Matrix(2, 3, 3.4e-3),), np.full(6, 1.0))
+    texels = SteadyTexels((Matrix(1, 2, 3.4e-3),), np.full(2, 1.0))
+    device = EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), texels)
+    clock = VirtualClock()
+    line = MemoryLine(device, clock)
+    driver = DsaMatrix("dsa", DsaMatrixSettings(port="memory"), clock, line.connect)
+    driver.open()
+    driver.apply(Listen("dsa", frozenset({"dsa.taxels"})))
+    for packet in packets:
+        clock.rest(0.01)
+        with suppress(ValueError):  # a payload that is too long for a packet
+            line._arrived.append((clock.monotonic_s(), encode_packet(packet)))
+        driver.read()
     device = EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), texels)
     device.step(0.0)
     device.receive(data, 0.1)
@@ -243,11 +248,11 @@ def _dsacon(data: bytes) -> None:
 def _dsacon_seeds() -> Iterable[bytes]:
     texels = np.array([7, 4095], np.uint16)
     answers = [dsa.Frame(time_ms, rle, texels) for time_ms in (10, 20, 0) for rle in (True, False)]
-    answers += [dsa.Done(dsa.Id.ACQUIRE, 0), dsa.Threshold(0, 5), dsa.SensorInfo(0, 1, 2, 3)]
+    answers += [dsa.Done(dsa.Id.ACQUIRE, 0), dsa.Done(dsa.Id.THRESHOLD, 0, 5), dsa.SensorInfo(0, 1, 2, 3)]
     packets = [dsa.encode_answer(answer) for answer in answers]
     packets += [
-        dsa.encode_request(dsa.Acquire(True, True, 100)),
-        dsa.encode_request(dsa.AskMatrix(dsa.Id.MATRIX, 0)),
+        dsa.acquire(True, True, 100),
+        dsa.request(dsa.Id.MATRIX, 0),
     ]
     yield b"\0" + b"".join(map(encode_packet, packets))
     yield b"\xaa\xbb".join(bytes([packet.id]) + packet.payload for packet in packets)

@@ -13,16 +13,16 @@ from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
 
 REQUESTS = [
-    (codec.AskMatrices(codec.Id.CONTROLLER), 0x01, ""),
-    (codec.AskMatrices(codec.Id.SENSOR), 0x02, ""),
-    (codec.AskMatrix(codec.Id.MATRIX, 2), 0x0B, "02"),
-    (codec.Acquire(run=True, rle=True, frames_per_s=100), 0x03, "81 64 00"),
-    (codec.Acquire(run=True, rle=False, frames_per_s=300), 0x03, "80 2C 01"),
-    (codec.Acquire(run=False, rle=True, frames_per_s=0), 0x03, "01 00 00"),
-    (codec.Acquire(run=True, rle=True, frames_per_s=40_000), 0x03, "81 40 9C"),
-    (codec.SetThreshold(150), 0x13, "02 00 96 00"),
-    (codec.SetThreshold(40_000), 0x13, "02 00 40 9C"),
-    (codec.AskMatrix(codec.Id.THRESHOLD, 0), 0x14, "00"),
+    (codec.request(codec.Id.CONTROLLER), (), 0x01, ""),
+    (codec.request(codec.Id.SENSOR), (), 0x02, ""),
+    (codec.request(codec.Id.MATRIX, 2), (2,), 0x0B, "02"),
+    (codec.acquire(run=True, rle=True, frames_per_s=100), (0x81, 100), 0x03, "81 64 00"),
+    (codec.acquire(run=True, rle=False, frames_per_s=300), (0x80, 300), 0x03, "80 2C 01"),
+    (codec.acquire(run=False, rle=True, frames_per_s=0), (0x01, 0), 0x03, "01 00 00"),
+    (codec.acquire(run=True, rle=True, frames_per_s=40_000), (0x81, 40_000), 0x03, "81 40 9C"),
+    (codec.request(codec.Id.SET_THRESHOLD, 2, 150), (2, 150), 0x13, "02 00 96 00"),
+    (codec.request(codec.Id.SET_THRESHOLD, 2, 40_000), (2, 40_000), 0x13, "02 00 40 9C"),
+    (codec.request(codec.Id.THRESHOLD, 0), (0,), 0x14, "00"),
 ]
 
 CONTROLLER = "00 00  FA 23 00 00  10  22 01  80  00 00 00  40 42 0F 00  00"
@@ -38,18 +38,17 @@ ANSWERS = [
     (codec.Done(codec.Id.ACQUIRE, 0), 0x03, "00 00"),
     (codec.Done(codec.Id.SET_THRESHOLD, 5), 0x13, "05 00"),
     (codec.Done(codec.Id.ACQUIRE, 0x8001), 0x03, "01 80"),
-    (codec.Threshold(0, 150), 0x14, "00 00 96 00"),
-    (codec.Threshold(0x8001, 40_000), 0x14, "01 80 40 9C"),
+    (codec.Done(codec.Id.THRESHOLD, 0, 150), 0x14, "00 00 96 00"),
+    (codec.Done(codec.Id.THRESHOLD, 0x8001, 40_000), 0x14, "01 80 40 9C"),
 ]
 
 
-@pytest.mark.parametrize(("request_", "number", "payload"), REQUESTS)
+@pytest.mark.parametrize(("request_", "numbers", "identifier", "payload"), REQUESTS)
 def test_requests_are_the_bytes_of_the_command_set(
-    request_: codec.Request, number: int, payload: str
+    request_: MatrixPacket, numbers: tuple[int, ...], identifier: int, payload: str
 ) -> None:
-    packet = MatrixPacket(number, bytes.fromhex(payload))
-    assert codec.encode_request(request_) == packet
-    assert codec.decode_request(packet) == request_
+    assert request_ == MatrixPacket(identifier, bytes.fromhex(payload))
+    assert codec.decode_request(request_) == numbers
 
 
 @pytest.mark.parametrize(("answer", "number", "payload"), ANSWERS)
