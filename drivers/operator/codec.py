@@ -12,69 +12,46 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from typing import Any
 
 from drivers.core.errors import CodecError
 from drivers.core.messages import Ask, LoadWeight
-from drivers.operator.requests import request_text
 
 LINE_MAX = 4096
 """Longest line in bytes; what is longer is noise (assumption: some lines of text)."""
 
-
-@dataclass(frozen=True, slots=True)
-class PersonHello:
-    """Identity of the sender."""
-
-    who: str
+BRIDGES: Mapping[str, str] = {"x": "Fx", "y": "Fy", "t": "Ft"}
+"""The bridges of the fingertip, and the force that each reads."""
 
 
-@dataclass(frozen=True, slots=True)
-class PersonRequest:
-    """A question to a person; `bridge` and `force_n` where it is for a weight."""
-
-    number: int
-    text: str
-    bridge: str | None = None
-    force_n: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class PersonAnswer:
-    """The person's answer to a question."""
-
-    number: int
-    done: bool
-    reason: str = ""
+def request_text(command: Ask | LoadWeight) -> str:
+    """The request as a person reads it."""
+    if isinstance(command, Ask):
+        return command.request
+    if command.force_n == 0.0:
+        return "take every weight off"
+    # Steps of a hundredth of a newton are the finest that a set of weights has.
+    decimals = max(2, -math.floor(math.log10(command.force_n) + 1e-9) + 1)
+    return f"hang {command.force_n:.{decimals}f} N on bridge {BRIDGES[command.bridge]}"
 
 
-Message = PersonHello | PersonRequest | PersonAnswer
-
-
-def request_of(number: int, command: Ask | LoadWeight) -> PersonRequest:
+def request_of(number: int, command: Ask | LoadWeight) -> dict[str, object]:
     """The question for a command."""
+    message: dict[str, object] = {"ask": number, "says": request_text(command)}
     if isinstance(command, LoadWeight):
-        return PersonRequest(number, request_text(command), command.bridge, command.force_n)
-    return PersonRequest(number, request_text(command))
+        message["load"] = {"bridge": command.bridge, "force_n": command.force_n}
+    return message
 
 
-def encode(message: Message) -> bytes:
+def encode(message: Mapping[str, object]) -> bytes:
     """A message as a line."""
-    table: dict[str, object]
-    match message:
-        case PersonHello(who=who):
-            table = {"hello": who}
-        case PersonRequest(number=number, text=text, bridge=bridge, force_n=force_n):
-            table = {"ask": number, "says": text}
-            if bridge is not None:
-                table["load"] = {"bridge": bridge, "force_n": force_n}
-        case PersonAnswer(number=number, done=done, reason=reason):
-            table = {"answer": number, "done": done, **({"reason": reason} if reason else {})}
-    return json.dumps(table, ensure_ascii=False, allow_nan=False).encode() + b"\n"
+    return json.dumps(message, ensure_ascii=False, allow_nan=False).encode() + b"\n"
 
 
-def decode(line: bytes) -> Message:
-    """A line as a message.
+def decode(line: bytes) -> dict[str, Any]:
+    """A line as a message: a hello, a question or an answer, with the keys and types of this page.
 
     Raises:
         CodecError: it is none.
@@ -82,41 +59,13 @@ def decode(line: bytes) -> Message:
     try:
         match json.loads(line.decode()):
             case {"hello": str(who)}:
-                return PersonHello(who)
+                return {"hello": who}
             case {"ask": int(number), "says": str(text), "load": {"bridge": str(bridge), "force_n": force_n}}:
-                return PersonRequest(number, text, bridge, float(force_n))
+                return {"ask": number, "says": text, "load": {"bridge": bridge, "force_n": float(force_n)}}
             case {"ask": int(number), "says": str(text)}:
-                return PersonRequest(number, text)
+                return {"ask": number, "says": text}
             case {"answer": int(number), "done": bool(done), **others}:
-                return PersonAnswer(number, done, str(others.get("reason", "")))
+                return {"answer": number, "done": done, "reason": str(others.get("reason", ""))}
     except (ValueError, TypeError, OverflowError, RecursionError):
         pass
     raise CodecError(f"no message: {line[:60]!r}")
-
-
-class LineDecoder:
-    """Cuts a stream of bytes into messages; other lines are counted and dropped.
-
-    Attributes:
-        malformed: Lines that were no message.
-    """
-
-    def __init__(self) -> None:
-        self.malformed = 0
-        self._rest = b""
-
-    def feed(self, data: bytes) -> list[Message]:
-        """Messages that are whole now, in order."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        if len(self._rest) > LINE_MAX:
-            self.malformed += 1
-            self._rest = b""
-        messages: list[Message] = []
-        for line in lines:
-            if not line.strip():
-                continue
-            try:
-                messages.append(decode(line))
-            except CodecError:
-                self.malformed += 1
-        return messages

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
-from drivers.core.errors import RefusedError
-from drivers.operator.codec import LineDecoder, PersonAnswer, PersonHello, PersonRequest, encode
+from drivers.core.errors import CodecError, RefusedError
+from drivers.core.links import LineBuffer
+from drivers.operator.codec import LINE_MAX, decode, encode
 from simulator.physics.bench import Bench, part
 from simulator.physics.weight_set import Hands, HandSettings
 
@@ -26,20 +28,22 @@ class EmulatedPerson:
     def __init__(self, settings: HandSettings, bench: Bench) -> None:
         self._settings = settings
         self._hands = Hands(settings, bench)
-        self._decoder = LineDecoder()
-        self._request: PersonRequest | None = None
+        self._lines = LineBuffer(LINE_MAX)
+        self._request: dict[str, Any] | None = None
         self.ready_s = math.inf
         self._unwilling = False
 
     def receive(self, data: bytes, t_s: float) -> bytes:
         """Take bytes from the host; a hello is answered at once."""
         out = b""
-        for message in self._decoder.feed(data):
-            if isinstance(message, PersonHello):
-                self._request, self.ready_s = None, math.inf
-                out += encode(PersonHello("emulated person"))
-            elif isinstance(message, PersonRequest):
-                self._request, self.ready_s = message, t_s + self._settings.answer_s
+        for line in self._lines.feed(data):
+            with suppress(CodecError):
+                message = decode(line)
+                if "hello" in message:
+                    self._request, self.ready_s = None, math.inf
+                    out += encode({"hello": "emulated person"})
+                elif "ask" in message:
+                    self._request, self.ready_s = message, t_s + self._settings.answer_s
         return out
 
     def step(self, t_s: float) -> bytes:
@@ -47,14 +51,15 @@ class EmulatedPerson:
         if self._request is None or t_s < self.ready_s:
             return b""
         request, self._request, self.ready_s = self._request, None, math.inf
+        no = {"answer": request["ask"], "done": False}
         if self._unwilling:
-            return encode(PersonAnswer(request.number, False, "that cannot be done"))
-        if request.bridge is not None:
+            return encode({**no, "reason": "that cannot be done"})
+        if "load" in request:
             try:
-                self._hands.hang(t_s, request.bridge, request.force_n)
+                self._hands.hang(t_s, **request["load"])
             except RefusedError as error:
-                return encode(PersonAnswer(request.number, False, f"{error.reason}; {error.advice}"))
-        return encode(PersonAnswer(request.number, True))
+                return encode({**no, "reason": f"{error.reason}; {error.advice}"})
+        return encode({"answer": request["ask"], "done": True})
 
     def inject(self, kind: str, t_s: float) -> None:
         """From now on it declines ("refuse").

@@ -327,9 +327,10 @@ def _audio_seeds() -> Iterable[bytes]:
 
 
 def _person(data: bytes) -> None:
-    decoder = person.LineDecoder()
-    for piece in _halves(data):
-        decoder.feed(piece)
+    lines = LineBuffer(person.LINE_MAX)
+    for line in [line for piece in _halves(data) for line in lines.feed(piece)]:
+        with suppress(CodecError):
+            person.encode(person.decode(line))
 
 
 def _person_seeds() -> Iterable[bytes]:

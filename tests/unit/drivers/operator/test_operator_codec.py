@@ -4,26 +4,20 @@ import pytest
 
 from drivers.core.errors import CodecError
 from drivers.core.messages import Ask, LoadWeight
-from drivers.operator.codec import (
-    LINE_MAX,
-    LineDecoder,
-    PersonAnswer,
-    PersonHello,
-    PersonRequest,
-    decode,
-    encode,
-    request_of,
-)
+from drivers.operator.codec import decode, encode, request_of
 
+LOAD = {"bridge": "x", "force_n": 0.5}
 GOLDEN = [
-    (PersonHello("touchbench"), b'{"hello": "touchbench"}\n'),
-    (PersonRequest(3, "turn it by 90°"), '{"ask": 3, "says": "turn it by 90°"}\n'.encode()),
+    ({"hello": "touchbench"}, b'{"hello": "touchbench"}\n'),
+    ({"ask": 3, "says": "turn it by 90°"}, '{"ask": 3, "says": "turn it by 90°"}\n'.encode()),
     (
-        PersonRequest(4, "hang 0.50 N on bridge Fx", "x", 0.5),
+        {"ask": 4, "says": "hang 0.50 N on bridge Fx", "load": LOAD},
         b'{"ask": 4, "says": "hang 0.50 N on bridge Fx", "load": {"bridge": "x", "force_n": 0.5}}\n',
     ),
-    (PersonAnswer(4, True), b'{"answer": 4, "done": true}\n'),
-    (PersonAnswer(4, False, "it broke"), b'{"answer": 4, "done": false, "reason": "it broke"}\n'),
+    (
+        {"answer": 4, "done": False, "reason": "it broke"},
+        b'{"answer": 4, "done": false, "reason": "it broke"}\n',
+    ),
 ]
 
 
@@ -31,6 +25,11 @@ GOLDEN = [
 def test_messages_are_the_lines_of_the_page_both_ways(message, line):
     assert encode(message) == line
     assert decode(line) == message
+
+
+def test_an_answer_needs_no_reason_and_other_keys_are_passed_over():
+    line = b'{"answer": 4, "done": true, "mood": "good"}'
+    assert decode(line) == {"answer": 4, "done": True, "reason": ""}
 
 
 @pytest.mark.parametrize(
@@ -51,29 +50,6 @@ def test_what_is_no_message_is_an_error(line):
         decode(line)
 
 
-def test_the_decoder_puts_lines_together_and_goes_on_after_noise():
-    decoder = LineDecoder()
-    stream = b"".join(line for _, line in GOLDEN)
-    messages = [message for byte in stream for message in decoder.feed(bytes([byte]))]
-    assert messages == [message for message, _ in GOLDEN]
-    assert decoder.feed(b"noise\n\r\n" + GOLDEN[3][1]) == [PersonAnswer(4, True)]
-    assert decoder.malformed == 1
-    assert decoder.feed(b"noise\nnoise\n") == []
-    assert decoder.malformed == 3
-
-
-def test_a_line_without_end_does_not_fill_the_memory():
-    decoder = LineDecoder()
-    assert decoder.feed(b"x" * (LINE_MAX + 1)) == []
-    assert decoder.malformed == 1
-    assert decoder.feed(b"x" * (LINE_MAX + 1)) == []
-    assert decoder.malformed == 2
-    assert decoder.feed(b"x" * LINE_MAX) == []
-    assert decoder.malformed == 2, "its end may come"
-    assert decoder.feed(b"\n") == []
-    assert decoder.feed(GOLDEN[3][1]) == [PersonAnswer(4, True)]
-
-
 @pytest.mark.parametrize(
     ("command", "text"),
     [
@@ -85,10 +61,12 @@ def test_a_line_without_end_does_not_fill_the_memory():
     ],
 )
 def test_a_request_has_a_text(command, text):
-    load = (command.bridge, command.force_n) if isinstance(command, LoadWeight) else ()
-    assert request_of(7, command) == PersonRequest(7, text, *load)
+    request = request_of(7, command)
+    assert (request["ask"], request["says"]) == (7, text)
+    weighs = isinstance(command, LoadWeight)
+    assert request.get("load") == ({"bridge": command.bridge, "force_n": command.force_n} if weighs else None)
 
 
 def test_a_number_that_json_has_not_is_not_written():
     with pytest.raises(ValueError, match="not JSON compliant"):
-        encode(PersonRequest(1, "hang it", "x", float("nan")))
+        encode({"ask": 1, "says": "hang it", "load": {"bridge": "x", "force_n": float("nan")}})

@@ -112,6 +112,14 @@ def test_without_a_terminal_open_is_refused(monkeypatch):
         Person("operator", PersonSettings(), VirtualClock()).open()
 
 
+def test_lines_that_are_no_message_are_counted_and_passed_over(person):
+    person.apply(Ask("operator", "shut the door"))
+    person._link.receive = lambda: [(0.0, b'noise\n\r\n{"answer": 1, "done": true}\n[1]\n')]
+    assert person.poll()[-1] == Answered(0.0, "operator", "shut the door")
+    person._link.receive = list
+    assert person.account() == {"requests": 1, "malformed_lines": 2}
+
+
 def test_after_close_nothing_is_asked(person):
     person.apply(LoadWeight("operator", "x", 0.5))
     person.close()
