@@ -92,7 +92,6 @@ from drivers.core.links import open_serial as open_serial
 
 # Samples, commands and statuses
 from drivers.core.messages import Answered as Answered
-from drivers.core.messages import Applied as Applied
 from drivers.core.messages import Ask as Ask
 from drivers.core.messages import Chirp as Chirp
 from drivers.core.messages import Command as Command

@@ -14,7 +14,7 @@ from drivers.arm.settings import ArmSettings
 from drivers.arm.stream import Streams
 from drivers.core.clock import Clock
 from drivers.core.errors import SilentError
-from drivers.core.messages import Applied, Command, DeviceInfo, Listen, Stalled, Standstill, Status, Stop
+from drivers.core.messages import Command, DeviceInfo, Stalled, Standstill, Status, Stop
 from drivers.core.wire import NOT_OPEN, Driver
 
 OPEN_TURN_S = 0.005
@@ -93,16 +93,9 @@ class ArmDriver(Driver):
         self._host, self._ready, self._failure, self._stop = None, False, NOT_OPEN, None
         self._streams.listening = frozenset()
 
-    def apply(self, command: Command) -> Applied:
-        """Queue a command. Too great a speed is clamped.
-
-        Raises:
-            CommandError: not for an arm, not finite or out of range. Nothing was sent.
-        """
-        if isinstance(command, Listen):
-            self._streams.listening = command.streams & self._streams.info.keys()
-            return Applied(command, self._clock.now())
-        return super().apply(command)
+    def _listens(self, streams: frozenset[str]) -> bool:
+        self._streams.listening = streams & self._streams.info.keys()
+        return True
 
     def _valid(self, command: Command) -> Command:
         return valid(self.name, self._settings, self._streams.info, command)

@@ -29,11 +29,9 @@ from drivers.can_gripper.outcome import GripperOutcome
 from drivers.core.can_link import CanLink, CanPort, ReceivedFrame, open_can, strange_frames
 from drivers.core.errors import CodecError
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Grip,
-    Listen,
     Release,
     SampleBlock,
     Stop,
@@ -208,18 +206,9 @@ class CanGripper(WireDriver[CanLink]):
             return None, False
         return (answer, fault) if sender == self._settings.node else (None, False)
 
-    def apply(self, command: Command) -> Applied:
-        """Queue a command; it is written when this returns.
-
-        Too great a speed is clamped; width, speed and force are rounded to the gripper's counts, the force down.
-
-        Raises:
-            CommandError: not for a gripper, not finite or out of range. Nothing was sent.
-        """
-        if isinstance(command, Listen):
-            self._subscribed = command.streams & {info.name for info in self._infos}
-            return Applied(command, self._clock.now())
-        return super().apply(command)
+    def _listens(self, streams: frozenset[str]) -> bool:
+        self._subscribed = streams & {info.name for info in self._infos}
+        return True
 
     def _valid(self, command: Command) -> Command:
         return self._units.checked(

@@ -320,14 +320,6 @@ ANSWERED = (*MOTION, Stop, Chirp, Ask, LoadWeight)
 """Commands that a later status answers; a newer one to the same device replaces an older one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Applied:
-    """A command as a driver has clamped and queued it, and when."""
-
-    command: Command
-    t_s: float
-
-
 # --- statuses: outcomes of commands, and reports --------------------------------------------------
 
 

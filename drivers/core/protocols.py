@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from drivers.core.messages import Applied, Command, DeviceInfo, SampleBlock, Status
+from drivers.core.messages import Command, DeviceInfo, SampleBlock, Status
 
 
 class Device(Protocol):
@@ -27,8 +27,11 @@ class Device(Protocol):
     def close(self) -> None:
         """Stop what moves, close the port. Never raises; may be called twice."""
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Queue a command, within a millisecond; its outcome comes from `poll`, under the command's id.
+
+        Returns:
+            The command as it will be sent: too great a speed is clamped.
 
         Raises:
             CommandError: not for this device, not finite or out of range. Nothing was sent.

@@ -9,10 +9,10 @@ from typing import Any, Generic, Protocol, TypeVar
 from drivers.core.clock import Clock
 from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Failed,
+    Listen,
     Lost,
     Refused,
     SampleBlock,
@@ -76,23 +76,29 @@ class Driver:
         """See `Device.account`."""
         return {}
 
-    def apply(self, command: Command) -> Applied:
-        """Queue a command; its outcome comes from `poll`.
+    def apply(self, command: Command) -> Command:
+        """Queue a command; its outcome comes from `poll`. Returns it as it will be sent: too great a speed is clamped.
 
         Raises:
             CommandError: not for this device, not finite or out of range. Nothing was sent.
         """
+        if isinstance(command, Listen) and self._listens(command.streams):
+            return command
         command = self._valid(command)
         if self._failure is not None:
             self._refuse(command, self._failure)
         else:
             self._carry_out(command)
-        return Applied(command, self._clock.now())
+        return command
 
     # for subclasses
 
     def _turn(self) -> None:
         """Process what has arrived, send what is due."""
+
+    def _listens(self, streams: frozenset[str]) -> bool:
+        """Take a subscription, open or not; False where it is a command to the device, like any other."""
+        return False
 
     def _valid(self, command: Command) -> Command:
         """The command as it will be sent; raises `CommandError`."""

@@ -14,11 +14,9 @@ from drivers.core.errors import CodecError, PortError, wrong
 from drivers.core.links import LineBuffer, SerialLink, SerialPort, open_serial
 from drivers.core.messages import (
     Answered,
-    Applied,
     Ask,
     Command,
     DeviceInfo,
-    Listen,
     Loaded,
     LoadWeight,
     Refused,
@@ -145,16 +143,9 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
         self._asked = None
         super().close()
 
-    def apply(self, command: Command) -> Applied:
-        """Put a request to the person.
-
-        Raises:
-            CommandError: not for a person, or a load that the sensor does not bear.
-        """
-        if isinstance(command, Listen):
-            self._listening = self._info.name in command.streams
-            return Applied(command, self._clock.now())
-        return super().apply(command)
+    def _listens(self, streams: frozenset[str]) -> bool:
+        self._listening = self._info.name in streams
+        return True
 
     def _valid(self, command: Command) -> Command:
         if command.device != self.name:

@@ -11,11 +11,9 @@ import numpy as np
 from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
 from drivers.core.links import SerialLink, open_serial
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Failed,
-    Listen,
     Reached,
     SampleBlock,
     Stalled,
@@ -104,7 +102,7 @@ class ZaberStage(WireDriver[SerialLink]):
         if failure is None:
             self._play(self._dialogue, self._procedures.put_back())
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Queue a command; a `Stop` is on the wire when this returns. Too great a speed is clamped.
 
         Raises:
@@ -112,11 +110,12 @@ class ZaberStage(WireDriver[SerialLink]):
         """
         if isinstance(command, Stop):  # whatever has failed before
             self._write_stop(command)
-            return Applied(command, self._clock.now())
-        if isinstance(command, Listen):
-            self._listening = self._info.name in command.streams
-            return Applied(command, self._clock.now())
+            return command
         return super().apply(command)
+
+    def _listens(self, streams: frozenset[str]) -> bool:
+        self._listening = self._info.name in streams
+        return True
 
     def _valid(self, command: Command) -> Command:
         return valid(self.name, self._settings, command)

@@ -15,7 +15,6 @@ from drivers.audio.quality import Excursions, clipped
 from drivers.audio.settings import FULL_SCALE, STREAM, UNIT
 from drivers.core.clock import last_tick
 from drivers.core.messages import (
-    Applied,
     Chirp,
     Command,
     DeviceInfo,
@@ -93,7 +92,7 @@ class MockAudio(MockDriver):
         """Nothing to release; the drive falls silent."""
         self._bench.silence()
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Drive the transducers, or listen to the fingers.
 
         Raises:
@@ -109,7 +108,7 @@ class MockAudio(MockDriver):
         else:
             self._report_sweep(now_s)
             self._drive(command, now_s)
-        return Applied(command, now_s)
+        return command
 
     def _drive(self, command: Command, now_s: float) -> None:
         self._sweep_s = None

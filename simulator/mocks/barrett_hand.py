@@ -13,7 +13,6 @@ from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.core.clock import last_tick
 from drivers.core.errors import check_streams, wrong
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Listen,
@@ -66,7 +65,7 @@ class MockBarrettHand(MockSensor):
             details={"safe_counts": codec.SAFE_COUNTS},
         )
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Listen to fingers, or tare one.
 
         Raises:
@@ -86,7 +85,7 @@ class MockBarrettHand(MockSensor):
                     self._refuse(command, "nothing has been read of it; listen to it first")
             case _:
                 raise wrong(self.name, command, "it has no such command", "a hand can Listen and Tare")
-        return Applied(command, now_s)
+        return command
 
     def read(self) -> Sequence[SampleBlock]:
         """What was sampled since the last call."""

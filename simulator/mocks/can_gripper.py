@@ -21,7 +21,6 @@ from drivers.can_gripper.units import (
     speed_ticks_s,
 )
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Grip,
@@ -102,7 +101,7 @@ class MockCanGripper(MockDriver):
         if not self._outcome.resting:
             self._hold()
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Give the drive its order, now.
 
         Raises:
@@ -113,18 +112,18 @@ class MockCanGripper(MockDriver):
         if isinstance(command, Listen):
             self._run(now_s)
             self._subscribed = command.streams & frozenset(self._infos)
-            return Applied(command, now_s)
+            return command
         if self._faults.active(now_s, "silent"):
-            return Applied(command, now_s)
+            return command
         self._run(now_s)
         refusal = self._refusal(command, now_s)
         if refusal is not None:
             self._refuse(command, refusal)
-            return Applied(command, now_s)
+            return command
         drives = self._do(command)
         self._outcome.begin(command, now_s, drives=drives)
         self._sent(command)
-        return Applied(command, now_s)
+        return command
 
     def read(self) -> Sequence[SampleBlock]:
         """States reported since the last call."""

@@ -10,7 +10,6 @@ from pydantic import Field
 from drivers.core.clock import last_tick
 from drivers.core.errors import check_streams, wrong
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Listen,
@@ -59,7 +58,7 @@ class MockDsaMatrix(MockSensor):
             self.name, model="simulated DSA 9210", streams={self._info.name: self._info}, clock="bench"
         )
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Subscribe to the texels, or unsubscribe.
 
         Raises:
@@ -72,7 +71,7 @@ class MockDsaMatrix(MockSensor):
         if bool(command.streams) != (self._next is not None):
             self._next = last_tick(now_s, self._settings.frame_hz) + 1 if command.streams else None
             self._sent(command)
-        return Applied(command, now_s)
+        return command
 
     def read(self) -> Sequence[SampleBlock]:
         """Frames since the last call."""

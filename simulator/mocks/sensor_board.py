@@ -10,7 +10,6 @@ from pydantic import Field
 
 from drivers.core.clock import last_tick
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Excite,
@@ -69,7 +68,7 @@ class MockSensorBoard(MockSensor):
         if self._excited:
             self._bench.excite(False)
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Do it, now.
 
         Raises:
@@ -79,7 +78,7 @@ class MockSensorBoard(MockSensor):
         command, now_s = valid(self.name, self._settings, known, command), self._clock.now()
         if isinstance(command, Listen):
             self._listen(command, now_s)
-            return Applied(command, now_s)
+            return command
         self._bench.advance(now_s, self._subscribed)
         if isinstance(command, Excite):
             self._excited = command.on
@@ -89,7 +88,7 @@ class MockSensorBoard(MockSensor):
         elif isinstance(command, Tare):
             self._tare(command.stream.partition(".")[2], now_s)
         self._sent(command)
-        return Applied(command, now_s)
+        return command
 
     def _listen(self, command: Listen, now_s: float) -> None:
         self._bench.advance(now_s, self._subscribed)

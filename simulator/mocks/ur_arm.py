@@ -17,7 +17,6 @@ from drivers.arm.motion import STILL_S
 from drivers.arm.stream import infos
 from drivers.core.clock import last_tick
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Home,
@@ -118,7 +117,7 @@ class MockUrArm(MockDriver):
 
     # --- commands --------------------------------------------------------------------------------------
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Change the arm's motion from now on. Too great a speed is clamped.
 
         Raises:
@@ -135,7 +134,7 @@ class MockUrArm(MockDriver):
             else:
                 self._obey(command, now_s)
                 self._sent(command)
-        return Applied(command, now_s)
+        return command
 
     def _refusal(self, command: Command, now_s: float) -> str:
         if isinstance(command, Tare):

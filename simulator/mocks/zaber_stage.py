@@ -10,7 +10,6 @@ from pydantic import Field
 
 from drivers.core.clock import last_tick
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Failed,
@@ -94,7 +93,7 @@ class MockZaberStage(MockDriver):
         """Nothing to release; the axis stops."""
         self.axis.stop(self._clock.now())
 
-    def apply(self, command: Command) -> Applied:
+    def apply(self, command: Command) -> Command:
         """Change the axis's plan from now on. Too great a speed is clamped.
 
         Raises:
@@ -107,21 +106,21 @@ class MockZaberStage(MockDriver):
             if command.streams and not self._listening:
                 self._next_sample = last_tick(now_s, self._settings.position_hz) + 1
             self._listening = bool(command.streams)
-            return Applied(command, now_s)
+            return command
         if self._faults.active(now_s, "unplug"):
             # The cable is out: the axis goes on to where its own controller lets it, and reports nothing.
             self._report(Failed(now_s, self.name, "the link is gone"))
-            return Applied(command, now_s)
+            return command
         if self._faults.active(now_s, "silent"):
-            return Applied(command, now_s)
+            return command
         reason = self._refusal(command, now_s)
         if reason:
             self._leave_alone(now_s)
             self._refuse(command, reason)
-            return Applied(command, now_s)
+            return command
         self._move(command, now_s)
         self._sent(command)
-        return Applied(command, now_s)
+        return command
 
     def _refusal(self, command: Command, now_s: float) -> str:
         if not isinstance(command, MoveAt | MoveTo):

@@ -260,7 +260,7 @@ class GripperContract:
     def test_too_great_a_speed_is_clamped_and_a_force_rounded_down(
         self, bench: GripperBench, command: Grip | Release
     ) -> None:
-        applied = bench.device.apply(command).command
+        applied = bench.device.apply(command)
         assert applied.speed_m_s == pytest.approx(0.1, rel=0.01)
         if isinstance(command, Grip):
             assert 19.9 < applied.force_n <= 20.04

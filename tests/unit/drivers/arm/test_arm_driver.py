@@ -10,7 +10,6 @@ from drivers.arm.settings import ArmSettings
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
 from drivers.core.messages import (
-    Applied,
     Failed,
     Home,
     Listen,
@@ -202,8 +201,8 @@ def test_opening_again_closes_first(desk):
 
 
 def test_a_valid_command_is_sent_on_at_once_and_nothing_else(desk):
-    assert desk.arm.apply(MOVE) == Applied(MOVE, 0.0)
-    assert desk.arm.apply(MoveTo("arm", 0.01, 9.0)).command.speed_m_s == 0.05
+    assert desk.arm.apply(MOVE) == MOVE
+    assert desk.arm.apply(MoveTo("arm", 0.01, 9.0)).speed_m_s == 0.05
     desk.arm.apply(STOP)
     with pytest.raises(CommandError, match=r"^arm: its travel"):
         desk.arm.apply(MoveTo("arm", 1.0, 0.02))
@@ -215,7 +214,7 @@ def test_a_valid_command_is_sent_on_at_once_and_nothing_else(desk):
 def test_what_is_listened_to_goes_to_no_process_and_names_of_others_are_passed_over(desk):
     listen = Listen("arm", frozenset({"arm.force", "stage.position"}))
     desk.clock.rest(0.25)
-    assert desk.arm.apply(listen) == Applied(listen, 0.25)
+    assert desk.arm.apply(listen) == listen
     assert desk.process.sent == []
     desk.turn(0.02)
     assert [block.stream for block in desk.arm.read()] == ["arm.force"] * 2

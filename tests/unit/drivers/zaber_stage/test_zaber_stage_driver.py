@@ -13,7 +13,6 @@ import pytest
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
 from drivers.core.messages import (
-    Applied,
     Command,
     DeviceInfo,
     Failed,
@@ -261,7 +260,7 @@ def test_a_stop_is_reported_when_it_is_written_and_when_the_stage_stands_under_i
     b.begin(MoveAt("stage", 0.01, 0.02, id=8))
     b.clock.rest(0.1)
     stop, now_s = Stop("stage", id=9), b.clock.now()
-    assert b.stage.apply(stop) == Applied(stop, now_s)
+    assert b.stage.apply(stop) == stop
     assert list(b.stage.poll()) == [Sent(now_s, "stage", stop)]
     still = b.expect(Standstill)
     place_m = pytest.approx(b.wire.axis.position(b.clock.now()), abs=STEP_M)
@@ -402,7 +401,7 @@ def test_a_spoilt_or_late_reply_is_passed_over_like_a_lost_one(kind: Fault) -> N
 def test_a_position_has_the_time_at_which_it_was_asked_for_and_is_counted() -> None:
     b = Bench(position_interval_s=0.02)
     listen = Listen("stage", EVERYTHING)
-    assert b.stage.apply(listen) == Applied(listen, b.clock.now())
+    assert b.stage.apply(listen) == listen
     b.begin(MoveTo("stage", 0.004, 0.01))
     b.turn_until(lambda: b.clock.now() > 0.2)
     b.clock.rest(5.0)  # it halts within its blind travel, and is sent on
