@@ -6,7 +6,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, NoFactors, StatePlan, on
+from behaviors.machine import Behavior, StatePlan, on
 from drivers.core.messages import Chirp, Excite
 from drivers.core.settings import DeviceName, Settings, StreamName
 
@@ -45,7 +45,7 @@ class ChirpSettings(Settings):
 class ChirpSweep(Behavior):
     """Listen to silence, sweep, listen on."""
 
-    def __init__(self, settings: ChirpSettings, factors: NoFactors, detectors: frozenset[str]) -> None:
+    def __init__(self, settings: ChirpSettings, factors: Settings, detectors: frozenset[str]) -> None:
         measured = frozenset((settings.fingers_stream,))
         self.settings = settings
         super().__init__(

@@ -12,7 +12,6 @@ from transitions import Machine
 
 from behaviors.events import Event, GuardStopped, Tick
 from drivers.core.messages import Command, Stop
-from drivers.core.settings import Settings
 
 UNDECIDED = "aborted"
 """The outcome of a trial that no transition concluded."""
@@ -41,10 +40,6 @@ Condition = Callable[[Any], bool]
 
 Action = Callable[[Any], object]
 """Called with the behavior before a row's transition."""
-
-
-class NoFactors(Settings):
-    """Of an experiment whose trials vary nothing but settings of the profile."""
 
 
 class Row(NamedTuple):

@@ -10,10 +10,10 @@ from pydantic import Field, model_validator
 
 from behaviors.approach import Approach, approaching
 from behaviors.events import BaselineReady
-from behaviors.machine import NoFactors, StatePlan, from_mover, on
+from behaviors.machine import StatePlan, from_mover, on
 from behaviors.tip import TipTrial, TipTrialSettings
 from drivers.core.messages import Home, Stop
-from drivers.core.settings import DetectorName, StreamName
+from drivers.core.settings import DetectorName, Settings, StreamName
 
 Angle = Annotated[float, Field(ge=-1.57, le=1.57)]
 """The tip is a half cylinder: what touches beyond a quarter turn touches something else (section 2)."""
@@ -72,7 +72,7 @@ class Pointer(TipTrial):
 
     settings: PointerSettings
 
-    def __init__(self, settings: PointerSettings, factors: NoFactors, detectors: frozenset[str]) -> None:
+    def __init__(self, settings: PointerSettings, factors: Settings, detectors: frozenset[str]) -> None:
         motion = settings.motion_timeout_s
         armed = frozenset({settings.detector})
         both = frozenset({settings.forces_stream, settings.pose_stream})

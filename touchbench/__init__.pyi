@@ -31,7 +31,6 @@ from behaviors.lift import Lifting as Lifting
 from behaviors.lift import LiftSettings as LiftSettings
 from behaviors.lift import lifting_plans as lifting_plans
 from behaviors.machine import Behavior as Behavior
-from behaviors.machine import NoFactors as NoFactors
 from behaviors.machine import Row as Row
 from behaviors.machine import StatePlan as StatePlan
 from behaviors.machine import from_mover as from_mover

@@ -3,7 +3,6 @@ import pytest
 from behaviors.aura import Aura, AuraFactors, AuraSettings
 from behaviors.chirp import ChirpSettings, ChirpSweep
 from behaviors.events import Resumed, Tick
-from behaviors.machine import NoFactors
 from drivers.core.messages import (
     Chirp,
     Excite,
@@ -14,6 +13,7 @@ from drivers.core.messages import (
     Stop,
     Tone,
 )
+from drivers.core.settings import Settings
 from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 
 PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.051, 0.0, 0.0)}}
@@ -93,7 +93,7 @@ def test_after_a_pause_near_the_object_it_backs_off_first():
 
 
 def test_a_sweep_is_silence_chirp_silence():
-    sweep = ChirpSweep(ChirpSettings(), NoFactors(), frozenset())
+    sweep = ChirpSweep(ChirpSettings(), Settings(), frozenset())
     assert sweep.begin(0.0) == [Excite("audio", False)]
     assert sweep.handle(Tick(0.2)) == [Chirp("audio", 20_000.0, 46_000.0, 4.0, 0.5)]
     assert sweep.handle(Reached(2.0, "arm", 0.0)) == [], "another device's answer"

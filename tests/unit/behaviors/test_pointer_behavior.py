@@ -2,14 +2,14 @@ import pytest
 from pydantic import ValidationError
 
 from behaviors.events import BaselineReady, Contact, Resumed, Tick
-from behaviors.machine import NoFactors
 from behaviors.pointer import Pointer, PointerSettings
 from drivers.core.messages import Home, MoveAt, Reached, Standstill, Stop, Twist
+from drivers.core.settings import Settings
 
 
 def pointer(**settings):
     given = {"angles_rad": (-0.5, 0.5), **settings}
-    return Pointer(PointerSettings(**given), NoFactors(), frozenset({"touch"}))
+    return Pointer(PointerSettings(**given), Settings(), frozenset({"touch"}))
 
 
 def reached(t_s):
