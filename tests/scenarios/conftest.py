@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from config.profile import Profile, load_profile
 from controller.campaign import Campaign, Outcome
 from controller.recording.reader import Run, open_run
 from run import cli
+from simulator.devices.faults import Fault
 
 QUICK = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"}
 """The loop locks within a second; at the paper's three sigma a third of these trials would end by false contact."""
@@ -90,10 +91,6 @@ def run_profile(tmp_path):
         overrides = {**QUICK, **{key.replace("__", "."): value for key, value in sets.items()}}
         profile = load_profile(name, overrides)
         if faults:
-            from dataclasses import replace
-
-            from simulator.devices.faults import Fault
-
             profile = replace(profile, faults=tuple(Fault(**fault) for fault in faults))
         rig = assemble.build_rig(profile)
         if wrap is not None:

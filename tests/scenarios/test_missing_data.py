@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +15,8 @@ from config.profile import Profile, load_profile
 from controller.campaign import EXIT_DEVICE, Campaign, Outcome
 from controller.recording.reader import Run, open_run
 from controller.registry import experiment_of
+from simulator.devices.faults import Fault
+from tests.scenarios.conftest import SHORTER, Script
 
 
 class Case(NamedTuple):
@@ -24,6 +28,7 @@ class Case(NamedTuple):
     faults: dict[str, dict[str, str]]
 
 
+SLIP = SHORTER["mock/slip"]
 SONIC = {"behavior.clear_m": "0.01", "behavior.handling_speed_m_s": "0.06", "loop.rate_hz": "50"}
 
 CASES = {
@@ -58,15 +63,15 @@ CASES = {
         },
     ),
     "slip of the fingertip": Case(
-        "mock/slip", 1, {}, {"board": {"RESTING": "losing a little"}, "arm": {"PRESSING": "stuck"}}
+        "mock/slip", 1, SLIP, {"board": {"RESTING": "losing a little"}, "arm": {"PRESSING": "stuck"}}
     ),
-    "slip of the hand": Case("mock/slip", 7, {}, {"hand": {"RESTING": "silent, stuck"}}),
-    "slip of the wrist": Case("mock/slip", 10, {}, {"arm": {"SLIPPING": "losing a little"}}),
-    "slip of the matrix": Case("mock/slip", 13, {}, {"matrix": {"RESTING": "corrupt"}}),
+    "slip of the hand": Case("mock/slip", 7, SLIP, {"hand": {"RESTING": "silent, stuck"}}),
+    "slip of the wrist": Case("mock/slip", 10, SLIP, {"arm": {"SLIPPING": "losing a little"}}),
+    "slip of the matrix": Case("mock/slip", 13, SLIP, {"matrix": {"RESTING": "corrupt"}}),
     "chirp": Case(
         "mock/chirp",
         1,
-        {"behavior.duration_s": "0.6"},
+        SHORTER["mock/chirp"],
         {"audio": {"SWEEPING": "silent, stuck, corrupt, losing a little"}},
     ),
     "pretouch": Case(
@@ -107,22 +112,6 @@ FAULTS = {
 }
 
 
-class Unattended:
-    """A console without an operator."""
-
-    def poll(self) -> None: ...
-
-    def state(self, name: str, t_s: float) -> None: ...
-
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
-
-    def trial_started(self, trial: int, factors: Any) -> None: ...
-
-    def trial_ended(self, trial: int, outcome: str, row: Any) -> None: ...
-
-    def campaign_ended(self, line: str) -> None: ...
-
-
 class Bench(NamedTuple):
     """A campaign of one trial, and what is left of it."""
 
@@ -131,16 +120,14 @@ class Bench(NamedTuple):
     run: Run
 
 
-def run(name: str, folder: Path, faults: list[dict[str, Any]] | None = None) -> Bench:
+def run(name: str, folder: Path, faults: Sequence[dict[str, Any]] = ()) -> Bench:
     case = CASES[name]
-    written = ", ".join(
-        "{ " + ", ".join(f"{key} = {value!r}".replace("'", '"') for key, value in fault.items()) + " }"
-        for fault in faults or []
+    profile = replace(
+        load_profile(case.profile, case.settings), faults=tuple(Fault(**each) for each in faults)
     )
-    profile = load_profile(case.profile, {**case.settings, "faults": f"[{written}]"})
     trials = [trial for trial in profile.trials(1) if trial.id == case.trial]
     plan = assemble.plan_campaign(profile, trials, 1)
-    outcome = Campaign(plan, assemble.build_rig(profile), Unattended(), folder).run()
+    outcome = Campaign(plan, assemble.build_rig(profile), Script(), folder).run()
     return Bench(profile, outcome, open_run(outcome.folder))
 
 

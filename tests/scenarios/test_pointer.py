@@ -9,6 +9,7 @@ from config.profile import load_profile
 from controller.campaign import Campaign
 from controller.recording.reader import open_run
 from controller.reports.pointer import read_sweeps
+from tests.scenarios.conftest import Script
 
 ANGLES = (0.0, 1.2)
 """The last touch is at zero: an arm that stands turned takes a minute to turn home."""
@@ -17,32 +18,7 @@ ANGLES = (0.0, 1.2)
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """One run of two angles for each of two forces; scenes do not change, so they are run once."""
-    return {
-        force_n: run_pointer(tmp_path_factory.mktemp("runs"), force_n, operator=Quiet())
-        for force_n in (1.0, 3.0)
-    }
-
-
-class Quiet:
-    """No console."""
-
-    def poll(self):
-        return None
-
-    def state(self, name, t_s):
-        pass
-
-    def campaign_started(self, title, trials, folder):
-        pass
-
-    def trial_started(self, trial, factors):
-        pass
-
-    def trial_ended(self, trial, outcome, row):
-        pass
-
-    def campaign_ended(self, line):
-        pass
+    return {force_n: run_pointer(tmp_path_factory.mktemp("runs"), force_n) for force_n in (1.0, 3.0)}
 
 
 def run_pointer(out, force_n=1.0, operator=None, **sets):
@@ -53,7 +29,7 @@ def run_pointer(out, force_n=1.0, operator=None, **sets):
     }
     profile = load_profile("mock/pointer", overrides)
     plan = assemble.plan_campaign(profile, profile.trials(0), 2)
-    outcome = Campaign(plan, assemble.build_rig(profile), operator or Quiet(), out).run()
+    outcome = Campaign(plan, assemble.build_rig(profile), operator or Script(), out).run()
     return outcome, open_run(outcome.folder)
 
 

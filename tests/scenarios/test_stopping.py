@@ -1,5 +1,7 @@
 """Whatever happens, the bench stands still afterwards, and what was measured is on the disk."""
 
+from typing import Any
+
 import pytest
 
 from behaviors.transient import Transient
@@ -7,10 +9,15 @@ from controller.campaign import EXIT_DEVICE, EXIT_FAILED, EXIT_GUARD, EXIT_INTER
 from drivers.core.errors import SilentError
 from drivers.core.messages import MOTION, Stop
 
+UNDISTURBED: dict[str, Any] = {}
+
 
 def when(run_profile, state, **settings):
-    """Bench time in the middle of a state of an undisturbed trial."""
-    seen = run_profile(trials=(1,), **settings).script.seen
+    """Bench time in the middle of a state of an undisturbed trial, which is run once."""
+    key = repr(settings)
+    if key not in UNDISTURBED:
+        UNDISTURBED[key] = run_profile(trials=(1,), **settings).script.seen
+    seen = UNDISTURBED[key]
     names = [name for name, _ in seen]
     at = names.index(state)
     return (seen[at][1] + seen[at + 1][1]) / 2
