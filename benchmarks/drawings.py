@@ -239,18 +239,18 @@ def _bench(axes: Axes) -> None:
 
 def _approach(axes: Axes, trace: Trace) -> None:
     approach = trace.approach
-    onset_s, detect_s = approach.onset_s or 0.0, approach.detect_s or 0.0
+    onset_s, detect_s = approach["onset_s"] or 0.0, approach["detect_s"] or 0.0
     held = trace.statistic.between(onset_s - 1.2, detect_s + 0.2)
     axes.plot(held.times_s - onset_s, held.values[:, 0], "o-", ms=3.0, color=OURS, drawstyle="steps-post")
-    axes.axhline(approach.threshold_hz or 0.0, color=TRUTH, ls=(0, (5, 2)), lw=0.9)
-    axes.text(-1.15, approach.threshold_hz or 0.0, "threshold", color=TRUTH, va="bottom")
+    axes.axhline(approach["threshold_hz"] or 0.0, color=TRUTH, ls=(0, (5, 2)), lw=0.9)
+    axes.text(-1.15, approach["threshold_hz"] or 0.0, "threshold", color=TRUTH, va="bottom")
     axes.axvline(0.0, color=INK, lw=0.7, ls=(0, (4, 2)))
     axes.axvline(detect_s - onset_s, color=TRUTH, lw=1.0)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.14 * (high - low))
     axes.text(-0.02, high, "touch", ha="right", va="bottom")
-    stop_ms = 1e3 * ((approach.standstill_s or detect_s) - detect_s)
-    note = f"detected {approach.delay_s:.2f} s later;\nstands still after {stop_ms:.0f} ms"
+    stop_ms = 1e3 * ((approach["standstill_s"] or detect_s) - detect_s)
+    note = f"detected {approach['delay_s']:.2f} s later;\nstands still after {stop_ms:.0f} ms"
     axes.text(detect_s - onset_s + 0.2, low + 0.25 * (high - low), note, va="center", color=TRUTH)
     axes.set_xlim(-1.2, detect_s - onset_s + 1.0)
     axes.set_xlabel("time since the touch (s)")

@@ -14,10 +14,9 @@ from scipy import stats
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
-from controller.reports.approaches import mean_of
+from controller.reports.counts import Row, mean_of
 from controller.reports.generic import with_spread
 from controller.reports.pages import environment
-from controller.reports.section import Column, ReportTable
 from controller.scales import scale_of
 
 SECOND = " (second)"
@@ -76,11 +75,11 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
     ]
     names = [run.folder.path.name for run in (first, second)]
     path = second.folder.path / "compare.html"
-    tables = _tables(first, second) if first.trials and second.trials else []
+    means, pairs = _tables(first, second) if first.trials and second.trials else ([], [])
     page = environment().get_template("compare.html.j2")
     try:
         others = [line for line in lines if ", n = " not in line]  # those with n are in the table
-        html = page.render(names=names, lines=others, figures=figures, tables=tables, kind_of=None)
+        html = page.render(names=names, lines=others, figures=figures, means=means, pairs=pairs)
         path.write_text(html, "utf-8")
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
@@ -92,7 +91,7 @@ def _pairs(first: Run, second: Run) -> pd.DataFrame:
     return first.table.merge(second.table, on=["trial", *_factors(first, second)], suffixes=("", SECOND))
 
 
-def _tables(first: Run, second: Run) -> Iterator[ReportTable]:
+def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:
     """What was measured in each run and by how much it differs; and every pair of trials."""
     pairs = _pairs(first, second)
     columns = [name for name in first.table.columns if f"{name}{SECOND}" in pairs]
@@ -101,25 +100,27 @@ def _tables(first: Run, second: Run) -> Iterator[ReportTable]:
         for name in columns
     }
     numbers = [name for name in columns if all(values.notna().any() for values in found[name])]
-    rows = []
+    rows: list[Row] = []
     for name in numbers:
         heading, factor = scale_of(name).heading, scale_of(name).factor
-        means = [with_spread(mean_of(values.dropna()), factor) for values in found[name]]
-        rows.append([heading, *means, _difference(name, *found[name]).removeprefix(f"{heading}: ")])
-    heads = ("measured", "first: mean ± σ (n)", "second", "second less first, mean (95 %)")
-    yield ReportTable([Column(head, "") for head in heads], rows, "Over the pairs of trials.")
-    keys = ["trial", *_factors(first, second)]
-    both = [name for each in ("outcome", *numbers) for name in (each, f"{each}{SECOND}")]
-    scales = [scale_of(name.removesuffix(SECOND)) for name in (*keys, *both)]
-    columns_shown = [Column(scale.heading, "") for scale in scales[: len(keys)]]
-    for name, scale in zip(both, scales[len(keys) :], strict=True):
-        whose = "second" if name.endswith(SECOND) else "first"
-        columns_shown.append(Column(whose, "", group=scale.heading))
-    rows = [
-        ["" if pd.isna(cell) else scale.cell(cell) for cell, scale in zip(row, scales, strict=True)]
-        for row in pairs[[*keys, *both]].to_numpy(object)
-    ]
-    yield ReportTable(columns_shown, rows, "Every pair of trials.", folded="Every trial")
+        one, other = (with_spread(mean_of(values.dropna()), factor) for values in found[name])
+        off = _difference(name, *found[name]).removeprefix(f"{heading}: ")
+        heads = ("measured", "first: mean ± σ (n)", "second", "second less first, mean (95 %)")
+        rows.append(dict(zip(heads, (heading, one, other, off), strict=True)))
+    every: list[Row] = []
+    for pair in pairs.to_dict("records"):
+        line: dict[str, Any] = {}
+        for name in ("trial", *_factors(first, second)):
+            line |= {scale_of(name).heading: _cell(name, pair[name])}
+        for name in ("outcome", *numbers):
+            both = {"first": _cell(name, pair[name]), "second": _cell(name, pair[f"{name}{SECOND}"])}
+            line[scale_of(name).heading] = both
+        every.append(line)
+    return rows, every
+
+
+def _cell(name: str, value: Any) -> str:
+    return "" if pd.isna(value) else scale_of(name).cell(value)
 
 
 def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:

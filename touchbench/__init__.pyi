@@ -60,12 +60,8 @@ from controller.recording.series import Gap as Gap
 from controller.recording.series import Series as Series
 from controller.recording.series import TrialRecording as TrialRecording
 from controller.reports.figures import Figures as Figures
-from controller.reports.section import Column as Column
 from controller.reports.section import Figure as Figure
-from controller.reports.section import Notes as Notes
-from controller.reports.section import ReportTable as ReportTable
 from controller.reports.section import Section as Section
-from controller.reports.section import Text as Text
 from controller.signals.protocol import Signal as Signal
 
 # Drivers

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from behaviors.aura import AuraFactors
-from controller.measures.aura import METHODS
+from controller.measures.aura import OURS_AND_PAPERS
 from controller.recording.reader import Run
-from controller.reports.counts import factor_of, percent, rate, total, values
-from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
-from controller.reports.run_account import setting_of
-from controller.reports.section import Block, Figure, Kind, Notes, ReportTable, Result, Section
-from controller.reports.section_texts import SectionTexts
-from controller.reports.sonicfinger import (
-    ASSUMED,
-    BEST_HZ,
-    CITATION,
-    CONTACT,
-    METHOD_NAMES,
-    PRE_TOUCH,
-    printed_of,
+from controller.reports.counts import (
+    METHODS,
+    Comparison,
+    Row,
+    grouped,
+    median,
+    number,
+    percent,
+    quantity,
+    rate,
     rows_of,
+    title,
+    total,
+    under,
 )
-from controller.reports.text import number, quantity, title
+from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
+from controller.reports.papers import ASSUMED, BEST_HZ, CITATION, CONTACT, PRE_TOUCH, settings_in
+from controller.reports.run_account import setting_of
+from controller.reports.section import Kind, Result, Section
 
 SIDES = ("normal", "back", "front", "top", "bottom")
 DEAF = "top"
@@ -42,85 +43,76 @@ PIPE = "pipe"
 SOFT = ("sponge", "cloth")
 """Objects that are no paper's: soft ones, counted by themselves."""
 
+PANELS = 10
+"""Most approaches that are drawn."""
 
-TEXTS = SectionTexts("aura")
+WHENCE = {
+    True: "“Object”, “nothing” and what touched when are known because they are simulated: no detector has "
+    "access to them.",
+    False: "“Object” and “nothing” are what the trials state; what touched when is not known on this bench, so contact "
+    "is counted as it was reported.",
+}
+"""Where the truth about object and touch comes from, by whether there is one."""
+
+Rows = Sequence[Row]
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """What every detector reported in every approach."""
-    rows = rows_of(runs)
-    there = [row for row in rows if factor(row, "object") != "none"]
-    nothing = [row for row in rows if factor(row, "object") == "none"]
-    objects = sorted({factor(row, "object") for row in there})
-    hard = _hard(there) or there
-    touching = rows if setting_of(runs[0], "behavior", "touch") else []
-    unknown = [row for row in touching if not _known(row)]
-    felt = [row for row in touching if _known(row) and factor(row, "object") != "none"]
-    notes = _notes(hard)
-    body: list[Block] = [
-        TEXTS.text("intro"),
-        _sides_table(hard, bool(unknown), _half_wave_m(runs[0])),
-        *(_object_tables(there, nothing, objects) if len(objects) > 1 or nothing else ()),
-        *([_touch_table(_hard(felt) or felt)] if felt else ()),
-        *([_reported_table(unknown)] if unknown else ()),
-        *_draw(runs, figures),
-        *([Notes(notes)] if notes else ()),
-    ]
+    run, rows = runs[0], rows_of(runs, AuraFactors)
+    there = [row for row in rows if row["object"] != "none"]
+    nothing = [row for row in rows if row["object"] == "none"]
+    objects = {row["object"] for row in there}
+    hard = [row for row in there if row["object"] not in SOFT] or there
+    touching = rows if setting_of(run, "behavior", "touch") else []
+    # what touched when is known where it is simulated in the program's own process
+    unknown = [row for row in touching if row.get("touches") is None]
+    felt = [row for row in touching if row.get("touches") is not None and row["object"] != "none"]
+    felt = [row for row in felt if row["object"] not in SOFT] or felt
+    half_wave_m = _half_wave_m(run)
+    several = len(objects) > 1 or nothing
+    named = _named(there, objects)
+    by = "object" if len({row["object"] for row in unknown}) > 1 else "side"
+    whence = WHENCE[any(row.get("touches") is not None for row in rows)]
+    what = "Contact (C4)" if setting_of(run, "behavior", "touch") else "Pre-touch (C2)"
     return Section(
-        title=_title(runs, objects),
-        body=body,
-        citation=CITATION,
-        summary=_summary(hard, nothing, unknown, runs[0].simulated),
-        not_the_papers=[*(ASSUMED if runs[0].simulated else ()), *_whence(rows)],
-        printed=printed_of(runs[0]),
+        title="Objects (C5)" if len(objects) > 1 else what,
+        content={
+            "sides": list(_sides(hard)),
+            "half": quantity("half_wave_m", half_wave_m, 1),
+            "expected": number(0.01 / half_wave_m, 2),
+            "all_objects": any(row["object"] != PIPE for row in hard),
+            "way_ends": bool(unknown),
+            "pre_touch": list(_pre_touch(named, nothing)) if several else [],
+            "contact": list(_contact([*named, ("nothing", nothing)]))
+            if several and total(there, "touches")
+            else [],
+            "touches": list(_touches(felt)),
+            "by": by,
+            "reported": list(_reported(unknown, by)),
+            "papers": {"pre_touch": [*map(percent, PRE_TOUCH)], "contact": [*map(percent, CONTACT)]},
+            "deaf": DEAF,
+            "figure": _draw(runs, figures),
+            "undulations": list(_undulations(hard)),
+        },
+        template="aura",
+        citation=CITATION["rupavatharam"],
+        summary=_summary(hard, nothing, unknown, run.simulated),
+        not_the_papers=[
+            *([ASSUMED] if run.simulated else []),
+            *([whence] if any(row.get("approaches") for row in rows) else []),
+        ],
+        printed=settings_in("rupavatharam", run),
     )
 
 
-def _title(runs: Sequence[Run], objects: Sequence[str]) -> str:
-    if len(objects) > 1:
-        return "Objects (C5)"
-    return "Contact (C4)" if setting_of(runs[0], "behavior", "touch") else "Pre-touch (C2)"
+def _by(rows: Rows, *names: str) -> dict[tuple[Any, ...], list[Row]]:
+    """Trials by some factors: sides in the paper's order, soft objects last."""
 
+    def order(cell: Any) -> tuple[int, str]:
+        return SIDES.index(cell) if cell in SIDES else int(cell in SOFT), str(cell)
 
-def _hard(rows: Sequence[Any]) -> list[Any]:
-    return [row for row in rows if factor(row, "object") not in SOFT]
-
-
-def _known(row: Mapping[str, Any]) -> bool:
-    """Whether it is known what touched when: where that is simulated in the program's own process."""
-    return row.get("touches") is not None
-
-
-def _whence(rows: Sequence[Any]) -> list[str]:
-    """Where the truth about object and touch comes from."""
-    if not any(row.get("approaches") for row in rows):
-        return []
-    return [TEXTS.sentence("known" if any(_known(row) for row in rows) else "unknown")]
-
-
-def factor(row: Mapping[str, Any], name: str) -> str:
-    """See `factor_of`; as text."""
-    return str(factor_of(row, name, AuraFactors))
-
-
-def _groups(rows: Sequence[Any], *names: str) -> Mapping[tuple[str, ...], list[Any]]:
-    """Trials by the values of some factors, sides in the paper's order, soft objects last."""
-    groups: dict[tuple[str, ...], list[Any]] = {}
-    for row in rows:
-        groups.setdefault(tuple(factor(row, name) for name in names), []).append(row)
-
-    def order(key: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
-        return tuple((SIDES.index(part) if part in SIDES else int(part in SOFT), part) for part in key)
-
-    return {key: groups[key] for key in sorted(groups, key=order)}
-
-
-def _median(rows: Sequence[Any], column: str) -> float | None:
-    found = values(rows, column)
-    return statistics.median(found) if found else None
-
-
-# --- tables ------------------------------------------------------------------------------------------
+    return grouped(rows, *names, order=order)
 
 
 def _half_wave_m(run: Run) -> float:
@@ -131,259 +123,213 @@ def _half_wave_m(run: Run) -> float:
     return float(sound_m_s) / drive_hz / 2.0
 
 
-def _sides_table(rows: Sequence[Any], unknown: bool, half_wave_m: float) -> ReportTable:
-    body = []
-    for (side, axis, speed), members in _groups(rows, "side", "axis", "speed_m_s").items():
-        approaches = total(members, "approaches")
-        row: dict[str, Any] = {
-            "side": side,
-            "axis": axis,
-            "speed_m_s": float(speed),
-            "approaches": approaches,
-        }
-        row["undulations_per_cm"] = _median(members, "undulations_per_cm")
-        for method in METHODS:
-            row[f"seen_{method}"] = f"{total(members, f'seen_{method}')} of {approaches}"
-            row[f"distance_m_{method}"] = _median(members, f"distance_m_{method}")
-        body.append(row)
-    all_objects = any(factor(row, "object") != PIPE for row in rows)
-    rest = TEXTS.sentence("all_objects") * all_objects + TEXTS.sentence("way_ends") * unknown
-    half, expected = quantity("half_wave_m", half_wave_m, 1), number(0.01 / half_wave_m, 2)
-    return TEXTS.table("sides", body, half=half, expected=expected, rest=rest)
+# --- tables ------------------------------------------------------------------------------------------
 
 
-def _named(there: Sequence[Any], objects: Sequence[str]) -> list[tuple[str, list[Any]]]:
+def _sides(rows: Rows) -> Iterator[Row]:
+    for (side, axis, speed_m_s), own in _by(rows, "side", "axis", "speed_m_s").items():
+        n = total(own, "approaches")
+        line = {"side": side, "axis": axis, **under("speed_m_s", speed_m_s), "approaches": n}
+        line |= under("undulations", median(own, "undulations_per_cm"), "undulations/cm", 2)
+        for method, whose in METHODS.items():
+            line[f"seen, {whose}"] = f"{total(own, f'seen_{method}')} of {n}"
+            line |= under("distance_m", median(own, f"distance_m_{method}"), f"from, {whose}", 0)
+        yield line
+
+
+def _named(there: Rows, objects: set[str]) -> list[tuple[str, Rows]]:
     """Trials by object, soft ones last, then those that are compared with the paper's rates."""
-    named = [
-        (title(name) + (" (soft)" if name in SOFT else ""), members)
-        for (name,), members in _groups(there, "object").items()
+    named: list[tuple[str, Rows]] = [
+        (title(name) + (" (soft)" if name in SOFT else ""), own)
+        for (name,), own in _by(there, "object").items()
     ]
-    others = [
-        *(["the soft ones"] if set(objects) & set(SOFT) else []),
-        *(["the pipe"] if PIPE in objects else []),
-    ]
+    others = ["the soft ones"] * bool(objects & set(SOFT)) + ["the pipe"] * (PIPE in objects)
     counted = _papers(there)
     return [*named, (f"all but {' and '.join(others)}" if others else "all", counted)] if counted else named
 
 
-def _papers(there: Sequence[Any]) -> list[Any]:
+def _papers(there: Rows) -> list[Row]:
     """Trials that are compared with the paper's rates: those of the pipe try sides and axes, soft objects are ours."""
-    return [row for row in _hard(there) if factor(row, "object") != PIPE]
+    return [row for row in there if row["object"] not in (*SOFT, PIPE)]
 
 
-def _object_tables(
-    there: Sequence[Any], nothing: Sequence[Any], objects: Sequence[str]
-) -> Iterator[ReportTable]:
-    """Rates of pre-touch by object; of contact where it is known what touched."""
-    body: list[dict[str, Any]] = []
-    named = _named(there, objects)
-    for name, members in named:
-        n = total(members, "approaches")
-        row = {method: rate(total(members, f"seen_{method}"), n) for method in METHODS}
-        body.append({"object": name, "approaches": n, **row})
+def _pre_touch(named: Sequence[tuple[str, Rows]], nothing: Rows) -> Iterator[Row]:
+    for name, own in named:
+        n = total(own, "approaches")
+        rates = {whose: rate(total(own, f"seen_{method}"), n) for method, whose in METHODS.items()}
+        yield {"object": name, "approaches": n, **rates}
     if nothing:
         n = total(nothing, "approaches")
-        row = {method: rate(n - total(nothing, f"alarms_{method}"), n) for method in METHODS}
-        body.append({"object": "nothing: not reported", "approaches": n, **row})
-    positive, negative = map(percent, PRE_TOUCH)
-    yield TEXTS.table("pre_touch", body, positive=positive, negative=negative)
-    if total(there, "touches"):
-        groups = [*named, *([("nothing", nothing)] if nothing else [])]
-        rows = [{"object": name, **row} for name, members in groups for row in _by_method(members)]
-        positive, negative = map(percent, CONTACT)
-        yield TEXTS.table("contact", rows, positive=positive, negative=negative)
+        rates = {whose: rate(n - total(nothing, f"alarms_{method}"), n) for method, whose in METHODS.items()}
+        yield {"object": "nothing: not reported", "approaches": n, **rates}
 
 
-def _by_method(members: Sequence[Any]) -> Iterator[dict[str, Any]]:
-    """Counts of each method over some approaches; each by its column's name without the method's."""
-    touches, approaches = total(members, "touches"), total(members, "approaches")
-    for method in METHODS:
-        false = total(members, f"false_{method}")
-        names = (
-            "held",
-            "ended",
-            "reported",
-            "reports",
-            "reported_held",
-            "reported_ended",
-            "reported_of_nothing",
-        )
-        yield {name: total(members, f"{name}_{method}") for name in names} | {
-            "detector": METHOD_NAMES[method],
-            "touches": touches,
-            "approaches": approaches,
-            "felt": rate(total(members, f"felt_{method}"), touches),
-            "true": rate(approaches - false, approaches),
-            "false": f"{false} of {approaches}",
-            "delay_s": _median(members, f"delay_s_{method}"),
+def _counts(own: Rows) -> Iterator[tuple[str, dict[str, int], float | None]]:
+    """Of each detector: whose it is, sums of its columns over some trials, and its median delay."""
+    for method, whose in METHODS.items():
+        sums = {name: total(own, f"{name}_{method}") for name in OURS_AND_PAPERS}
+        sums |= {name: total(own, name) for name in ("touches", "approaches")}
+        yield whose, sums, median(own, f"delay_s_{method}")
+
+
+def _contact(named: Sequence[tuple[str, Rows]]) -> Iterator[Row]:
+    for name, own in named:
+        for whose, n, _ in _counts(own) if own else ():
+            yield {
+                "object": name,
+                "detector": whose,
+                "touches": n["touches"],
+                "detected": rate(n["felt"], n["touches"]),
+                "approaches": n["approaches"],
+                "without a false one": rate(n["approaches"] - n["false"], n["approaches"]),
+            }
+
+
+def _touches(rows: Rows) -> Iterator[Row]:
+    for (side,), own in _by(rows, "side").items():
+        for whose, n, delay_s in _counts(own):
+            yield {
+                "side": side,
+                "detector": whose,
+                "touches": n["touches"],
+                "detected": rate(n["felt"], n["touches"]),
+                **under("delay_s", delay_s, digits=3),
+                "persistence": n["held"],
+                "end": n["ended"],
+                "false": f"{n['false']} of {n['approaches']}",
+            }
+
+
+def _reported(rows: Rows, by: str) -> Iterator[Row]:
+    for (name,), own in _by(rows, by).items():
+        for whose, n, _ in _counts(own):
+            yield {
+                by: title(name),
+                "detector": whose,
+                "approaches": n["approaches"],
+                "reported": n["reported"],
+                "times": n["reports"],
+                "persistence": n["reported_held"],
+                "end": n["reported_ended"],
+                "where nothing can": n["reported_of_nothing"],
+            }
+
+
+def _undulations(rows: Rows) -> Iterator[str]:
+    for (side,), own in _by([row for row in rows if row["axis"] == "x"], "side").items():
+        medians = {
+            speed_m_s: count
+            for (speed_m_s,), each in _by(own, "speed_m_s").items()
+            if (count := median(each, "undulations_per_cm")) is not None
         }
-
-
-def _touch_table(rows: Sequence[Any]) -> ReportTable:
-    groups = _groups(rows, "side").items()
-    return TEXTS.table(
-        "touches",
-        [{"side": side, **row} for (side,), members in groups for row in _by_method(members)],
-        deaf=DEAF,
-    )
-
-
-def _reported_table(rows: Sequence[Any]) -> ReportTable:
-    by = "object" if len({factor(row, "object") for row in rows}) > 1 else "side"
-    groups = _groups(rows, by).items()
-    body = [{"name": title(name), **row} for (name,), members in groups for row in _by_method(members)]
-    return TEXTS.table("as_reported", body, by=by)
+        if len(medians) > 1:
+            shown = (f"{number(n, 2)} at {quantity('speed_m_s', at, 0)}" for at, n in medians.items())
+            yield f"Undulations per cm of the {side} side: {', '.join(shown)}."
 
 
 # --- sentences ---------------------------------------------------------------------------------------
 
 
-def _summary(
-    there: Sequence[Any], nothing: Sequence[Any], unknown: Sequence[Any], simulated: bool
-) -> list[Result]:
+def _summary(there: Rows, nothing: Rows, unknown: Rows, simulated: bool) -> list[Result]:
     # sides, coupling and echo of the simulated finger are such that the paper's figures come out: no prediction
     kind = Kind.ASSUMED if simulated else Kind.MEASURED
     results = [*_of_sides(there, kind), *_of_objects(_papers(there), kind), *_of_touches(there, kind)]
     results = results or list(_of_passages(there))
-    for method in METHODS if unknown else ():
-        found, n = total(unknown, f"reported_{method}"), total(unknown, "approaches")
-        results.append(
-            Result(None, TEXTS.sentence("reported_summary", method=METHOD_NAMES[method], found=found, n=n))
-        )
-    n = total(nothing, "approaches")
-    for method in METHODS if n else ():
-        alarms, fitted = total(nothing, f"alarms_{method}"), simulated and method == "paper"
-        text = TEXTS.sentence(
-            "alarms",
-            method=METHOD_NAMES[method],
-            alarms=alarms,
-            n=n,
-            rate=rate(alarms, n),
-            paper=percent(1.0 - PRE_TOUCH[1]),
-            fitted=", to which its threshold was set at 10 and 30 mm/s together" if fitted else "",
-        )
+    for whose, n, _ in _counts(unknown) if unknown else ():
+        text = f"Contact, {whose}: reported in {n['reported']} of {n['approaches']} approaches; "
+        results.append(Result(None, f"{text}what touched is not known on this bench."))
+    for whose, n, _ in _counts(nothing) if total(nothing, "approaches") else ():
+        fitted = simulated and whose == METHODS["paper"]
+        text = f"Pre-touch, {whose}: {n['alarms']} alarms in {n['approaches']} approaches to nothing, "
+        text += f"{rate(n['alarms'], n['approaches'])}; the paper {percent(1.0 - PRE_TOUCH[1])}"
+        text += ", to which its threshold was set at 10 and 30 mm/s together." if fitted else "."
         results.append(Result(Kind.FITTED if fitted else None, text))
     return results
 
 
-def _of_sides(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
+def _of_sides(there: Rows, kind: Kind) -> Iterator[Result]:
     """From which sides an object is seen at all (C2)."""
-    sides = _groups(there, "side")
-    for method in METHODS if len(sides) > 1 else ():
-        blind = [side for (side,), members in sides.items() if not total(members, f"seen_{method}")]
-        text = TEXTS.sentence(
-            "blind",
-            method=METHOD_NAMES[method],
-            seen=len(sides) - len(blind),
-            sides=len(sides),
-            papers=len(SIDES),
-            blind=f"; nothing from {', '.join(blind)}" if blind else "",
-        )
+    sides = _by(there, "side")
+    for method, whose in METHODS.items() if len(sides) > 1 else ():
+        blind = [side for (side,), own in sides.items() if not total(own, f"seen_{method}")]
+        text = f"Pre-touch, {whose}: sees from {len(sides) - len(blind)} of {len(sides)} sides; the paper from all "
+        text += f"{len(SIDES)}{'; nothing from ' * bool(blind)}{', '.join(blind)}."
         yield Result(kind, text, not blind)
 
 
-def _of_passages(there: Sequence[Any]) -> Iterator[Result]:
+def _of_passages(there: Rows) -> Iterator[Result]:
     """How often the object was seen, where the paper prints nothing to stand beside it: along y and z."""
     n = total(there, "approaches")
-    for method in METHODS if n else ():
-        found, left_m = total(there, f"seen_{method}"), _median(there, f"distance_m_{method}")
+    for method, whose in METHODS.items() if n else ():
+        left_m = median(there, f"distance_m_{method}")
         far = f"; {quantity('left_m', left_m, 0)} of the way left (median)" if left_m is not None else ""
-        text = TEXTS.sentence("passages", method=METHOD_NAMES[method], found=found, n=n, far=far)
-        yield Result(None, text)
+        text = f"Pre-touch, {whose}: the object is seen in {total(there, f'seen_{method}')} of {n} approaches{far}; "
+        yield Result(None, f"{text}the paper prints no rate for this axis.")
 
 
-def _of_objects(rows: Sequence[Any], kind: Kind) -> Iterator[Result]:
+def _of_objects(rows: Rows, kind: Kind) -> Iterator[Result]:
     """Rates over objects beside the paper's over its six (C5)."""
-    touching = bool(total(rows, "touches"))
-    for what, column, of, bound in (
+    for what, column, of, paper in (
         ("Pre-touch", "seen", "approaches", PRE_TOUCH[0]),
         ("Contact", "felt", "touches", CONTACT[0]),
-        *([("No false contact", "false", "approaches", CONTACT[1])] if touching else []),
+        *([("No false contact", "false", "approaches", CONTACT[1])] if total(rows, "touches") else []),
     ):
-        count = total(rows, of)
-        for method in METHODS if count else ():
-            found = total(rows, f"{column}_{method}")
-            found = count - found if column == "false" else found
-            off = 100.0 * (found / count - bound)
-            facts = {"points": number(abs(off), 1), "beside": "below" if off < 0.0 else "above"}
-            facts |= {"what": what, "method": METHOD_NAMES[method], "of": of, "paper": percent(bound)}
-            text = TEXTS.sentence("rates", found=found, n=count, rate=rate(found, count), **facts)
-            yield _judged(kind, text, off >= 0.0, contact=method if column != "seen" else "")
+        for whose, n, _ in _counts(rows) if total(rows, of) else ():
+            hits = n[of] - n[column] if column == "false" else n[column]
+            beside = Comparison(hits / n[of], paper)
+            points = number(100.0 * abs(beside.ours - paper), 1)
+            text = f"{what}, {whose}: {points} points {beside.side} the paper's {percent(paper)} of its own objects: "
+            text += f"{hits} of {n[of]} {of}, {rate(hits, n[of])}."
+            yield _judged(kind, text, beside.ours >= paper, column != "seen" and whose == METHODS["paper"])
 
 
-def _of_touches(there: Sequence[Any], kind: Kind) -> Iterator[Result]:
+def _of_touches(there: Rows, kind: Kind) -> Iterator[Result]:
     """Whether every side but the deaf one detects the pipe each time (C4)."""
-    pipe = [row for row in there if factor(row, "object") == PIPE]
-    sensing = [row for row in pipe if factor(row, "side") != DEAF]
-    deaf = [row for row in pipe if factor(row, "side") == DEAF]
+    pipe = [row for row in there if row["object"] == PIPE]
+    sensing = [row for row in pipe if row["side"] != DEAF]
+    deaf = [row for row in pipe if row["side"] == DEAF]
     touches, others = total(sensing, "touches"), total(deaf, "touches")
-    for method in METHODS if touches else ():
+    for method, whose in METHODS.items() if touches else ():
         felt = total(sensing, f"felt_{method}")
-        rest = f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}" if others else ""
-        facts = {"method": METHOD_NAMES[method], "touches": touches, "deaf": DEAF, "others": rest}
-        yield _judged(kind, TEXTS.sentence("felt", felt=felt, **facts), felt == touches, contact=method)
+        text = f"Contact, {whose}: {felt} of {touches} touches detected with the other sides than the {DEAF}"
+        text += f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}" if others else ""
+        yield _judged(
+            kind, f"{text}; the paper detected all of the former.", felt == touches, method == "paper"
+        )
 
 
-def _judged(kind: Kind, text: str, met: bool, contact: str) -> Result:
+def _judged(kind: Kind, text: str, met: bool, papers_contact: bool) -> Result:
     """The plant's touch was assumed in favour of the paper's contact: that it comes out shows nothing, that it does not
     is a miss."""
-    failed = kind == Kind.ASSUMED and contact == "paper" and not met
-    return Result(Kind.PREDICTED if failed else kind, text, met)
+    return Result(Kind.PREDICTED if kind == Kind.ASSUMED and papers_contact and not met else kind, text, met)
 
 
-def _notes(rows: Sequence[Any]) -> list[str]:
-    by_speed = _groups([row for row in rows if factor(row, "axis") == "x"], "side", "speed_m_s")
-    counts: dict[str, dict[str, float]] = {}
-    for (side, speed), members in by_speed.items():
-        found = values(members, "undulations_per_cm")
-        if found:
-            counts.setdefault(side, {})[speed] = float(np.median(found))
-    notes = []
-    for side, medians in counts.items():
-        if len(medians) > 1:
-            shown = ", ".join(f"{number(count, 2)} at {_speed(speed)}" for speed, count in medians.items())
-            notes.append(TEXTS.sentence("undulations", side=side, shown=shown))
-    return notes
+# --- figure ------------------------------------------------------------------------------------------
 
 
-def _speed(speed_m_s: str) -> str:
-    return quantity("speed_m_s", float(speed_m_s), 0)
-
-
-# --- figures -----------------------------------------------------------------------------------------
-
-
-def _draw(runs: Sequence[Run], figures: Figures) -> list[Figure]:
+def _draw(runs: Sequence[Run], figures: Figures) -> str:
     """The envelope along the approach: one panel for each side and speed of which there is a recording."""
-    panels: dict[tuple[str, str], tuple[Run, int]] = {}
+    panels: dict[tuple[int, float], tuple[Run, int]] = {}
     for run in runs:
-        recorded = set(run.recorded_trials)
-        for row in run.trials:
-            trial = int(row["trial"] or 0)
-            if factor(row, "object") == PIPE and factor(row, "axis") == "x" and trial in recorded:
-                key = (factor(row, "side"), factor(row, "speed_m_s"))
-                panels.setdefault(key, (run, trial))
-    keys = sorted(panels, key=lambda key: (SIDES.index(key[0]), float(key[1])))[:10]
-    if not keys:
-        return []
-    columns = 2 if len(keys) > 1 else 1
-    rows = -(-len(keys) // columns)
-    with figures.figure(1.35 * rows + 0.5, rows=rows, columns=columns) as drawing:
-        for axes, key in zip(drawing.axes, keys, strict=False):
-            _draw_panel(axes, key, *panels[key])
-        for axes in drawing.axes[len(keys) :]:
-            axes.set_visible(False)
-        for axes in drawing.axes[max(0, len(keys) - columns) : len(keys)]:
-            axes.set_xlabel("time (s)")
+        for row in rows_of([run], AuraFactors):
+            if row["object"] == PIPE and row["axis"] == "x" and int(row["trial"] or 0) in run.recorded_trials:
+                panels.setdefault(
+                    (SIDES.index(row["side"]), float(row["speed_m_s"])), (run, int(row["trial"]))
+                )
+    if not panels:
+        return ""
+    keys = sorted(panels)[:PANELS]
+    with figures.panels(len(keys), 2 if len(keys) > 1 else 1, 1.35) as drawing:
+        for axes, key in zip(drawing.axes, keys, strict=True):
+            _draw_panel(axes, f"{SIDES[key[0]]}, {quantity('speed_m_s', key[1], 0)}", *panels[key])
+        drawing.label_outside("time (s)", "envelope (FS)")
         # a trial that was refused at once has a recording without the finger
-        labelled = [axes for axes in drawing.axes if axes.get_legend_handles_labels()[0]]
-        for axes in labelled[:1]:
+        for axes in [axes for axes in drawing.axes if axes.get_legend_handles_labels()[0]][:1]:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2)
-        svg = Markup(drawing.save("approaches"))
-    return [Figure(svg, TEXTS.sentence("figure", pretouch="green", contact="orange"))]
+        return drawing.save("approaches")
 
 
-def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:
+def _draw_panel(axes: Any, name: str, run: Run, trial: int) -> None:
     stream = str(setting_of(run, "behavior", "finger_stream") or "signals.right")
     recording = run.readable(trial)
     if recording is None or not len(series := recording.stream(stream)):
@@ -391,17 +337,15 @@ def _draw_panel(axes: Any, key: tuple[str, str], run: Run, trial: int) -> None:
     start_s = float(series.times_s[0])
     thin = max(1, len(series) // 4000)
     envelope = series.values - np.median(series.values[: max(1, len(series) // 20)], axis=0)
-    times_s = series.times_s[::thin] - start_s
-    for column, name, color in zip(envelope[::thin].T, ("I", "Q"), (OURS, FAINT), strict=False):
-        axes.plot(times_s, column, color=color, lw=0.7, label=name, zorder=3 if name == "I" else 2)
+    for column, part, color in zip(envelope[::thin].T, ("I", "Q"), (OURS, FAINT), strict=False):
+        over = 3 if part == "I" else 2
+        axes.plot(series.times_s[::thin] - start_s, column, color=color, lw=0.7, label=part, zorder=over)
     top = float(np.abs(envelope).max())
     for event in run.events:
-        if event.get("trial") != trial or event.get("event") not in ("PreTouch", "Contact"):
-            continue
-        ours = str(event.get("detector", "")).endswith("_ours")
-        color = GOOD if event["event"] == "PreTouch" else FALSE
-        height = top * (1.05 if ours else 1.25)
-        marker = {"marker": "o", "mfc": "none"} if ours else {"marker": "x"}
-        axes.plot(float(event["t_s"]) - start_s, height, color=color, ms=4.0, ls="none", zorder=4, **marker)
-    axes.set_title(f"{key[0]}, {_speed(key[1])}")
-    axes.set_ylabel("envelope (FS)")
+        if event.get("trial") == trial and event.get("event") in ("PreTouch", "Contact"):
+            ours = str(event.get("detector", "")).endswith("_ours")
+            look: Mapping[str, Any] = {"marker": "o", "mfc": "none"} if ours else {"marker": "x"}
+            color = GOOD if event["event"] == "PreTouch" else FALSE
+            at_s, height = float(event["t_s"]) - start_s, top * (1.05 if ours else 1.25)
+            axes.plot(at_s, height, color=color, ms=4.0, ls="none", zorder=4, **look)
+    axes.set_title(name)

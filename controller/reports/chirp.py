@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from behaviors.chirp import ChirpSettings
 from controller.measures.chirp import LATENCY_UNSURE_S, STEP_HZ, beginning, transfer
 from controller.recording.reader import Run
-from controller.reports.counts import values
+from controller.reports.counts import Comparison, number, quantity, under, values
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
+from controller.reports.papers import ASSUMED, BEST_HZ, CITATION
 from controller.reports.run_account import entered_s, setting_of
-from controller.reports.section import Figure, Kind, Result, Section
-from controller.reports.section_texts import SectionTexts
-from controller.reports.sonicfinger import ASSUMED, BEST_HZ, CITATION
-from controller.reports.text import number, quantity
-
-TEXTS = SectionTexts("chirp")
+from controller.reports.section import Kind, Result, Section
 
 PRINTED = "40 kHz"
 """`BEST_HZ` as the paper prints it."""
@@ -30,43 +25,52 @@ NEAR_HZ = 500.0
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Best frequency of every sweep, and the curve of the first."""
-    rows: list[dict[str, Any]] = [
-        dict(row) for run in runs for row in run.trials if row.get("best_hz") is not None
-    ]
+    rows = [row for run in runs for row in run.trials if row.get("best_hz") is not None]
     found = values(rows, "best_hz")
     met = bool(found) and max(abs(hz - BEST_HZ) for hz in found) <= NEAR_HZ
     text = "No sweep came to its end."
     if found:
-        best_hz = float(np.median(found))
-        off_hz = round(best_hz - BEST_HZ)
-        beside = f"{quantity('off_hz', abs(off_hz), 0)} {'below' if off_hz < 0 else 'above'}"
-        text = (
-            f"{beside if off_hz else 'The same as'} the paper's {PRINTED}: "
-            f"{quantity('best_hz', best_hz, 0)} transfers best in {len(found)} "
-            f"{'sweep' if len(found) == 1 else 'sweeps'} (median)."
-        )
+        beside = Comparison(statistics.median(found), BEST_HZ)
+        off = beside.off("off_hz", 0)
+        text = f"{off[:1].upper()}{off[1:]} the paper's {PRINTED}: {quantity('best_hz', beside.ours, 0)} transfers "
+        text += f"best in {len(found)} {'sweep' if len(found) == 1 else 'sweeps'} (median)."
     put_in_hz = setting_of(runs[0], "plant", "resonance_hz")
-    simulated = runs[0].simulated
-    ours = [*ASSUMED] if simulated else []
+    ours = [ASSUMED] if runs[0].simulated else []
     if put_in_hz:
-        ours.append(TEXTS.sentence("put_in", hz=" and ".join(f"{hz:g}" for hz in put_in_hz)))
+        hz = " and ".join(f"{hz:g}" for hz in put_in_hz)
+        ours.append(f"The fingers' resonance, {hz} Hz, is set in the plant: the sweep finds it again.")
+    columns = {
+        "best": "best_hz",
+        "right": "best_right_hz",
+        "left": "best_left_hz",
+        "± (band and latency)": "unsure_hz",
+    }
+    best = []
     for row in rows:
-        row["band_hz"] = " to ".join(number(row.get(f"band_{side}_hz"), 0) for side in ("low", "high"))
-    svg = _draw(runs, figures)
+        line = {"trial": row["trial"]}
+        for head, name in columns.items():
+            line |= under(name, row.get(name), head, 0)
+        band = " to ".join(number(row.get(f"band_{side}_hz"), 0) for side in ("low", "high"))
+        line |= under("band_hz", band, "half-power band") | under(
+            "over_noise_db", row.get("over_noise_db"), digits=1
+        )
+        best.append(line)
     return Section(
         title="Chirp (C1)",
-        body=[
-            TEXTS.text("intro", step_hz=STEP_HZ, unsure=quantity("latency_s", LATENCY_UNSURE_S, 3)),
-            TEXTS.table("best", rows),
-            *([Figure(svg, TEXTS.sentence("figure"))] if svg else []),
-        ],
-        citation=CITATION,
-        summary=[Result(Kind.FITTED if simulated else Kind.MEASURED, text, met)],
+        content={
+            "step_hz": STEP_HZ,
+            "unsure": quantity("latency_s", LATENCY_UNSURE_S, 3),
+            "best": best,
+            "figure": _draw(runs, figures),
+        },
+        template="chirp",
+        citation=CITATION["rupavatharam"],
+        summary=[Result(Kind.FITTED if runs[0].simulated else Kind.MEASURED, text, met)],
         not_the_papers=ours,
     )
 
 
-def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
+def _draw(runs: Sequence[Run], figures: Figures) -> str:
     for run in runs:
         settings = ChirpSettings.model_validate(setting_of(run, "behavior") or {})
         for trial in run.recorded_trials:
@@ -76,19 +80,16 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Markup | None:
             series = recording.stream(settings.fingers_stream)
             if not len(series):
                 continue
-            frequencies_hz, power = transfer(
-                series.times_s - beginning(ended_s, settings), series.values, settings
-            )
+            times_s = series.times_s - beginning(ended_s, settings)
+            frequencies_hz, power = transfer(times_s, series.values, settings)
             with figures.figure(2.6) as drawing:
                 axes = drawing.axes[0]
-                for column, name, color in zip(
-                    power.T, ("right finger", "left finger"), (OURS, PAPER), strict=False
-                ):
+                fingers = (("right finger", OURS), ("left finger", PAPER))
+                for column, (name, color) in zip(power.T, fingers, strict=False):
                     axes.plot(frequencies_hz, 10.0 * np.log10(column + 1e-20), color=color, label=name)
                 axes.axvline(BEST_HZ, color=FALSE, lw=0.8, ls=(0, (4, 2)), label=f"the paper's {PRINTED}")
-                axes.set_xlabel("frequency (Hz)")
-                axes.set_ylabel("received (dBFS)")
+                axes.set(xlabel="frequency (Hz)", ylabel="received (dBFS)")
                 axes.grid(color=FAINT, lw=0.4, alpha=0.6)
                 axes.legend(loc="lower right")
-                return Markup(drawing.save("chirp"))
-    return None
+                return drawing.save("chirp")
+    return ""

@@ -1,9 +1,11 @@
-"""What sections make of the rows of trials: sums, shares and rates with their 95 % intervals, and what is missing."""
+"""What sections make of the rows of trials: means, sums, shares and rates with 95 % intervals, as they are printed."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import groupby
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,11 +13,81 @@ import numpy as np
 
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
-from controller.reports.text import number
-from controller.scales import NOTHING
+from controller.scales import NOTHING, scale_of
 
 if TYPE_CHECKING:
     from drivers.core.settings import Settings
+
+Row = Mapping[str, Any]
+"""A trial by its columns; or a line of a table, each cell under its heading."""
+
+METHODS = {"paper": "the paper's", "ours": "ours"}
+"""Whose detector: as columns end, and as it is printed."""
+
+
+class Mean(NamedTuple):
+    """Mean and standard deviation (n - 1) of some trials; NaN where there are too few."""
+
+    mean: float
+    sigma: float
+    n: int
+
+
+class Comparison(NamedTuple):
+    """A figure of ours beside the paper's.
+
+    Attributes:
+        ours: Ours.
+        paper: The paper's, in the same unit.
+        met: Whether ours comes out as the paper's; None where that is not judged.
+        low, high: 95 % interval of ours, or over rows of the mean difference; NaN where there is too little data.
+        same: Over rows: in how many ours lies on the side that the mean does.
+        n: Of how many.
+    """
+
+    ours: float
+    paper: float
+    met: bool | None = None
+    low: float = math.nan
+    high: float = math.nan
+    same: int = 0
+    n: int = 0
+
+    @property
+    def side(self) -> str:
+        """Where ours lies."""
+        return "below" if self.ours < self.paper else "above"
+
+    def off(self, name: str, digits: int = 1) -> str:
+        """`0.3 Hz below`: the difference in the unit of a column's name; `the same as` where it is rounded to zero."""
+        difference = round(self.ours - self.paper, digits)
+        return f"{quantity(name, abs(difference), digits)} {self.side}" if difference else "the same as"
+
+    @property
+    def times(self) -> str:
+        """`1.9 times below`."""
+        if not self.ours > 0.0:
+            return "below"
+        low, high = sorted((self.ours, self.paper))
+        return f"{high / low:.1f} times {'below' if self.ours <= self.paper else 'above'}"
+
+
+def over_rows(pairs: Iterable[tuple[float, float]]) -> Comparison | None:
+    """Rows of (ours, the paper's), which agree where their own scatter explains the difference (paired t); not judged
+    for fewer than three. None without rows, or where a mean is not positive."""
+    known = np.array([pair for pair in pairs if not any(map(math.isnan, pair))]).reshape(-1, 2)
+    if not len(known) or known.mean(axis=0).min() <= 0.0:
+        return None
+    ours, paper = map(float, known.mean(axis=0))
+    difference = known[:, 0] - known[:, 1]
+    same = int((np.sign(difference) == np.sign(ours - paper)).sum())
+    if len(known) < 3:
+        return Comparison(ours, paper, same=same, n=len(known))
+    from scipy.special import stdtrit  # a fifth of a second, for few
+
+    half = float(stdtrit(len(known) - 1, 0.975) * difference.std(ddof=1) / math.sqrt(len(known)))
+    low, high = float(difference.mean()) - half, float(difference.mean()) + half
+    return Comparison(ours, paper, low <= 0.0 <= high, low, high, same, len(known))
 
 
 def wilson(hits: int, of: int) -> tuple[float, float]:
@@ -36,89 +108,81 @@ def rate(hits: int, of: int) -> str:
     return f"{percent(hits / of)} ({number(low, 1, 100.0)} to {number(high, 1, 100.0)})"
 
 
-def percent(share: float) -> str:
+def percent(part: float) -> str:
     """`92.4 %`."""
-    return f"{number(share, 1, 100.0)} %"
+    return f"{number(part, 1, 100.0)} %"
 
 
-def total(rows: Sequence[Any], column: str) -> int:
+def share(part: int, whole: int) -> str:
+    """`3 of 42 (7 %)`."""
+    return f"{part} of {whole} ({100.0 * part / whole:.0f} %)" if whole else "none of 0"
+
+
+def total(rows: Iterable[Row], column: str) -> int:
     """Sum of a column over trials; empty cells count nothing."""
     return int(sum(row.get(column) or 0 for row in rows))
 
 
-def values(rows: Sequence[Any], column: str) -> list[float]:
+def values(rows: Iterable[Row], column: str) -> list[float]:
     """A column's numbers, empty cells left out."""
     return [float(row[column]) for row in rows if isinstance(row.get(column), int | float)]
 
 
-def factor_of(row: Mapping[str, Any], name: str, factors: type[Settings]) -> Any:
-    """A trial's factor; the behavior's default where the trials do not vary it."""
-    value = row.get(name)
-    return factors.model_fields[name].default if value is None else value
+def median(rows: Iterable[Row], column: str) -> float | None:
+    """Of a column; None where all its cells are empty."""
+    return statistics.median(found) if (found := values(rows, column)) else None
 
 
-def of_benches(runs: Sequence[Run], stream: str) -> Iterator[tuple[str, Sequence[Run], int]]:
-    """Each bench, its runs, and how many samples of a stream were lost in them."""
+def mean_of(known: Iterable[float | None]) -> Mean:
+    """Mean and standard deviation of what is not None."""
+    found = [value for value in known if value is not None]
+    mean = statistics.fmean(found) if found else math.nan
+    return Mean(mean, statistics.stdev(found) if len(found) > 1 else math.nan, len(found))
+
+
+def rows_of(runs: Sequence[Run], factors: type[Settings] | None = None) -> list[dict[str, Any]]:
+    """All trials that were measured; a factor that a trial does not vary is the behavior's default."""
+    fields = factors.model_fields if factors else {}
+    usual = {name: field.default for name, field in fields.items() if not field.is_required()}
+    return [
+        usual | {name: cell for name, cell in row.items() if cell is not None or name not in usual}
+        for run in runs
+        for row in run.trials
+        if row.get("outcome") not in UNMEASURED
+    ]
+
+
+def grouped(
+    rows: Iterable[Row], *names: str, order: Callable[[Any], Any] = lambda cell: cell
+) -> dict[tuple[Any, ...], list[Row]]:
+    """Trials of equal cells together, sorted by these (by `order` of each)."""
+
+    def key(row: Row) -> tuple[Any, ...]:
+        return tuple(order(row.get(name)) for name in names)
+
+    groups = [list(group) for _, group in groupby(sorted(rows, key=key), key=key)]
+    return {tuple(group[0].get(name) for name in names): group for group in groups}
+
+
+def stop_times(
+    runs: Sequence[Run],
+    stream: str,
+    spans_s: Callable[[Sequence[Run]], Mapping[str, Sequence[float]]],
+    more: Callable[[Sequence[Run]], Row] = lambda _: {},
+) -> list[dict[str, Any]]:
+    """From a deciding sample to the stop command, bench by bench and by what `spans_s` names; what `more` says of the
+    bench; samples of a stream lost."""
+    found = []
     for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
         own = [run for run in runs if str(run.manifest.get("bench")) == bench]
-        yield bench, own, sum(int((run.manifest.get("loss") or {}).get(stream, 0)) for run in own)
-
-
-def percentiles(spans_s: Sequence[float]) -> dict[str, float | int]:
-    """How many, their median, 99th percentile and largest, by `n`, `p50.to_stop_s`, `p99.` and `p100.`."""
-    spans = {f"p{p}.to_stop_s": float(np.percentile(spans_s, p)) for p in (50, 99, 100)}
-    return {"n": len(spans_s)} | spans
-
-
-class Effect(NamedTuple):
-    """How far rows lie from the paper's.
-
-    Attributes:
-        ratio: Mean of ours over mean of the paper's.
-        same: In how many rows ours lies on that side of the paper's.
-        n: How many rows there are.
-        low_high: 95 % interval of the mean difference, ours less the paper's (paired t); NaN for fewer than three rows.
-    """
-
-    ratio: float
-    same: int
-    n: int
-    low_high: tuple[float, float]
-
-    @property
-    def agrees(self) -> bool | None:
-        """Whether the rows' own scatter explains the difference; None for fewer than three rows."""
-        low, high = self.low_high
-        return None if math.isnan(low) else low <= 0.0 <= high
-
-    def sentence(self, comparatives: tuple[str, str], than: str) -> str:
-        """`2.5 times quicker than Table I in 14 of 14 rows`, by the comparative for less or for more."""
-        times = f"{max(self.ratio, 1.0 / self.ratio):.1f} times"
-        return f"{times} {comparatives[self.ratio > 1.0]} than {than} in {self.same} of {self.n} rows"
-
-
-def effect(pairs: Sequence[tuple[float, float]]) -> Effect | None:
-    """Effect over rows of (ours, the paper's); None without rows, or where a mean is not positive."""
-    known = np.array([pair for pair in pairs if not any(map(math.isnan, pair))]).reshape(-1, 2)
-    if not len(known) or known.mean(axis=0).min() <= 0.0:
-        return None
-    ours, paper = known.mean(axis=0)
-    difference = known[:, 0] - known[:, 1]
-    same = int((np.sign(difference) == np.sign(ours - paper)).sum())
-    low, high = math.nan, math.nan
-    if len(known) > 2:
-        from scipy.special import stdtrit  # a fifth of a second, for few
-
-        half = float(stdtrit(len(known) - 1, 0.975) * difference.std(ddof=1) / math.sqrt(len(known)))
-        low, high = float(difference.mean()) - half, float(difference.mean()) + half
-    return Effect(float(ours / paper), same, len(known), (low, high))
-
-
-def beside_bound(value: float, bound: float) -> str:
-    """`1.9 times below` or `1.2 times above`: a value beside a bound."""
-    if not value > 0.0:
-        return "below"
-    return f"{bound / value:.1f} times below" if value <= bound else f"{value / bound:.1f} times above"
+        lost = sum(int((run.manifest.get("loss") or {}).get(stream, 0)) for run in own)
+        for name, waits_s in spans_s(own).items():
+            line = {"bench": bench} | ({"method": name} if name else {}) | {"stops": len(waits_s)}
+            for p in (50, 99, 100):
+                head = f"p{p}" if p < 100 else "max"
+                line |= under("to_stop_s", float(np.percentile(waits_s, p)), head, 1)
+            found.append({**line, **more(own), "lost": lost})
+    return found
 
 
 def missing(runs: Sequence[Run]) -> str:
@@ -134,3 +198,67 @@ def missing(runs: Sequence[Run]) -> str:
     if measured >= planned:
         return ""
     return f"{measured} of {planned} planned trials were measured: no verdict in these lines."
+
+
+# --- as it is printed --------------------------------------------------------------------------------
+
+
+def number(value: object, digits: int = 2, scale: float = 1.0) -> str:
+    """A number times `scale` with a fixed number of decimals, without the sign of what is rounded to zero; a dash for
+    None and NaN.
+    """
+    if not isinstance(value, int | float) or math.isnan(value):
+        return NOTHING
+    return f"{value * scale:z.{digits}f}".replace("-", "−")
+
+
+def quantity(name: str, value: object, digits: int = 2) -> str:
+    """A column's value with its unit, for a sentence: `3.81 mm`."""
+    scale = scale_of(name)
+    return f"{number(value, digits, scale.factor)} {scale.unit}".rstrip()
+
+
+def signed(value: float, digits: int = 2, scale: float = 1.0) -> str:
+    """A difference, with its sign."""
+    if math.isnan(value):
+        return NOTHING
+    text = f"{value * scale:+.{digits}f}"
+    return f"{0.0:.{digits}f}" if float(text) == 0.0 else text.replace("-", "−")
+
+
+def spread(mean: Mean, digits: int = 2, scale: float = 1.0) -> str:
+    """`mean (sigma)`, as Table I prints it."""
+    if math.isnan(mean.mean):
+        return NOTHING
+    return f"{number(mean.mean, digits, scale)} ({number(mean.sigma, digits, scale)})"
+
+
+def printed(name: str, value: object, digits: int | None = None) -> str:
+    """A cell in the unit of a column's name: see `under`."""
+    factor = scale_of(name).factor
+    if isinstance(value, Mean):
+        return spread(value, 2 if digits is None else digits, factor)
+    return (
+        scale_of(name).cell(value)
+        if digits is None or isinstance(value, str)
+        else number(value, digits, factor)
+    )
+
+
+def under(name: str, value: object, head: str | None = None, digits: int | None = None) -> dict[str, str]:
+    """A cell of a table under its heading with the unit of a column's name: `{"delay, s": "0.33"}`.
+
+    Args:
+        name: Of the column: unit and scale are its name's.
+        value: A number, a mean (with its spread), or text, which is kept.
+        head: In place of the name's label; "" is the unit alone.
+        digits: Decimals; by default four significant digits, of a mean two decimals.
+    """
+    scale = scale_of(name)
+    label = scale.label if head is None else head
+    return {", ".join(filter(None, (label, scale.unit))): printed(name, value, digits)}
+
+
+def title(name: str) -> str:
+    """An identifier as text: `no_contact` as `no contact`."""
+    return name.replace("_", " ")

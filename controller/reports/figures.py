@@ -112,6 +112,16 @@ class Figures:
             axes = figure.subplots(rows, columns, squeeze=False, **layout)
             yield Drawing(self, figure, list(axes.flat))
 
+    @contextmanager
+    def panels(self, count: int, columns: int, height_in: float, **layout: Any) -> Iterator[Drawing]:
+        """A figure of `count` axes in rows of `columns`, each row `height_in` high."""
+        rows = -(-count // columns)
+        with self.figure(height_in * rows + 0.5, rows=rows, columns=columns, **layout) as drawing:
+            for axes in drawing.axes[count:]:
+                axes.set_visible(False)
+            drawing.axes, drawing.columns = drawing.axes[:count], columns
+            yield drawing
+
     def save(self, figure: Figure, name: str) -> str:
         """Write it; returns the SVG element, with identifiers that no other figure has."""
         from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -155,6 +165,19 @@ class Drawing:
         self._figures = figures
         self.figure = figure
         self.axes = axes
+        self.columns = 1
+
+    def label_outside(self, x: str, y: str) -> None:
+        """Name the axes of panels that have no other below or on their left."""
+        for axes in self.axes[-self.columns :]:
+            axes.set_xlabel(x)
+        for axes in self.axes[:: self.columns]:
+            axes.set_ylabel(y)
+
+    def legend(self, axes: Axes, columns: int) -> None:
+        """One legend for all panels, above them, of what one of them shows."""
+        found = axes.get_legend_handles_labels()
+        self.figure.legend(*found, loc="outside upper left", ncols=columns, borderaxespad=0.0)
 
     def save(self, name: str) -> str:
         """Save it, its panels with letters where there are several; returns the SVG element."""

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
-from markupsafe import Markup
 
 from controller.recording.reader import Run
-from controller.reports.approaches import Mean, mean_of
-from controller.reports.counts import rate
+from controller.reports.counts import Mean, Row, mean_of, rate, title, under
 from controller.reports.figures import OURS, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Block, Column, Figure, ReportTable, Result, Section, Text
-from controller.reports.text import title
+from controller.reports.section import Figure, Result, Section
 from controller.scales import NOTHING, figure, scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Row = Mapping[str, Any]
 
 PANELS = 24
 """Most columns that are drawn: as many as one page holds. The table has them all."""
@@ -35,54 +30,49 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     measured = [name for name in names if name not in ("trial", "outcome", *factors)]
     numbers = [name for name in measured if any(is_number(row.get(name)) for row in rows)]
     groups = grouped(rows, factors)
-    body: list[Block] = [
-        Text("This experiment has no section of its own: these are its trials and what was measured in them.")
-    ]
+    content: dict[str, Any] = {
+        "what": "This experiment has no section of its own: these are its trials and what was measured in them."
+    }
     if numbers:
-        body.append(_table(groups, factors, numbers))
-        body.append(Figure(Markup(_draw(figures, groups, numbers[:PANELS])), _caption(numbers, groups)))
-    outcomes = sorted({str(row.get("outcome")) for row in rows})
-    summary = [
-        Result(
-            None,
-            f"{title(name).capitalize()}: {rate(sum(row.get('outcome') == name for row in rows), len(rows))}.",
-        )
-        for name in outcomes
-    ]
+        left_out = f" {len(numbers) - PANELS} more columns are in the table." if len(numbers) > PANELS else ""
+        content |= {
+            "caption": "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials.",
+            "measured": [_line(own, factors, numbers) for own in groups],
+            "drawn": Figure(
+                _draw(figures, groups, numbers[:PANELS]),
+                "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard "
+                f"deviation (n − 1).{left_out}",
+            ),
+        }
     good = sum(run.succeeded(row) for run in runs for row in run.trials)
+    outcomes = sorted({str(row.get("outcome")) for row in rows})
     if len(outcomes) == 1 and good:
-        summary.clear()  # it would say the same
-    summary.insert(0, Result(None, f"Succeeded: {rate(good, len(rows))}."))
+        outcomes.clear()  # it would say the same
+    counts = {name: sum(row.get("outcome") == name for row in rows) for name in outcomes}
+    said = [f"Succeeded: {rate(good, len(rows))}."]
+    said += [f"{title(name).capitalize()}: {rate(count, len(rows))}." for name, count in counts.items()]
+    said += [f"{scale_of(name).heading}: {_shown(rows, name)}." for name in numbers[:3]]
     name = title(experiment.rpartition(":")[2])
     return Section(
         str(setting_of(runs[0], "title") or name or "trials"),
-        body,
-        summary=[*summary, *_spreads(rows, numbers)],
+        content,
+        summary=[Result(None, each) for each in said],
     )
 
 
-def grouped(rows: Sequence[Row], factors: Sequence[str]) -> list[tuple[tuple[str, ...], list[Row]]]:
-    """Trials of equal factors together, in the order of the factors' values."""
+def grouped(rows: Sequence[Row], factors: Sequence[str]) -> list[list[Row]]:
+    """Trials of equal factors together, in the order of the factors' values, numbers before words."""
 
     def order(row: Row) -> list[tuple[int, float, str]]:
         cells = [row.get(name) for name in factors]
         return [(0, float(cell), "") if is_number(cell) else (1, 0.0, str(cell)) for cell in cells]
 
-    ordered = sorted(rows, key=order)
-    return [
-        (tuple(scale_of(name).cell(own[0].get(name)) for name in factors), own)
-        for _, group in groupby(ordered, key=order)
-        if (own := list(group))
-    ]
+    return [list(group) for _, group in groupby(sorted(rows, key=order), key=order)]
 
 
 def is_number(value: object) -> TypeGuard[float]:
     """Whether a cell holds a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
-
-
-def _mean(rows: Sequence[Row], name: str) -> Mean:
-    return mean_of(row[name] if is_number(row.get(name)) else None for row in rows)
 
 
 def with_spread(mean: Mean, factor: float) -> str:
@@ -93,51 +83,31 @@ def with_spread(mean: Mean, factor: float) -> str:
     return f"{figure(mean.mean * factor)}{spread} ({mean.n})"
 
 
-def _table(
-    groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], factors: Sequence[str], numbers: Sequence[str]
-) -> ReportTable:
-    """One line a measured column, one column a set of factors, or the other way where there are more sets."""
-    columns = [Column(scale_of(name).label, name) for name in (*factors, "n", *numbers)]
-    rows = [
-        [*values, str(len(own)), *(with_spread(_mean(own, name), scale_of(name).factor) for name in numbers)]
-        for values, own in groups
-    ]
-    caption = "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials."
-    return ReportTable(columns, rows, caption, left=len(factors))
+def _shown(rows: Sequence[Row], name: str) -> str:
+    mean = mean_of(row[name] if is_number(row.get(name)) else None for row in rows)
+    return with_spread(mean, scale_of(name).factor)
 
 
-def _spreads(rows: Sequence[Row], numbers: Sequence[str]) -> list[Result]:
-    scales = {name: scale_of(name) for name in numbers[:3]}
-    return [
-        Result(None, f"{scale.heading}: {with_spread(_mean(rows, name), scale.factor)}.")
-        for name, scale in scales.items()
-    ]
+def _line(own: Sequence[Row], factors: Sequence[str], numbers: Sequence[str]) -> Row:
+    line: dict[str, Any] = {}
+    for name in factors:
+        line |= under(name, own[0].get(name))
+    line["n"] = len(own)
+    for name in numbers:
+        line |= under(name, _shown(own, name))
+    return line
 
 
-def _caption(numbers: Sequence[str], groups: Sequence[Any]) -> str:
-    left_out = f" {len(numbers) - PANELS} more columns are in the table." if len(numbers) > PANELS else ""
-    return (
-        "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard deviation "
-        f"(n − 1).{left_out}"
-    )
-
-
-def _draw(
-    figures: Figures, groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], numbers: Sequence[str]
-) -> str:
-    across = min(3, len(numbers))
-    down = -(-len(numbers) // across)
-    with figures.figure(1.7 * down + 0.4, rows=down, columns=across) as drawing:
-        for axes, name in zip(drawing.axes, numbers, strict=False):
+def _draw(figures: Figures, groups: Sequence[Sequence[Row]], numbers: Sequence[str]) -> str:
+    with figures.panels(len(numbers), min(3, len(numbers)), 1.7) as drawing:
+        for axes, name in zip(drawing.axes, numbers, strict=True):
             _draw_panel(axes, groups, name)
-        for axes in drawing.axes[len(numbers) :]:
-            axes.set_visible(False)
         return drawing.save("measured")
 
 
-def _draw_panel(axes: Axes, groups: Sequence[tuple[tuple[str, ...], Sequence[Row]]], name: str) -> None:
+def _draw_panel(axes: Axes, groups: Sequence[Sequence[Row]], name: str) -> None:
     scale = scale_of(name)
-    for place, (_, own) in enumerate(groups, start=1):
+    for place, own in enumerate(groups, start=1):
         known = [float(row[name]) * scale.factor for row in own if is_number(row.get(name))]
         axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0)
         mean = mean_of(known)

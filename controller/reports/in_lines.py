@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from controller.recording.reader import Run
+from controller.reports.counts import Row
 from controller.reports.run_account import early_end
-from controller.reports.section import ReportTable, Result, Section
+from controller.reports.section import Result, Section, laid_out
 
 MARKS = {"met": "✓", "missed": "✗", "neither": "·"}
 
@@ -33,13 +34,13 @@ class SectionPart:
     section: Section
     results: Sequence[Result]
     judged: bool
-    settings: ReportTable
+    settings: Sequence[Row]
 
 
 def in_lines(part: SectionPart) -> Iterator[str]:
     """A part's name, its table where it has one, and its results, those that may be judged before the others."""
     yield f"{part.section.title}, {part.name}"
-    if part.section.terminal is not None:
+    if part.section.terminal:
         yield from _rows(part.section.terminal)
     for result in part.results:
         yield f"{MARKS[result.mark]} {result.text}"
@@ -57,18 +58,17 @@ def guard_lines(runs: Sequence[Run]) -> Iterator[str]:
         yield f"Samples lost: {', '.join(f'{n} of {stream}' for stream, n in lost)}."
 
 
-def _rows(table: ReportTable) -> Iterator[str]:
-    rows = [table.heads, *([str(cell) for cell in row] for row in table.rows)]
-    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
-    if table.groups:
-        spans, place = [], 0
-        for name, count in table.groups:
-            spans.append(name.ljust(sum(widths[place : place + count]) + len(GAP) * (count - 1)))
-            place += count
+def _rows(rows: Sequence[Row]) -> Iterator[str]:
+    table = laid_out(rows)
+    lines = [table.heads, *([str(cell) for cell in row] for row in table.rows)]
+    widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
+    spans, place = [], 0
+    for name, count in table.groups:
+        spans.append(name.ljust(sum(widths[place : place + count]) + len(GAP) * (count - 1)))
+        place += count
+    if spans:
         yield GAP.join(spans).rstrip()
-    for row in rows:
-        cells = [
-            cell.ljust(width) if place < table.left else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
+    for line in lines:
+        looks = zip(line, widths, table.looks, strict=True)
+        cells = [cell.ljust(width) if look == "left" else cell.rjust(width) for cell, width, look in looks]
         yield GAP.join(cells).rstrip()

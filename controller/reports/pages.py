@@ -7,6 +7,8 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
+from controller.reports.section import Section, laid_out
+
 
 def environment() -> Environment:
     """The templates; what is put into them is text, and bears a typesetter's apostrophes."""
@@ -19,7 +21,21 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.filters["breakable"] = _breakable
+    templates.globals["laid_out"] = laid_out
+    templates.globals["body_of"] = _body_of
+    templates.globals["labelled"] = _labelled
     return templates
+
+
+def _body_of(section: Section, judged: bool) -> Markup:
+    """A section's content by its template; nothing has a verdict unless it is `judged`."""
+    template = environment().get_template(f"{section.template}.html.j2")
+    return Markup(template.render(section.content, content=section.content, judged=judged))
+
+
+def _labelled(svg: str, caption: Markup) -> Markup:
+    """A picture with its caption as its label for a screen reader."""
+    return Markup(str(svg).replace("<svg", f'<svg aria-label="{escape(caption.striptags())}"', 1))
 
 
 def library() -> list[Markup]:

@@ -14,15 +14,15 @@ from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
 from controller.registry import experiment_of
 from controller.reports import generic
-from controller.reports.counts import missing
+from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
 from controller.reports.in_lines import SectionPart, guard_lines, in_lines
 from controller.reports.pages import environment, library
 from controller.reports.run_account import account_of, early_end, setting_of
-from controller.reports.section import Column, Kind, ReportTable, Result, Section
+from controller.reports.section import Kind, Result, Section
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
-from controller.reports.trial_signals import payload
-from controller.reports.trial_table import trial_table
+from controller.reports.trial_signals import payload, trial_table
+from controller.scales import NOTHING
 
 PAGE = 2_900_000
 """What a page may take, bytes: signals fill what the rest leaves, so that it opens at once and goes by mail."""
@@ -40,13 +40,6 @@ _OURS = {
     "sensor_board": "A sensor board digitises what the papers read with converters of their own.",
 }
 """Driver → what stands in for the papers' device."""
-
-_SIMULATED = (
-    "Numbers and figures from mock and emulated benches are simulated: they come from a model of finger and object, "
-    "not from a finger."
-)
-
-_MEASURED = " What {} sent came through a port of its own and is measured."
 
 
 def build_report(runs: Sequence[Run], out: Path | None = None, also: Sequence[str] = ()) -> Path:
@@ -118,45 +111,37 @@ def _page(
     also: Sequence[str],
 ) -> tuple[str, Sequence[SectionPart]]:
     parts: list[SectionPart] = []
-    apart: list[ReportTable] = []
-
-    def kind(run: Run) -> tuple[str, str]:
-        return str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
-
-    kinds = [(key, [run for run in runs if kind(run) == key]) for key in dict.fromkeys(map(kind, runs))]
-    for (experiment, bench), members in kinds:
-        groups = by_settings(members, not experiment_of(experiment, own_folders(members[-1].manifest)).pooled)
-        names = _names(bench, groups)
-        for number, (name, group) in enumerate(zip(names, groups, strict=True), start=1):
-            folder = (
-                figures_path if len(kinds) == len(groups) == 1 else figures_path / f"{experiment}_{bench}"
-            )
+    apart: list[Sequence[Row]] = []
+    kinds: dict[tuple[str, str], list[Run]] = {}
+    for run in runs:
+        key = str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
+        kinds.setdefault(key, []).append(run)
+    for (experiment, bench), members in kinds.items():
+        pooled = experiment_of(experiment, own_folders(members[-1].manifest)).pooled
+        groups = _named(bench, by_settings(members, not pooled))
+        for number, (name, group) in enumerate(groups.items(), start=1):
+            alone = len(kinds) == len(groups) == 1
+            folder = figures_path if alone else figures_path / f"{experiment}_{bench}"
             folder = folder / str(number) if len(groups) > 1 else folder
             figures = Figures(folder, simulated=_marked(group[0]), prefix=f"s{len(parts)}", also=also)
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
         if len(groups) > 1:
-            names_of = [", ".join(dict.fromkeys(run.folder.path.name for run in group)) for group in groups]
-            columns = [Column(name, "") for name in ("setting", *names)]
-            apart.append(ReportTable(columns, [["runs", *names_of], *differences(groups)], left=len(columns)))
-    templates = environment()
-    templates.globals["kind_of"] = lambda block: type(block).__name__
+            apart.append(differences(groups))
     sections = [part.section for part in parts]
-    drivers = [
-        str(table.get("driver")) for run in runs for table in (setting_of(run, "devices") or {}).values()
-    ]
-    ours = [_OURS[driver] for driver in dict.fromkeys(drivers) if driver in _OURS]
+    tables = [table for run in runs for table in (setting_of(run, "devices") or {}).values()]
+    drivers = dict.fromkeys(str(table.get("driver")) for table in tables)
+    ours = [_OURS[driver] for driver in drivers if driver in _OURS]
     ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_differently(part))]
     real = list(dict.fromkeys(name for run in runs for name in run.measured_by))
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
-    page = templates.get_template("report.html.j2")
     facts: dict[str, Any] = {
         "heading": title or heading or " and ".join(dict.fromkeys(section.title for section in sections)),
         "contents": _contents(paper, parts),
         "citations": list(dict.fromkeys(section.citation for section in sections if section.citation)),
         "simulated": any(run.simulated for run in runs),
         "all_simulated": all(run.simulated for run in runs) and not real,
-        "simulated_note": _SIMULATED + _MEASURED.format(", ".join(real)) * bool(real),
+        "real": ", ".join(real),
         "kinds": any(result.kind not in (None, Kind.MEASURED) for part in parts for result in part.results),
         "papers_too": any(".paper" in str(setting_of(run, "detectors")) for run in runs),
         "ours": list(dict.fromkeys(ours)),
@@ -169,7 +154,8 @@ def _page(
         "library": library(),
     }
     # rendered once, around the place of the signals: they may take what the rest leaves
-    before, after = page.render(**facts, signals=Markup(_SIGNALS)).split(_SIGNALS)
+    page = environment().get_template("report.html.j2").render(**facts, signals=Markup(_SIGNALS))
+    before, after = page.split(_SIGNALS)
     room = max(LEAST_ROOM, PAGE - len(before.encode()) - len(after.encode()))
     return f"{before}{payload(runs, room)}{after}", parts
 
@@ -179,35 +165,37 @@ def _marked(run: Run) -> str:
     return ("partly simulated" if run.measured_by else "simulated") if run.simulated else ""
 
 
-def _names(bench: str, groups: Sequence[Sequence[Run]]) -> list[str]:
-    """Names of groups of runs: their profiles where these differ, else numbers."""
-    if len(groups) == 1:
-        return [bench]
+def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Run]]:
+    """Groups of runs by a name: their profiles where these differ, else numbers."""
     names = [", ".join(dict.fromkeys(_profile(run) for run in group)) for group in groups]
-    different = len(set(names)) == len(names)
-    return names if different else [f"{bench}, settings {number}" for number in range(1, len(groups) + 1)]
+    if len(set(names)) < len(names):
+        names = [f"{bench}, settings {number}" for number in range(1, len(groups) + 1)]
+    return dict(zip(names if len(groups) > 1 else [bench], groups, strict=True))
 
 
 def _profile(run: Run) -> str:
     return str((run.manifest.get("profile") or {}).get("name", "?"))
 
 
-def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[SectionPart]) -> ReportTable | None:
-    """A paper's tables and figures, with links to the parts of the page that repeat each; None without any."""
-    columns = [
-        Column("paper", ""),
-        *(Column(head, "", look="wrap") for head in ("what it shows", "here", "why ours differs")),
-    ]
-    rows = []
+def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[SectionPart]) -> list[Row]:
+    """A paper's tables and figures, with links to the parts of the page that repeat each."""
+    rows: list[Row] = []
     for item in paper:
         links = [
             Markup('<a href="#part{}">{}</a>').format(number, part.section.title)
             for number, part in enumerate(parts, start=1)
             if item["part"] in map(_profile, part.runs)
         ]
-        here = Markup(", ").join(links) or ("not run" if item["part"] else "–")
-        rows.append([item["item"], item["shows"], here, item["differs"]])
-    return ReportTable(columns, rows) if rows else None
+        here = Markup(", ").join(links) or ("not run" if item["part"] else NOTHING)
+        rows.append(
+            {
+                "paper": item["item"],
+                "what it shows": item["shows"],
+                "here": here,
+                "why ours differs": item["differs"],
+            }
+        )
+    return rows
 
 
 def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: Figures) -> SectionPart:

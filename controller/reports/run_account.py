@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from controller.outcomes import counted
 from controller.recording.reader import Run
@@ -23,8 +22,7 @@ _CLOCK = {
 _SHOWN_ELSEWHERE = ("format", "profile", "experiment", "bench", "clock", "exit", "title", "outcomes")
 
 
-@dataclass(frozen=True, slots=True)
-class RunAccount:
+class RunAccount(NamedTuple):
     """A run described: name, notes on what was cut off, and its facts as pairs."""
 
     name: str
@@ -62,8 +60,7 @@ _ENDS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class EarlyEnd:
+class EarlyEnd(NamedTuple):
     """That a run did not come to its end: what happened, and where, when and why, one sentence each."""
 
     name: str

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import groupby
 from typing import Any, NamedTuple
 
-from markupsafe import Markup, escape
-
-from controller.scales import Scale, scale_of
+from controller.reports.counts import Row
+from controller.scales import NOTHING
 
 
 class Kind(StrEnum):
@@ -62,97 +62,11 @@ class Printed(NamedTuple):
     source: str
 
 
-class Text(NamedTuple):
-    """A paragraph, or the heading of what follows."""
-
-    text: str
-    heading: bool = False
-
-
-class Notes(NamedTuple):
-    """Sentences, one a line."""
-
-    sentences: Sequence[str]
-
-
 class Figure(NamedTuple):
     """A picture, as an SVG element, and what it shows."""
 
-    svg: Markup
-    caption: str
-
-    @property
-    def labelled(self) -> Markup:
-        """The picture with its caption as its label for a screen reader."""
-        return Markup(str(self.svg).replace("<svg", f'<svg aria-label="{escape(self.caption)}"', 1))
-
-
-class Column(NamedTuple):
-    """A column of a table.
-
-    Attributes:
-        head: Its name, without the unit.
-        of: What is printed: a key of each row, or an attribute; unit and scale are those of that name (`scale_of`).
-        decimals: That a number is printed with; None prints four significant digits.
-        look: `mine`, `theirs`, `wrap` or `verdict`; "" is plain.
-        group: Heading over several columns.
-    """
-
-    head: str
-    of: str
-    decimals: int | None = None
-    look: str = ""
-    group: str = ""
-
-    @property
-    def scale(self) -> Scale:
-        """What its name says of its values."""
-        return scale_of(self.of)
-
-
-@dataclass(frozen=True, slots=True)
-class ReportTable:
-    """Rows under heads.
-
-    Attributes:
-        columns: Left to right.
-        rows: A cell a column: text, or for a verdict True, False or None.
-        caption: What it shows.
-        left: How many columns stand at the left margin of theirs.
-        foot: A last row, over all others.
-        folded: Label of the switch that unfolds it; "" where it is open.
-    """
-
-    columns: Sequence[Column]
-    rows: Sequence[Sequence[Any]]
+    svg: str
     caption: str = ""
-    left: int = 1
-    foot: Sequence[Any] = ()
-    folded: str = ""
-
-    @property
-    def groups(self) -> list[tuple[str, int]]:
-        """Headings over several columns and how many each spans; empty where there are none."""
-        found = [(name, len(list(own))) for name, own in groupby(column.group for column in self.columns)]
-        if not any(name for name, _ in found):
-            return []
-        return [(", ".join(filter(None, (name, self._unit_of(name)))), count) for name, count in found]
-
-    @property
-    def heads(self) -> list[str]:
-        """The columns' heads, each with the unit of its cells where that does not stand over the group."""
-        return [
-            ", ".join(filter(None, (each.head, "" if self._unit_of(each.group) else each.scale.unit)))
-            for each in self.columns
-        ]
-
-    def _unit_of(self, group: str) -> str:
-        """The one unit of all columns under a heading, or ""."""
-        units = {each.scale.unit for each in self.columns if each.group == group and each.look != "verdict"}
-        return next(iter(units)) if group and len(units) == 1 else ""
-
-
-Block = Text | Notes | Figure | ReportTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +75,9 @@ class Section:
 
     Attributes:
         title: Its heading.
-        body: Its content, from top to bottom.
+        content: What its template shows. The usual template shows all of it, from top to bottom: text is a paragraph,
+            a `Figure` a figure, a list of rows a table.
+        template: Of templates/, without its ending.
         citation: The paper that it stands beside.
         summary: Sentences for the page's beginning.
         not_the_papers: What is ours and not the paper's, one sentence each.
@@ -170,9 +86,58 @@ class Section:
     """
 
     title: str
-    body: Sequence[Block]
+    content: Mapping[str, Any]
+    template: str = "any"
     citation: str = ""
-    summary: list[Result] = field(default_factory=list)
-    not_the_papers: list[str] = field(default_factory=list)
+    summary: Sequence[Result] = ()
+    not_the_papers: Sequence[str] = ()
     printed: Mapping[str, Printed] = field(default_factory=dict)
-    terminal: ReportTable | None = None
+    terminal: Sequence[Row] = ()
+
+
+class Table(NamedTuple):
+    """Rows as they are laid out.
+
+    Attributes:
+        groups: Headings over several columns and how many each spans; empty where there are none.
+        heads: Of the columns.
+        looks: Of the columns: `left`, `wrap` (long text), `mine`, `theirs`, or "".
+        rows: A cell a column; True, False or None is a verdict.
+        foot: A last row, over all others.
+    """
+
+    groups: Sequence[tuple[str, int]]
+    heads: Sequence[str]
+    looks: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    foot: Sequence[Any] = ()
+
+
+def laid_out(rows: Sequence[Row], foot: Row | None = None) -> Table:
+    """Rows as a table: a key of a row heads a column, or is the heading over the columns of the mapping under it."""
+    lines = [dict(_cells(row)) for row in (*rows, *([foot] if foot else ()))]
+    columns = list(dict.fromkeys(column for line in lines for column in line))
+    cells = [[line.get(column, NOTHING) for column in columns] for line in lines[: len(rows)]]
+    groups = [(name, len(list(own))) for name, own in groupby(group for group, _ in columns)]
+    looks = [
+        _look(head, [row[place] for row in cells], place == 0) for place, (_, head) in enumerate(columns)
+    ]
+    heads = [head for _, head in columns]
+    last = [lines[-1].get(column, "") for column in columns] if foot else ()
+    return Table(groups if any(name for name, _ in groups) else [], heads, looks, cells, last)
+
+
+def _cells(row: Row) -> Iterator[tuple[tuple[str, str], Any]]:
+    for key, value in row.items():
+        for head, cell in value.items() if isinstance(value, Mapping) else [(None, value)]:
+            yield (("", key) if head is None else (key, head)), cell
+
+
+def _look(head: str, cells: Sequence[Any], first: bool) -> str:
+    """Numbers stand at the right, text at the left; a column's head says whose it is."""
+    texts = [str(cell) for cell in cells]
+    if max(map(len, texts), default=0) > 45:
+        return "wrap"
+    if first or any(isinstance(cell, bool | None) or re.match(r"[^\W\d]", str(cell)) for cell in cells):
+        return "left"
+    return {"here": "mine", "ours": "mine"}.get(head, "theirs" if "paper" in head else "")

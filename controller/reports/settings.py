@@ -8,7 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 from controller.recording.reader import Run
-from controller.reports.section import Column, Printed, ReportTable
+from controller.reports.counts import Row
+from controller.reports.section import Printed
+from controller.scales import NOTHING
 
 _NO_EFFECT = ("title", "description", "trials")
 """Parts of a profile that change no trial: two runs that differ in these alone may be averaged."""
@@ -54,41 +56,45 @@ def _parts(run: Run) -> list[tuple[str, Run]]:
     return [(varied, replace(run, trials=rows)) for varied, rows in found.items()]
 
 
-def differences(groups: Sequence[Sequence[Run]]) -> list[list[str]]:
-    """One row a setting that differs between groups: its path, and each group's value."""
-    tables = []
-    for group in groups:
+def differences(groups: Mapping[str, Sequence[Run]]) -> list[Row]:
+    """The runs of named groups, and one row a setting that differs between them: its path, and each group's value."""
+    tables = {}
+    for name, group in groups.items():
         own = varied_of(group[0].trials[0]) if group[0].trials else {}
-        tables.append(dict(flat(settings_of(group[0]))) | own)
-    paths = sorted(set().union(*tables))
-    rows = [[path, *(shown(table.get(path)) for table in tables)] for path in paths]
-    return [row for row in rows if len(set(row[1:])) > 1]
+        tables[name] = dict(flat(settings_of(group[0]))) | own
+    runs = {
+        name: ", ".join(dict.fromkeys(run.folder.path.name for run in own)) for name, own in groups.items()
+    }
+    rows: list[Row] = [{"setting": "runs", **runs}]
+    for path in sorted(set().union(*tables.values())):
+        values = {name: shown(table.get(path)) for name, table in tables.items()}
+        rows += [{"setting": path, **values}] if len(set(values.values())) > 1 else []
+    return rows
 
 
-def settings_table(run: Run, printed: Mapping[str, Printed]) -> ReportTable:
+def settings_table(run: Run, printed: Mapping[str, Printed]) -> list[Row]:
     """Detectors, behavior and limits as (what, ours, the paper's): what the paper prints first, the rest by table."""
     settings = settings_of(run)
     leaves = dict(flat(settings))
     for path in dict.fromkeys(name for row in run.trials for name in varied_of(row)):
         base = leaves.get(path)
-        found = [base if row.get(path) is None else row[path] for row in run.trials]
-        values = list(dict.fromkeys(map(shown, found)))
+        values = list(
+            dict.fromkeys(shown(base if row.get(path) is None else row[path]) for row in run.trials)
+        )
         leaves[path] = values[0] if len(values) == 1 else f"{shown(base)} (varied: {', '.join(values)})"
-    rows = [
-        (path, shown(leaves.get(path)), f"{shown(paper.value)} ({paper.source})")
+    rows: list[Row] = [
+        {"setting": path, "here": shown(leaves[path]), "the paper": f"{shown(paper.value)} ({paper.source})"}
         for path, paper in printed.items()
         if path in leaves
     ]
     tables = {f"detectors.{name}": table for name, table in (settings.get("detectors") or {}).items()}
     tables |= {name: settings.get(name) or {} for name in ("behavior", "limits")}
     for name, table in tables.items():
-        own = [(path, f"{name}.{path}") for path, _ in flat(table)]
-        rest = [f"{path} {shown(leaves[whole])}" for path, whole in own if whole not in printed]
-        if rest:
-            rows.append((name, ", ".join(rest), "–"))
-    columns = [Column("setting", ""), Column("here", "", look="wrap"), Column("the paper", "", look="theirs")]
-    kept = 3 if printed else 2  # an experiment of no paper has nothing to stand beside
-    return ReportTable(columns[:kept], [row[:kept] for row in rows])
+        own = [path for path, _ in flat(table) if f"{name}.{path}" not in printed]
+        if own:
+            rest = ", ".join(f"{path} {shown(leaves[f'{name}.{path}'])}" for path in own)
+            rows.append({"setting": name, "here": rest, **({"the paper": NOTHING} if printed else {})})
+    return rows  # an experiment of no paper has nothing to stand beside
 
 
 def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -4,80 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from controller.recording.reader import Run
-from controller.reports.counts import total, values
+from controller.reports.counts import METHODS, Row, total, values
+from controller.reports.papers import table
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind
 from controller.reports.slip_verdicts import NOT_JUDGED, VERDICTS, verdict_of
 from controller.scales import NOTHING
 
-METHODS = {"paper": "the paper's", "ours": "ours"}
+SENSORS = {row["sensor"]: row for row in table("fernandez_table_1")}
+"""Table 1 and sections 4.3, 5.1 to 5.4: ratings of noise and slip detection, the frequency that stands out in slip, the
+statistic's block, threshold (in the sensor's unit squared times Hz) and product, and unit and rate of the signal."""
 
 
-@dataclass(frozen=True, slots=True)
-class PaperSensor:
-    """A line of the paper's Table 1.
+def drawn_in(sensor: str, unit: str) -> tuple[str, float]:
+    """The paper's unit for a signal in `unit`, and the factor to it; its own where the two measure other things."""
+    return ("mV", 1e3) if (unit, SENSORS[sensor]["signal"]) == ("V", "mV") else (unit, 1.0)
 
-    Attributes:
-        id: Of the experiment.
-        name: As the page prints it.
-        noise: The paper's rating of its noise.
-        verdict: The paper's rating of its slip detection.
-        dominant_hz: Frequency of the slip vibration, None where none stands out.
-        kind: What the verdict on a simulated sensor is: where its noise or its structure had to be assumed, the
-            verdict follows from that (docs/explanation/slip.md).
-        block_s: Length of the paper's block.
-        threshold: Of the paper's statistic, in the sensor's unit squared times Hz; None where it is not printed.
-        source: Section that prints them.
-        signal: Unit in which the paper draws the signal; of its product it prints none.
-        rate_hz: That the paper samples at.
-        product: What the paper prints of the product of peak and frequency.
-    """
-
-    id: str
-    name: str
-    noise: str
-    verdict: str
-    dominant_hz: float | None
-    kind: Kind
-    block_s: float
-    threshold: float | None
-    source: str
-    signal: str
-    rate_hz: float
-    product: str
-
-    def drawn_in(self, unit: str) -> tuple[str, float]:
-        """The paper's unit for a signal in `unit`, and the factor to it; its own where the two measure other things."""
-        return ("mV", 1e3) if (unit, self.signal) == ("V", "mV") else (unit, 1.0)
-
-
-SENSORS: Mapping[str, PaperSensor] = {
-    "fingertip": PaperSensor(
-        *("B1", "fingertip", "medium", "good", 180.0, Kind.PREDICTED, 0.064, 10.0, "4.3"),
-        *("V", 1000.0, "22 in slip (Fig. 9c: 0.12 at 180 Hz), threshold 10; drawn in N, at 1.03 V/N"),
-    ),
-    "flexible_finger": PaperSensor(
-        *("B2", "flexible finger", "medium", "good", 125.0, Kind.ASSUMED, 0.064, 0.25, "5.1"),
-        *("V", 1000.0, "axis to 4 (Fig. 13b), threshold 0.25"),
-    ),
-    "barrett_finger": PaperSensor(
-        *("B3", "BarrettHand", "high", "regular", 375.0, Kind.ASSUMED, 0.064, None, "5.2"),
-        *("V", 1000.0, "axis to 3 (Fig. 15b)"),
-    ),
-    "wrist": PaperSensor(
-        *("B4", "wrist", "high", "bad", None, Kind.ASSUMED, 0.064, None, "5.3"),
-        *("N", 1000.0, "axis to 500 (Fig. 17b)"),
-    ),
-    "dsa": PaperSensor(
-        *("B5", "DSA matrix", "low", "bad", None, Kind.ASSUMED, 0.16, None, "5.4"),
-        *("mV", 100.0, "axis to 5·10⁶ (Fig. 19b)"),
-    ),
-}
-"""Table 1 and sections 4.3, 5.1 to 5.4."""
 
 PLANT: Mapping[str, tuple[float | str, str]] = {
     "radius_m": (0.012, "a tip of radius {:g} m"),
@@ -120,7 +64,7 @@ TABLE_1 = Condition(PLAIN, "")
 """What the paper's own table was made under."""
 
 
-def condition_of(run: Run, row: Mapping[str, Any]) -> Condition:
+def condition_of(run: Run, row: Row) -> Condition:
     """Under what a trial was run: the profile's plant, with the trial's own factors laid over it."""
 
     def setting(section: str, key: str) -> Any:
@@ -144,8 +88,7 @@ def condition_of(run: Run, row: Mapping[str, Any]) -> Condition:
 _REFLEX = ("behavior.stop_on_slip", "behavior.reflex")
 
 
-@dataclass(frozen=True, slots=True)
-class SensorScore:
+class SensorScore(NamedTuple):
     """One detector on one sensor under one condition, over all trials.
 
     Attributes:
@@ -192,14 +135,14 @@ class SensorScore:
         return bool(self.least_delay_s > VERDICTS["missed_after_s"])
 
 
-def measured_rows(run: Run) -> Sequence[Mapping[str, Any]]:
+def measured_rows(run: Run) -> Sequence[Row]:
     """Trials that ran to their end in contact: one that an error or a pause cut off shows nothing about detectors."""
     return [row for row in run.trials if row.get("outcome") == "contact" and row.get("slips") is not None]
 
 
 def read_scores(runs: Sequence[Run]) -> list[SensorScore]:
     """Every sensor, condition and detector of which there are trials."""
-    groups: dict[tuple[str, Condition], list[Mapping[str, Any]]] = {}
+    groups: dict[tuple[str, Condition], list[Row]] = {}
     for run in runs:
         for row in measured_rows(run):
             groups.setdefault((str(row.get("sensor")), condition_of(run, row)), []).append(row)
@@ -212,7 +155,7 @@ def read_scores(runs: Sequence[Run]) -> list[SensorScore]:
     ]
 
 
-def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Mapping[str, Any]]) -> SensorScore:
+def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Row]) -> SensorScore:
     slips, missed = total(rows, "slips"), total(rows, f"{method}_missed")
     # A row holds the median of its trial's one or two slips: it stands for each of them that was detected.
     delays_s = [

@@ -1,9 +1,10 @@
-"""The signals of each trial, small enough for the page: samples, detections, truth and states."""
+"""The trials on the page: a table of all, and the signals of each: samples, detections, truth and states."""
 
 from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
+from controller.reports.counts import title
+from controller.reports.generic import is_number
 from controller.reports.run_account import acting_of, setting_of, statistic_of
-from controller.reports.text import title
 from controller.scales import displayed, scale_of
 from controller.wording import spaced
 
@@ -67,6 +69,33 @@ def payload(runs: Sequence[Run], room: int) -> str:
 def key_of(runs: Sequence[Run], run: Run, trial: int) -> str:
     """Key of a trial on the page: `r0t37`."""
     return f"r{[each.folder.path for each in runs].index(run.folder.path)}t{trial}"
+
+
+_DATE = re.compile(r"^\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ_")
+"""What a run folder's name begins with; the rest distinguishes it."""
+
+
+def trial_table(runs: Sequence[Run]) -> tuple[list[tuple[str, str]], list[tuple[str, list[tuple[str, str]]]]]:
+    """Every trial of some runs, run by run.
+
+    Returns:
+        Of each column its name in trials.csv and its heading, the run first where there are several. Of each trial its
+        key, and of each cell what is shown and a number's exact value.
+    """
+    names = list(dict.fromkeys(name for run in runs for row in run.trials for name in row)) or ["trial"]
+    names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
+    rows = []
+    for run in runs:
+        for row in run.trials:
+            cells = [_cell(name, row.get(name)) for name in names]
+            cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
+            rows.append((key_of(runs, run, int(row["trial"] or 0)), cells))
+    names[1:1] = ["run"] if len(runs) > 1 else []
+    return [(name, scale_of(name).heading) for name in names], rows
+
+
+def _cell(name: str, value: object) -> tuple[str, str]:
+    return "" if value is None else scale_of(name).cell(value), repr(value) if is_number(value) else ""
 
 
 def _deciding(run: Run, events: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -53,7 +53,7 @@ def test_the_first_drawn_point_above_the_threshold_is_the_decision(bench):
 def test_a_figure_and_its_text_speak_of_the_detector_that_stopped(bench):
     run = bench.run
     trace = trace_of(read_approaches([run])[0])
-    decided = trace.statistic.between(trace.approach.detect_s, trace.approach.detect_s + 1e-9)
+    decided = trace.statistic.between(trace.approach["detect_s"], trace.approach["detect_s"] + 1e-9)
     assert decided.values[0, 0] > decided.values[0, 1]
     assert trace.label == "departure of phase and amplitude from the prediction (σ)"
     text = text_of(build_report([run]))

@@ -4,7 +4,7 @@ import pytest
 
 from config.profile import load_profile
 from config.source import read_source
-from controller.reports.fernandez import BRIDGES
+from controller.reports.papers import table
 from tests.unit.config.shipped import on_the_mock_bench
 
 
@@ -28,10 +28,10 @@ def test_other_benches_differ_in_ports_and_in_what_their_titles_state_as_shorten
 @pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
 def test_the_ladders_go_to_the_papers_largest_load_through_the_middle(bench):
     behavior = loaded(f"{bench}/weights").behavior
-    for bridge, paper in BRIDGES.items():
-        ladder = behavior.weights_n(bridge)
-        assert ladder[-1] == paper.top_n
-        assert paper.top_n / 2.0 in ladder
+    for paper in table("fernandez_bridges"):
+        ladder = behavior.weights_n(paper["bridge"])
+        assert ladder[-1] == paper["top_n"]
+        assert paper["top_n"] / 2.0 in ladder
 
 
 def test_the_calibration_needs_neither_arm_nor_hand():

@@ -2,9 +2,7 @@
 
 import math
 import re
-import tomllib
 from importlib import import_module
-from pathlib import Path
 from types import SimpleNamespace
 
 import pandas as pd
@@ -14,13 +12,13 @@ from hypothesis import strategies as st
 
 from config.profile import load_profile
 from config.source import profile_names
-from controller import comparing, reports
+from controller import comparing
 from controller.console import ConsoleOperator, PlainConsole
 from controller.live import LiveConsole
 from controller.registry import EXPERIMENTS
 from controller.reports import generic
-from controller.reports.section_texts import SectionTexts
-from controller.reports.trial_table import trial_table
+from controller.reports.counts import under
+from controller.reports.trial_signals import trial_table
 from controller.scales import SHOWN, SUFFIXES, scale_of, shown_in
 from controller.watching.feed import Watched
 
@@ -134,18 +132,17 @@ def check(pairs):
 
 def test_in_the_section_of_any_experiment_factors_and_results_alike(run, monkeypatch):
     monkeypatch.setattr(generic, "_draw", lambda *_: "")
-    table = generic.section("poke", [run], None).body[1]
-    (row,) = table.rows
-    check([pair for pair in zip(table.heads, row, strict=True) if pair[0] != "n"])
+    (row,) = generic.section("poke", [run], None).content["measured"]
+    check([pair for pair in row.items() if pair[0] != "n"])
 
 
 def test_in_the_table_of_all_trials(run):
-    table = trial_table([run])
-    for _, cells in table.rows:
+    names, rows = trial_table([run])
+    for _, cells in rows:
         check(
             [
                 (heading, cell[0])
-                for (name, heading), cell in zip(table.names, cells, strict=True)
+                for (name, heading), cell in zip(names, cells, strict=True)
                 if name in COLUMNS
             ]
         )
@@ -185,44 +182,16 @@ def test_in_the_live_view_and_on_the_live_page(run):
 def test_in_two_runs_beside_each_other(run):
     run.recorded_trials = [1]
     run.trial = lambda _: SimpleNamespace(factors=dict.fromkeys(run.factors, VALUE))
-    means, pairs = comparing._tables(run, run)
+    means, (first, _) = comparing._tables(run, run)
     measured = [name for name in COLUMNS if name not in run.factors]
-    assert [
-        read(row[0], row[1]) for row in means.rows if row[0] in {scale_of(name).heading for name in measured}
-    ] == [near(VALUE)] * len(measured)
-    headings = [column.group or column.head for column in pairs.columns]
-    cells = zip(headings, pairs.rows[0], strict=True)
-    found = [read(heading, cell) for heading, cell in cells if heading not in ("trial", "outcome")]
+    headings = {scale_of(name).heading for name in measured}
+    shown = [read(row["measured"], row["second"]) for row in means if row["measured"] in headings]
+    assert shown == [near(VALUE)] * len(measured)
+    cells = [cell.values() if isinstance(cell, dict) else [cell] for cell in first.values()]
+    whose = [(head, each) for head, own in zip(first, cells, strict=True) for each in own]
+    found = [read(head, cell) for head, cell in whose if head not in ("trial", "outcome")]
     assert found == [near(VALUE)] * (len(run.factors) + 2 * len(measured))
 
 
-TABLES = [
-    (path.stem, name)
-    for path in sorted(Path(reports.__file__).parent.glob("*.toml"))
-    for name, part in tomllib.loads(path.read_text()).items()
-    if isinstance(part, dict) and "columns" in part
-]
-
-
-@pytest.mark.parametrize(("section", "name"), TABLES)
-def test_in_the_tables_of_the_experiments_own_sections(section, name):
-    class Row:
-        def __getattr__(self, name):
-            return VALUE
-
-    texts = SectionTexts(section)
-    facts = dict.fromkeys(re.findall(r"\{(\w+)", str(texts._file[name])), "x")
-    table = texts.table(name, [Row()], **facts)
-    groups = [group for group, count in table.groups for _ in range(count)] or [""] * len(table.columns)
-    for column, head, group, cell in zip(table.columns, table.heads, groups, table.rows[0], strict=True):
-        assert not re.search(r"(^|[ ,(])(mm|ms|cm|kHz|Hz|N|V|s|m/s|mm/s|°)\)?$", column.head), (
-            "spelled by hand"
-        )
-        if column.look == "verdict" or not column.scale.unit:
-            continue
-        shown = (
-            f"x, {group.rpartition(', ')[2]}" if group.endswith(f", {column.scale.unit}") else f"x, {head}"
-        )
-        size = SIZE[column.scale.unit]
-        coarse = 0.5 * 10.0 ** -(column.decimals if column.decimals is not None else 9) * size
-        assert read(shown if ", " not in head else head, cell) == pytest.approx(VALUE, rel=5e-4, abs=coarse)
+def test_in_a_cell_of_an_experiments_own_section():
+    check([pair for name in COLUMNS for pair in under(name, VALUE).items()])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -62,28 +62,56 @@ class Given:
     """When the detector `observer` detects contact, from onset; None: never."""
 
 
-def manifest(bench: str, experiment: str, status: str, settle_s: float = 90.0) -> dict[str, object]:
+def begun(
+    root: Path, experiment: str, bench: str, resolved: Mapping[str, object], **more: object
+) -> RunFolder:
+    """A run's folder and manifest; `more` is laid over the manifest."""
+    folder = RunFolder.create(root, f"{bench}/{experiment}", START)
+    folder.write_manifest(
+        {
+            "profile": {
+                "name": f"{bench}/{experiment}",
+                "hash": "0123456789abcdef0123",
+                "resolved": resolved,
+            },
+            "experiment": experiment,
+            "bench": bench,
+            "started_utc": START.isoformat(),
+            "exit": {"status": "done", "code": 0, "reason": ""},
+            **more,
+        }
+    )
+    return folder
+
+
+def write_rows(
+    folder: RunFolder,
+    rows: Iterable[tuple[Mapping[str, object], str, Mapping[str, object]]],
+    measures: Iterable[str],
+) -> Run:
+    """A run whose trials are these: factors, outcome and what was measured; nothing is recorded of them."""
+    rows = list(rows)
+    factors = list(dict.fromkeys(name for each, _, _ in rows for name in each))
+    recorder = Recorder(folder, START, streams={}, factors=factors, measures=list(measures))
+    for trial, (given, outcome, row) in enumerate(rows, start=1):
+        recorder.begin_trial(trial, {name: given.get(name) for name in factors}, 100.0 * trial)
+        recorder.end_trial(outcome, dict(row))
+    recorder.close()
+    return open_run(folder.path)
+
+
+def backus(
+    root: Path, experiment: str, bench: str, status: str = "done", settle_s: float = 90.0
+) -> RunFolder:
+    """A run with the paper's detector."""
     detectors = {
         "contact": {"kind": "resonance.paper", "average_samples": 10, "sample_hz": 15.0, "baseline_s": 1.0}
     }
-    return {
-        "profile": {
-            "name": f"{bench}/{experiment}",
-            "hash": "0123456789abcdef0123",
-            "resolved": {"title": "A <title>", "behavior": {"settle_s": settle_s}, "detectors": detectors},
-        },
-        "experiment": experiment,
-        "bench": bench,
-        "seed": 7,
-        "versions": {"python": "3.11"},
-        "started_utc": START.isoformat(),
-        "clock": "wall" if bench == "hardware" else "virtual",
-        "devices": {"stage": {"model": "X-LSM", "serial": "1"}},
-        "roles": {"mover": "stage", "board": "board"},
-        "loss": {},
-        "loop": {"turns": 100, "overruns": 3},
-        "exit": {"status": status, "code": 0, "reason": ""},
-    }
+    resolved = {"title": "A <title>", "behavior": {"settle_s": settle_s}, "detectors": detectors}
+    exit_ = {"status": status, "code": 0, "reason": ""}
+    return begun(
+        root, experiment, bench, resolved, exit=exit_, clock="wall" if bench == "hardware" else "virtual"
+    )
 
 
 def block(stream: str, times_s: np.ndarray, values: np.ndarray) -> SampleBlock:
@@ -160,8 +188,7 @@ def write_transient(
     factors = ["location", "speed_m_s"]
     if any(each.noise_scale is not None for each in approaches):
         factors += ["plant.noise_scale", "detectors.contact.sample_hz"]
-    folder = RunFolder.create(root, f"{bench}/transient", START)
-    folder.write_manifest(manifest(bench, "transient", status, settle_s))
+    folder = backus(root, "transient", bench, status, settle_s)
     recorder = Recorder(folder, START, streams=STREAMS, factors=factors, measures=MEASURES)
     for place, trial in enumerate(order or range(1, len(approaches) + 1)):
         write_approach(recorder, trial, approaches[trial - 1], 100.0 * place)
@@ -170,8 +197,7 @@ def write_transient(
 
 
 def write_static(root: Path, frequencies_hz: dict[str, float], *, bench: str = "mock") -> Run:
-    folder = RunFolder.create(root, f"{bench}/static", START)
-    folder.write_manifest(manifest(bench, "static", "done"))
+    folder = backus(root, "static", bench)
     recorder = Recorder(folder, START, streams=STREAMS, factors=["condition"], measures=STATIC_MEASURES)
     times_s = np.arange(100.0, 102.0, 1e-3)
     amplitudes = {"none": 12.0, "light": 9.0, "full": 6.0}

@@ -3,16 +3,16 @@ import math
 import pytest
 
 from controller.reports.approaches import (
+    TABLE_1,
     compare_columns,
     correlate,
-    mean_of,
     read_approaches,
+    score_detectors,
     study_cells,
     table_rows,
     trends,
 )
-from controller.reports.detector_scores import score_detectors
-from controller.reports.paper import TABLE_1
+from controller.reports.counts import mean_of
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 
@@ -47,7 +47,7 @@ def test_trials_fall_into_the_papers_rows_in_the_papers_order(approaches_of):
         ("f", 4513, 1),
         ("f", 11997, 1),
     ]
-    assert [row.paper.force_n[0] for row in rows] == [0.111, 0.050, 0.036, 0.099]
+    assert [(row.paper or {})["force_n"] for row in rows] == [0.111, 0.050, 0.036, 0.099]
 
 
 def test_a_speed_that_the_paper_has_not_gets_a_row_of_its_own_at_the_end(approaches_of):
@@ -71,54 +71,55 @@ def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approach
         Given(outcome="guard"),
     )
     delay, extent, force = compare_columns(approaches, table_rows(approaches))
-    assert (force.value, force.met, force.worst.trial) == (0.15, None, 1), (
+    assert (force.beside.ours, force.beside.met, force.worst.row["trial"]) == (0.15, None, 1), (
         "one row is no evidence of agreement"
     )
-    assert (extent.value, extent.met, extent.worst.trial) == (pytest.approx(0.00382), False, 2)
-    assert (delay.value, delay.met) == (pytest.approx(0.241), None)
+    assert (extent.beside.ours, extent.beside.met, extent.worst.row["trial"]) == (
+        pytest.approx(0.00382),
+        False,
+        2,
+    )
+    assert (delay.beside.ours, delay.beside.met) == (pytest.approx(0.241), None)
 
 
 def test_a_bound_is_met_where_rows_agree_and_open_where_every_row_lies_far_below(approaches_of):
     def delays(scale):
-        rows = [Given(row.location, row.speed_m_s[0], scale * row.delay_s[0]) for row in TABLE_1]
+        rows = [Given(row["location"], row["speed_m_s"], scale * row["delay_s"]) for row in TABLE_1]
         return compare_columns(approaches := approaches_of(*rows), table_rows(approaches))[0]
 
-    assert (delays(1.0).met, delays(1.0).agrees) == (True, True)
-    below = delays(0.4)
-    assert (below.met, below.agrees) == (None, False)
-    assert (
-        below.effect.sentence(("quicker", "slower"), "Table I")
-        == "2.5 times quicker than Table I in 14 of 14 rows"
-    )
-    assert delays(1.5).met is False, "0.45 s on average"
+    same, below = delays(1.0), delays(0.4)
+    assert (same.beside.met, same.rows.met) == (True, True)
+    assert (below.beside.met, below.rows.met) == (None, False)
+    assert (below.rows.times, below.rows.same, below.rows.n) == ("2.5 times below", 14, 14)
+    assert delays(1.5).beside.met is False, "0.45 s on average"
 
 
 def test_forces_that_the_simulated_finger_was_fitted_to_are_not_held_against_the_papers(approaches_of):
-    rows = [Given(row.location, row.speed_m_s[0], row.delay_s[0], row.force_n[0]) for row in TABLE_1]
+    rows = [Given(row["location"], row["speed_m_s"], row["delay_s"], row["force_n"]) for row in TABLE_1]
     for bench, counted in (("mock", 11), ("hardware", 14)):
         approaches = approaches_of(*rows, bench=bench)
         delay, _, force = compare_columns(approaches, table_rows(approaches))
-        assert (delay.effect.n, force.effect.n) == (14, counted)
+        assert (delay.rows.n, force.rows.n) == (14, counted)
 
 
 def test_without_a_contact_no_bound_is_called_met(approaches_of):
     approaches = approaches_of(Given(outcome="no_contact", delay_s=None))
-    assert [each.met for each in compare_columns(approaches, table_rows(approaches))] == [None] * 3
+    assert [each.beside.met for each in compare_columns(approaches, table_rows(approaches))] == [None] * 3
 
 
 def test_rank_correlation_sees_order_alone():
-    assert correlate([1, 2, 3, 4], [0.1, 0.2, 0.3, 100.0]).rho == pytest.approx(1.0)
-    assert correlate([1, 2, 3, 4], [4, 3, 2, 1]).rho == pytest.approx(-1.0)
-    assert correlate([1, 2, 3], [1, 3, 2]).rho == pytest.approx(0.5)
+    assert correlate([(1, 0.1), (2, 0.2), (3, 0.3), (4, 100.0)]).rho == pytest.approx(1.0)
+    assert correlate([(1, 4), (2, 3), (3, 2), (4, 1)]).rho == pytest.approx(-1.0)
+    assert correlate([(1, 1), (2, 3), (3, 2)]).rho == pytest.approx(0.5)
 
 
 def test_rank_correlation_of_two_points_or_of_no_spread_is_not_given():
-    assert math.isnan(correlate([1, 2], [1, 2]).rho)
-    assert math.isnan(correlate([1, 1, 1], [1, 2, 3]).rho)
+    assert math.isnan(correlate([(1, 1), (2, 2)]).rho)
+    assert math.isnan(correlate([(1, 1), (1, 2), (1, 3)]).rho)
 
 
 def test_the_papers_own_trends_are_those_of_its_rows():
-    by_name = {trend.name: trend.paper for trend in trends([])}
+    by_name = {name: paper for name, (_, _, paper) in trends([]).items()}
     # Location f by speed: forces 0.038 0.036 0.050 0.032 0.054 0.072 0.099 rank 3 2 4 1 5 6 7:
     # sum d^2 = 4 + 0 + 1 + 9 + 0 + 0 + 0 = 14, rho = 1 - 6 * 14 / (7 * 48) = 0.75.
     assert (by_name["speed, at location f"].rho, by_name["speed, at location f"].n) == (
@@ -131,17 +132,16 @@ def test_the_papers_own_trends_are_those_of_its_rows():
 
 
 def test_our_trend_follows_our_forces_and_not_the_papers(approaches_of):
-    speeds = sorted({row.speed_m_s[0] for row in TABLE_1 if row.location == "f"})
+    speeds = sorted({row["speed_m_s"] for row in TABLE_1 if row["location"] == "f"})
     falling = [Given("f", speed, force_n=0.1 - 5 * speed) for speed in speeds]
-    trend = trends(table_rows(approaches_of(*falling)))[0]
-    assert trend.here.rho == pytest.approx(-1.0)
-    assert trend.here_trials.rho == pytest.approx(-1.0)
+    over_rows, over_trials, _ = trends(table_rows(approaches_of(*falling)))["speed, at location f"]
+    assert (over_rows.rho, over_trials.rho) == pytest.approx((-1.0, -1.0))
 
 
 def test_trials_with_other_noise_stay_out_of_table_and_bounds(approaches_of):
     approaches = approaches_of(Given(), Given(noise_scale=2.0, sample_hz=28.0, force_n=9.0))
     assert [len(row.approaches) for row in table_rows(approaches)] == [1]
-    assert compare_columns(approaches, table_rows(approaches))[2].value == 0.05
+    assert compare_columns(approaches, table_rows(approaches))[2].beside.ours == 0.05
 
 
 def test_the_study_groups_by_noise_and_rate(approaches_of):
@@ -168,8 +168,8 @@ def test_a_detector_that_only_listened_is_scored_against_the_truth(approaches_of
             Given(observer_s=None),
         )
     )
-    acting, observer = scores
-    assert (acting.name, acting.n, acting.true, acting.false, acting.silent) == ("contact", 5, 5, 0, 0)
+    acting, observer = scores["contact"], scores["observer"]
+    assert (acting.n, acting.true, acting.false, acting.silent) == (5, 5, 0, 0)
     assert (observer.true, observer.false, observer.silent) == (2, 2, 1)
     assert observer.delay_s.mean == pytest.approx((0.05 - 0.005) / 2)
 
@@ -179,4 +179,4 @@ def test_rows_come_out_the_same_in_whatever_order_trials_ran(tmp_path):
     ran = [
         read_approaches([write_transient(tmp_path, given, order=order)]) for order in ((1, 2, 3), (3, 1, 2))
     ]
-    assert [[each.trial for each in approaches] for approaches in ran] == [[1, 2, 3]] * 2
+    assert [[each["trial"] for each in approaches] for approaches in ran] == [[1, 2, 3]] * 2

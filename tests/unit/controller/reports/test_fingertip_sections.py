@@ -2,25 +2,22 @@
 
 import math
 import re
-from datetime import UTC, datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from behaviors.events import Tick
+from controller.measures.ladder import Estimate
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
-from controller.recording.run_folder import RunFolder
-from controller.reports.fernandez import BRIDGES
-from controller.reports.figures import Figures
 from controller.reports.pointer import read_sweeps
 from controller.reports.report import build_report
-from controller.reports.weights import read_bridges
+from controller.reports.weights import compared, read_bridges
 from drivers.core.messages import Loaded, SampleBlock, StreamInfo
-from tests.unit.controller.reports.synthetic_runs import text_of
+from tests.unit.controller.reports.synthetic_runs import START, begun, text_of
 
-START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 STREAMS = {
     "board.fingertip": StreamInfo("board.fingertip", ("Fx", "Fy", "Ft"), "V", 1.0, 1000.0),
     "operator.load": StreamInfo("operator.load", ("Fx", "Fy", "Ft"), "N"),
@@ -31,23 +28,8 @@ PRINTED = {"x": (0.0694, 0.06), "y": (0.0326, 0.048), "t": (1.0291, 0.05)}
 TOPS_N = {"x": 6.0, "y": 6.0, "t": 1.0}
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """For tests that read the page's text alone: drawing every figure thrice takes seconds."""
-    monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
-
-
 def opened(root, experiment, bench, settings, factors):
-    folder = RunFolder.create(root, f"{bench}/{experiment}", START)
-    folder.write_manifest(
-        {
-            "profile": {"name": f"{bench}/{experiment}", "hash": "0123", "resolved": settings},
-            "experiment": experiment,
-            "bench": bench,
-            "started_utc": START.isoformat(),
-            "exit": {"status": "done", "code": 0, "reason": ""},
-        }
-    )
+    folder = begun(root, experiment, bench, settings)
     return folder, Recorder(folder, START, streams=STREAMS, factors=factors, measures=())
 
 
@@ -92,17 +74,17 @@ def write_weights(root, *, bench="mock", gains=None, outcome="calibrated", cycle
 
 def test_each_bridge_is_recovered_from_the_recording_alone(tmp_path):
     bridges = read_bridges([write_weights(tmp_path)])
-    assert [bridge.name for bridge in bridges] == ["x", "y", "t"]
-    for bridge in bridges:
-        printed, width = PRINTED[bridge.name]
-        assert bridge.calibration.gain_v_n.value == pytest.approx(printed, rel=0.01)
-        assert bridge.calibration.hysteresis.value == pytest.approx(width, abs=0.005)
-        assert bridge.calibration.cycles == 3
+    assert [paper["bridge"] for paper, _, _ in bridges] == ["x", "y", "t"]
+    for paper, _, calibration in bridges:
+        printed, width = PRINTED[paper["bridge"]]
+        assert calibration.gain_v_n.value == pytest.approx(printed, rel=0.01)
+        assert calibration.hysteresis.value == pytest.approx(width, abs=0.005)
+        assert calibration.cycles == 3
 
 
 def test_trials_of_one_bridge_are_pooled(tmp_path):
     runs = [write_weights(tmp_path), write_weights(tmp_path)]
-    assert [bridge.calibration.cycles for bridge in read_bridges(runs)] == [6, 6, 6]
+    assert [calibration.cycles for _, _, calibration in read_bridges(runs)] == [6, 6, 6]
 
 
 def test_the_page_holds_ours_against_the_papers(tmp_path, undrawn):
@@ -128,13 +110,19 @@ def test_a_bridge_of_another_gain_is_reported_to_miss_the_papers(tmp_path, undra
     assert re.search(r"Fy gain, V/N \S+ \S+ to \S+ 0\.0326 no", text)
 
 
-def test_a_printed_figure_stands_for_what_is_rounded_to_it():
-    resolution, gain = BRIDGES["y"].resolution_n, BRIDGES["y"].gain_v_n
-    assert resolution.meets(0.1164, 0.1196), "0.1185 is printed as 0.12"
-    assert not resolution.meets(0.1255, 0.13)
-    assert not resolution.meets(0.10, 0.1149)
-    assert gain.meets(0.03264, 0.034)
-    assert not gain.meets(0.0327, 0.034)
+@pytest.mark.parametrize(
+    ("name", "printed", "low", "high", "met"),
+    [
+        ("resolution_n", "0.12", 0.1164, 0.1196, True),  # 0.1185 is printed as 0.12
+        ("resolution_n", "0.12", 0.1255, 0.13, False),
+        ("resolution_n", "0.12", 0.10, 0.1149, False),
+        ("gain_v_n", "0.0326", 0.03264, 0.034, True),
+        ("gain_v_n", "0.0326", 0.0327, 0.034, False),
+    ],
+)
+def test_a_printed_figure_stands_for_what_is_rounded_to_it(name, printed, low, high, met):
+    own = SimpleNamespace(**{name: Estimate(0.5 * (low + high), low, high)})
+    assert compared({name: printed}, own, name).met == met
 
 
 def test_a_real_bench_is_not_called_simulated(tmp_path, undrawn):
@@ -226,7 +214,7 @@ def test_figures_of_both_sections_are_saved_for_print(tmp_path):
     runs = [write_weights(tmp_path), write_pointer(tmp_path)]
     build_report(runs, tmp_path / "page")
     names = {path.name for path in (tmp_path / "page" / "figures").rglob("*.svg")}
-    assert names == {"fig_6_calibration.svg", "fig_2_pointers.svg", "fig_11_theta.svg"}
+    assert names == {"fig_6_calibration.svg", "fig_11_theta.svg"}
 
 
 def test_a_trial_without_a_touch_is_reported(tmp_path, undrawn):

@@ -1,6 +1,6 @@
 import pytest
 
-from controller.reports.paper import COLUMNS, TABLE_1
+from controller.reports.approaches import BOUNDS, TABLE_1
 
 PRINTED = """
 a 19.05 3.785 0.33 1.372 0.111 | 0.159 0.15 0.599 0.017
@@ -22,28 +22,23 @@ f 12.7 11.997 0.23 3.200 0.099 | 2.351 0.06 0.748 0.031
 
 
 def test_table_1_is_what_the_paper_prints():
+    columns = ("speed_m_s", "delay_s", "extent_m", "force_n")
     for row, line in zip(TABLE_1, PRINTED.strip().splitlines(), strict=True):
-        location, *means = line.split("|")[0].split()
-        sigmas = [float(text) for text in line.split("|")[1].split()]
-        position, speed, time, extent, force = map(float, means)
-        assert row.location == location
-        assert row.micrometer_m == pytest.approx(position / 1000)
-        for pair, mean, sigma in zip(
-            (row.speed_m_s, row.delay_s, row.extent_m, row.force_n),
-            (speed / 1000, time, extent / 1000, force),
-            (sigmas[0] / 1000, sigmas[1], sigmas[2] / 1000, sigmas[3]),
-            strict=True,
-        ):
-            assert pair == pytest.approx((mean, sigma))
+        location, position, *means = line.split("|")[0].split()
+        assert (row["location"], row["micrometer_m"]) == (location, pytest.approx(float(position) / 1000))
+        for column, mean, sigma in zip(columns, means, line.split("|")[1].split(), strict=True):
+            scale = 1e-3 if "_m" in column else 1.0
+            printed = (float(mean) * scale, float(sigma) * scale)
+            assert (row[column], row[f"{column}.sd"]) == pytest.approx(printed)
 
 
 def test_the_papers_own_rows_keep_the_papers_own_bounds():
-    delay, extent, force = COLUMNS
-    assert max(row.force_n[0] for row in TABLE_1) <= force.bound
-    assert max(row.extent_m[0] for row in TABLE_1) <= extent.bound
-    assert sum(row.delay_s[0] for row in TABLE_1) / 14 == pytest.approx(delay.bound, abs=0.02)
+    bound = {each["column"]: each["bound"] for each in BOUNDS}
+    assert max(row["force_n"] for row in TABLE_1) <= bound["force_n"]
+    assert max(row["extent_m"] for row in TABLE_1) <= bound["extent_m"]
+    assert sum(row["delay_s"] for row in TABLE_1) / 14 == pytest.approx(bound["delay_s"], abs=0.02)
 
 
 def test_extent_is_about_speed_times_time_in_every_row():
     for row in TABLE_1:
-        assert row.extent_m[0] == pytest.approx(row.speed_m_s[0] * row.delay_s[0], rel=0.35)
+        assert row["extent_m"] == pytest.approx(row["speed_m_s"] * row["delay_s"], rel=0.35)

@@ -15,14 +15,13 @@ from controller.recording import reader
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.registry import ExperimentKind
-from controller.reports import report
+from controller.reports import report, static
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import Figures
 from controller.reports.pages import library
 from controller.reports.report import build_report, build_report_with_summary
-from controller.reports.section import Printed, ReportTable
+from controller.reports.section import Printed
 from controller.reports.settings import settings_table
-from controller.reports.static import read_conditions
 from controller.reports.transient import section
 from controller.reports.transient_figures import representative, trace_of
 from tests.unit.controller.reports.synthetic_runs import (
@@ -42,12 +41,6 @@ CAMPAIGN = (
     Given("f", 0.004843, outcome="false_contact"),
     Given("f", 0.011997, None, None, "guard"),
 )
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """For tests that read the page's text alone: drawing every figure thrice takes seconds."""
-    monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
 
 
 @pytest.fixture(scope="module")
@@ -121,10 +114,8 @@ def test_a_terminal_of_80_columns_has_table_1_for_both_detectors_beside_the_pape
 def test_a_bound_that_is_missed_is_reported_with_its_worst_approach(campaign):
     text = text_of(campaign[1])
     assert "largest 0.200 N, 1.3 times above the paper's 0.150 N (IV.B)." in text
-    assert (
-        "largest force 0.150 N 0.200 N 1.3 times above not judged Largest: 0.200 N in trial 5, location f"
-        in text
-    )
+    row = "largest force 0.150 N 0.200 N 1.3 times above not judged Largest: 0.200 N in trial 5, location f"
+    assert row in text
 
 
 def test_the_guards_stop_and_the_stop_certificates_are_reported(campaign):
@@ -343,8 +334,8 @@ def test_runs_of_different_settings_stand_apart_and_the_page_says_what_differs(t
 def test_the_settings_are_those_that_the_trials_were_run_with(tmp_path, rates_hz, here):
     run = write_transient(tmp_path, [Given(sample_hz=rate_hz, noise_scale=1.0) for rate_hz in rates_hz])
     table = settings_table(run, {"detectors.contact.sample_hz": Printed("not printed", "V.B")})
-    assert ["detectors.contact.sample_hz", here] in [[*row[:2]] for row in table.rows]
-    rest = {row[0]: row[1] for row in settings_table(run, {}).rows}
+    assert {"setting": "detectors.contact.sample_hz", "here": here, "the paper": "not printed (V.B)"} in table
+    rest = {row["setting"]: row["here"] for row in settings_table(run, {})}
     assert f"sample_hz {here}," in rest["detectors.contact"]
 
 
@@ -453,8 +444,10 @@ def test_no_run_is_no_report():
 
 def test_fig_5_shows_a_distal_contact_of_median_delay(campaign):
     approaches = read_approaches([campaign[0]])
-    assert representative(approaches).trial == 2  # 0.40 s of location d's 0.36 and 0.40: the upper median
-    assert representative([each for each in approaches if each.location == "f"]).trial == 4
+    assert (
+        representative(approaches).row["trial"] == 2
+    )  # 0.40 s of location d's 0.36 and 0.40: the upper median
+    assert representative([each for each in approaches if each.location == "f"]).row["trial"] == 4
     assert representative([each for each in approaches if not each.detected]) is None
 
 
@@ -467,15 +460,16 @@ def test_fig_5s_force_is_tared_before_the_approach_and_its_onset_is_where_it_say
     assert trace.contact_s == [(ONSET_S + 0.40, True)]
 
 
-def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path):
-    run = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0})
-    conditions = read_conditions([run])
-    assert [(each.name, each.met) for each in conditions] == [
-        ("none", True),
-        ("light", True),
-        ("full", False),
+def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path, undrawn):
+    run = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0}, bench="hardware")
+    found = static.section([run], Figures(tmp_path))
+    shown = [row["dominant frequency, Hz"] for row in found.content["at_rest"]]
+    assert [(cells["Δ"], cells["kind"]) for cells in shown] == [
+        ("+0.9", True),
+        ("−2.0", True),
+        ("−3.1", False),
     ]
-    assert conditions[2].difference_hz == pytest.approx(-3.1)
+    assert [result.met for result in found.summary][:3] == [True, True, False]
 
 
 def test_the_static_page_says_what_falls_and_how_erratic_light_contact_is(tmp_path, undrawn):
@@ -550,11 +544,9 @@ def test_one_bound_has_one_verdict_on_the_whole_page(tmp_path, undrawn):
         Given("g", 0.004555, 0.12, 0.05),
     ]
     found = section([write_transient(tmp_path, quick)], Figures(tmp_path / "figures"))
-    tables = [block for block in found.body if isinstance(block, ReportTable)]
-    (bounds,) = [table for table in tables if table.heads[0] == "bound"]
     at_top = [result for result in found.summary if "at detection:" in result.text]
     above = {result.text.partition(" ")[0].lower(): result.met for result in at_top}
-    below = {row[0].split()[-1]: row[4] for row in bounds.rows}
+    below = {row["bound"].split()[-1]: row["verdict"] for row in found.content["bounds"]}
     assert above == below
     assert below["force"] is False
     assert not any("Table I" in result.text for result in at_top), "one comparison in a line"
@@ -571,7 +563,7 @@ def test_an_onset_that_was_noise_is_said_to_lengthen_the_time(tmp_path, undrawn)
 
 def test_what_is_rounded_to_zero_has_no_sign(tmp_path, undrawn):
     text = text_of(build_report([write_transient(tmp_path, [Given("d", 0.004487, 0.3, -4e-6)])]))
-    assert " 0.0000 " in text
+    assert " 0.000 (–) " in text
     assert not re.search(r"[-−]0(\.0+)?(?![.\d])", text)
 
 

@@ -1,33 +1,22 @@
 """The section on B1 to B5 and B8, from rows written by hand."""
 
-from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from controller.measures.slip import COLUMNS
-from controller.recording.reader import Run, open_run
-from controller.recording.recorder import Recorder
-from controller.recording.run_folder import RunFolder
+from controller.recording.reader import Run
 from controller.recording.series import Series
 from controller.reports import slip
-from controller.reports.figures import Figures
 from controller.reports.report import build_report
 from controller.reports.slip import interval
 from controller.reports.slip_scores import PLAIN, PLANT, SENSORS, TABLE_1, condition_of, read_scores
 from controller.reports.slip_verdicts import NOT_JUDGED, verdict_of
 from simulator.physics.fingertip_settings import SlipBenchSettings
-from tests.unit.controller.reports.synthetic_runs import text_of
-
-START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
+from tests.unit.controller.reports.synthetic_runs import begun, text_of, write_rows
 
 NEVER = float("inf")
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
 
 
 def trial(sensor="fingertip", outcome="contact", slips=1, **more):
@@ -58,24 +47,16 @@ def write(root, trials, *, factors=("sensor",), planned=None, bench="mock", **re
         "behavior": {"stop_on_slip": False, "reflex": "ours", **resolved.pop("behavior", {})},
         **resolved,
     }
-    folder = RunFolder.create(root, f"{bench}/slip", START)
-    folder.write_manifest(
-        {
-            "profile": {"name": f"{bench}/slip", "hash": "0123", "resolved": settings},
-            "experiment": "slip",
-            "bench": bench,
-            "trials": planned or len(trials),
-            "started_utc": START.isoformat(),
-            "exit": {"status": "done", "code": 0, "reason": ""},
-        }
-    )
-    recorder = Recorder(folder, START, streams={}, factors=list(factors), measures=COLUMNS)
-    for number, (sensor, outcome, row) in enumerate(trials, start=1):
-        own = {name: row[name] for name in factors if name in row}
-        recorder.begin_trial(number, {"sensor": sensor, **own}, 100.0 * number)
-        recorder.end_trial(outcome, {name: value for name, value in row.items() if name not in own})
-    recorder.close()
-    return open_run(folder.path)
+    folder = begun(root, "slip", bench, settings, trials=planned or len(trials))
+    rows = [
+        (
+            {"sensor": sensor, **{name: row[name] for name in factors if name in row}},
+            outcome,
+            {name: value for name, value in row.items() if name not in factors},
+        )
+        for sensor, outcome, row in trials
+    ]
+    return write_rows(folder, rows, COLUMNS)
 
 
 def scores_of(*runs):
@@ -239,13 +220,14 @@ def test_a_verdict_needs_three_slips_that_were_detected_or_missed(delays_s, grad
 def test_the_product_is_in_the_unit_that_the_paper_draws_or_said_not_to_compare(
     tmp_path, undrawn, monkeypatch, sensor, unit, shown, factor
 ):
-    times_s = np.arange(200) / SENSORS[sensor].rate_hz
+    times_s = np.arange(200) / SENSORS[sensor]["rate_hz"]
     series = Series(times_s, np.zeros((200, 1)), unit)
     run = write(tmp_path, [trial(sensor, peak_product=0.0025, peak_product_before=0.001)])
     monkeypatch.setattr(Run, "recorded_trials", [1])
     monkeypatch.setattr(Run, "readable", lambda *_: SimpleNamespace(stream=lambda _: series))
     (row,) = slip._frequencies([run])
-    assert row["unit"] == f"{shown}² Hz"
-    assert row["peak_product"] == pytest.approx(0.0025 * factor**2)
-    assert (row["why"] == "yes") == (shown == SENSORS[sensor].signal)
-    assert row["paper_product"] == SENSORS[sensor].product
+    product = row["product"]
+    assert product["unit"] == f"{shown}² Hz"
+    assert float(product["in slip"]) == pytest.approx(0.0025 * factor**2)
+    assert (product["comparable"] == "yes") == (shown == SENSORS[sensor]["signal"])
+    assert product["the paper"] == SENSORS[sensor]["product"]

@@ -1,86 +1,53 @@
 """Sections on C2 to C5, from rows whose sums are made by hand."""
 
 import re
-from datetime import UTC, datetime
 
 import pytest
 
 from behaviors.search import SearchFactors
 from controller.measures import aura as aura_measures
 from controller.measures import centering as centering_measures
-from controller.recording.reader import open_run
-from controller.recording.recorder import Recorder
-from controller.recording.run_folder import RunFolder
 from controller.reports import aura, centering
 from controller.reports.counts import missing
 from controller.reports.figures import Figures
 from controller.reports.report import build_report
-from controller.reports.section import Kind, ReportTable, Result
-from tests.unit.controller.reports.synthetic_runs import text_of
+from controller.reports.section import Kind, Result
+from tests.unit.controller.reports.synthetic_runs import begun, text_of, write_rows
 
-START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
-CAPTIONS = {
-    "sides": "Pre-touch by side",
-    "pre-touch": "Pre-touch: in how many",
-    "contact": "Contact: touches that were detected",
-    "touches": "Contact by side: touches",
-    "reported": "as it was reported",
-    "errors": "Errors of the middle",
-    "grasps": "Search and grasp",
-    "stops": "Seen to stop command",
-}
+LEFT = {"pre_touch": 1}
+"""How many cells of a row are names, where it is not two."""
 
 
 @pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    """These tests read text and numbers alone: drawing every figure thrice takes seconds."""
-    monkeypatch.setattr(Figures, "save", lambda self, figure, name: "<svg></svg>")
+def nothing_is_drawn(undrawn):
+    """These tests read text and numbers alone."""
 
 
 def write(root, experiment, rows, *, bench="mock", behavior=None, planned=None):
     """A run whose trials are these rows: factors, measures and, where it is not `approached`, the outcome."""
     measures = {"aura": aura_measures, "centering": centering_measures}[experiment].COLUMNS
+    more = {"trials": len(rows) if planned is None else planned, "loss": {"audio.fingers": 7}}
     factors = list(dict.fromkeys(name for row in rows for name in row if name not in (*measures, "outcome")))
-    folder = RunFolder.create(root, f"{bench}/{experiment}", START)
-    folder.write_manifest(
-        {
-            "profile": {
-                "name": f"{bench}/{experiment}",
-                "hash": "0123",
-                "resolved": {"behavior": behavior or {}},
-            },
-            "experiment": experiment,
-            "bench": bench,
-            "trials": len(rows) if planned is None else planned,
-            "started_utc": START.isoformat(),
-            "loss": {"audio.fingers": 7},
-            "exit": {"status": "done", "code": 0, "reason": ""},
-        }
-    )
-    recorder = Recorder(folder, START, streams={}, factors=factors, measures=measures)
-    for trial, row in enumerate(rows, start=1):
-        recorder.begin_trial(trial, {name: row.get(name) for name in factors}, 100.0 * trial)
-        recorder.end_trial(
-            row.get("outcome", "approached"), {name: row[name] for name in row if name in measures}
+    trials = [
+        (
+            {name: row.get(name) for name in factors},
+            row.get("outcome", "approached"),
+            {name: row[name] for name in row if name in measures},
         )
-    recorder.close()
-    return open_run(folder.path)
+        for row in rows
+    ]
+    return write_rows(begun(root, experiment, bench, {"behavior": behavior or {}}, **more), trials, measures)
 
 
 def section_of(module, *runs):
-    return module.section(
-        runs, Figures(runs[0].folder.path / "figures", simulated="simulated" if runs[0].simulated else "")
-    )
+    return module.section(runs, Figures(runs[0].folder.path / "figures"))
 
 
 def table(section, name):
-    """Rows of the table with this caption, by all cells that are names; None where there is no such table."""
-    found = next((each for each in tables(section) if CAPTIONS[name] in each.caption), None)
-    return found and {tuple(row[: found.left]): row[found.left :] for row in found.rows}
-
-
-def tables(section):
-    return [each for each in section.body if isinstance(each, ReportTable)]
+    """Rows of a table, by all cells that are names; None where there is no such table."""
+    left = LEFT.get(name, 2)
+    rows = [[str(cell) for cell in row.values()] for row in section.content[name]]
+    return {tuple(row[:left]): row[left:] for row in rows} or None
 
 
 # --- C2, C4, C5 --------------------------------------------------------------------------------------
@@ -221,7 +188,7 @@ def test_soft_objects_and_the_pipe_are_not_compared_with_the_papers_rates(tmp_pa
         f"2 of 2 approaches, {all_of_two}.",
     ):
         assert (Kind.ASSUMED, text, True) in section.summary
-    seen, felt = table(section, "pre-touch"), table(section, "contact")
+    seen, felt = table(section, "pre_touch"), table(section, "contact")
     assert list(seen)[-4:-1] == [
         ("cloth (soft)",),
         ("sponge (soft)",),
@@ -252,10 +219,9 @@ def test_contact_reported_of_nothing_counts_against_the_true_negatives(tmp_path)
 def test_distances_are_medians_by_side_and_speed(tmp_path):
     rows = [approached(distance_m_ours=d, undulations_per_cm=u) for d, u in ((0.01, 2.3), (0.05, 2.4))]
     rows += [approached(seen_ours=0, distance_m_ours=None), approached(speed_m_s=0.03, distance_m_ours=0.04)]
-    (slow, fast) = next(
-        each.rows
-        for each in tables(section_of(aura, write(tmp_path, "aura", rows)))
-        if CAPTIONS["sides"] in each.caption
+    slow, fast = (
+        list(map(str, row.values()))
+        for row in section_of(aura, write(tmp_path, "aura", rows)).content["sides"]
     )
     assert slow == ["normal", "x", "10", "3", "2.35", "3 of 3", "20", "2 of 3", "30"]
     assert fast[2:4] == ["30", "1"]
@@ -272,9 +238,8 @@ def test_a_trial_that_does_not_vary_a_factor_has_the_behaviors_default(tmp_path)
     """In a list of trials some rows name the method, others do not: their cells are empty."""
     rows = [{"method": "paper", "speed_m_s": 0.03, "object": "paper_cylinder"}, {"method": None}]
     default = SearchFactors()
-    assert {
-        tuple(row[:3]) for row in tables(section_of(centering, write(tmp_path, "centering", rows)))[0].rows
-    } == {
+    section = section_of(centering, write(tmp_path, "centering", rows))
+    assert {(row["object"], row["method"], row["speed, mm/s"]) for row in section.content["errors"]} == {
         ("paper cylinder", "the paper's", "30"),
         (default.object, default.method, f"{1000 * default.speed_m_s:g}"),
     }
