@@ -349,17 +349,10 @@ def make_detector(
         made, model, _ = find("detector", kind, folders)
     except KindError as error:
         raise ProfileError(f"--detector {kind}: {error}") from None
-    problems: list[str] = []
     given = {key: given_value(f"--set {key}", text) for key, text in overrides.items()}
     if baseline is not None and "baseline_s" in model.model_fields:
         given["baseline_s"] = baseline[1] - baseline[0]
-
-    def where(path: tuple[str, ...], place: tuple[str, ...]) -> str:
-        return f"--set {'.'.join((*path, *place))}"
-
-    settings = validated(model, given, (), where, problems)
-    if settings is None:
-        raise ProfileError(problems)
+    settings = validated(model, given, lambda place: f"--set {'.'.join(place)}")
     detector: Detector = made(kind, settings)
     return detector
 

@@ -10,7 +10,7 @@ import click
 from pydantic import Field
 
 from config.jobs import Crew
-from config.source import KeyPath, ProfileError, read_source
+from config.source import ProfileError, read_source
 from config.validation import validated
 from controller.recording.run_folder import RunFolder
 from drivers.core.clock import utc_now
@@ -66,18 +66,11 @@ def parts_of(name_or_path: str) -> ProfileParts | None:
     source = read_source(name_or_path)
     if "parts" not in source.data:
         return None
-    problems: list[str] = []
-
-    def where(_: KeyPath, location: KeyPath) -> str:
-        return f"{source.origin(location)}: {'.'.join(location)}"
-
-    parts = validated(ProfileParts, source.data, (), where, problems)
-    problems += [
-        f"{source.files[-1]}: parts = {part!r}: {wrong}"
-        for part in (parts.parts if parts else ())
-        if (wrong := _mistake(part))
+    parts = validated(ProfileParts, source.data, lambda place: f"{source.origin(place)}: {'.'.join(place)}")
+    problems = [
+        f"{source.files[-1]}: parts = {part!r}: {wrong}" for part in parts.parts if (wrong := _mistake(part))
     ]
-    if parts is None or problems:
+    if problems:
         raise ProfileError(problems)
     named = [arguments[0] for arguments in parts.runs]
     problems += [

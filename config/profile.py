@@ -11,9 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from config.hints import did_you_mean, near_or_all
 from config.sections import Entry, Sections
-from config.source import Bench, KeyPath, ProfileError, Source, Table, nest, read_source
+from config.source import Bench, ProfileError, Source, Table, nest, read_source
 from config.trials import Trial, TrialsSettings, combinations, in_order, trials_from
 from config.validation import as_table, validated
 from controller.registry import find, settings_of
@@ -118,24 +117,14 @@ class Profile:
         if not trial.overrides:
             return self
         for name in trial.overrides:
-            self._check_overridable(trial, name)
-        source = self.source.joined(nest(trial.overrides.items()), self._where(trial))
-        sections = Sections(source)
-        signals, detectors = sections.signals(), sections.detectors()
-        behavior = sections.behavior(self.experiment)
-        limits, plant = sections.part("limits"), sections.plant(self.bench)
-        sections.check_together(self.devices)
-        if sections.problems or behavior is None or limits is None:
-            raise ProfileError(sections.problems)
-        return replace(
-            self,
-            signals=signals,
-            detectors=detectors,
-            behavior=behavior,
-            limits=limits,
-            plant=plant,
-            unverified=tuple(sections.unverified),
-        )
+            if name.partition(".")[0] not in TRIAL_SECTIONS or name == "plant.kind":
+                raise ProfileError(
+                    f"{self._where(trial, name)}: not for a trial to change, as devices and plant are set up once for"
+                    f" the run; a trial may change {', '.join(TRIAL_SECTIONS)}"
+                )
+        alone = replace(self.source, data={**self.source.data, "trials": {}})
+        own = _read(alone.joined(nest(trial.overrides.items()), self._where(trial)))
+        return replace(own, trial_settings=self.trial_settings, source=self.source)
 
     def factors_of(self, trial: Trial) -> Settings:
         """A trial's own factors, validated.
@@ -143,31 +132,8 @@ class Profile:
         Raises:
             ProfileError: a factor that the experiment does not know, lacks, or out of its range.
         """
-        problems: list[str] = []
-
-        def where(_: KeyPath, location: KeyPath) -> str:
-            return self._where(trial, ".".join(location))
-
         model = settings_of(find("experiment", self.experiment, self.source.folders).made, "factors")
-        factors = validated(model, trial.own, (), where, problems)
-        if factors is None:
-            raise ProfileError(problems)
-        return factors
-
-    def _check_overridable(self, trial: Trial, name: str) -> None:
-        section, *rest = name.split(".")
-        if section not in TRIAL_SECTIONS:
-            hint = did_you_mean(section, TRIAL_SECTIONS) or f"a trial may change {', '.join(TRIAL_SECTIONS)}"
-            raise ProfileError(f"{self._where(trial, name)}: not for a trial to change; {hint}")
-        if section == "plant" and rest == ["kind"]:
-            raise ProfileError(
-                f"{self._where(trial, name)}: the devices are wired to one plant for the whole run;"
-                " make a profile for each"
-            )
-        known = {"detectors": self.detectors, "signals": self.signals}.get(section)
-        if known is not None and rest[0] not in known:
-            hint = near_or_all(rest[0], known)
-            raise ProfileError(f"{self._where(trial, name)}: no {section[:-1]} '{rest[0]}'; {hint}")
+        return validated(model, trial.own, lambda place: self._where(trial, ".".join(place)))
 
     def _where(self, trial: Trial, factor: str = "") -> str:
         """Where a trial's factor was written."""
@@ -209,7 +175,7 @@ def load_profile(
     source = read_source(name_or_path, overrides)
     if rows is not None:
         source = source.with_rows(rows, labels or [f"row {number}" for number in range(1, len(rows) + 1)])
-    return _validated(source)
+    return _checked(_read(source))
 
 
 def load_resolved(name: str, resolved: Mapping[str, Any], folders: Sequence[Path] = ()) -> Profile:
@@ -223,40 +189,40 @@ def load_resolved(name: str, resolved: Mapping[str, Any], folders: Sequence[Path
     Raises:
         ProfileError: it was written by a program that knew other settings.
     """
-    return _validated(Source(name, (name,), {}, {}, tuple(folders)).joined(resolved, name))
+    return _checked(_read(Source(name, (name,), {}, {}, tuple(folders)).joined(resolved, name)))
 
 
-def _validated(source: Source) -> Profile:
+def _read(source: Source) -> Profile:
     sections = Sections(source)
     bench = sections.bench()
-    title, description = sections.text("title"), sections.text("description")
-    devices, signals, detectors = sections.devices(), sections.signals(), sections.detectors()
-    limits, loop = sections.part("limits"), sections.part("loop")
-    plant, faults = sections.plant(bench), sections.faults(bench, devices)
-    trials = sections.trials()
-    experiment = sections.experiment()
-    behavior = sections.behavior(experiment) if experiment else None
-    sections.check_together(devices)
-    if sections.problems or not (experiment and behavior and limits and loop and trials):
-        raise ProfileError(list(dict.fromkeys(sections.problems)))
+    devices = sections.devices()
     profile = Profile(
         name=source.name,
-        title=title,
-        description=description,
-        experiment=experiment,
+        title=sections.tables.title,
+        description=sections.tables.description,
+        experiment=sections.tables.experiment,
         bench=bench,
         devices=devices,
-        signals=signals,
-        detectors=detectors,
-        behavior=behavior,
-        limits=limits,
-        loop=loop,
-        plant=plant,
-        faults=faults,
-        trial_settings=trials,
+        signals=sections.signals(),
+        detectors=sections.detectors(),
+        behavior=sections.behavior(sections.experiment()),
+        limits=sections.part("limits"),
+        loop=sections.part("loop"),
+        plant=sections.plant(bench),
+        faults=sections.faults(bench, devices),
+        trial_settings=sections.tables.trials,
         unverified=tuple(sections.unverified),
         source=source,
     )
+    sections.check_together()
+    if sections.problems:
+        raise ProfileError(list(dict.fromkeys(sections.problems)))
+    return profile
+
+
+def _checked(profile: Profile) -> Profile:
+    """The same profile, if all its trials can be run with it."""
+    trials = profile.trial_settings
     for number, factors in enumerate(combinations(trials)):
         trial = Trial(number * trials.repeats + 1, factors)
         profile.factors_of(trial)

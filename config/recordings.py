@@ -189,12 +189,4 @@ def _chain_settings(detector: EnvelopeDetector, given: Mapping[str, str]) -> IqS
         raise ProfileError(
             f"--set {CHAIN}drive_hz = {values['drive_hz']}: the detector has drive_hz = {drive_hz:g}; set both alike"
         )
-    problems: list[str] = []
-
-    def where(path: tuple[str, ...], place: tuple[str, ...]) -> str:
-        return f"--set {CHAIN}{'.'.join((*path, *place))}"
-
-    settings = validated(IqSettings, values, (), where, problems)
-    if settings is None:
-        raise ProfileError(problems)
-    return settings
+    return validated(IqSettings, values, lambda place: f"--set {CHAIN}{'.'.join(place)}")

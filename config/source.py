@@ -5,13 +5,11 @@ Nothing here knows what the keys mean, and nothing heavy is imported: `run.py li
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,13 +29,12 @@ TOO_DEEP = "tables and lists are nested too deep; a profile has four levels"
 ABSENT = "none"
 """Driver of a device that the extended bench has and this one does not."""
 
-_VARIANTS: Mapping[KeyPath, str] = {
+_CHOOSING: Mapping[KeyPath, str] = {
     (family.section,) if family.section else (): family.key
     for family in FAMILIES.values()
     if family.key != "experiment"
 }
-"""Where a table's settings belong to a driver or kind that a key in it names: those tables start afresh when
-a later file names another one, for the settings of the old one would mean nothing to it."""
+"""The key by which a table of a section (of a plant: of the profile) names its driver or kind."""
 
 
 _BREAKS = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]")
@@ -131,7 +128,11 @@ def read_source(name_or_path: str | Path, overrides: Mapping[str, str] | None = 
     )
     for file, table in files.items():
         source = source.joined({key: table[key] for key in table if key != "extends"}, _shown(file))
-    return _without_absent(source.joined(_nested(overrides or {}), "--set"))
+    try:
+        given = nest((dotted, given_value(dotted, text)) for dotted, text in (overrides or {}).items())
+    except ProfileError as error:
+        raise ProfileError(f"--set: {error}") from None
+    return _without_absent(source.joined(given, "--set"))
 
 
 def _without_absent(source: Source) -> Source:
@@ -166,11 +167,13 @@ def nest(pairs: Iterable[tuple[str, Any]]) -> Table:
     """The nested tables that dotted keys mean.
 
     Raises:
-        ProfileError: a key runs through another one's plain value.
+        ProfileError: no key, or one that runs through another one's plain value.
     """
     table: Table = {}
     for dotted, value in pairs:
         *parents, last = dotted.split(".")
+        if not all((*parents, last)):
+            raise ProfileError(f"'{dotted}' is no key; write for example limits.force_n")
         place = table
         for parent in parents:
             place = place.setdefault(parent, {})
@@ -180,34 +183,14 @@ def nest(pairs: Iterable[tuple[str, Any]]) -> Table:
     return table
 
 
-def _nested(overrides: Mapping[str, str]) -> Table:
-    for dotted in overrides:
-        if not all(dotted.split(".")):
-            raise ProfileError(f"--set: '{dotted}' is no key; write for example --set limits.force_n=1.5")
-    try:
-        return nest((dotted, given_value(dotted, text)) for dotted, text in overrides.items())
-    except ProfileError as error:
-        raise ProfileError(f"--set: {error}") from None
-
-
 def given_value(dotted: str, text: str) -> Any:
-    """`toml_value` of a setting, which an error names."""
-    try:
-        return toml_value(text)
-    except ProfileError as error:
-        raise ProfileError(f"{dotted} = {error}") from None
-
-
-def toml_value(text: str) -> Any:
-    """A TOML value, or the text itself where it is none, so that text needs no quotes."""
+    """A TOML value of a setting, or the text itself where it is none, so that text needs no quotes."""
     try:
         parsed = tomllib.loads(f"value = {text}")
     except RecursionError:
-        raise ProfileError(f"{_short(text)}: {TOO_DEEP}") from None
+        raise ProfileError(f"{dotted} = {_short(text)}: {TOO_DEEP}") from None
     except ValueError:
         return text
-    for _, _, reason in _unusable(parsed):
-        raise ProfileError(f"{_short(text)}: {reason}")
     return parsed["value"] if set(parsed) == {"value"} else text
 
 
@@ -247,43 +230,12 @@ def _locate(name: str, extending: Path | None) -> Path:
 
 def _read(path: Path) -> Table:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except RecursionError:
-        raise ProfileError(f"{_shown(path)}: {TOO_DEEP}") from None
-    except UnicodeDecodeError as error:
-        raise ProfileError(f"{_shown(path)}: byte {error.start}: no UTF-8, so no TOML") from None
-    except ValueError as error:  # no TOML, or a whole number of thousands of digits
-        reason, _, place = str(error).rpartition(" (at ")
-        place = place.rstrip(")") or "end of document"
-        raise ProfileError(f"{_shown(path)}: {place}: no TOML: {reason or error}") from None
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ProfileError(f"{_shown(path)}: cannot be read: {error.strerror}") from None
-    unusable = [
-        f"{_shown(path)}: {_as_written(dotted)} = {value}: {reason}"
-        for dotted, value, reason in _unusable(table)
-    ]
-    if unusable:
-        raise ProfileError(unusable)
-    return table
-
-
-def _unusable(value: Any, dotted: str = "") -> Iterator[tuple[str, Any, str]]:
-    """Values that TOML knows and no setting takes."""
-    if isinstance(value, dict):
-        for key, below in value.items():
-            yield from _unusable(below, f"{dotted}.{key}" if dotted else key)
-    elif isinstance(value, list):
-        for below in value:
-            yield from _unusable(below, dotted)
-    elif isinstance(value, float) and not math.isfinite(value):
-        yield dotted, value, "must be finite"
-    elif isinstance(value, date | datetime | time):
-        yield dotted, value, "is a date or a time of day; no setting takes one"
-
-
-def _as_written(dotted: str) -> str:
-    section, _, key = dotted.rpartition(".")
-    return f"[{section}] {key}" if section else key
+    except (ValueError, RecursionError) as error:  # a whole number of thousands of digits too
+        reason = TOO_DEEP if isinstance(error, RecursionError) else error
+        raise ProfileError(f"{_shown(path)}: no TOML in UTF-8: {reason}") from None
 
 
 def _join(
@@ -291,32 +243,25 @@ def _join(
 ) -> Table:
     joined = dict(base)
     for key, value in top.items():
-        here = (*path, key)
-        before = joined.get(key)
-        origins.pop(here, None)
-        if not isinstance(value, dict):
-            _forget(origins, here)
-            joined[key], origins[here] = value, label
-            continue
-        if not isinstance(before, dict) or _names_another(path, before, value):
-            _forget(origins, here)
-            before = {}
-        joined[key] = _join(before, value, here, label, origins)
-        if not value:  # an empty table counts as written
+        here, before = (*path, key), joined.get(key)
+        goes_on = (
+            isinstance(value, dict) and isinstance(before, dict) and not _starts_afresh(path, before, value)
+        )
+        for known in [here] if goes_on else [known for known in origins if known[: len(here)] == here]:
+            origins.pop(known, None)
+        if isinstance(value, dict):
+            joined[key] = _join(before if goes_on and before else {}, value, here, label, origins)
+        else:
+            joined[key] = value
+        if not isinstance(value, dict) or not value:  # an empty table counts as written
             origins[here] = label
     return joined
 
 
-def _names_another(path: KeyPath, before: Table, value: Table) -> bool:
-    variant = _VARIANTS.get(path)
-    return (
-        variant is not None and variant in before and value.get(variant, before[variant]) != before[variant]
-    )
-
-
-def _forget(origins: dict[KeyPath, str], path: KeyPath) -> None:
-    for known in [known for known in origins if known[: len(path)] == path]:
-        del origins[known]
+def _starts_afresh(path: KeyPath, before: Table, value: Table) -> bool:
+    """Whether a table names another driver or kind: the settings of the old one mean nothing to it."""
+    key = _CHOOSING.get(path)
+    return key is not None and key in before and value.get(key, before[key]) != before[key]
 
 
 def _short_name(path: Path) -> str:

@@ -11,11 +11,12 @@ import itertools
 import math
 import random
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from config.source import ProfileError, flatten
 from drivers.core.settings import Settings
@@ -24,15 +25,21 @@ Factor = str | bool | int | float
 
 
 def _plain(value: Any) -> Any:
-    if not isinstance(value, Factor):
-        raise ValueError("must be a number, text, true or false")
+    if not isinstance(value, Factor) or (isinstance(value, float) and not math.isfinite(value)):
+        raise ValueError("must be a finite number, text, true or false")
     return value
+
+
+def _dotted(table: Any) -> Any:
+    return dict(flatten(table)) if isinstance(table, Mapping) else table
 
 
 TRIALS_MAX = 100_000
 """Most trials of one run. Assumption: a trial of a second each would take more than a day."""
 
 PlainValue = Annotated[Any, AfterValidator(_plain)]
+Factors = Annotated[dict[str, PlainValue], BeforeValidator(_dotted)]
+"""Flat, with dotted names; nested tables are taken as well."""
 
 
 class TrialsSettings(Settings):
@@ -44,21 +51,24 @@ class TrialsSettings(Settings):
     repeats: int = Field(default=1, ge=1, le=10_000)
     """How often each combination is run."""
 
-    list: tuple[dict[str, PlainValue], ...] = ({},)
+    list: Sequence[Factors] = Field(default_factory=lambda: [{}])
     """Rows of factors."""
 
-    grid: dict[str, tuple[PlainValue, ...]] = Field(default_factory=dict)
+    grid: Annotated[dict[str, Sequence[PlainValue]], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Values of factors that are crossed with each other and with every row; the last one varies fastest."""
 
     @model_validator(mode="after")
     def _countable(self) -> Self:
         count = self.repeats * len(self.list) * math.prod(len(values) for values in self.grid.values())
-        if count > TRIALS_MAX:
+        if not 0 < count <= TRIALS_MAX:
             crossed = " x ".join(str(len(values)) for values in self.grid.values()) or "no grid"
             raise ValueError(
                 f"{count} trials (list of {len(self.list)}, grid of {crossed}, {self.repeats} repeats):"
-                f" a run has {TRIALS_MAX} at the most; vary less, or divide it into several profiles"
+                f" a run has 1 to {TRIALS_MAX}; add a row or value, vary less, or divide it into several profiles"
             )
+        twice = [name for name in self.grid if any(name in row for row in self.list)]
+        if twice:
+            raise ValueError(f"{', '.join(twice)}: a factor is either in the list or in the grid")
         return self
 
 
@@ -119,8 +129,10 @@ def in_order(trials: Sequence[Trial], order: str, seed: int) -> list[Trial]:
     return ordered
 
 
-def only(trials: Sequence[Trial], numbers: Sequence[int]) -> list[Trial]:
-    """The trials with these numbers.
+def chosen(
+    trials: Sequence[Trial], numbers: Sequence[int], shard: Sequence[int] | None = None
+) -> list[Trial]:
+    """The trials with these numbers, all where there are none; and of them every n-th from the i-th on.
 
     Raises:
         ProfileError: there is no such trial.
@@ -131,16 +143,7 @@ def only(trials: Sequence[Trial], numbers: Sequence[int]) -> list[Trial]:
             raise ProfileError(
                 f"--only {number}: no such trial; the profile has 1 to {max(known, default=0)}"
             )
-    return [trial for trial in trials if trial.id in numbers]
-
-
-def chosen(trials: Sequence[Trial], numbers: Sequence[int], shard: Sequence[int] | None) -> list[Trial]:
-    """The trials with these numbers, all where there are none; and of them every n-th from the i-th on.
-
-    Raises:
-        ProfileError: there is no such trial.
-    """
-    found = only(trials, numbers) if numbers else list(trials)
+    found = [trial for trial in trials if not numbers or trial.id in numbers]
     return found[shard[0] - 1 :: shard[1]] if shard else found
 
 
@@ -167,24 +170,18 @@ def read_csv(path: str | Path) -> tuple[list[dict[str, Factor]], list[str]]:
 
     Raises:
         ProfileError: no such file, no header, a column without a name or twice, a row that is longer or
-            shorter than the header, an empty cell, NaN or infinity: one line with file, row (the header is
-            row 1) and column.
+            shorter than the header, an empty cell: one line with file, row (the header is row 1) and column.
     """
+    rows, labels = [], []
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            lines = csv.reader(file, strict=True, skipinitialspace=True)
-            header = [name.strip() for name in next(lines, [])]
-            _check_header(path, header)
-            rows, labels = [], []
-            for cells in lines:
-                label = f"{path}: row {lines.line_num}"
-                if cells:
-                    rows.append(_row(label, header, cells))
-                    labels.append(label)
-    except UnicodeDecodeError as error:
-        raise ProfileError(f"{path}: byte {error.start}: no UTF-8 text; save it as CSV (UTF-8)") from None
-    except csv.Error as error:
-        raise ProfileError(f"{path}: row {lines.line_num}: no CSV: {error}") from None
+            table = csv.DictReader(file, strict=True, skipinitialspace=True, restval="")
+            _check_header(path, table.fieldnames or [])
+            for cells in table:
+                labels.append(f"{path}: row {table.line_num}")
+                rows.append(_row(labels[-1], cells))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ProfileError(f"{path}: no CSV in UTF-8: {error}; save it as CSV (UTF-8)") from None
     except OSError as error:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}") from None
     if not rows:
@@ -193,35 +190,26 @@ def read_csv(path: str | Path) -> tuple[list[dict[str, Factor]], list[str]]:
 
 
 def _check_header(path: str | Path, header: Sequence[str]) -> None:
-    if not header:
-        raise ProfileError(f"{path}: empty; the first row names the factors, for example: location,speed_m_s")
-    for place, name in enumerate(header, start=1):
-        if not all(name.split(".")):
-            raise ProfileError(f"{path}: row 1, column {place}: '{name}' is no name of a factor")
-        if ";" in name or "\t" in name:
+    names = [name.strip() for name in header]
+    for name in names or [""]:
+        if not all(name.split(".")) or set(name) & {";", "\t"} or names.count(name) > 1:
             raise ProfileError(
-                f"{path}: row 1: {name!r}: write commas between the columns, and decimal points"
+                f"{path}: row 1: {name!r} is no name of a factor, or twice there; write one in each column, with"
+                " commas between them and decimal points: location,speed_m_s"
             )
-        if header.index(name) != place - 1:
-            raise ProfileError(f"{path}: row 1, column {place}: '{name}' is there twice")
 
 
-def _row(label: str, header: Sequence[str], cells: Sequence[str]) -> dict[str, Factor]:
-    if len(cells) != len(header):
-        raise ProfileError(f"{label}: {len(cells)} cells, but the header names {len(header)} factors")
-    return {name: _cell(f"{label}, column {name}", cell) for name, cell in zip(header, cells, strict=True)}
+def _row(label: str, cells: Mapping[str, str]) -> dict[str, Factor]:
+    wrong = next((name for name, cell in cells.items() if name is None or not cell.strip()), "")
+    if wrong != "":
+        place = "more cells than names" if wrong is None else f"column {wrong.strip()}: empty"
+        raise ProfileError(f"{label}, {place}; every trial needs one value for each factor")
+    return {name.strip(): _cell(cell.strip()) for name, cell in cells.items()}
 
 
-def _cell(label: str, text: str) -> Factor:
-    cell = text.strip()
-    if not cell:
-        raise ProfileError(f"{label}: empty; every trial needs a value")
-    if cell in ("true", "false"):
-        return cell == "true"
-    try:
-        number = float(cell)
-    except ValueError:
-        return cell
-    if not math.isfinite(number):
-        raise ProfileError(f"{label} = {cell}: must be finite")
-    return int(cell) if cell.lstrip("+-").isdecimal() and cell.isascii() else number
+def _cell(text: str) -> Factor:
+    if text in ("true", "false"):
+        return text == "true"
+    with suppress(ValueError):
+        return int(text) if text.lstrip("+-").isdecimal() and text.isascii() else float(text)
+    return text

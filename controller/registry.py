@@ -169,6 +169,8 @@ def find(family: str, name: str, folders: Sequence[Path] = (), port: str = "") -
         KindError: it is not there, or is something else.
     """
     kind = row(family, name, folders)
+    if port == "emulated" and not kind.emulated:
+        raise KindError('has no emulated device; write port = "mock" or a real port')
     made = found_beside(kind.at(port), folders) if is_own(name) else found(kind.at(port))
     lacking = [member for member in FAMILIES[family].members if not hasattr(made, member)]
     if not callable(made) or lacking:

@@ -18,6 +18,7 @@ import pytest
 
 from config.source import profile_names, read_source
 from run import cli
+from tests.refusals import check_refusal
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
@@ -57,13 +58,6 @@ def test_list_shows_drivers_and_detectors(verb):
     assert "resonance.paper" in verb("list", "--detectors")[1]
 
 
-def test_an_argument_that_is_no_text_is_refused_in_one_line(verb):
-    code, _, err = verb("check", "mock/transient", "--set", "title=\udcff")
-    assert code == 2
-    assert err.count("\n") == 1
-    assert "is no UTF-8 text" in err
-
-
 @pytest.mark.parametrize(
     "line", ["3", '{"devices": {}}', '{"devices": 3, "control": {"host": "x", "port": 1}}']
 )
@@ -71,13 +65,7 @@ def test_endpoints_that_no_emulator_printed_are_refused(verb, tmp_path, line):
     (tmp_path / "bench.json").write_text(line)
     code, _, err = verb("run", "emulated/transient", "--endpoints", tmp_path / "bench.json")
     assert code == 2
-    assert "not the line that `run.py emulate` prints" in err
-
-
-def test_a_seed_beyond_64_bits_is_refused_before_anything_is_opened(verb):
-    code, _, err = verb("run", "mock/transient", "--seed", str(2**63))
-    assert code == 2
-    assert "--seed" in err
+    check_refusal(err, "bench.json", "`run.py emulate`")
 
 
 def test_list_loads_nothing_heavy():
@@ -122,27 +110,17 @@ def test_what_check_prints_is_a_profile_again(verb, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "setting", "message"),
+    ("name", "setting", "named"),
     [
-        ("mock/transient", "behavior.period_stream=board.perio", "[behavior] period_stream = board.perio"),
-        ("mock/transient", "limits.force_stream=board.lode_cell", "did you mean board.load_cell?"),
-        ("mock/slip", "signals.tip.input=board.x", "[signals.tip] input = board.x"),
         ("mock/slip", "behavior.sensors.dsa.stream=board.x", "[behavior.sensors.dsa] stream = board.x"),
-        (
-            "mock/weights",
-            "detectors.unused={ kind = 'resonance', input = 'board.nothing' }",
-            "[detectors.unused] input = board.nothing",
-        ),
-        ("hardware/transient", "detectors.contact.input=stage.period", 'input = "stage.period"'),
-        ("emulated/pretouch", "signals.right.input=audio.finger", "did you mean 'audio.fingers'?"),
+        ("mock/transient", "limits.force_stream=board.lode_cell", "did you mean board.load_cell?"),
         ("mock/touch", "behavior.contact=nix", "no such detector to stop an approach that touches"),
     ],
 )
-def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(verb, name, setting, message):
+def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(verb, name, setting, named):
     code, _, err = verb("check", name, "--set", setting)
     assert code == 2
-    assert err.count("\n") == 1
-    assert message in err
+    check_refusal(err, named)
 
 
 def test_check_tells_which_streams_are_known_only_to_the_open_device(verb):
@@ -153,21 +131,13 @@ def test_check_tells_which_streams_are_known_only_to_the_open_device(verb):
     assert "stage.position" not in line
 
 
-def test_check_connect_reads_every_sensor_of_the_mock_bench(verb):
-    code, out, _ = verb("check", "mock/transient", "--connect")
-    assert code == 0
-    assert "    board.load_cell: " in out
-    assert "    stage.position: " in out
-
-
-def test_check_connect_refuses_a_stream_that_the_open_device_has_not(verb):
-    code, out, err = verb(
-        "check", "mock/transient", "--connect", "--set", "limits.force_stream=board.lode_cell"
-    )
+def test_check_connect_reads_every_sensor_and_refuses_a_stream_that_the_open_device_has_not(verb):
+    wrong = "limits.force_stream=board.lode_cell"
+    code, out, err = verb("check", "mock/transient", "--connect", "--set", wrong)
     assert code == 2
     assert "    board.load_cell: " in out
-    assert err.count("\n") == 1
-    assert "did you mean board.load_cell?" in err
+    assert "    stage.position: " in out
+    check_refusal(err, "did you mean board.load_cell?")
 
 
 def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
@@ -181,48 +151,30 @@ def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "named"),
     [
-        (["lst"], "No such command 'lst'. Did you mean 'list'?"),
-        (["run"], "Missing argument 'PROFILE'"),
-        (["run", "mock/transiet"], "no profile 'mock/transiet'; did you mean 'mock/transient'"),
-        (["run", "mock/transient", "--sed", "1"], "No such option"),
+        (["lst"], "'list'"),
+        (["run"], "'PROFILE'"),
+        (["run", "mock/transiet"], "did you mean 'mock/transient'"),
+        (["run", "mock/transient", "--sed", "1"], "--sed"),
         (["run", "mock/transient", "--seed", "-1"], "--seed"),
-        (["run", "mock/transient", "--only", "43"], "--only 43: no such trial; the profile has 1 to 42"),
-        (["run", "mock/transient", "--set", "limits.force_n"], "'limits.force_n' gives no value"),
-        (
-            ["run", "mock/transient", "--set", "behavior.settle_ms=500"],
-            "--set: [behavior] settle_ms = 500: unknown key; SI is meant: settle_s = 0.5",
-        ),
-        (["run", "mock/transient", "--trials", "nowhere.csv"], "nowhere.csv: cannot be read: No such file"),
+        (["run", "mock/transient", "--seed", str(2**63)], "--seed"),
+        (["run", "mock/transient", "--set", "limits.force_n"], "--set limits.force_n=1.5"),
+        (["run", "mock/transient", "--set", "title=\udcff"], "no UTF-8 text"),
         (["run", "emulated/transient", "--endpoints", "nowhere.json"], "nowhere.json: No such file"),
-        (["emulate", "mock/transient"], "mock/transient: no device"),
-        (["report", "nowhere"], "nowhere: no such run folder"),
-        (["replay", "nowhere.csv", "--detector", "resonance"], "nowhere.csv: no such file or run folder"),
-        (["replay", "nowhere.csv", "--detector", "resonanse"], "did you mean 'resonance'"),
-        (["replay", "x.csv", "--detector", "resonance", "--baseline", "2"], "'2' is no span"),
+        (["emulate", "mock/transient"], "try emulated/transient"),
+        (["replay", "x.csv", "--detector", "resonance", "--baseline", "2"], "as in 2:12"),
         (["replay", "x.csv", "--detector", "resonance", "--baseline", "3:2"], "ends before it begins"),
         (
             ["replay", "x.csv", "--detector", "resonance.paper", "--set", "threshold_sgima=2"],
-            "did you mean 'threshold_sigma'?",
+            "'threshold_sigma'",
         ),
     ],
 )
-def test_a_mistake_on_the_command_line_is_one_line_and_exit_code_2(verb, arguments, message):
+def test_a_mistake_on_the_command_line_is_one_line_and_exit_code_2(verb, arguments, named):
     code, out, err = verb(*arguments)
     assert (code, out) == (2, "")
-    assert message in err
-    assert len(err.splitlines()) == 1
-
-
-def test_a_mistake_in_a_trials_file_is_one_line_with_row_and_column(verb, tmp_path):
-    path = tmp_path / "trials.csv"
-    path.write_text("location,speed_m_s\nf,0.004\nf,nan\n")
-    code, _, err = verb("run", "mock/transient", "--trials", path)
-    assert (code, err) == (2, f"{path}: row 3, column speed_m_s = nan: must be finite\n")
-    path.write_text("location\nf\n")
-    code, _, err = verb("run", "mock/transient", "--trials", path)
-    assert (code, err) == (2, f"{path}: row 2, column speed_m_s is missing: Speed of the approach\n")
+    check_refusal(err, named)
 
 
 def test_the_program_alone_shows_its_verbs(verb):
@@ -231,12 +183,12 @@ def test_the_program_alone_shows_its_verbs(verb):
     assert "run.py run mock/transient" in out
 
 
-@pytest.mark.parametrize("name", ["list", "check", "run", "emulate", "replay", "calibrate", "report"])
-def test_every_verb_explains_itself_with_an_example(verb, name):
-    code, out, _ = verb(name, "--help")
-    assert code == 0
-    assert "Example:" in out
-    assert "--debug" in out
+def test_every_verb_explains_itself_with_an_example(verb):
+    for name in cli.commands:
+        code, out, _ = verb(name, "--help")
+        assert code == 0
+        assert "Example:" in out, name
+        assert "--debug" in out, name
 
 
 def test_an_unforeseen_error_is_one_line_and_shows_its_place_with_debug(verb, monkeypatch):
@@ -245,10 +197,8 @@ def test_an_unforeseen_error_is_one_line_and_shows_its_place_with_debug(verb, mo
 
     monkeypatch.setattr("config.listing.listed_profiles", broken)
     code, _, err = verb("list")
-    assert (code, err) == (
-        1,
-        "unexpected RuntimeError: the table is broken; run again with --debug to see where\n",
-    )
+    assert code == 1
+    check_refusal(err, "unexpected RuntimeError: the table is broken", "--debug")
     with pytest.raises(RuntimeError):
         cli.main(["list", "--debug"], prog_name="run.py")
 
@@ -289,13 +239,13 @@ def test_a_report_into_a_folder_that_may_only_be_read_gives_advice_that_works(
     (run / "report.html").unlink()
     monkeypatch.setattr("pyarrow.parquet.write_table", read_only)
     code, _, err = verb(name, run)
-    assert (code, len(err.splitlines())) == (1, 1)
-    assert "copy the run folder to one that may be written, and give that one" in err
+    assert code == 1
+    check_refusal(err, "copy the run folder to one that may be written")
     monkeypatch.undo()
     monkeypatch.setattr(Path, "write_text", read_only)
     code, _, err = verb(name, run)
-    assert (code, len(err.splitlines())) == (1, 1)
-    assert "report.html; copy the run folder to one that may be written, and give that one" in err
+    assert code == 1
+    check_refusal(err, "report.html", "copy the run folder to one that may be written")
 
 
 def test_an_export_into_a_folder_that_may_only_be_read_names_its_own_option(
@@ -303,8 +253,8 @@ def test_an_export_into_a_folder_that_may_only_be_read_names_its_own_option(
 ):
     monkeypatch.setattr("pyarrow.parquet.write_table", read_only)
     code, _, err = verb("export", recorded[1], "--to", "parquet", "--into", tmp_path / "tables")
-    assert (code, len(err.splitlines())) == (1, 1)
-    assert "choose another with --into" in err
+    assert code == 1
+    check_refusal(err, "choose another with --into")
 
 
 def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):
@@ -366,8 +316,7 @@ def test_a_device_that_fails_is_exit_code_3_with_one_line_and_a_report(verb, tmp
     fault = 'faults=[{device = "stage", kind = "unplug", at_s = 1.0}]'
     code, out, err = verb("run", "mock/transient", "--only", 16, "--out", tmp_path, "--set", fault, *QUICK)
     assert code == 3
-    assert "link is gone" in err
-    assert len(err.splitlines()) == 1
+    check_refusal(err, "stage", "link is gone")
     assert "report: " in out
 
 
@@ -382,8 +331,7 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_exit_code_1(verb, tmp_p
     (tmp_path / "runs").write_text("a file, not a folder")
     code, _, err = verb("run", "mock/static", "--out", tmp_path / "runs")
     assert code == 1
-    assert len(err.splitlines()) == 1
-    assert "runs" in err
+    check_refusal(err, "runs")
 
 
 # --- interrupting ------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import pytest
 from config.jobs import JobsError, Order, run_part
 from config.profile import load_profile
 from controller.own_modules import forget_own
+from tests.refusals import check_refusal
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -395,15 +396,14 @@ def test_a_driver_of_the_users_own_has_no_emulated_device(verb, lab):
         "devices.stage.port=emulated",
     )
     assert code == 2
-    assert 'port = "emulated": my_lab.cell:Cell has no emulated device; write "mock" or a real port' in err
+    check_refusal(err, "my_lab.cell:Cell", "no emulated device", 'port = "mock"')
 
 
 @pytest.mark.parametrize(
     ("setting", "said"),
     [
-        ("devices.board.driver=my_lab.lone:Lone", "lone.py has no MockLone; the mock bench takes MockLone("),
+        ("devices.board.driver=my_lab.lone:Lone", "lone.py has no MockLone; its mock is MockLone(OverMemory"),
         ("devices.board.driver=my_lab.bare:Bare", "no MockBareSettings"),
-        ("devices.board.driver=none", 'write board = "none" in [devices]'),
     ],
 )
 def test_a_driver_that_lacks_something_is_told_what(verb, lab, setting, said):

@@ -5,20 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from config.source import ProfileError
-from config.trials import Trial, TrialsSettings, combinations, in_order, only, read_csv, trials_from
+from config.trials import Trial, TrialsSettings, chosen, combinations, in_order, read_csv, trials_from
+from tests.refusals import refused
 
 
 def test_every_row_meets_every_combination_and_the_last_factor_varies_fastest():
-    settings = TrialsSettings(list=({"x": 1}, {"x": 2}), grid={"a": (1, 2), "b": (3, 4)})
-    assert combinations(settings) == [
-        {"x": 1, "a": 1, "b": 3},
-        {"x": 1, "a": 1, "b": 4},
-        {"x": 1, "a": 2, "b": 3},
-        {"x": 1, "a": 2, "b": 4},
-        {"x": 2, "a": 1, "b": 3},
-        {"x": 2, "a": 1, "b": 4},
-        {"x": 2, "a": 2, "b": 3},
-        {"x": 2, "a": 2, "b": 4},
+    settings = TrialsSettings(list=[{"x": 1}, {"x": 2}], grid={"a": [1, 2], "b": [3, 4]})
+    assert [tuple(row[name] for name in "xab") for row in combinations(settings)] == [
+        *((1, 1, 3), (1, 1, 4), (1, 2, 3), (1, 2, 4)),
+        *((2, 1, 3), (2, 1, 4), (2, 2, 3), (2, 2, 4)),
     ]
 
 
@@ -49,9 +44,10 @@ def test_seeds_give_different_orders_and_listed_stays():
 
 def test_single_trials_keep_their_numbers():
     listed = trials_from([{"x": i} for i in range(5)])
-    assert only(listed, [4, 2]) == [listed[1], listed[3]]
-    with pytest.raises(ProfileError, match="--only 6: no such trial; the profile has 1 to 5"):
-        only(listed, [6])
+    assert chosen(listed, [4, 2]) == [listed[1], listed[3]]
+    assert chosen(listed, [], (2, 3)) == [listed[1], listed[4]]
+    with refused(ProfileError, "--only 6", "1 to 5"):
+        chosen(listed, [6])
 
 
 def test_a_csv_file_gives_numbers_text_and_truth_values(tmp_path):
@@ -72,33 +68,27 @@ def test_a_csv_file_as_spreadsheets_save_it_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "line"),
+    ("text", "named"),
     [
-        ("", "empty; the first row names the factors"),
-        ("speed_m_s\n", "no trials"),
-        ("speed_m_s,\n1,2\n", "row 1, column 2: '' is no name of a factor"),
-        ("x,x\n1,2\n", "row 1, column 2: 'x' is there twice"),
-        ("x,y\n1,2\n3\n", "row 3: 1 cells, but the header names 2 factors"),
-        ("x,y\n1,2,3\n", "row 2: 3 cells, but the header names 2 factors"),
-        ("x,y\n1, \n", "row 2, column y: empty"),
-        ("x,y\n1,2\nnan,2\n", "row 3, column x = nan: must be finite"),
-        ("x,y\n1,-inf\n", "row 2, column y = -inf: must be finite"),
-        ('x,y\n1,"2\n', "no CSV"),
+        ("", ["row 1", "location,speed_m_s"]),
+        ("speed_m_s\n", ["no trials"]),
+        ("speed_m_s,\n1,2\n", ["row 1", "''"]),
+        ("a;b\n1;2\n", ["row 1", "'a;b'", "commas"]),
+        ("x,x\n1,2\n", ["row 1", "'x'", "twice"]),
+        ("x,y\n1,2\n3\n", ["row 3, column y", "one value for each factor"]),
+        ("x,y\n1,2,3\n", ["row 2", "more cells than names"]),
+        ("x,y\n1, \n", ["row 2, column y", "empty"]),
+        ('x,y\n1,"2\n', ["no CSV"]),
+        ("x\n\udcff\n", ["UTF-8", "position 2"]),
     ],
 )
-def test_a_bad_csv_file_is_one_line_with_row_and_column(tmp_path, text, line):
+def test_a_bad_csv_file_is_one_line_with_row_and_column(tmp_path, text, named):
     path = tmp_path / "trials.csv"
-    path.write_text(text)
-    with pytest.raises(ProfileError) as caught:
+    path.write_text(text, errors="surrogateescape")
+    with refused(ProfileError, f"{path}: ", *named):
         read_csv(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert line in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
-def test_a_csv_file_that_is_missing_or_no_text_is_named(tmp_path):
-    with pytest.raises(ProfileError, match="cannot be read: No such file"):
+def test_a_csv_file_that_is_missing_is_named(tmp_path):
+    with refused(ProfileError, str(tmp_path / "none.csv"), "No such file"):
         read_csv(tmp_path / "none.csv")
-    (tmp_path / "noise.csv").write_bytes(b"x\n\xff\n")
-    with pytest.raises(ProfileError, match="byte 2: no UTF-8 text"):
-        read_csv(tmp_path / "noise.csv")

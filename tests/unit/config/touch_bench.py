@@ -111,6 +111,7 @@ KINDS: dict[str, dict[str, PlainKind]] = {
         "zaber_stage": DriverKind(
             f"{__name__}:Stage",
             mock=f"{__name__}:MockStage",
+            emulated=f"{__name__}:MockStage",
             mock_faults=("unplug", "stall"),
             emulated_faults=("unplug",),
             streams=("position",),
@@ -118,6 +119,7 @@ KINDS: dict[str, dict[str, PlainKind]] = {
         "sensor_board": DriverKind(
             f"{__name__}:Stage",
             mock=f"{__name__}:MockStage",
+            emulated=f"{__name__}:MockStage",
             mock_faults=("unplug",),
             emulated_faults=("unplug",),
         ),
