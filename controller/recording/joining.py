@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
-from numpy.typing import NDArray
+from mcap.records import Metadata
 
 from controller.recording.event_log import EventLog
 from controller.recording.ledger import Ledger
-from controller.recording.mcap_file import INDEX_ENTRY, unpacked, walk
+from controller.recording.mcap_file import ChunkPlace, records, topics
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
 from controller.recording.schemas import TRIAL, TRIAL_END
-from controller.recording.stream_writer import StreamWriter, Topic
-
-
-@dataclass
-class _Chunk:
-    """Where a chunk's body and the bodies of its index stand in a file, as (offset, length)."""
-
-    body: tuple[int, int]
-    index: list[tuple[int, int]] = field(default_factory=list)
+from controller.recording.stream_writer import StreamWriter
 
 
 @dataclass
@@ -40,7 +26,7 @@ class _Recorded:
     base_ns: int
     factors: Mapping[str, object]
     length_s: float | None = None
-    chunks: list[_Chunk] = field(default_factory=list)
+    chunks: list[ChunkPlace] = field(default_factory=list)
 
 
 class Parts:
@@ -64,8 +50,7 @@ class Parts:
             for line in folder.events_path.read_bytes().splitlines(keepends=True):
                 self._events.setdefault(json.loads(line)["trial"], []).append(line)
             self._recorded: dict[int, _Recorded] = {}
-            self._channels: dict[Path, dict[int, Channel]] = {}
-            self._schemas: dict[Path, dict[int, Schema]] = {}
+            self.topics = {path: topics(path) for path in folder.recordings}
             for path in folder.recordings:
                 self._scan(path)
         except KeyError as error:
@@ -81,26 +66,12 @@ class Parts:
         return list(self._rows)
 
     def _scan(self, path: Path) -> None:
-        channels = self._channels[path] = {}
-        schemas = self._schemas[path] = {}
         present: _Recorded | None = None
-        with path.open("rb") as file:
-            for opcode, body, length in walk(path):
-                if opcode == Opcode.CHUNK and present is not None:
-                    present.chunks.append(_Chunk((body, length)))
-                elif opcode == Opcode.MESSAGE_INDEX and present is not None:
-                    present.chunks[-1].index.append((body, length))
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
-                    file.seek(body)
-                    stream = ReadDataStream(BytesIO(file.read(length)))
-                    if opcode == Opcode.SCHEMA:
-                        schema = Schema.read(stream)
-                        schemas[schema.id] = schema
-                    elif opcode == Opcode.CHANNEL:
-                        channel = Channel.read(stream)
-                        channels[channel.id] = channel
-                    else:
-                        present = self._noted(path, Metadata.read(stream), present)
+        for record in records(path):
+            if isinstance(record, ChunkPlace) and present is not None:
+                present.chunks.append(record)
+            elif isinstance(record, Metadata):
+                present = self._noted(path, record, present)
 
     def _noted(self, path: Path, record: Metadata, present: _Recorded | None) -> _Recorded | None:
         noted = record.metadata
@@ -135,26 +106,6 @@ class Parts:
             raise RunFolderError(f"{self.folder.path}: the recording of trial {trial} is not whole")
         return found
 
-    def chunks(self, recorded: _Recorded) -> Iterator[tuple[bytes, Mapping[int, NDArray[Any]]]]:
-        """Each chunk of a trial: its messages, and times and places of these by channel."""
-        with recorded.path.open("rb") as file:
-
-            def read(place: tuple[int, int]) -> bytes:
-                file.seek(place[0])
-                return file.read(place[1])
-
-            for chunk in recorded.chunks:
-                index = {}
-                for place in chunk.index:
-                    record = read(place)  # channel (2), length in bytes (4), then the entries
-                    index[int.from_bytes(record[:2], "little")] = np.frombuffer(record, INDEX_ENTRY, offset=6)
-                yield unpacked(read(chunk.body)), index
-
-    def topic(self, path: Path, channel: int) -> Topic:
-        """A channel of one of the recordings, and its schema."""
-        found = self._channels[path][channel]
-        return found, self._schemas[path][found.schema_id]
-
 
 class Joiner:
     """Writes the trials of several folders into one, in the order in which they are given.
@@ -186,9 +137,8 @@ class Joiner:
         assert recorded.length_s is not None
         try:
             self._streams.begin_trial(trial, recorded.factors, self._offset_s)
-            for plain, index in parts.chunks(recorded):
-                topics = {channel: parts.topic(recorded.path, channel) for channel in index}
-                self._streams.take_over(plain, index, topics, recorded.base_ns)
+            for chunk in recorded.chunks:
+                self._streams.copy(recorded.path, chunk, parts.topics[recorded.path], recorded.base_ns)
             self._streams.end_trial(recorded.length_s, self._ledger.cells(parts.row(trial)))
         except OSError as error:
             raise RecordingError(self._path, "writing", error) from error

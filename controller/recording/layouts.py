@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-from controller.recording.mcap_file import topics_of
+from controller.recording.mcap_file import topics
 
 PLOTS = 8
 """Most plots of a layout (assumption: what a screen holds one above the other)."""
@@ -32,15 +32,15 @@ def write_layouts(recording: Path) -> None:
         OSError: it cannot be read, or nothing be written.
         ValueError: it was cut off.
     """
-    topics = plotted(recording)
-    recording.with_name(FOXGLOVE).write_text(json.dumps(foxglove(topics), indent=1) + "\n", "utf-8")
-    recording.with_name(PLOTJUGGLER).write_text(plotjuggler(topics), "utf-8")
+    plots = plotted(recording)
+    recording.with_name(FOXGLOVE).write_text(json.dumps(foxglove(plots), indent=1) + "\n", "utf-8")
+    recording.with_name(PLOTJUGGLER).write_text(plotjuggler(plots), "utf-8")
 
 
 def plotted(recording: Path) -> Mapping[str, Sequence[str]]:
     """Topics to plot with their fields, the most informative first."""
     found = {}
-    for channel, schema in topics_of(recording):
+    for channel, schema in topics(recording).values():
         if not channel.topic.startswith(_OTHERS):
             described = FileDescriptorSet.FromString(schema.data)
             names = [field.name for field in described.file[-1].message_type[0].field]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mcap.opcode import Opcode
+from mcap.records import Attachment, Footer, Metadata
 
 from controller.recording.lock import lock
-from controller.recording.mcap_file import MESSAGE, RECORD, McapWriter, message_heads, unpacked, walk
+from controller.recording.mcap_file import ChunkPlace, McapWriter, messages, records, topics
 
 CLOSED_AFTERWARDS = "closed_afterwards"
 """Name of the metadata record in a file that was cut off and closed later (`close_cut`)."""
@@ -22,7 +22,7 @@ def close_cut(path: Path) -> bool:
         Whether it was closed now.
 
     Raises:
-        ValueError: no MCAP file, or its last chunk is damaged.
+        ValueError: no MCAP file, or a chunk is damaged.
         OSError: it cannot be read, or no second one be written beside it.
     """
     with path.open("rb") as cut:
@@ -30,11 +30,11 @@ def close_cut(path: Path) -> bool:
             lock(cut.fileno())
         except OSError:  # its writer lives, or is not to be asked
             return False
-        if any(opcode == Opcode.FOOTER for opcode, _, _ in walk(path)):
+        if any(isinstance(record, Footer) for record in records(path)):
             return False
         whole = path.with_suffix(".mcap.tmp")
         try:
-            writer = McapWriter(whole, library="touchbench")
+            writer = McapWriter(whole)
             try:
                 _copy(path, writer)
                 writer.add_metadata(CLOSED_AFTERWARDS, {})
@@ -48,25 +48,16 @@ def close_cut(path: Path) -> bool:
 
 
 def _copy(path: Path, writer: McapWriter) -> None:
-    """Every whole record of a cut file; the last chunk, whose index may be cut, is written anew."""
-    chunk: tuple[bytes, list[bytes]] | None = None
-    with path.open("rb") as file:
-        for opcode, body, length in walk(path):
-            file.seek(body - RECORD.size)
-            record = file.read(RECORD.size + length)
-            if opcode == Opcode.MESSAGE_INDEX and chunk is not None:
-                chunk[1].append(record)
-                continue
-            if chunk is not None:
-                writer.adopt_chunk(*chunk)
-                chunk = None
-            if opcode == Opcode.CHUNK:
-                chunk = record, []
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT):
-                writer.adopt(opcode, record)
-    if chunk is None:
-        return
-    plain = unpacked(chunk[0][RECORD.size :])
-    for offset, (_, record_length, channel, sequence, log_time_ns, _) in message_heads(plain):
-        data = plain[offset + MESSAGE.size : offset + RECORD.size + record_length]
-        writer.add_message(channel, log_time_ns, data, sequence)
+    """Every whole record of a cut file."""
+    numbers = {
+        number: writer.topic(channel.topic, schema.name, schema.data, channel.metadata)
+        for number, (channel, schema) in topics(path).items()
+    }
+    for record in records(path):
+        if isinstance(record, ChunkPlace):
+            for message in messages(path, record):
+                writer.add(numbers[message.channel], message.log_time_ns, message.data, message.sequence)
+        elif isinstance(record, Metadata):
+            writer.add_metadata(record.name, record.metadata)
+        elif isinstance(record, Attachment):
+            writer.attach(record.name, record.media_type, record.data, record.log_time)

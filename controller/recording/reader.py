@@ -10,15 +10,27 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from mcap.records import Channel, Footer, Metadata
 
 from controller.outcomes import is_success, successes_in, word_of
 from controller.recording.ledger import Cell, read_ledger
-from controller.recording.mcap_file import messages, records
+from controller.recording.mcap_file import ChunkPlace, McapMessage, messages, records, topics
 from controller.recording.mcap_repair import CLOSED_AFTERWARDS, close_cut
 from controller.recording.run_folder import RunFolder, RunFolderError
-from controller.recording.schemas import TRIAL, block_schema, decode_block, skipped_schema
+from controller.recording.schemas import (
+    RAW,
+    READ,
+    READINGS,
+    SKIPPED,
+    TRIAL,
+    block_schema,
+    decode_block,
+    readings_schema,
+    skipped_schema,
+)
 from controller.recording.series import TrialRecording
+from drivers.core.messages import SampleBlock
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -203,12 +215,12 @@ class _Index:
     def __init__(self, paths: Sequence[Path]) -> None:
         self.cut = self.closed = False
         self.damage: list[str] = []
-        self.chunks: dict[int, list[tuple[Path, int, int]]] = {}
+        self.chunks: dict[int, list[tuple[Path, ChunkPlace]]] = {}
         self.factors: dict[int, dict[str, object]] = {}
         self._channels: dict[Path, dict[int, Channel]] = {}
         self._kept: dict[int, TrialRecording] = {}
         self._kept_bytes = 0
-        self._block, self._skipped = block_schema(), skipped_schema()
+        self._block, self._skipped, self._readings = block_schema(), skipped_schema(), readings_schema()
         for path in paths:
             try:
                 with _reading(path):
@@ -217,19 +229,16 @@ class _Index:
                 self.damage.append(f"{error}; what stands behind that place was not read.")
 
     def _scan(self, path: Path) -> None:
-        channels = self._channels[path] = {}
         present, whole = -1, False
         for record in records(path):
-            if isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Metadata) and record.name == TRIAL:
+            if isinstance(record, Metadata) and record.name == TRIAL:
                 present = int(record.metadata["trial"])
                 self.factors[present] = dict(json.loads(record.metadata["factors"]))
                 self.chunks[present] = []  # a trial that was run again replaces its first attempt
             elif isinstance(record, Metadata) and record.name == CLOSED_AFTERWARDS:
                 self.cut = self.closed = True
-            elif isinstance(record, tuple):
-                self.chunks.setdefault(present, []).append((path, *record))
+            elif isinstance(record, ChunkPlace):
+                self.chunks.setdefault(present, []).append((path, record))
             whole = isinstance(record, Footer)
         self.cut = self.cut or not whole
 
@@ -239,33 +248,52 @@ class _Index:
         if trial in self._kept:
             return self._kept[trial]
         recording, size = TrialRecording(trial, self.factors.get(trial)), 0
-        channels: dict[str, tuple[int, ...]] = {}
-        for path, body, length in self.chunks[trial]:
-            with _reading(f"{path}, the chunk at byte {body}"):
-                for topic, data in self._messages(path, body, length):
-                    if topic.topic == "/skipped":
-                        skipped = self._skipped.message.FromString(data)
+        widths: dict[str, tuple[int, ...]] = {}
+        for path, chunk in self.chunks[trial]:
+            with _reading(f"{path}, the chunk at byte {chunk.body}"):
+                channels = self._wanted(path)
+                readings: dict[int, list[McapMessage]] = {}
+                for message in messages(path, chunk):
+                    channel = channels.get(message.channel)
+                    if channel is None:
+                        continue
+                    size += len(message.data)
+                    if channel.topic == SKIPPED:
+                        skipped = self._skipped.message.FromString(message.data)
                         recording.skip(skipped.stream, skipped.t0_s, skipped.t1_s)
-                    else:
-                        block = decode_block(self._block, topic.metadata["stream"], data)
-                        if (
-                            channels.setdefault(block.stream, block.values.shape[1:])
-                            != block.values.shape[1:]
-                        ):
+                    elif channel.topic.startswith(RAW):
+                        block = decode_block(self._block, channel.metadata["stream"], message.data)
+                        if widths.setdefault(block.stream, block.values.shape[1:]) != block.values.shape[1:]:
                             raise ValueError(f"{block.stream}: a block with another number of channels")
                         recording.add(block)
-                        size += len(data)
+                    else:
+                        readings.setdefault(message.channel, []).append(message)
+                for number, several in readings.items():
+                    recording.add(self._joined(channels[number], several))
         if self._kept_bytes + size <= KEPT_BYTES:
             self._kept[trial] = recording
             self._kept_bytes += size
         return recording
 
-    def _messages(self, path: Path, body: int, length: int) -> Iterator[tuple[Channel, bytes]]:
-        channels = self._channels[path]
-        wanted = frozenset(
-            number
-            for number, each in channels.items()
-            if each.topic == "/skipped" or each.topic.startswith("/raw/")
+    def _joined(self, channel: Channel, several: Sequence[McapMessage]) -> SampleBlock:
+        """A detector's readings in a row."""
+        read = [self._readings.message.FromString(message.data) for message in several]
+        table = np.array([[getattr(each, name) for name in READINGS] for each in read])
+        stream, unit = channel.metadata["stream"], channel.metadata["unit"]
+        return SampleBlock(
+            stream, several[0].sequence, float(table[0, 0]), table[:, 1:], times_s=table[:, 0], unit=unit
         )
-        for number, data in messages(path, body, length, wanted):
-            yield channels[number], data
+
+    def _wanted(self, path: Path) -> Mapping[int, Channel]:
+        """The channels that are read: blocks, detectors' readings where these are no blocks, and skipped spans."""
+        if path not in self._channels:
+            found = {number: channel for number, (channel, _) in topics(path).items()}
+            blocks = {each.topic.removeprefix(RAW) for each in found.values() if each.topic.startswith(RAW)}
+            self._channels[path] = {
+                number: channel
+                for number, channel in found.items()
+                if channel.topic == SKIPPED
+                or channel.topic.startswith(RAW)
+                or (channel.topic.startswith(READ) and channel.topic not in blocks)
+            }
+        return self._channels[path]

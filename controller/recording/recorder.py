@@ -16,7 +16,7 @@ from controller.recording.event_log import EventLog
 from controller.recording.ledger import Ledger
 from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
-from controller.recording.series import DETECTOR, TrialRecording, extremes_of_each
+from controller.recording.series import DETECTOR, TrialRecording, extremes_of_bins
 from controller.recording.stream_writer import StreamWriter
 from controller.wording import as_text
 from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
@@ -29,11 +29,6 @@ _WARNINGS = (Lost, Refused, BaselineRefused, ContactLost)
 READINGS_S = 0.1
 """Over how long a detector's readings are gathered before they are kept, s: a person sees no less, and a block costs
 as much as ten readings."""
-
-BIN_S = 0.02
-"""Of a detector's readings in a bin of time the least, the largest and those that it decided by are kept, s: a hundred
-a second, and all of a detector that decides more seldom. The bins are of bench time: the cut of blocks and turns
-changes nothing."""
 
 
 class Recorder:
@@ -132,12 +127,10 @@ class Recorder:
     def _keep_readings(self, detector: str, *, ended: bool = False) -> None:
         """Keep what was gathered, up to the bin that may go on."""
         gathered = np.concatenate(self._readings.pop(detector))
-        bins = np.floor(gathered[:, 0] / BIN_S)
-        whole = len(bins) if ended else int(np.searchsorted(bins, bins[-1]))
-        if whole < len(bins):
+        extremes, whole = extremes_of_bins(gathered[:, 0], gathered[:, 1:2], ended=ended)
+        if whole < len(gathered):
             self._readings[detector] = [gathered[whole:]]
-        starts = np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf))
-        kept = np.union1d(extremes_of_each(gathered[:whole, 1], starts), np.flatnonzero(gathered[:whole, 3]))
+        kept = np.union1d(extremes, np.flatnonzero(gathered[:whole, 3]))
         if not len(kept):
             return
         readings, stream = gathered[kept, :3], DETECTOR + detector

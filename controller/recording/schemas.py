@@ -1,7 +1,8 @@
 """What is in a recording, described in the file itself: protobuf messages made from a few descriptors.
 
-- one message a sample, `t_s` and a double for each channel: what Foxglove and PlotJuggler plot;
+- one message a plotted sample, `t_s` and a double for each channel: what Foxglove and PlotJuggler plot;
 - `touchbench.Block`: a sample block as the driver gave it, raw, for replay and for measures;
+- `touchbench.Reading`: what a detector held against its threshold;
 - `touchbench.Skipped`: a span in which a stream had no subscriber;
 - `foxglove.Log`: what happened, in Foxglove's own schema, for its log panel.
 """
@@ -41,10 +42,19 @@ BLOCK_FIELDS = {
     "device_t0_s": "optional double",
     "arrival_s": "optional double",
 }
+READINGS = ("t_s", "statistic", "threshold")
+"""Fields of a detector's reading."""
+
 STATE_FIELDS = {"t_s": "double", "state": "string"}
 SKIPPED_FIELDS = {"stream": "string", "t0_s": "double", "t1_s": "double"}
 TRIAL, TRIAL_END = "trial", "trial_end"
 """Metadata records before and behind the chunks of a trial."""
+
+EVENTS, STATE, SKIPPED = "/events", "/state", "/skipped"
+"""Topics that every recording may have."""
+
+RAW, READ = "/raw/", "/detector/"
+"""What topics of sample blocks and of detectors' readings begin with."""
 
 LOG_LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
 """`foxglove.LogLevel`, in the order of its numbers."""
@@ -60,6 +70,10 @@ class Schema:
         self.name = name
         self.descriptors: bytes = descriptor_pb2.FileDescriptorSet(file=files).SerializeToString()
         self.message: Any = message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
+
+    def pack(self, **fields: object) -> bytes:
+        """A serialised message."""
+        return bytes(self.message(**fields).SerializeToString())
 
 
 def _file(package: str, message: str, fields: Mapping[str, str]) -> descriptor_pb2.FileDescriptorProto:
@@ -86,6 +100,11 @@ def _file(package: str, message: str, fields: Mapping[str, str]) -> descriptor_p
 def block_schema() -> Schema:
     """`touchbench.Block`."""
     return Schema([_file("touchbench", "Block", BLOCK_FIELDS)], "touchbench.Block")
+
+
+def readings_schema() -> Schema:
+    """`touchbench.Reading`."""
+    return Schema([_file("touchbench", "Reading", dict.fromkeys(READINGS, "double"))], "touchbench.Reading")
 
 
 def state_schema() -> Schema:
@@ -148,15 +167,15 @@ class SampleSchema(Schema):
             columns += [(f"tag{number}", "u1", (len(encoded),)), (f"value{number}", "<f8")]
         self._row = np.dtype(columns)
 
-    def encode(self, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Samples, values (n, channels) in the unit, one serialised message a row; shape (n, bytes)."""
+    def encode(self, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[bytes]:
+        """Samples, values (n, channels) in the unit, as serialised messages."""
         rows = np.empty(len(times_s), self._row)
         for number, tag in enumerate(self._tags, start=1):
             rows[f"tag{number}"] = tag
         rows["value1"] = times_s
         for number, channel in enumerate(values.T, start=2):
             rows[f"value{number}"] = channel
-        return rows.view(np.uint8).reshape(len(rows), self._row.itemsize)
+        return [row.tobytes() for row in rows]
 
 
 def _identifier(text: str) -> str:

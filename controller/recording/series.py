@@ -13,6 +13,10 @@ from drivers.core.messages import SampleBlock
 DETECTOR = "detector."
 """Begins the streams of what detectors held against their thresholds: `detector.NAME`, statistic and threshold."""
 
+BIN_S = 0.02
+"""Of what a detector reads, and of what people plot, the least and the largest in a bin of time are kept, s: a hundred
+a second, and all of what comes more seldom."""
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -150,6 +154,21 @@ def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
         return np.arange(len(values))
     starts = np.linspace(0, len(values), points // 2 + 1).astype(int)[:-1]
     return np.union1d([0, len(values) - 1], extremes_of_each(values, starts))
+
+
+def extremes_of_bins(
+    times_s: NDArray[np.float64], values: NDArray[np.float64], *, ended: bool
+) -> tuple[NDArray[np.intp], int]:
+    """Places of each channel's least and largest in each bin of time, in order, and how many samples the bins have.
+
+    The bins are of bench time: the cut of blocks and turns changes nothing. The last one may go on and is left out
+    unless all has `ended`.
+    """
+    bins = np.floor(times_s / BIN_S)
+    whole = len(bins) if ended else int(np.searchsorted(bins, bins[-1]))
+    starts = np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf))
+    found = [extremes_of_each(channel, starts) for channel in values[:whole].T]
+    return np.unique(np.concatenate(found)), whole
 
 
 def extremes_of_each(values: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.intp]:

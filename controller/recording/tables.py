@@ -22,7 +22,7 @@ from mcap.decoder import DecoderFactory
 from mcap.records import Chunk, Schema
 from numpy.typing import NDArray
 
-from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, records
+from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, ChunkPlace, records
 
 Floats = NDArray[np.float64]
 
@@ -429,7 +429,7 @@ def _check_chunks(path: Path) -> None:
     import zstandard
 
     with path.open("rb") as file:
-        for body, length in (record for record in records(path) if isinstance(record, tuple)):
+        for body, length in (record for record in records(path) if isinstance(record, ChunkPlace)):
             file.seek(body)
             chunk = Chunk.read(ReadDataStream(io.BytesIO(file.read(length))))
             unpacked = chunk.uncompressed_size

@@ -405,14 +405,12 @@ def _small_recording() -> bytes:
     path = _folder() / "small.mcap"
     path.unlink(missing_ok=True)
     schema, info = block_schema(), BOARD_STREAMS[0]
-    writer = McapWriter(path, "fuzz")
-    number = writer.add_schema(schema.name, schema.descriptors)
-    channel = writer.add_channel("/raw/board.load_cell", number, {"stream": info.name})
+    writer = McapWriter(path)
+    channel = writer.topic("/raw/board.load_cell", schema.name, schema.descriptors, {"stream": info.name})
     writer.add_metadata("trial", {"trial": "1", "factors": "{}"})
     for place in range(2):
         block = info.block(10 * place, 0.01 * place, np.arange(10, dtype=np.int32)[:, None])
-        writer.add_message(channel, place, encode_block(schema, block), place)
-    writer.end_chunk()
+        writer.add(channel, place, encode_block(schema, block), place)
     writer.finish()
     return path.read_bytes()
 

@@ -93,7 +93,7 @@ def test_a_trial_goes_to_its_end_while_the_disk_hangs_and_then_all_of_it_is_writ
 
 
 def test_a_disk_that_fills_up_in_a_trial_ends_it_with_the_bench_still(run_profile, monkeypatch, script):
-    def full(self, data):
+    def full(self, **_):
         raise OSError(28, "No space left on device")
 
     def wrap(rig):
@@ -102,7 +102,7 @@ def test_a_disk_that_fills_up_in_a_trial_ends_it_with_the_bench_still(run_profil
 
         def filled():
             if script.seen and script.seen[-1][0] == "APPROACH":
-                monkeypatch.setattr("controller.recording.mcap_file.McapWriter._write", full)
+                monkeypatch.setattr("controller.recording.mcap_file.McapWriter.flush", full)
             return read()
 
         board.read = filled

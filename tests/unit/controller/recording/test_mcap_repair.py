@@ -59,7 +59,7 @@ def test_a_file_is_closed_once(tmp_path, whole):
 
 def test_a_file_that_is_being_written_is_left_alone(tmp_path):
     path = tmp_path / "recording.mcap"
-    writer = McapWriter(path, library="test")
+    writer = McapWriter(path)
     writer.add_metadata("trial", {})
     before = path.read_bytes()
     assert not close_cut(path)

@@ -1,5 +1,6 @@
 import json
 import threading
+from dataclasses import replace
 from datetime import UTC, datetime
 from xml.etree import ElementTree
 
@@ -16,10 +17,10 @@ from controller.recording.layouts import FOXGLOVE, PLOTJUGGLER, write_layouts
 from controller.recording.ledger import read_ledger
 from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
-from controller.recording.recorder import BIN_S, Recorder
+from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
-from controller.recording.series import Gap, Span
-from controller.recording.stream_writer import MOST_ROWS, StreamWriter
+from controller.recording.series import BIN_S, Gap, Span
+from controller.recording.stream_writer import StreamWriter
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
@@ -151,26 +152,31 @@ def test_foxglove_plots_force_in_newtons_against_campaign_time(folder):
     assert found[0][0] == start_ns + 1_004_000_000
     assert found[0][1].t_s == pytest.approx(1.004, abs=1e-12)
     assert found[0][1].force_n == pytest.approx((1004**2 - 17) * 1e-5, rel=1e-15)
-    assert found[20][0] == start_ns + 101_002_000_000
-    assert len(found) == 40
+    assert found[4][0] == start_ns + 101_002_000_000
+    assert len(found) == 8
 
 
-def test_more_samples_than_are_put_together_at_once_are_plotted_one_by_one(folder):
-    count = 2 * MOST_ROWS + 5
+@pytest.mark.parametrize("size", [7, 90, 1000])
+def test_of_what_people_plot_the_least_and_the_largest_of_each_bin_are_there_however_blocks_are_cut(
+    folder, size
+):
     recorder = recorder_in(folder)
     recorder.begin_trial(0, {"location": "a"}, 0.0)
-    recorder.record([load_cell(3, count)])
+    for seq in range(0, 1000, size):
+        block = load_cell(seq, min(size, 1000 - seq))
+        recorder.record([replace(block, t0_s=block.t0_s + 0.0005)])  # no sample on a bin's edge
+        recorder.flush()
     recorder.end_trial("contact", {})
     recorder.close()
     with folder.recordings[0].open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         plotted = [(m.sequence, d) for _, _, m, d in reader.iter_decoded_messages(topics="/board/load_cell")]
-    numbers = np.array([number for number, _ in plotted])
-    assert np.array_equal(numbers, np.arange(3, 3 + count))
-    assert np.allclose([d.t_s for _, d in plotted], numbers / 1000.0, rtol=0.0, atol=1e-12)
-    # squares of the number wrap around as counts of 32 bits do
-    counts = (numbers**2 - 17).astype(np.int32)
-    assert np.allclose([d.force_n for _, d in plotted], counts * 1e-5, rtol=1e-15)
+    per_bin = round(BIN_S * 1000)
+    rising = [edge for low in range(0, 1000, per_bin) for edge in (low, low + per_bin - 1)]
+    assert [number for number, _ in plotted] == rising
+    times_s = [(number + 0.5) / 1000.0 for number in rising]
+    assert [d.t_s for _, d in plotted] == pytest.approx(times_s, abs=1e-12)
+    assert [d.force_n for _, d in plotted] == pytest.approx([(n**2 - 17) * 1e-5 for n in rising], rel=1e-15)
 
 
 def test_log_time_never_runs_backwards_from_trial_to_trial(folder):
@@ -293,7 +299,7 @@ def test_a_disk_that_fills_up_in_a_trial_is_reported_at_its_end_and_not_before(f
     def full(_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("controller.recording.mcap_file.McapWriter._write", lambda self, data: full(data))
+    monkeypatch.setattr("controller.recording.mcap_file.McapWriter.flush", lambda self, **_: full(self))
     kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
     for seq in range(0, 1000, 10):
         recorder.record([load_cell(seq)])
@@ -331,14 +337,14 @@ def test_a_damaged_events_file_is_refused_in_one_line(folder):
 
 def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(folder, monkeypatch):
     busy, free = threading.Event(), threading.Event()
-    add_messages = McapWriter.add_messages
+    flush = McapWriter.flush
 
-    def slow(file, *samples):
-        add_messages(file, *samples)
+    def slow(file, **how):
+        flush(file, **how)
         busy.set()
         assert free.wait(10.0)
 
-    monkeypatch.setattr(McapWriter, "add_messages", slow)
+    monkeypatch.setattr(McapWriter, "flush", slow)
     recorder = recorder_in(folder)
     kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
     recorder.record([load_cell(0)])

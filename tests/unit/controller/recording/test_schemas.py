@@ -28,7 +28,7 @@ def test_rows_of_samples_are_what_protobuf_itself_reads(channels):
     times = np.linspace(1, 2, 5)
     rows = schema.encode(times, values)
     for row, time, sample in zip(rows, times, values, strict=True):
-        message = schema.message.FromString(row.tobytes())
+        message = schema.message.FromString(row)
         assert message.t_s == time
         assert [getattr(message, f"{name}_n") for name in names] == list(sample)
 
