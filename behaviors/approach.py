@@ -3,50 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 from behaviors.events import Contact
 from behaviors.machine import Behavior, Row, StatePlan, from_mover, on
 from drivers.core.messages import MoveAt, Stop
 
 
-@dataclass(frozen=True, slots=True)
-class Approach:
-    """How one approach is made.
-
-    Attributes:
-        detector: Detector whose contact ends it.
-        velocity_m_s: On the mover's axis, with its direction.
-        limit_m: Where the device ends an approach without contact, on the mover's axis.
-        length_m: From where it begins.
-    """
-
-    detector: str
-    velocity_m_s: float
-    limit_m: float
-    length_m: float
-
-    def plan(self, motion_s: float, detectors: frozenset[str], measures: frozenset[str]) -> StatePlan:
-        """What its state needs; the device ends it at its limit, and the deadline is for one that reports nothing."""
-        return StatePlan(self.length_m / abs(self.velocity_m_s) + motion_s, detectors, measures)
-
-
 class Approaching(Behavior):
-    """What `approaching` asks and commands."""
+    """What `approaching` asks and commands; the subclass calls `approach` once, where it makes its plans."""
 
-    _approach: Approach
+    def approach(
+        self, detector: str, velocity_m_s: float, limit_m: float, length_m: float, plan: StatePlan
+    ) -> StatePlan:
+        """Says how the approach is made; returns what its state needs.
+
+        Args:
+            detector: Its contact ends it.
+            velocity_m_s: On the mover's axis, with its direction.
+            limit_m: Where the device ends an approach without contact, on the mover's axis.
+            length_m: From where it begins.
+            plan: Of the state; its deadline is for a device that reports nothing, and counts from the limit.
+        """
+        self._touch, self._velocity_m_s, self._limit_m = detector, velocity_m_s, limit_m
+        return replace(plan, deadline_s=length_m / abs(velocity_m_s) + plan.deadline_s)
 
     def touched(self) -> bool:
         """Whether the contact is the acting detector's."""
-        return isinstance(self.event, Contact) and self.came_from(self._approach.detector)
+        return isinstance(self.event, Contact) and self.came_from(self._touch)
 
     def conclude_no_contact(self) -> None:
         """The approach ended at its limit."""
-        self.conclude("no_contact", f"no contact up to {self._approach.limit_m:.6g} m")
+        self.conclude("no_contact", f"no contact up to {self._limit_m:.6g} m")
 
     def go_until_contact(self) -> None:
         """Towards what is to be touched, bounded by the device; for the approach's `enter_…`."""
-        self.command(MoveAt(self._mover, self._approach.velocity_m_s, self._approach.limit_m))
+        self.command(MoveAt(self._mover, self._velocity_m_s, self._limit_m))
 
     def enter_STOPPING(self) -> None:
         """Stop at once."""

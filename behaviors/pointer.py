@@ -8,7 +8,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.approach import Approach, approaching
+from behaviors.approach import approaching
 from behaviors.events import BaselineReady
 from behaviors.machine import StatePlan, from_mover, on
 from behaviors.tip import TipTrial, TipTrialSettings
@@ -83,8 +83,6 @@ class Pointer(TipTrial):
         )
         self.settings = settings
         self.factors = factors
-        limit_m = settings.descend_limit_m
-        self._approach = Approach(settings.detector, settings.descend_m_s, limit_m, limit_m)
         self._recorded = 0
         self._missed = self._astray = False
         self._turned_rad = 0.0
@@ -96,7 +94,7 @@ class Pointer(TipTrial):
                 ),
                 "TURNING": turning,
                 "WAITING": StatePlan(settings.baseline_timeout_s, armed, prompt=False),
-                "DESCENDING": self._approach.plan(motion, armed, frozenset()),
+                "DESCENDING": self.descent(settings.detector, StatePlan(motion, armed)),
                 "STOPPING": StatePlan(motion),
                 "RESTING": StatePlan(settings.rest_s),
                 "RECORDING": StatePlan(settings.record_s, frozenset(), both, prompt=False),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from behaviors.approach import Approach, approaching
+from behaviors.approach import approaching
 from behaviors.machine import Action, Row, StatePlan, from_mover, on
 from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
 from behaviors.tip import TipTrial
@@ -49,8 +49,6 @@ class RollSlip(TipTrial):
         self.factors = factors
         self.run = settings.sensors[factors.sensor]
         self._reflex = self.run.ours if settings.reflex == "ours" else self.run.paper
-        limit_m = settings.descend_limit_m
-        self._approach = Approach(self.run.touch, settings.descend_m_s, limit_m, limit_m)
         if self.run.forces_stream is not None:
             self.range_streams = frozenset({self.run.forces_stream})
         self._begin_steps()
@@ -84,7 +82,7 @@ class RollSlip(TipTrial):
             "ZEROING": StatePlan(settings.zero_s),
             "TILTING": StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
             "RESTING": replace(quiet, deadline_s=settings.rest_s),
-            "DESCENDING": self._approach.plan(motion, listening.detectors, listening.measures),
+            "DESCENDING": self.descent(run.touch, listening),
             "STOPPING": listening,
             "PRESSING": listening,
             "HOLDING": quiet,

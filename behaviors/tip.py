@@ -7,6 +7,7 @@ import math
 from pydantic import Field
 
 from behaviors.approach import Approaching
+from behaviors.machine import StatePlan
 from drivers.core.messages import Home, MoveAt, Twist
 from drivers.core.settings import DeviceName, Settings, StreamName
 
@@ -40,6 +41,11 @@ class TipTrial(Approaching):
     """What such a trial commands."""
 
     settings: TipTrialSettings
+
+    def descent(self, detector: str, plan: StatePlan) -> StatePlan:
+        """What the descent needs, until the contact of a detector; as `approach`."""
+        limit_m = self.settings.descend_limit_m
+        return self.approach(detector, self.settings.descend_m_s, limit_m, limit_m, plan)
 
     def enter_DESCENDING(self) -> None:
         """Towards the table, bounded by the device."""

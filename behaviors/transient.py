@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from behaviors.approach import Approach, Approaching, approaching
+from behaviors.approach import Approaching, approaching
 from behaviors.events import Detected
 from behaviors.finger import FingerTrial, FingerTrialSettings
 from behaviors.machine import StatePlan, from_mover, on
@@ -70,9 +70,6 @@ class Transient(FingerTrial, Approaching):
         self._detectors = detectors
         self._ready: set[str] = set()
         self._settled = False
-        way_m = settings.approach_limit_m - settings.start_m
-        velocity_m_s = math.copysign(factors.speed_m_s, way_m)
-        self._approach = Approach(settings.detector, velocity_m_s, settings.approach_limit_m, abs(way_m))
         self._measured = frozenset(
             (
                 settings.load_cell_stream,
@@ -87,12 +84,17 @@ class Transient(FingerTrial, Approaching):
         """What each state needs."""
         settings, detectors, measured = self.settings, self._detectors, self._measured
         motion = settings.motion_timeout_s
+        limit_m = settings.approach_limit_m
+        way_m = limit_m - settings.start_m
+        velocity_m_s = math.copysign(self.factors.speed_m_s, way_m)
         return {
             "HOMING": StatePlan(settings.home_timeout_s),
             "STARTING": StatePlan(motion),
             "SETTLING": StatePlan(settings.settle_s),
             "BASELINE": StatePlan(settings.baseline_timeout_s, detectors, measured, prompt=False),
-            "APPROACH": self._approach.plan(motion, detectors, measured),
+            "APPROACH": self.approach(
+                settings.detector, velocity_m_s, limit_m, abs(way_m), StatePlan(motion, detectors, measured)
+            ),
             "STOPPING": StatePlan(motion, frozenset(), measured),
             "HOLDING": StatePlan(settings.hold_s, frozenset(), measured, prompt=False),
             "RETRACTING": StatePlan(motion),

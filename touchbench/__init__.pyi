@@ -2,7 +2,6 @@
 
 # Runs, made and read
 # Experiments: behaviors and their fragments, measures, sections of a report
-from behaviors.approach import Approach as Approach
 from behaviors.approach import Approaching as Approaching
 from behaviors.approach import approaching as approaching
 

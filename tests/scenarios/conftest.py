@@ -30,6 +30,7 @@ SHORTER = {
     "mock/pointer": {"behavior.angles_rad": "[0.0, 0.3]"},
     "mock/weights": {"behavior.cycles": "1", "behavior.preloads": "0"},
     **{f"mock/{name}": {"behavior.settle_s": "2.0"} for name in FINGER},
+    "mock/flexion": {"behavior.settle_s": "2.0", "behavior.flexing_s": "4.0"},
 }
 """Settings with which a trial of a shipped profile passes through all its states, and is short."""
 
