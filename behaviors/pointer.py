@@ -132,8 +132,7 @@ class Pointer(TipTrial):
         self._missed = True
         angle_rad = self.settings.turns_rad[self._recorded]
         self.conclude(
-            "no_contact",
-            f"no contact up to {self.settings.descend_limit_m:.6g} m at {angle_rad:.6g} rad",
+            "no_contact", f"no contact up to {self.settings.descend_limit_m:.6g} m at {angle_rad:.6g} rad"
         )
 
     def enter_HOMING(self) -> None:

@@ -206,8 +206,5 @@ COMING_IN: Sequence[Row] = (
 begins it anew. The rest is not left towards an object while a touch stands: it was reported, will not be reported
 again, and so could stop nothing."""
 
-GOING_OUT: Sequence[Row] = (
-    on("reached", "LEAVING", "DONE", from_mover),
-    on("resumed", "LEAVING", "LEAVING"),
-)
+GOING_OUT: Sequence[Row] = (on("reached", "LEAVING", "DONE", from_mover), on("resumed", "LEAVING", "LEAVING"))
 """Rows of the end: away, and done."""

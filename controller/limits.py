@@ -9,15 +9,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
 
-from drivers.core.messages import (
-    BLIND_TRAVEL_M,
-    Command,
-    MoveAt,
-    MovePose,
-    MoveTo,
-    SampleBlock,
-    Twist,
-)
+from drivers.core.messages import BLIND_TRAVEL_M, Command, MoveAt, MovePose, MoveTo, SampleBlock, Twist
 from drivers.core.settings import DeviceName, Mismatch, Settings, StreamName
 
 Place = Annotated[tuple[float, float, float], Strict(False)]

@@ -133,11 +133,7 @@ class LiveView:
             if row.dest is not None and len(row.sources) <= 2
             for source in row.sources
         ]
-        return {
-            "states": list(behavior.states),
-            "final": list(behavior.final),
-            "ways": ways,
-        }
+        return {"states": list(behavior.states), "final": list(behavior.final), "ways": ways}
 
     def panels(self) -> list[str]:
         """Streams that are drawn: detectors' statistics with thresholds, their inputs, what the guard watches."""

@@ -8,16 +8,7 @@ from config.script import run_trials
 from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_FAILED
 from controller.measures.grasp import OFF_TABLE_M
 
-WAY = [
-    "CENTERING",
-    "RESTING",
-    "CLOSING",
-    "LIFTING",
-    "HOLDING",
-    "LOWERING",
-    "RELEASING",
-    "LEAVING",
-]
+WAY = ["CENTERING", "RESTING", "CLOSING", "LIFTING", "HOLDING", "LOWERING", "RELEASING", "LEAVING"]
 
 
 def test_a_slippery_pipe_is_centred_on_gripped_lifted_held_against_slip_and_set_down(tmp_path):

@@ -177,8 +177,7 @@ def test_a_pause_in_the_descent_lifts_before_the_tip_turns_and_the_trial_is_run_
 ):
     script.requests = {"DESCENDING": ["pause"], "PAUSED": ["resume"]}
     profile = load_profile(
-        "mock/slip",
-        {"trials.list": '[{ sensor = "fingertip" }]', "trials.repeats": "1", **SHORT},
+        "mock/slip", {"trials.list": '[{ sensor = "fingertip" }]', "trials.repeats": "1", **SHORT}
     )
     plan = assemble.plan_campaign(profile, profile.trials(1), 1)
     outcome = Campaign(plan, assemble.build_rig(profile), script, tmp_path).run()

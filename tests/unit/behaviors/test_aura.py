@@ -3,16 +3,7 @@ import pytest
 from behaviors.aura import Aura, AuraFactors, AuraSettings
 from behaviors.chirp import ChirpSettings, ChirpSweep
 from behaviors.events import Resumed, Tick
-from drivers.core.messages import (
-    Chirp,
-    Excite,
-    Home,
-    MovePose,
-    Reached,
-    Release,
-    Stop,
-    Tone,
-)
+from drivers.core.messages import Chirp, Excite, Home, MovePose, Reached, Release, Stop, Tone
 from drivers.core.settings import Settings
 from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 

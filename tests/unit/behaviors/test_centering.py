@@ -3,18 +3,7 @@ import pytest
 from behaviors.centering import Centering, CenteringSettings
 from behaviors.events import Resumed, Tick
 from behaviors.search import SearchFactors
-from drivers.core.messages import (
-    Excite,
-    Grip,
-    Gripped,
-    Home,
-    MoveAt,
-    MovePose,
-    MoveTo,
-    Release,
-    Stop,
-    Tone,
-)
+from drivers.core.messages import Excite, Grip, Gripped, Home, MoveAt, MovePose, MoveTo, Release, Stop, Tone
 from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 
 DETECTORS = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})

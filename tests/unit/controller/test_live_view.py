@@ -59,10 +59,7 @@ def test_what_decides_is_shown_whatever_the_profiles_order():
     assert signal.startswith("board.accelerometer  ")
     assert signal.endswith("1.5 m/s²  ours 2.1 of 5.3 σ")
     assert view.panels()[0] == "detector.ours"
-    assert (view.label("detector.ours", "σ"), view.title("detector.ours")) == (
-        "ours, σ",
-        "ours: departure",
-    )
+    assert (view.label("detector.ours", "σ"), view.title("detector.ours")) == ("ours, σ", "ours: departure")
     assert view.title("detector.contact") == "contact: statistic"
     assert view.title("board.period") == ""
 
